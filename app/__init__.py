@@ -1,0 +1,1 @@
+"""The shell: command line, rerun views, tables and reports."""

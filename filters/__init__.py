@@ -1,0 +1,1 @@
+"""Tracking: cameras and a motion model in, motion with covariance out."""

@@ -1,0 +1,1 @@
+"""Motion models: what a tracker believes between two frames."""

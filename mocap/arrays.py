@@ -1,0 +1,45 @@
+"""Arrays as records keep them: copied, read-only, their shapes checked once."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def frozen(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, dtype: type = np.float64) -> NDArray:
+    """A read-only copy of ``value`` whose shape is ``shape`` (None: any length).
+
+    Raises:
+        ValueError: the shape differs; the message names the array and both shapes.
+    """
+    array = np.array(value, dtype=dtype)
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise ValueError(f"{name} must have shape {expected}, but has {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+def increasing(name: str, t_s: NDArray) -> None:
+    """Check that times increase strictly.
+
+    Raises:
+        ValueError: they do not; the message names the first offender.
+    """
+    bad = np.flatnonzero(~(np.diff(t_s) > 0))
+    if len(bad):
+        i = int(bad[0]) + 1
+        raise ValueError(f"{name} must increase, but {name}[{i}] = {t_s[i]:g} s follows {t_s[i - 1]:g} s")
+
+
+def unique(kind: str, names: tuple[str, ...]) -> None:
+    """Check that names are unique.
+
+    Raises:
+        ValueError: one appears twice.
+    """
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"{kind} {name!r} appears twice: {kind} names must be unique")
+        seen.add(name)

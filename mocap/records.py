@@ -1,0 +1,118 @@
+"""The records that the stages of the chain hand to each other."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array, frozen, increasing, unique
+
+
+class Origin(IntEnum):
+    """Where the value of one sample of one marker comes from."""
+
+    MISSING = 0  # no value
+    MEASURED = 1  # from the marker's own rays or file values
+    INTERPOLATED = 2  # by a curve through its neighbours
+    PREDICTED = 3  # by a motion model, before its first or after its last sighting
+    SMOOTHED = 4  # by a motion model, between sightings: a filled gap
+    REJECTED = 5  # a measurement was there and was not believed; the value, if any, is the model's
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PixelTracks:
+    """Where each camera saw each marker.
+
+    Attributes:
+        names: The M marker names, unique.
+        cameras: The C camera names, unique.
+        t_s: (T,) times in seconds, increasing.
+        uv_px: (C, T, M, 2) pixels, in the convention of the file that they come from; NaN where not seen.
+    """
+
+    names: tuple[str, ...]
+    cameras: tuple[str, ...]
+    t_s: Array
+    uv_px: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        unique("marker", self.names)
+        unique("camera", self.cameras)
+        object.__setattr__(self, "t_s", frozen("t_s", self.t_s, (None,)))
+        shape = (len(self.cameras), len(self.t_s), len(self.names), 2)
+        uv_px = np.array(self.uv_px, dtype=np.float64)
+        uv_px[np.isnan(uv_px).any(axis=-1)] = np.nan
+        object.__setattr__(self, "uv_px", frozen("uv_px", uv_px, shape))
+        increasing("t_s", self.t_s)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(C, T, M) True where a camera saw a marker."""
+        return ~np.isnan(self.uv_px[..., 0])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MarkerTracks:
+    """Positions of named markers over time.
+
+    Attributes:
+        names: The M marker names, unique.
+        t_s: (T,) times in seconds, increasing.
+        xyz_m: (T, M, 3) positions in metres in the world frame; NaN where there is no value.
+        cov_m2: (T, M, 3, 3) covariance of each position; NaN where not known.
+        origin: (T, M) one Origin code a sample.
+    """
+
+    names: tuple[str, ...]
+    t_s: Array
+    xyz_m: Array
+    cov_m2: Array
+    origin: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        unique("marker", self.names)
+        object.__setattr__(self, "t_s", frozen("t_s", self.t_s, (None,)))
+        n_frames, n_markers = len(self.t_s), len(self.names)
+        object.__setattr__(self, "xyz_m", frozen("xyz_m", self.xyz_m, (n_frames, n_markers, 3)))
+        object.__setattr__(self, "cov_m2", frozen("cov_m2", self.cov_m2, (n_frames, n_markers, 3, 3)))
+        object.__setattr__(self, "origin", frozen("origin", self.origin, (n_frames, n_markers), dtype=np.int8))
+        increasing("t_s", self.t_s)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(T, M) True where there is a position."""
+        return ~np.isnan(self.xyz_m[..., 0])
+
+    @property
+    def sd_m(self) -> Array:
+        """(T, M) root mean square of the three standard deviations of each position, in metres."""
+        return np.sqrt(np.trace(self.cov_m2, axis1=-2, axis2=-1) / 3)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointTracks:
+    """Position of a joint's child marker relative to its centre, in one frame of reference.
+
+    Attributes:
+        names: The J joint names, unique.
+        frame: ``world``, ``body``, ``plane`` or ``limb`` (see ``mocap.joints``).
+        t_s: (T,) times in seconds.
+        q_m: (T, J, D) coordinates in metres; D = 3 (world, body, limb) or 2 (plane); NaN where undefined.
+        sd_m: (T, J) root mean square standard deviation of a coordinate; NaN where not known.
+    """
+
+    names: tuple[str, ...]
+    frame: str
+    t_s: Array
+    q_m: Array
+    sd_m: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        unique("joint", self.names)
+        object.__setattr__(self, "t_s", frozen("t_s", self.t_s, (None,)))
+        object.__setattr__(self, "q_m", frozen("q_m", self.q_m, (len(self.t_s), len(self.names), None)))
+        object.__setattr__(self, "sd_m", frozen("sd_m", self.sd_m, (len(self.t_s), len(self.names))))

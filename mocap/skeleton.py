@@ -1,0 +1,135 @@
+"""The skeleton of an animal: its markers, bones, joints and trunk, read from TOML."""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mocap.arrays import unique
+from mocap.errors import SkeletonError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bone:
+    """Two markers; ``rigid`` when their distance is one length (to the marker placement and soft tissue)."""
+
+    a: str
+    b: str
+    rigid: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """Parent, centre and child markers: shoulder, elbow, wrist describe the elbow."""
+
+    name: str
+    parent: str
+    centre: str
+    child: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Skeleton:
+    """What is known of the animal before it moves.
+
+    Attributes:
+        name: Species or subject.
+        markers: All marker names, unique; a recording may have more.
+        bones: Pairs of markers.
+        joints: Triples of markers.
+        trunk: Markers that move as one body and define its frame; empty: all markers do.
+        aliases: Name in the file (``pt1``) to name here, for files that number their points.
+        max_speed_m_s: No marker moves faster; None: not known.
+    """
+
+    name: str
+    markers: tuple[str, ...]
+    bones: tuple[Bone, ...] = ()
+    joints: tuple[Joint, ...] = ()
+    trunk: tuple[str, ...] = ()
+    aliases: dict[str, str] = field(default_factory=dict)
+    max_speed_m_s: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check names."""
+        try:
+            unique("marker", self.markers)
+            unique("joint", tuple(j.name for j in self.joints))
+        except ValueError as error:
+            raise SkeletonError(f"skeleton {self.name!r}: {error}") from None
+        uses = [(f"bone {b.a}-{b.b}", m) for b in self.bones for m in (b.a, b.b)]
+        uses += [(f"joint {j.name}", m) for j in self.joints for m in (j.parent, j.centre, j.child)]
+        uses += [("trunk", m) for m in self.trunk] + [("aliases", m) for m in self.aliases.values()]
+        for where, marker in uses:
+            if marker not in self.markers:
+                raise SkeletonError(
+                    f"skeleton {self.name!r}: {where} uses marker {marker!r}, which is not in its markers"
+                )
+
+    def for_markers(self, names: Sequence[str], *, source: str = "the recording") -> "Skeleton":
+        """This skeleton, checked against the markers of a recording.
+
+        Raises:
+            SkeletonError: a bone, joint or the trunk uses a marker that the recording lacks.
+        """
+        for marker in self.markers:
+            if marker not in names:
+                raise SkeletonError(
+                    f"skeleton {self.name!r} has marker {marker!r}, which {source} has not (it has {', '.join(names)}): "
+                    "correct the name, or map file names under [aliases] in the skeleton"
+                )
+        return self
+
+    def renamed(self, names: Sequence[str]) -> tuple[str, ...]:
+        """File names to names of this skeleton, by its aliases."""
+        return tuple(self.aliases.get(name, name) for name in names)
+
+
+_KEYS = {"name", "markers", "bones", "joints", "trunk", "aliases", "max_speed_m_s"}
+
+
+def read_skeleton(path: Path) -> Skeleton:
+    """Read a skeleton.
+
+    ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes;
+    ``trunk = [...]``; ``max_speed_m_s = 20.0``; a table ``[joints]`` with ``elbow = ["shoulder", "elbow", "wrist"]``;
+    a table ``[aliases]`` with ``pt1 = "shoulder"``.
+
+    Raises:
+        SkeletonError: the file cannot be read as that.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SkeletonError(f"{path}: not a readable TOML file: {error}") from None
+    unknown = set(table) - _KEYS
+    if unknown:
+        raise SkeletonError(f"{path}: unknown key {min(unknown)!r}: a skeleton has {', '.join(sorted(_KEYS))}")
+    try:
+        return Skeleton(
+            name=str(table.get("name", path.stem)),
+            markers=tuple(map(str, table["markers"])),
+            bones=tuple(_bone(entry) for entry in table.get("bones", ())),
+            joints=tuple(_joint(name, entry) for name, entry in table.get("joints", {}).items()),
+            trunk=tuple(map(str, table.get("trunk", ()))),
+            aliases={str(k): str(v) for k, v in table.get("aliases", {}).items()},
+            max_speed_m_s=float(table["max_speed_m_s"]) if "max_speed_m_s" in table else None,
+        )
+    except KeyError as error:
+        raise SkeletonError(f"{path}: {error.args[0]!r} is missing") from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise SkeletonError(f"{path}: {error}") from None
+    except SkeletonError as error:
+        raise SkeletonError(f"{path}: {error}") from None
+
+
+def _bone(entry: Sequence[str]) -> Bone:
+    if isinstance(entry, str) or len(entry) not in (2, 3) or (len(entry) == 3 and entry[2] not in ("rigid", "soft")):
+        raise ValueError(f'a bone is ["a", "b"] or ["a", "b", "soft"], not {entry!r}')
+    return Bone(a=str(entry[0]), b=str(entry[1]), rigid=len(entry) == 2 or entry[2] == "rigid")
+
+
+def _joint(name: str, entry: Sequence[str]) -> Joint:
+    if isinstance(entry, str) or len(entry) != 3:
+        raise ValueError(f'joint {name!r} is ["parent", "centre", "child"], not {entry!r}')
+    return Joint(name=name, parent=str(entry[0]), centre=str(entry[1]), child=str(entry[2]))

@@ -1,0 +1,59 @@
+"""A run: all that the main job produced for one recording, as the views, tables and reports take it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eal.potential import EmpiricalPotential
+from filters.records import TrackedMotion
+from mocap.arrays import Array
+from mocap.cameras import Camera
+from mocap.records import JointTracks, PixelTracks
+from mocap.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointPotential:
+    """The empirical potential of one joint, with the samples that it was learned from.
+
+    Attributes:
+        joint: Joint name.
+        frame: Frame of reference of the coordinates (see ``mocap.joints``).
+        samples_m: (N, 2) coordinates in metres.
+        potential: V_z on coordinates divided by ``scale_m``.
+        scale_m: Metres a unit of the potential's coordinates.
+    """
+
+    joint: str
+    frame: str
+    samples_m: Array
+    potential: EmpiricalPotential
+    scale_m: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run:
+    """One recording, tracked.
+
+    Attributes:
+        name: Name of the recording.
+        skeleton: Its skeleton; without bones and joints where none was given.
+        cameras: The C cameras; empty where only positions were given.
+        ideal_px: Undistorted pixels as tracked, NaN where not seen; None without cameras.
+        y_up: True where the pixel y axis of the file points up (lower-left origin).
+        tracked: The result of the tracker.
+        joints: Joint tracks by frame of reference.
+        potentials: One empirical potential a joint, by joint name.
+        report: The report as ``report.json`` holds it.
+        report_text: The same as markdown.
+    """
+
+    name: str
+    skeleton: Skeleton
+    cameras: tuple[Camera, ...]
+    ideal_px: PixelTracks | None
+    y_up: bool
+    tracked: TrackedMotion
+    joints: Mapping[str, JointTracks]
+    potentials: Mapping[str, JointPotential]
+    report: Mapping[str, object]
+    report_text: str

@@ -67,7 +67,7 @@ class BrownLens:
             coefficients = np.array([self.k[0], self.k[1], *self.p, self.k[2]])
             stop = (cv2.TERM_CRITERIA_MAX_ITER | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
             points = np.ascontiguousarray(uv_px[ok].reshape(-1, 1, 2))
-            out[ok] = cv2.undistortPointsIter(points, camera, coefficients, None, camera, stop).reshape(-1, 2)
+            out[ok] = cv2.undistortPoints(points, camera, coefficients, P=camera, criteria=stop).reshape(-1, 2)
         return out
 
     def _parts(self, x: Array, y: Array) -> tuple[Array, Array]:

@@ -75,7 +75,7 @@ class Skeleton:
         for marker in self.markers:
             if marker not in names:
                 raise SkeletonError(
-                    f"skeleton {self.name!r} has marker {marker!r}, which {source} has not (it has {', '.join(names)}): "
+                    f"skeleton {self.name!r} has marker {marker!r}, but {source} has {', '.join(names)}: "
                     "correct the name, or map file names under [aliases] in the skeleton"
                 )
         return self

@@ -88,7 +88,7 @@ def _check_columns(path: Path, body: bytes, expected: int | None, first_line: in
 
 
 def _check_last_cell(path: Path, body: bytes) -> None:
-    """A last line without its newline may be cut inside a number: its last cell then has fewer decimals than its column."""
+    """A last line without its newline may be cut inside a number: its last cell then has fewer decimals."""
     lines = body.rsplit(b"\n", 2)
     cells = [line.rsplit(b",", 1)[-1].strip() for line in lines[-2:]]
     if len(cells) == 2 and all(b"." in cell for cell in cells):
@@ -107,7 +107,8 @@ def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) ->
                     float(cell)
                 except ValueError:
                     where = names[j] if names else f"column {j + 1}"
-                    return f"{path.name}: line {i + first_line}, {where}: {cell!r} is not a number; correct the cell or write NaN"
+                    line = i + first_line
+                    return f"{path.name}: line {line}, {where}: {cell!r} is not a number; correct it or write NaN"
     return f"{path.name}: holds cells that are not numbers"
 
 

@@ -33,7 +33,8 @@ def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
         if len(line) != 12:
             other = f" ({_OTHERS[len(line)]}: not supported here)" if len(line) in _OTHERS else ""
             raise FormatError(
-                f"{path.name}: line {number} has {len(line)} columns{other}; expected 12: cam f W H cx cy AR k1 k2 p1 p2 k3"
+                f"{path.name}: line {number} has {len(line)} columns{other}; "
+                "expected 12: cam f W H cx cy AR k1 k2 p1 p2 k3"
             )
         try:
             _, f, width, height, cx, cy, aspect, k1, k2, p1, p2, k3 = map(float, line)

@@ -1,0 +1,88 @@
+"""Potentials on disk: one npz file with arrays, settings as JSON, and a version."""
+
+import json
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eal.arrays import Array
+from eal.composite import CoordinateKernel, ProductKernel, SumKernel
+from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel, Radial
+
+VERSION = 1
+ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
+
+_RADIAL: dict[str, type[Radial]] = {
+    k.__name__: k for k in (GaussianKernel, LaplaceKernel, Matern32Kernel, Matern52Kernel)
+}
+
+
+class ArchiveError(ValueError):
+    """A file is not a potential that this version can read."""
+
+
+def write(path: Path, *, arrays: dict[str, Array], kernel: Kernel, settings: dict[str, Any]) -> None:
+    """Write arrays, kernel and settings; the file appears whole or not at all."""
+    text = json.dumps({"version": VERSION, "kernel": kernel_to_dict(kernel), **settings})
+    temporary = path.with_name(path.name + ".part")
+    with temporary.open("wb") as stream:
+        np.savez_compressed(stream, settings=np.array(text), **arrays)  # pyright: ignore[reportArgumentType]
+    os.replace(temporary, path)
+
+
+def read(path: Path) -> tuple[dict[str, Array], Kernel, dict[str, Any]]:
+    """Arrays, kernel and settings.
+
+    Raises:
+        ArchiveError: the file is not a potential, or of another version.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            settings = json.loads(str(stored["settings"]))
+            arrays = {name: stored[name] for name in ARRAYS}
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise ArchiveError(f"{path}: not a potential written by EmpiricalPotential.save: {error}") from None
+    if settings.get("version") != VERSION:
+        raise ArchiveError(f"{path}: version {settings.get('version')!r}, but this program reads {VERSION}: fit again")
+    return arrays, kernel_from_dict(settings["kernel"]), settings
+
+
+def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
+    """A kernel as JSON types.
+
+    Raises:
+        TypeError: not a kernel of this package.
+    """
+    kind = {"kind": type(kernel).__name__}
+    if isinstance(kernel, Radial) and kind["kind"] in _RADIAL:
+        return kind | {"beta": kernel.beta}
+    if isinstance(kernel, SumKernel):
+        return kind | {"parts": [kernel_to_dict(k) for k in kernel.parts], "shares": list(kernel.shares)}
+    if isinstance(kernel, ProductKernel):
+        return kind | {"parts": [kernel_to_dict(k) for k in kernel.parts]}
+    if isinstance(kernel, CoordinateKernel):
+        scales = ["inf" if np.isinf(s) else s for s in kernel.scales]
+        return kind | {"kernel": kernel_to_dict(kernel.kernel), "scales": scales, "periods": list(kernel.periods)}
+    raise TypeError(f"{kind['kind']} is not a kernel of eal.kernels or eal.composite: it cannot be written to a file")
+
+
+def kernel_from_dict(stored: dict[str, Any]) -> Kernel:
+    """The kernel that ``kernel_to_dict`` described.
+
+    Raises:
+        ArchiveError: unknown kind.
+    """
+    kind = stored["kind"]
+    if kind in _RADIAL:
+        return _RADIAL[kind](stored["beta"])
+    if kind == "SumKernel":
+        return SumKernel(tuple(map(kernel_from_dict, stored["parts"])), tuple(stored["shares"]))
+    if kind == "ProductKernel":
+        return ProductKernel(tuple(map(kernel_from_dict, stored["parts"])))
+    if kind == "CoordinateKernel":
+        scales = tuple(float(s) for s in stored["scales"])
+        return CoordinateKernel(kernel_from_dict(stored["kernel"]), scales, tuple(stored["periods"]))
+    raise ArchiveError(f"unknown kernel {kind!r}: written by a newer version")

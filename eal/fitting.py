@@ -1,0 +1,156 @@
+"""From samples to the root B of an empirical potential: exact, pivoted Cholesky or randomised."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from eal.arrays import Array
+from eal.kernels import Kernel
+from eal.lowrank import pivoted_cholesky, randomised_eigenpairs
+from eal.spectral import Projection, SpectralFilter
+
+Method = Literal["auto", "exact", "cholesky", "randomised"]
+
+EXACT_UP_TO = 4000
+"""Samples up to which ``auto`` may form the Gram matrix (0.1 GiB, some 20 s)."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Root:
+    """V = 1 - |B^T k(q)|^2 on the centres.
+
+    Attributes:
+        centres: (m, d) samples whose kernels are evaluated.
+        root: (m, r) B.
+        eigenvalues: (r,) eigenvalues sigma of T_z, decreasing.
+        error_bound: Nowhere is V farther from the V of all samples than this (1 where no bound is known).
+        method: How it was found.
+    """
+
+    centres: Array
+    root: Array
+    eigenvalues: Array
+    error_bound: float
+    method: str
+
+
+def solve(
+    kernel: Kernel,
+    z: Array,
+    weights: Array,
+    lam: float,
+    spectral_filter: SpectralFilter,
+    *,
+    method: Method,
+    accuracy: float,
+    max_rank: int,
+    rng: np.random.Generator | None,
+) -> Root:
+    """The root of V_z, equation 14 with T_z = (1/W) sum_i w_i K_zi (x) K_zi, W the sum of the weights.
+
+    ``auto`` takes the pivoted Cholesky factor, which costs O(N m^2); where it needs more than half of the samples
+    as pivots (noise in many dimensions) and the Gram matrix fits, the exact eigendecomposition is as cheap to
+    evaluate and has no error.
+
+    Raises:
+        ValueError: unknown method.
+    """
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {', '.join(get_args(Method))}, but is {method!r}")
+    if method == "exact":
+        return _exact(kernel, z, weights, lam, spectral_filter)
+    if method == "randomised":
+        rng = np.random.default_rng(0) if rng is None else rng
+        return _randomised(kernel, z, weights, lam, spectral_filter, max_rank=min(max_rank, 500), rng=rng)
+    limited = method == "auto" and len(z) <= EXACT_UP_TO
+    cap = min(max_rank, len(z) // 2) if limited else max_rank
+    tolerance = lam * (0.5 * accuracy) ** 2
+    found = _cholesky(kernel, z, weights, lam, spectral_filter, tolerance=tolerance, max_rank=max(cap, 1))
+    if limited and len(found.centres) == cap:
+        return _exact(kernel, z, weights, lam, spectral_filter)
+    return found
+
+
+def _exact(kernel: Kernel, z: Array, weights: Array, lam: float, spectral_filter: SpectralFilter) -> Root:
+    """B = D U diag(g / W)^1/2 with D K D = U diag(s) U^T, D = diag(w)^1/2: every sample is a centre."""
+    total = weights.sum()
+    scale = np.sqrt(weights)
+    s, vectors = np.linalg.eigh(scale[:, None] * kernel.gram(z, z) * scale)
+    sigma, vectors = s[::-1] / total, vectors[:, ::-1]
+    root = scale[:, None] * vectors * np.sqrt(spectral_filter.gain(sigma, lam) / total)
+    rounding = float(np.finfo(np.float64).eps * np.sqrt(len(z)) / lam)
+    return Root(centres=z, root=root, eigenvalues=sigma, error_bound=min(rounding, 1.0), method="exact")
+
+
+def _cholesky(
+    kernel: Kernel,
+    z: Array,
+    weights: Array,
+    lam: float,
+    spectral_filter: SpectralFilter,
+    *,
+    tolerance: float,
+    max_rank: int,
+) -> Root:
+    """B = C^-T R diag(r)^1/2 with R, sigma from the SVD of the samples in the basis of the pivots."""
+    factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max_rank)
+    total = weights.sum()
+    triangle = np.linalg.qr(factor.rows * np.sqrt(weights / total)[:, None], mode="r")
+    _, singular, right = np.linalg.svd(triangle)
+    sigma = np.zeros(len(factor.pivots))
+    sigma[: len(singular)] = singular**2
+    columns = right.T * np.sqrt(spectral_filter.response(sigma, lam))
+    root = solve_triangular(factor.corner, columns, lower=True, trans=1, check_finite=False)
+    missing = max(float(weights @ factor.residual / total), float(np.finfo(np.float64).eps))
+    bound = truncation_bound(spectral_filter, sigma, lam, missing)
+    return Root(centres=z[factor.pivots], root=root, eigenvalues=sigma, error_bound=bound, method="cholesky")
+
+
+def _randomised(
+    kernel: Kernel,
+    z: Array,
+    weights: Array,
+    lam: float,
+    spectral_filter: SpectralFilter,
+    *,
+    max_rank: int,
+    rng: np.random.Generator,
+) -> Root:
+    """As exact, on the leading eigenpairs."""
+    total = weights.sum()
+    scale = np.sqrt(weights)
+    s, vectors = randomised_eigenpairs(kernel, z, scale, rank=max_rank, rng=rng)
+    sigma = s / total
+    root = scale[:, None] * vectors * np.sqrt(spectral_filter.gain(sigma, lam) / total)
+    missing = max(1.0 - float(sigma.sum()), float(np.finfo(np.float64).eps))
+    bound = truncation_bound(spectral_filter, sigma, lam, missing)
+    return Root(centres=z, root=root, eigenvalues=sigma, error_bound=bound, method="randomised")
+
+
+def truncation_bound(spectral_filter: SpectralFilter, sigma: Array, lam: float, missing: float) -> float:
+    """Bound on sup |V_z - V| when T_z is replaced by P T_z P and the trace lost is ``missing``.
+
+    With A^* K_q = v + w, v in the span, |w|^2 <= missing, and the divided differences of g = 1/max(s, lambda) (or
+    1/(s + lambda)) bounded by g(s) g(t): |v'g v - u'g' u| <= 2e + 2e^2 + e^3, e = sqrt(missing / lambda).
+    For the projection, |P - P'| <= |dT| / (gap - |dT|) with |dT| <= 2 sqrt(missing) (Davis and Kahan), where no
+    eigenvalue can cross lambda; else 1.
+
+    Args:
+        spectral_filter: The filter.
+        sigma: (r,) eigenvalues kept, decreasing.
+        lam: lambda in units of sigma.
+        missing: Trace of T_z minus that of what is kept, at least 0.
+
+    Returns:
+        The bound, at most 1.
+    """
+    if isinstance(spectral_filter, Projection):
+        moved = 2.0 * np.sqrt(missing)
+        above, below = sigma[sigma > lam], np.append(sigma[sigma <= lam], 0.0)
+        if len(above) == 0 or min(above[-1] - lam, lam - below[0]) <= moved:
+            return 1.0
+        return min(float(moved / (above[-1] - below[0] - moved)), 1.0)
+    e = float(np.sqrt(missing / lam))
+    return min(2.0 * e + 2.0 * e**2 + e**3, 1.0)

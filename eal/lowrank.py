@@ -1,0 +1,130 @@
+"""Low-rank factors of the Gram matrix that never form it: pivoted Cholesky, and randomised subspace iteration."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from eal.arrays import Array
+from eal.kernels import Kernel
+
+ROUNDING = 16.0 * np.finfo(np.float64).eps
+"""Residuals of K(x, x) = 1 below this are rounding: no pivot is taken there."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CholeskyFactor:
+    """K ~ F F^T with F = K[:, p] C^-T, C the Cholesky factor of K[p, p].
+
+    Attributes:
+        pivots: (m,) indices of the pivots among the samples.
+        corner: (m, m) lower factor C.
+        rows: (N, m) F: the samples in an orthonormal basis of the span of the pivots' kernels.
+        residual: (N,) diagonal of K - F F^T, the squared distance of each K_z from that span.
+    """
+
+    pivots: np.ndarray
+    corner: Array
+    rows: Array
+    residual: Array
+
+
+def pivoted_cholesky(kernel: Kernel, z: Array, *, tolerance: float, max_rank: int, block: int = 32) -> CholeskyFactor:
+    """Greedy partial Cholesky of the Gram matrix, several pivots a pass.
+
+    A pass takes the ``block`` samples farthest from the span so far, keeps those that stay farther than half of the
+    farthest once the others are in (Harbrecht, Peters and Schneider 2012, blocked), and updates with matrix products:
+    O(N m) kernels and O(N m^2) operations.
+
+    Args:
+        kernel: Kernel with K(x, x) = 1.
+        z: (N, d) samples.
+        tolerance: Stop when every residual is below this, not under rounding.
+        max_rank: Stop at this many pivots.
+        block: Candidates a pass.
+
+    Returns:
+        The factor; its residual says how good it is.
+    """
+    n = len(z)
+    tolerance = max(tolerance, ROUNDING)
+    rows = np.empty((min(n, max_rank, 2 * block), n))
+    residual, pivots, m = np.ones(n), np.empty(0, dtype=np.intp), 0
+    while m < min(n, max_rank):
+        size = min(block, n, max_rank - m)
+        candidates = np.argpartition(-residual, size - 1)[:size]
+        candidates = candidates[np.argsort(-residual[candidates], kind="stable")]
+        top = float(residual[candidates[0]])
+        if top < tolerance:
+            break
+        corner = kernel.gram(z[candidates], z[candidates]) - rows[:m, candidates].T @ rows[:m, candidates]
+        chosen = _accepted(corner, floor=max(tolerance, 0.5 * top))
+        new = candidates[chosen]
+        lower = np.linalg.cholesky(corner[np.ix_(chosen, chosen)])
+        part = kernel.gram(z[new], z) - rows[:m, new].T @ rows[:m]
+        if m + len(new) > len(rows):
+            rows = np.concatenate([rows[:m], np.empty((min(n, max_rank, 2 * len(rows)) - m, n))])
+        rows[m : m + len(new)] = solve_triangular(lower, part, lower=True, overwrite_b=True, check_finite=False)
+        residual -= np.einsum("mn,mn->n", rows[m : m + len(new)], rows[m : m + len(new)])
+        residual[new] = 0.0
+        np.maximum(residual, 0.0, out=residual)
+        pivots, m = np.concatenate([pivots, new]), m + len(new)
+    corner = np.tril(rows[:m, pivots].T)
+    return CholeskyFactor(pivots=pivots, corner=corner, rows=rows[:m].T, residual=residual)
+
+
+def _accepted(corner: Array, *, floor: float) -> list[int]:
+    """Pivots of a small residual matrix, greedy, until its diagonal is below ``floor``; at least one."""
+    rest = corner.copy()
+    diagonal = np.diag(rest).copy()
+    chosen: list[int] = []
+    while len(chosen) < len(diagonal):
+        best = int(np.argmax(diagonal))
+        if chosen and diagonal[best] < floor:
+            break
+        chosen.append(best)
+        column = rest[:, best] / np.sqrt(diagonal[best])
+        rest -= np.outer(column, column)
+        diagonal = np.diag(rest).copy()
+        diagonal[chosen] = -np.inf
+    return chosen
+
+
+def randomised_eigenpairs(
+    kernel: Kernel, z: Array, root_weights: Array, *, rank: int, rng: np.random.Generator, block: int = 2048
+) -> tuple[Array, Array]:
+    """Leading eigenpairs of D K D, D = diag(root_weights), by two passes over K in blocks of rows.
+
+    Halko, Martinsson and Tropp 2011: the range of D K D times a Gaussian matrix, then the Nystroem formula on its
+    orthonormal basis, which is exact on the range and never overstates an eigenvalue.
+
+    Args:
+        kernel: Kernel with K(x, x) = 1.
+        z: (N, d) samples.
+        root_weights: (N,) square roots of the weights.
+        rank: Eigenpairs wanted.
+        rng: Source of the test matrix.
+        block: Rows of K at a time.
+
+    Returns:
+        (k,) eigenvalues, decreasing, and (N, k) orthonormal eigenvectors, k = min(rank, N).
+    """
+    n = len(z)
+    basis = rng.standard_normal((n, min(n, rank + 10)))
+    for _ in range(2):
+        basis, _ = np.linalg.qr(basis)
+        image = np.empty_like(basis)
+        for start in range(0, n, block):
+            rows = slice(start, start + block)
+            image[rows] = kernel.gram(z[rows], z) @ (root_weights[:, None] * basis)
+        image *= root_weights[:, None]
+        last, basis = basis, image
+    shift = 4.0 * np.finfo(np.float64).eps * np.linalg.norm(image)
+    image = image + shift * last
+    core = last.T @ image
+    lower = np.linalg.cholesky(0.5 * (core + core.T))
+    vectors, singular, _ = np.linalg.svd(
+        solve_triangular(lower, image.T, lower=True, check_finite=False).T, full_matrices=False
+    )
+    count = min(rank, n)
+    return np.maximum(singular**2 - shift, 0.0)[:count], vectors[:, :count]

@@ -1,0 +1,259 @@
+"""The empirical potential V_z of the EAL paper: zero-like on the samples, 1 far from them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from eal import archive, evaluation, fitting
+from eal.arrays import Array, frozen, points, positive
+from eal.findings import findings_of
+from eal.kernels import Kernel
+from eal.spectral import FILTERS, Scaling, SpectralFilter, Tail, effective_lambda
+
+MIN_LAMBDA = 1e-13
+"""Below this V is rounding: it turned negative at 1e-14."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EmpiricalPotential:
+    """V_z(q) = 1 - (g_lambda(T_z) T_z K_q, K_q), EAL paper, equation 14, as 1 - |B^T k(q)|^2.
+
+    Made by ``fit_potential`` or ``load_potential``.
+
+    Attributes:
+        kernel: The kernel K.
+        lam: lambda as given; see ``scaling``.
+        spectral_filter: The filter g.
+        scaling: ``mean``: lambda compares with eigenvalues of T_z = K / N; ``gram``: with those of K.
+        samples: (N, d) samples.
+        weights: (N,) weights; one sample of weight 2 is the same sample twice.
+        centres: (m, d) the samples whose kernels are evaluated.
+        root: (m, r) B.
+        eigenvalues: (r,) eigenvalues sigma of T_z, decreasing, in [0, 1].
+        error_bound: sup |V - V of all samples|, see ``eal.fitting.truncation_bound``; 1 where none is known.
+        method: ``exact``, ``cholesky`` or ``randomised``.
+        names: d coordinate names.
+        units: d units.
+        findings: Sentences on what in the samples or settings makes no sense; empty where all is well.
+    """
+
+    kernel: Kernel
+    lam: float
+    spectral_filter: SpectralFilter
+    scaling: Scaling
+    samples: Array
+    weights: Array
+    centres: Array
+    root: Array
+    eigenvalues: Array
+    error_bound: float
+    method: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    findings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Copy and freeze the arrays."""
+        for name in ("samples", "weights", "centres", "root", "eigenvalues"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def dimension(self) -> int:
+        """D."""
+        return self.samples.shape[1]
+
+    @property
+    def sigma_lambda(self) -> float:
+        """Lambda in units of the eigenvalues sigma."""
+        return effective_lambda(self.lam, float(self.weights.sum()), self.scaling)
+
+    @property
+    def effective_rank(self) -> float:
+        """Trace of g_lambda(T_z) T_z: how many independent functions vanish off the samples."""
+        return float(self.spectral_filter.response(self.eigenvalues, self.sigma_lambda).sum())
+
+    @property
+    def curvature_limit(self) -> float:
+        """Largest eigenvalue that the Hessian of V can have on its zero set: 4 beta for the Gaussian kernel."""
+        return 2.0 * self.kernel.curvature
+
+    def value(self, q: ArrayLike) -> Array:
+        """V_z(q) = 1 - |B^T k(q)|^2, between 0 (on the data) and 1 (far from it).
+
+        EAL paper, equations 14 and 29 with the scaling of equation 12.
+
+        Args:
+            q: (..., d) configurations, in the units of the samples.
+
+        Returns:
+            (...) values in [0, 1].
+
+        Raises:
+            ValueError: the last axis is not d.
+        """
+        return self._at(evaluation.value, q)
+
+    def gradient(self, q: ArrayLike) -> Array:
+        """Gradient of V_z: (..., d) configurations to (..., d), in 1/unit; raises as ``value``."""
+        return self._at(evaluation.gradient, q)
+
+    def hessian(self, q: ArrayLike) -> Array:
+        """Hessian of V_z: (..., d) configurations to (..., d, d), in 1/unit^2; raises as ``value``."""
+        return self._at(evaluation.hessian, q, second=True)
+
+    def barrier_value(self, q: ArrayLike) -> Array:
+        """-log(1 - V_z(q)): as V_z near the data, and without end away from it; (..., d) to (...).
+
+        For the Gaussian kernel it grows as 2 beta times the squared distance from the samples. The largest
+        exponent is factored out, so that nothing underflows at any distance. Raises as ``value``.
+        """
+        return self._at(evaluation.barrier_value, q)
+
+    def barrier_gradient(self, q: ArrayLike) -> Array:
+        """Gradient of -log(1 - V_z): (..., d) to (..., d), in 1/unit; raises as ``value``."""
+        return self._at(evaluation.barrier_gradient, q)
+
+    def barrier_hessian(self, q: ArrayLike) -> Array:
+        """Hessian of -log(1 - V_z): (..., d) to (..., d, d), in 1/unit^2; raises as ``value``."""
+        return self._at(evaluation.barrier_hessian, q, second=True)
+
+    def save(self, path: Path | str) -> None:
+        """Write to an ``.npz`` file with all settings; written to a temporary name and renamed when whole."""
+        archive.write(
+            Path(path),
+            arrays={name: getattr(self, name) for name in archive.ARRAYS},
+            kernel=self.kernel,
+            settings={
+                "lam": self.lam,
+                "spectral_filter": self.spectral_filter.name,
+                "scaling": self.scaling,
+                "error_bound": self.error_bound,
+                "method": self.method,
+                "names": list(self.names),
+                "units": list(self.units),
+                "findings": list(self.findings),
+            },
+        )
+
+    def _at(self, function: Any, q: ArrayLike, *, second: bool = False) -> Array:
+        q = points("q", q, self.dimension)
+        m = len(self.centres)
+        width = m * (self.dimension + 1) * self.dimension if second else m
+        return evaluation.in_blocks(lambda flat: function(self.kernel, self.centres, self.root, flat), q, width)
+
+
+def fit_potential(
+    samples: ArrayLike,
+    *,
+    kernel: Kernel,
+    lam: float,
+    spectral_filter: SpectralFilter | None = None,
+    scaling: Scaling = "mean",
+    weights: ArrayLike | None = None,
+    method: fitting.Method = "auto",
+    accuracy: float = 1e-5,
+    max_rank: int = 4000,
+    names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    rng: np.random.Generator | None = None,
+) -> EmpiricalPotential:
+    """Learn V_z from samples, EAL paper, equations 12, 14 and 30.
+
+    Args:
+        samples: (N, d) configurations; several trials are merged by concatenating them.
+        kernel: Kernel on the coordinates; scale them first (or with a CoordinateKernel) to like magnitudes.
+        lam: lambda > 0, see ``scaling``.
+        spectral_filter: Tail (the default, equation 30), Projection or Tikhonov.
+        scaling: ``mean``: lambda compares with eigenvalues of K / N; ``gram``: with those of K.
+        weights: (N,) positive weights, 2 being the same as a repeated sample; None: all 1.
+        method: ``auto``, ``exact``, ``cholesky`` or ``randomised``, see ``eal.fitting.solve``.
+        accuracy: Wanted bound on the error in V of the pivoted Cholesky factor; rounding may leave more.
+        max_rank: Most centres; for the randomised method at most 500 eigenpairs.
+        names: d coordinate names; None: q0, q1, ...
+        units: d units; None: 1.
+        rng: For the randomised method; None: a fixed seed.
+
+    Returns:
+        The potential; read its ``findings``.
+
+    Raises:
+        ValueError: samples that are empty, not (N, d) or not finite; weights that do not fit; lambda not positive or
+            below rounding.
+    """
+    z = np.array(samples, dtype=np.float64)
+    if z.ndim != 2 or 0 in z.shape:
+        raise ValueError(f"samples must have shape (N, d) with N and d at least 1, but have {z.shape}")
+    bad = np.flatnonzero(~np.isfinite(z).all(axis=1))
+    if len(bad):
+        raise ValueError(
+            f"samples must be finite, but {len(bad)} of {len(z)} rows are not, the first is row {bad[0]}: "
+            "drop the rows where a coordinate was not seen"
+        )
+    w = np.ones(len(z)) if weights is None else np.array(weights, dtype=np.float64)
+    if w.shape != (len(z),) or not (np.isfinite(w).all() and (w > 0.0).all()):
+        raise ValueError(f"weights must be {len(z)} finite numbers above 0, one a sample, but have shape {w.shape}")
+    spectral_filter = Tail() if spectral_filter is None else spectral_filter
+    sigma_lambda = effective_lambda(positive("lam", lam), float(w.sum()), scaling)
+    if sigma_lambda < MIN_LAMBDA:
+        raise ValueError(
+            f"lam must be at least {MIN_LAMBDA:g} in units of the eigenvalues of K / N, but is {sigma_lambda:g}: "
+            "V would be rounding; take a larger lam"
+        )
+    labels = tuple(f"q{j}" for j in range(z.shape[1])) if names is None else tuple(names)
+    measures = ("1",) * z.shape[1] if units is None else tuple(units)
+    if not len(labels) == len(measures) == z.shape[1]:
+        raise ValueError(
+            f"{z.shape[1]} coordinates need as many names and units, but have {len(labels)} and {len(measures)}"
+        )
+    found = fitting.solve(
+        kernel,
+        z,
+        w,
+        sigma_lambda,
+        spectral_filter,
+        method=method,
+        accuracy=positive("accuracy", accuracy),
+        max_rank=max_rank,
+        rng=rng,
+    )
+    return EmpiricalPotential(
+        kernel=kernel,
+        lam=float(lam),
+        spectral_filter=spectral_filter,
+        scaling=scaling,
+        samples=z,
+        weights=w,
+        centres=found.centres,
+        root=found.root,
+        eigenvalues=found.eigenvalues,
+        error_bound=found.error_bound,
+        method=found.method,
+        names=labels,
+        units=measures,
+        findings=findings_of(z, labels, kernel, sigma_lambda, found),
+    )
+
+
+def load_potential(path: Path | str) -> EmpiricalPotential:
+    """Read what ``EmpiricalPotential.save`` wrote.
+
+    Raises:
+        ArchiveError: the file is not one, or of another version.
+    """
+    arrays, kernel, settings = archive.read(Path(path))
+    return EmpiricalPotential(
+        kernel=kernel,
+        lam=settings["lam"],
+        spectral_filter=FILTERS[settings["spectral_filter"]],
+        scaling=settings["scaling"],
+        error_bound=settings["error_bound"],
+        method=settings["method"],
+        names=tuple(settings["names"]),
+        units=tuple(settings["units"]),
+        findings=tuple(settings["findings"]),
+        **arrays,
+    )

@@ -1,5 +1,6 @@
 """The skeleton of an animal: its markers, bones, joints and trunk, read from TOML."""
 
+import json
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -7,6 +8,7 @@ from pathlib import Path
 
 from mocap.arrays import unique
 from mocap.errors import SkeletonError
+from mocap.formats.csv_table import whole_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +123,24 @@ def read_skeleton(path: Path) -> Skeleton:
         raise SkeletonError(f"{path}: {error}") from None
     except SkeletonError as error:
         raise SkeletonError(f"{path}: {error}") from None
+
+
+def write_skeleton(path: Path, skeleton: Skeleton) -> None:
+    """Write a skeleton as ``read_skeleton`` reads it."""
+
+    # JSON's strings and arrays are TOML's too
+    def text(value: object) -> str:
+        return json.dumps(value, ensure_ascii=False)
+
+    bones = ([b.a, b.b] if b.rigid else [b.a, b.b, "soft"] for b in skeleton.bones)
+    lines = [f"name = {text(skeleton.name)}", f"markers = {text(skeleton.markers)}"]
+    lines += ["bones = [", *(f"    {text(bone)}," for bone in bones), "]", f"trunk = {text(skeleton.trunk)}"]
+    if skeleton.max_speed_m_s is not None:
+        lines += [f"max_speed_m_s = {float(skeleton.max_speed_m_s)!r}"]
+    lines += ["", "[joints]", *(f"{text(j.name)} = {text([j.parent, j.centre, j.child])}" for j in skeleton.joints)]
+    lines += ["", "[aliases]", *(f"{text(k)} = {text(v)}" for k, v in skeleton.aliases.items())]
+    with whole_file(path) as stream:
+        stream.write("\n".join(lines) + "\n")
 
 
 def _bone(entry: Sequence[str]) -> Bone:

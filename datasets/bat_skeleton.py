@@ -1,0 +1,104 @@
+"""The 34 markers of the bat, its bones, joints and membranes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datasets.bat_wing import DIGITS_M, SEGMENTS
+from mocap.skeleton import Bone, Joint, Skeleton
+
+TRUNK = ("sternum", "back", "pelvis", "shoulder_l", "shoulder_r")
+AXIAL = ("snout", "head", "ear_l", "ear_r", "sternum", "back", "pelvis", "tail")
+MARKERS = AXIAL + tuple(f"{name}_{side}" for side in "lr" for name in (*SEGMENTS, "ankle"))
+
+_AXIAL_BONES = (
+    ("snout", "head"),
+    ("head", "ear_l"),
+    ("head", "ear_r"),
+    ("sternum", "back"),
+    ("sternum", "pelvis"),
+    ("back", "pelvis"),
+    ("back", "shoulder_l"),
+    ("back", "shoulder_r"),
+    ("sternum", "shoulder_l"),
+    ("sternum", "shoulder_r"),
+    ("pelvis", "tail"),
+)
+_WING_BONES = (
+    *(("shoulder", "elbow"), ("elbow", "wrist")),
+    *(("wrist", f"{digit}_mcp") for digit in DIGITS_M),
+    *((f"{digit}_mcp", f"{digit}_pip") for digit in DIGITS_M),
+    *((f"{digit}_pip", f"{digit}_tip") for digit in DIGITS_M),
+)
+_WING_JOINTS = {
+    "elbow": ("shoulder", "elbow", "wrist"),
+    "wrist": ("elbow", "wrist", "d3_mcp"),
+    "wrist_d5": ("elbow", "wrist", "d5_mcp"),
+    "d3_mcp": ("wrist", "d3_mcp", "d3_pip"),
+    "d3_pip": ("d3_mcp", "d3_pip", "d3_tip"),
+    "d4_mcp": ("wrist", "d4_mcp", "d4_pip"),
+    "d4_pip": ("d4_mcp", "d4_pip", "d4_tip"),
+    "d5_mcp": ("wrist", "d5_mcp", "d5_pip"),
+    "d5_pip": ("d5_mcp", "d5_pip", "d5_tip"),
+}
+# a fan of triangles without a corner on another's edge; a name without side is taken from that side of the bat
+_MEMBRANES = (
+    ("shoulder", "elbow", "wrist"),
+    ("shoulder", "elbow", "ankle"),
+    ("shoulder", "ankle", "pelvis"),
+    ("elbow", "ankle", "d5_tip"),
+    ("elbow", "d5_tip", "d5_pip"),
+    ("elbow", "d5_pip", "d5_mcp"),
+    ("elbow", "d5_mcp", "wrist"),
+    ("wrist", "d5_mcp", "d4_mcp"),
+    ("d5_mcp", "d5_pip", "d4_mcp"),
+    ("d5_pip", "d4_pip", "d4_mcp"),
+    ("d5_pip", "d5_tip", "d4_pip"),
+    ("d5_tip", "d4_tip", "d4_pip"),
+    ("wrist", "d4_mcp", "d3_mcp"),
+    ("d4_mcp", "d4_pip", "d3_mcp"),
+    ("d4_pip", "d3_pip", "d3_mcp"),
+    ("d4_pip", "d4_tip", "d3_pip"),
+    ("d4_tip", "d3_tip", "d3_pip"),
+    ("pelvis", "ankle", "tail"),
+)
+
+
+def bat_skeleton() -> Skeleton:
+    """The bat's skeleton; bones are rigid but the neck and the legs, whose joints carry no marker."""
+    bones = [Bone(a=a, b=b) for a, b in _AXIAL_BONES]
+    bones += [Bone(a="back", b="head", rigid=False)]
+    joints = []
+    for side in "lr":
+        bones += [Bone(a=f"{a}_{side}", b=f"{b}_{side}") for a, b in _WING_BONES]
+        bones += [Bone(a="pelvis", b=f"ankle_{side}", rigid=False)]
+        joints.append(Joint(name=f"shoulder_{side}", parent="back", centre=f"shoulder_{side}", child=f"elbow_{side}"))
+        joints += [
+            Joint(name=f"{name}_{side}", parent=f"{a}_{side}", centre=f"{b}_{side}", child=f"{c}_{side}")
+            for name, (a, b, c) in _WING_JOINTS.items()
+        ]
+    joints.append(Joint(name="tail", parent="back", centre="pelvis", child="tail"))
+    return Skeleton(
+        name="bat",
+        markers=MARKERS,
+        bones=tuple(bones),
+        joints=tuple(joints),
+        trunk=TRUNK,
+        max_speed_m_s=20.0,
+    )
+
+
+def membranes() -> NDArray[np.intp]:
+    """(K, 3) marker indices of the wing and tail membranes of both sides."""
+    index = {name: m for m, name in enumerate(MARKERS)}
+    return np.array(
+        [
+            [index[name] if name in index else index[f"{name}_{side}"] for name in triangle]
+            for side in "lr"
+            for triangle in _MEMBRANES
+        ]
+    )
+
+
+def wing_tips() -> tuple[tuple[str, ...], ...]:
+    """The markers of each wing tip, which are lost together."""
+    return tuple(tuple(f"{name}_{side}" for name in ("d3_pip", "d3_tip", "d4_pip", "d4_tip")) for side in "lr")

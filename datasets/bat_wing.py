@@ -1,0 +1,94 @@
+"""The beating wing of a bat as a chain of rigid bones, posed by its phase.
+
+Segments are given by two angles in the plane of the wing: azimuth from straight outward towards the head, and
+elevation towards the back. The whole plane flaps, sweeps and twists. The pattern is that described for slow level
+flight of fruit bats and nectar bats (Hubel et al. 2010; Riskin et al. 2010; Wolf et al. 2010, all J. Exp. Biol.): a
+stroke of some 90 degrees, the tip ahead of the head at the end of the downstroke, elbow and wrist flexed in
+mid-upstroke. The numbers are round ones of that size, not fitted to an animal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from datasets.linkage import rotated, turn
+from mocap.arrays import Array
+
+# bone lengths in metres: a bat of 30 g, forearm 55 mm
+HUMERUS_M, RADIUS_M = 0.032, 0.055
+DIGITS_M = {"d3": (0.046, 0.024, 0.028), "d4": (0.044, 0.020, 0.020), "d5": (0.044, 0.016, 0.016)}
+SEGMENTS = ("shoulder", "elbow", "wrist", *(f"{d}_{j}" for d in DIGITS_M for j in ("mcp", "pip", "tip")))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Beat:
+    """What the wing does, apart from its phase; all (T,), 1 or 0 on average.
+
+    Attributes:
+        stroke: Scale of the flapping amplitude.
+        fold: Scale of the flexion on the upstroke.
+        sweep_rad: Added sweep towards the head.
+        twist_rad: Added pitch of the wing, leading edge up.
+    """
+
+    stroke: Array
+    fold: Array
+    sweep_rad: Array
+    twist_rad: Array
+
+
+def wing(phase_rad: Array, beat: Beat) -> Array:
+    """Joints of a left wing relative to its shoulder, in the axes of the body (x head, y left, z back).
+
+    Args:
+        phase_rad: (T,) phase; 0 where the wing is highest, so that the downstroke takes the first half.
+        beat: Modulation of this wing.
+
+    Returns:
+        (T, 12, 3) metres, in the order of ``SEGMENTS``; the shoulder is the origin.
+    """
+    deg = np.pi / 180
+    # the downstroke is a little slower than the upstroke: its phase is stretched
+    phi = phase_rad - 0.12 * np.sin(phase_rad)
+    sin, cos = np.sin(phi), np.cos(phi)
+    # bumps that peak in mid-upstroke, the wrist after the elbow
+    fold_elbow = beat.fold * np.exp(1.6 * (np.cos(phi - 1.42 * np.pi) - 1))
+    fold_wrist = beat.fold * np.exp(1.6 * (np.cos(phi - 1.52 * np.pi) - 1))
+
+    flap = deg * (6 + 42 * beat.stroke * cos + 4 * np.cos(2 * phi + 0.6))
+    sweep = deg * (2 + 17 * beat.stroke * np.cos(phi - 1.1 * np.pi)) + beat.sweep_rad
+    twist = deg * (7 - 13 * beat.stroke * sin) + beat.twist_rad
+    plane = turn(0, flap) @ turn(2, -sweep) @ turn(1, -twist)
+
+    # the hand lags behind the arm: its tip is bent up on the way down, and down on the way up
+    hand = deg * beat.stroke * (15 * np.sin(phi - 0.2))
+    camber = deg * (14 + 7 * beat.stroke * np.sin(phi - 0.4))
+    chain = {
+        "elbow": (HUMERUS_M, -34 - 22 * fold_elbow, -4 + 5 * cos),
+        "wrist": (RADIUS_M, 24 + 34 * fold_elbow, 4 + 6 * np.cos(phi - 0.5)),
+    }
+    # azimuths extended, and what a full fold adds, of the three bones of each digit
+    azimuths = {
+        "d3": ((-6, -24, -40), (-62, -54, -46)),
+        "d4": ((-44, -60, -72), (-36, -28, -22)),
+        "d5": ((-84, -94, -102), (-10, -8, -6)),
+    }
+    bends = {"d3": (0.0, 0.5, 0.8), "d4": (0.15, 1.0, 1.4), "d5": (0.3, 1.5, 2.2)}
+    joints = {"shoulder": np.zeros((len(phi), 3))}
+    for name, parent in (("elbow", "shoulder"), ("wrist", "elbow")):
+        length, azimuth, elevation = chain[name]
+        joints[name] = joints[parent] + length * _direction(deg * azimuth, deg * elevation)
+    for digit, lengths in DIGITS_M.items():
+        parent = "wrist"
+        for k, joint in enumerate(("mcp", "pip", "tip")):
+            azimuth = deg * (azimuths[digit][0][k] + azimuths[digit][1][k] * fold_wrist)
+            elevation = hand - bends[digit][k] * camber
+            joints[f"{digit}_{joint}"] = joints[parent] + lengths[k] * _direction(azimuth, elevation)
+            parent = f"{digit}_{joint}"
+    return rotated(plane[:, None], np.stack([joints[name] for name in SEGMENTS], axis=1))
+
+
+def _direction(azimuth_rad: Array, elevation_rad: Array) -> Array:
+    """(T, 3) unit vectors in the plane of a left wing."""
+    level = np.cos(elevation_rad)
+    return np.stack([level * np.sin(azimuth_rad), level * np.cos(azimuth_rad), np.sin(elevation_rad)], axis=-1)

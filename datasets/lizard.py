@@ -1,0 +1,191 @@
+"""A lizard that walks up a rod, filmed by high-speed cameras around a tank."""
+
+import numpy as np
+
+from datasets.film import film
+from datasets.gait import Gait, Steps, steps
+from datasets.linkage import bent, rotated, turn
+from datasets.lizard_skeleton import LIMBS, MARKERS, extremities, lizard_skeleton
+from datasets.observe import Digitiser
+from datasets.occlusion import Solid
+from datasets.recording import SyntheticRecording
+from datasets.rig import tank_cameras
+from datasets.scene import Scene, frame_times
+from datasets.wander import draw_wander, skin_motion
+from mocap.arrays import Array
+
+SLOPE_RAD = np.deg2rad(35)
+SPEED_M_S = 0.14
+GAIT = Gait()
+_DEG = np.pi / 180
+_ROD_RADIUS_M = 0.005
+_BACK_M = 0.018  # of the spine above the axis of the rod
+_TOE_M = 0.001  # of a toe's marker above the rod
+_START_M = -0.14
+# bones in metres: an adult Anolis sagrei of 60 mm from snout to vent
+_AXIS_M = {
+    "snout": 0.012,
+    "head": 0.009,
+    "neck": 0.018,
+    "pelvis": 0.020,
+    "tail_1": 0.03,
+    "tail_2": 0.03,
+    "tail_3": 0.03,
+}
+_LIMB_M = {"fore": (0.0125, 0.0115, 0.007), "hind": (0.0135, 0.0125, 0.010)}
+_ROOT_M = {"fore": (-0.001, 0.0070, -0.0050), "hind": (0.001, 0.0062, -0.0050)}
+# mid-stance reach of hand and foot before the spine's marker, angle of the foothold, phase of the left one
+_REACH_M = {"fore": 0.0225, "hind": -0.0085}
+_GRIP_RAD = {"fore": 50 * _DEG, "hind": 58 * _DEG}
+_OFFSET = {"fore": 0.0, "hind": 0.5}
+_POLE = {"fore": np.array([-0.4, 1.0, 0.35]), "hind": np.array([0.5, 1.0, 0.35])}
+
+
+def make_lizard(
+    *,
+    seed: int = 0,
+    n_frames: int = 500,
+    fps: float = 250.0,
+    n_cameras: int = 4,
+    skin_m: float = 0.0002,
+    digitiser: Digitiser | None = None,
+) -> SyntheticRecording:
+    """A lizard that walks up a rod at a trot.
+
+    The motion depends on the seed only: a longer recording, or one with more cameras, begins with the same walk.
+
+    Args:
+        seed: Any integer; the same gives the same bytes.
+        n_frames: Number of frames; the pictures hold the first 2 s of the walk.
+        fps: Frames a second.
+        n_cameras: Number of cameras, 2 or more.
+        skin_m: Root mean square of one coordinate of the markers' motion on the bone, but for hands and feet; 0: rigid.
+        digitiser: Quality of the digitising; None: a human's, on markers that are mostly in plain view.
+
+    Returns:
+        The recording, with its truth.
+
+    Raises:
+        ValueError: fewer than 2 cameras or 1 frame, or a rate that is not positive.
+    """
+    digitiser = digitiser or Digitiser(bursts_per_s=0.4)
+    cameras = tank_cameras(n_cameras, slope_rad=SLOPE_RAD)
+    motion_rng, clicks_rng = np.random.default_rng(seed).spawn(2)
+    scene = lizard_scene(frame_times(n_frames, fps), motion_rng, skin_m=skin_m)
+    card = {
+        "name": "lizard",
+        "species": "brown anole (Anolis sagrei), adult, walking up a rod",
+        "rig": f"tank with a rod of {2e3 * _ROD_RADIUS_M:.0f} mm at {np.rad2deg(SLOPE_RAD):.0f} degrees, "
+        f"{n_cameras} high-speed cameras",
+        "seed": seed,
+        "stride_hz": round(SPEED_M_S / GAIT.stride_m, 3),
+        "duty": GAIT.duty,
+        "skin_m": skin_m,
+    }
+    return film(scene, cameras, name="lizard", fps=fps, digitiser=digitiser, rng=clicks_rng, card=card)
+
+
+def lizard_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scene:
+    """The lizard's motion at times (T,); ``skin_m`` as in ``make_lizard``."""
+    progress = _START_M + SPEED_M_S * (t_s + 0.1 * draw_wander(rng, band_hz=(0.3, 2.0)).integral(t_s))
+    phase = 2 * np.pi * progress / GAIT.stride_m
+    rod, girdles = _axis(rng, t_s, progress, phase)
+    contact = {}
+    for limb, names in LIMBS.items():
+        girdle = "neck" if limb == "fore" else "pelvis"
+        for side, mirror in (("l", 1.0), ("r", -1.0)):
+            flip = np.array([1.0, mirror, 1.0])
+            foot = steps(
+                rng,
+                progress,
+                GAIT,
+                offset=_OFFSET[limb] + (0.5 if side == "r" else 0.0),
+                ahead_m=_REACH_M[limb],
+                around_rad=mirror * _GRIP_RAD[limb],
+            )
+            root = rod[girdle] + rotated(girdles[girdle], np.array(_ROOT_M[limb]) * flip)
+            upper, lower, last = _LIMB_M[limb]
+            toe, heel = _foot(foot, last, mirror)
+            middle = bent(root, heel, _POLE[limb] * flip, upper_m=upper, lower_m=lower)
+            rod |= {f"{name}_{side}": xyz for name, xyz in zip(names, (root, middle, heel, toe), strict=True)}
+            contact[f"{names[-1]}_{side}"] = foot.stance
+
+    xyz = np.stack([rod[name] for name in MARKERS], axis=1)
+    if skin_m > 0:
+        scale = skin_m * np.array([0.0 if name in contact else 1.0 for name in MARKERS])
+        xyz = xyz + skin_motion(rng, t_s, phase, scale * rng.uniform(0.6, 1.4, len(MARKERS)))
+    world = turn(1, np.array(-SLOPE_RAD))
+    standing = [contact.get(name, np.zeros(len(t_s), dtype=bool)) for name in MARKERS]
+    return Scene(
+        skeleton=lizard_skeleton(),
+        t_s=t_s,
+        xyz_m=rotated(world, xyz),
+        triangles=np.empty((0, 3), dtype=int),
+        solids=_solids(rod, girdles, world),
+        clearance_m=0.0015,
+        clusters=extremities(),
+        contact=np.stack(standing, axis=1),
+    )
+
+
+def _axis(
+    rng: np.random.Generator, t_s: Array, progress_m: Array, phase_rad: Array
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Axial markers (T, 3) and rotations (T, 3, 3) of both girdles and the head, in the axes of the rod.
+
+    The trunk bends sideways in a standing wave, so that the shoulder of the arm that touches down, and the hip across,
+    are in front; the tail follows in a travelling wave.
+    """
+    slow = [draw_wander(rng, band_hz=(0.2, 1.5)).value(t_s) for _ in range(6)]
+    wave = (13 + 1.5 * slow[0]) * _DEG
+    chest = -wave * np.cos(phase_rad) + 2 * _DEG * slow[1]
+    hips = wave * np.cos(phase_rad - 0.2) + 2 * _DEG * slow[1]
+    girdles = {
+        "neck": turn(2, chest) @ turn(0, 4 * _DEG * np.sin(phase_rad)),
+        "pelvis": turn(2, hips) @ turn(0, -4 * _DEG * np.sin(phase_rad)),
+    }
+    girdles["head"] = turn(2, -0.3 * chest + 5 * _DEG * slow[2]) @ turn(1, _DEG * (-6 + 3 * slow[3]))
+    height = _BACK_M + 0.0005 * np.cos(2 * phase_rad + 0.5)
+    sway = 0.0012 * np.sin(phase_rad) + 0.0008 * slow[4]
+    rod = {"spine": np.stack([progress_m, sway, height], axis=-1)}
+    ahead = np.array([1.0, 0, 0])
+    rod["neck"] = rod["spine"] + _AXIS_M["neck"] * rotated(girdles["neck"], ahead)
+    rod["head"] = rod["neck"] + _AXIS_M["head"] * rotated(girdles["head"] @ turn(1, np.array(-0.2)), ahead)
+    rod["snout"] = rod["head"] + _AXIS_M["snout"] * rotated(girdles["head"] @ turn(1, np.array(0.3)), ahead)
+    rod["pelvis"] = rod["spine"] - _AXIS_M["pelvis"] * rotated(girdles["pelvis"], ahead)
+    parent = "pelvis"
+    for k, name in enumerate(("tail_1", "tail_2", "tail_3")):
+        yaw = -(14 + 3 * k) * _DEG * np.cos(phase_rad - 0.9 * (k + 1)) + 4 * (k + 1) * _DEG * slow[5]
+        droop = np.full(len(t_s), (-7, -2, 3)[k] * _DEG)
+        rod[name] = rod[parent] - _AXIS_M[name] * rotated(turn(2, yaw) @ turn(1, droop), ahead)
+        parent = name
+    return rod, girdles
+
+
+def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
+    """Toe and heel (T, 3) in the axes of the rod: the toe stands, the heel rises until the toe leaves."""
+    outward = np.stack([np.zeros_like(foot.around_rad), np.sin(foot.around_rad), np.cos(foot.around_rad)], axis=-1)
+    along = np.stack([foot.along_m, np.zeros_like(foot.along_m), np.zeros_like(foot.along_m)], axis=-1)
+    toe = along + (_ROD_RADIUS_M + _TOE_M + foot.lift_m)[:, None] * outward
+    pitch = _DEG * (38 + 17 * np.cos(2 * np.pi * (foot.cycle - 0.68)))[:, None]
+    level = np.array([-np.cos(0.5), mirror * np.sin(0.5), 0.0])
+    # level and outward are not at right angles: the sum is made a unit vector
+    direction = np.cos(pitch) * level + np.sin(pitch) * outward
+    return toe, toe + length_m * direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+
+
+def _solids(rod: dict[str, Array], girdles: dict[str, Array], world: Array) -> tuple[Solid, ...]:
+    """Chest, belly, head and the rod itself."""
+
+    def solid(centre: Array, rotation: Array, semi_axes: tuple[float, float, float]) -> Solid:
+        return Solid(centre_m=rotated(world, centre), rotation=world @ rotation, semi_axes_m=np.array(semi_axes))
+
+    below = np.array([0, 0, -0.0063])
+    skull = (rod["head"] + rod["snout"]) / 2 + rotated(girdles["head"], np.array([0, 0, -0.0045]))
+    still = np.broadcast_to(np.eye(3), girdles["neck"].shape)
+    return (
+        solid((rod["neck"] + rod["spine"]) / 2 + below, girdles["neck"], (0.013, 0.0055, 0.0055)),
+        solid((rod["spine"] + rod["pelvis"]) / 2 + below, girdles["pelvis"], (0.014, 0.0055, 0.0055)),
+        solid(skull, girdles["head"], (0.009, 0.0045, 0.004)),
+        solid(np.zeros_like(rod["spine"]), still, (np.inf, _ROD_RADIUS_M, _ROD_RADIUS_M)),
+    )

@@ -1,0 +1,44 @@
+"""The 24 markers of the lizard, its bones and joints."""
+
+from itertools import pairwise
+
+from mocap.skeleton import Bone, Joint, Skeleton
+
+AXIAL = ("snout", "head", "neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3")
+LIMBS = {"fore": ("shoulder", "elbow", "wrist", "hand"), "hind": ("hip", "knee", "ankle", "foot")}
+MARKERS = AXIAL + tuple(f"{name}_{side}" for limb in LIMBS.values() for side in "lr" for name in limb)
+TRUNK = ("neck", "spine", "shoulder_l", "shoulder_r")
+
+
+def lizard_skeleton() -> Skeleton:
+    """The lizard's skeleton; every bone is rigid."""
+    bones = [Bone(a=a, b=b) for a, b in pairwise(AXIAL)]
+    bones += [Bone(a="shoulder_l", b="shoulder_r"), Bone(a="hip_l", b="hip_r")]
+    joints = [
+        Joint(name=centre, parent=parent, centre=centre, child=child)
+        for parent, centre, child in zip(AXIAL[:-2], AXIAL[1:-1], AXIAL[2:], strict=True)
+    ]
+    for side in "lr":
+        for girdle, limb in (("neck", "fore"), ("pelvis", "hind")):
+            chain = (girdle, *(f"{name}_{side}" for name in LIMBS[limb]))
+            bones += [Bone(a=a, b=b) for a, b in pairwise(chain)]
+            joints += [
+                Joint(name=centre, parent=parent, centre=centre, child=child)
+                for parent, centre, child in zip(chain[:-2], chain[1:-1], chain[2:], strict=True)
+            ]
+    return Skeleton(
+        name="lizard",
+        markers=MARKERS,
+        bones=tuple(bones),
+        joints=tuple(joints),
+        trunk=TRUNK,
+        max_speed_m_s=3.0,
+    )
+
+
+def extremities() -> tuple[tuple[str, ...], ...]:
+    """Sets of markers that are lost together: each hand, each foot, the end of the tail."""
+    return (
+        *((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("wrist", "hand"), ("ankle", "foot"))),
+        ("tail_2", "tail_3"),
+    )

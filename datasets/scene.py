@@ -1,0 +1,67 @@
+"""A scene: an animal in motion, before any camera looks at it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from datasets.occlusion import Solid
+from mocap.arrays import Array, frozen
+from mocap.records import MarkerTracks, Origin
+from mocap.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene:
+    """An animal in motion.
+
+    Attributes:
+        skeleton: Its markers, M of them, in the order of ``xyz_m``.
+        t_s: (T,) times.
+        xyz_m: (T, M, 3) markers in the world: right-handed, z up, origin in the measured volume.
+        triangles: (K, 3) marker indices of opaque membranes.
+        solids: Opaque bodies.
+        clearance_m: A membrane or surface this close to a marker does not hide it.
+        clusters: Sets of markers that are lost together, such as a wing tip.
+        contact: (T, M) True where a marker stands still on the ground.
+    """
+
+    skeleton: Skeleton
+    t_s: Array
+    xyz_m: Array
+    triangles: NDArray[np.intp]
+    solids: tuple[Solid, ...]
+    clearance_m: float
+    clusters: tuple[tuple[str, ...], ...]
+    contact: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        n_markers = len(self.skeleton.markers)
+        object.__setattr__(self, "t_s", frozen("t_s", self.t_s, (None,)))
+        object.__setattr__(self, "xyz_m", frozen("xyz_m", self.xyz_m, (len(self.t_s), n_markers, 3)))
+        object.__setattr__(self, "triangles", frozen("triangles", self.triangles, (None, 3), dtype=np.intp))
+        object.__setattr__(self, "contact", frozen("contact", self.contact, self.xyz_m.shape[:2], dtype=np.bool_))
+
+    @property
+    def truth(self) -> MarkerTracks:
+        """The markers, complete and without error."""
+        n_frames, n_markers = self.xyz_m.shape[:2]
+        return MarkerTracks(
+            names=self.skeleton.markers,
+            t_s=self.t_s,
+            xyz_m=self.xyz_m,
+            cov_m2=np.zeros((n_frames, n_markers, 3, 3)),
+            origin=np.full((n_frames, n_markers), Origin.MEASURED),
+        )
+
+
+def frame_times(n_frames: int, fps: float) -> Array:
+    """(T,) times of ``n_frames`` frames from 0 on.
+
+    Raises:
+        ValueError: no frames, or a rate that is not positive.
+    """
+    if n_frames < 1 or not fps > 0:
+        raise ValueError(f"n_frames must be 1 or more and fps above 0, but they are {n_frames} and {fps:g}")
+    return np.arange(n_frames) / fps

@@ -72,6 +72,12 @@ def test_a_triangle_hides_only_between_eye_and_marker(z_m, hidden):
     np.testing.assert_array_equal(got, [[False, False, False, hidden]])
 
 
+def test_a_triangle_never_hides_its_own_corners():
+    """Rays to corners meet the triangle at depth 1 to rounding, on either side: with no clearance none may count."""
+    xyz_m = np.random.default_rng(8).normal(size=(500, 3, 3))
+    assert not hidden_by_triangles(np.array([0.1, 0.2, 9.0]), xyz_m, np.array([[0, 1, 2]]), clearance_m=0).any()
+
+
 def test_clearance_keeps_markers_on_the_surface_visible():
     """A marker 2 mm under the near side of a ball of 50 mm is visible at 3 mm clearance, at 1 mm it is not."""
     ball = Solid(centre_m=np.zeros((1, 3)), rotation=np.eye(3)[None], semi_axes_m=np.full(3, 0.05))

@@ -7,7 +7,9 @@ from eal.fitting import Root
 from eal.kernels import Kernel
 
 
-def findings_of(z: Array, names: tuple[str, ...], kernel: Kernel, sigma_lambda: float, found: Root) -> tuple[str, ...]:
+def findings_of(
+    z: Array, names: tuple[str, ...], kernel: Kernel, sigma_lambda: float, found: Root, error_bound: float
+) -> tuple[str, ...]:
     """Sentences on samples and settings that a user should read; empty where all is well.
 
     Args:
@@ -16,6 +18,7 @@ def findings_of(z: Array, names: tuple[str, ...], kernel: Kernel, sigma_lambda: 
         kernel: The kernel.
         sigma_lambda: lambda in units of the eigenvalues of T_z.
         found: The root.
+        error_bound: sup |V - V of all samples|.
 
     Returns:
         What was found, what it means, what to do.
@@ -53,9 +56,9 @@ def findings_of(z: Array, names: tuple[str, ...], kernel: Kernel, sigma_lambda: 
         )
     if sigma_lambda < 1e-11:
         sentences.append(f"lambda = {sigma_lambda:.2g} is near rounding: V on the samples has few correct digits")
-    if found.error_bound > 0.01 and found.method != "exact":
+    if error_bound > 0.01 and found.method != "exact":
         sentences.append(
-            f"V may be off by up to {found.error_bound:.2g} away from the samples ({found.method}, "
+            f"V may be off by up to {error_bound:.2g} away from the samples ({found.method}, "
             f"{len(found.centres)} centres): raise lambda or max_rank, or take method='exact'"
         )
     if not np.isfinite(kernel.curvature):

@@ -25,14 +25,14 @@ class Root:
         centres: (m, d) samples whose kernels are evaluated.
         root: (m, r) B.
         eigenvalues: (r,) eigenvalues sigma of T_z, decreasing.
-        error_bound: Nowhere is V farther from the V of all samples than this (1 where no bound is known).
+        missing: Trace of T_z that the factor leaves out, see ``truncation_bound``.
         method: How it was found.
     """
 
     centres: Array
     root: Array
     eigenvalues: Array
-    error_bound: float
+    missing: float
     method: str
 
 
@@ -80,8 +80,7 @@ def _exact(kernel: Kernel, z: Array, weights: Array, lam: float, spectral_filter
     s, vectors = np.linalg.eigh(scale[:, None] * kernel.gram(z, z) * scale)
     sigma, vectors = s[::-1] / total, vectors[:, ::-1]
     root = scale[:, None] * vectors * np.sqrt(spectral_filter.gain(sigma, lam) / total)
-    rounding = float(np.finfo(np.float64).eps * np.sqrt(len(z)) / lam)
-    return Root(centres=z, root=root, eigenvalues=sigma, error_bound=min(rounding, 1.0), method="exact")
+    return Root(centres=z, root=root, eigenvalues=sigma, missing=0.0, method="exact")
 
 
 def _cholesky(
@@ -104,8 +103,7 @@ def _cholesky(
     columns = right.T * np.sqrt(spectral_filter.response(sigma, lam))
     root = solve_triangular(factor.corner, columns, lower=True, trans=1, check_finite=False)
     missing = max(float(weights @ factor.residual / total), float(np.finfo(np.float64).eps))
-    bound = truncation_bound(spectral_filter, sigma, lam, missing)
-    return Root(centres=z[factor.pivots], root=root, eigenvalues=sigma, error_bound=bound, method="cholesky")
+    return Root(centres=z[factor.pivots], root=root, eigenvalues=sigma, missing=missing, method="cholesky")
 
 
 def _randomised(
@@ -125,8 +123,7 @@ def _randomised(
     sigma = s / total
     root = scale[:, None] * vectors * np.sqrt(spectral_filter.gain(sigma, lam) / total)
     missing = max(1.0 - float(sigma.sum()), float(np.finfo(np.float64).eps))
-    bound = truncation_bound(spectral_filter, sigma, lam, missing)
-    return Root(centres=z, root=root, eigenvalues=sigma, error_bound=bound, method="randomised")
+    return Root(centres=z, root=root, eigenvalues=sigma, missing=missing, method="randomised")
 
 
 def truncation_bound(spectral_filter: SpectralFilter, sigma: Array, lam: float, missing: float) -> float:

@@ -1,7 +1,7 @@
 """The empirical potential V_z of the EAL paper: zero-like on the samples, 1 far from them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from eal import archive, evaluation, fitting
 from eal.arrays import Array, frozen, points, positive
 from eal.findings import findings_of
+from eal.fitting import Root
 from eal.kernels import Kernel
-from eal.spectral import FILTERS, Scaling, SpectralFilter, Tail, effective_lambda
+from eal.spectral import FILTERS, Projection, Scaling, SpectralFilter, Tail, effective_lambda
 
 MIN_LAMBDA = 1e-13
 """Below this V is rounding: it turned negative at 1e-14."""
@@ -34,7 +35,7 @@ class EmpiricalPotential:
         centres: (m, d) the samples whose kernels are evaluated.
         root: (m, r) B.
         eigenvalues: (r,) eigenvalues sigma of T_z, decreasing, in [0, 1].
-        error_bound: sup |V - V of all samples|, see ``eal.fitting.truncation_bound``; 1 where none is known.
+        missing: Trace of T_z that the factor leaves out; 0 for the exact method.
         method: ``exact``, ``cholesky`` or ``randomised``.
         names: d coordinate names.
         units: d units.
@@ -50,7 +51,7 @@ class EmpiricalPotential:
     centres: Array
     root: Array
     eigenvalues: Array
-    error_bound: float
+    missing: float
     method: str
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -75,6 +76,13 @@ class EmpiricalPotential:
     def effective_rank(self) -> float:
         """Trace of g_lambda(T_z) T_z: how many independent functions vanish off the samples."""
         return float(self.spectral_filter.response(self.eigenvalues, self.sigma_lambda).sum())
+
+    @property
+    def error_bound(self) -> float:
+        """Sup |V - V of all samples|, see ``eal.fitting.truncation_bound``; 1 where no bound is known."""
+        if self.method == "exact":
+            return min(float(np.finfo(np.float64).eps * np.sqrt(len(self.samples)) / self.sigma_lambda), 1.0)
+        return fitting.truncation_bound(self.spectral_filter, self.eigenvalues, self.sigma_lambda, self.missing)
 
     @property
     def curvature_limit(self) -> float:
@@ -121,6 +129,32 @@ class EmpiricalPotential:
         """Hessian of -log(1 - V_z): (..., d) to (..., d, d), in 1/unit^2; raises as ``value``."""
         return self._at(evaluation.barrier_hessian, q, second=True)
 
+    def with_lambda(self, lam: float) -> "EmpiricalPotential":
+        """The potential of the same samples at another lambda, without learning again: the columns of B scale.
+
+        Fit at the smallest lambda wanted, where the factor has to be most accurate.
+
+        Raises:
+            ValueError: lambda as in ``fit_potential``, or a projection, whose cut modes cannot come back.
+        """
+        if isinstance(self.spectral_filter, Projection):
+            raise ValueError("with_lambda cannot bring back modes that a projection has cut: use fit_potential")
+        total = float(self.weights.sum())
+        new = _checked_lambda(lam, total, self.scaling)
+        ratio = self.spectral_filter.gain(self.eigenvalues, new) / self.spectral_filter.gain(
+            self.eigenvalues, self.sigma_lambda
+        )
+        root = Root(
+            centres=self.centres,
+            root=self.root * np.sqrt(ratio),
+            eigenvalues=self.eigenvalues,
+            missing=self.missing,
+            method=self.method,
+        )
+        changed = replace(self, lam=float(lam), root=root.root)
+        sentences = findings_of(self.samples, self.names, self.kernel, new, root, changed.error_bound)
+        return replace(changed, findings=sentences)
+
     def save(self, path: Path | str) -> None:
         """Write to an ``.npz`` file with all settings; written to a temporary name and renamed when whole."""
         archive.write(
@@ -131,7 +165,7 @@ class EmpiricalPotential:
                 "lam": self.lam,
                 "spectral_filter": self.spectral_filter.name,
                 "scaling": self.scaling,
-                "error_bound": self.error_bound,
+                "missing": self.missing,
                 "method": self.method,
                 "names": list(self.names),
                 "units": list(self.units),
@@ -197,12 +231,7 @@ def fit_potential(
     if w.shape != (len(z),) or not (np.isfinite(w).all() and (w > 0.0).all()):
         raise ValueError(f"weights must be {len(z)} finite numbers above 0, one a sample, but have shape {w.shape}")
     spectral_filter = Tail() if spectral_filter is None else spectral_filter
-    sigma_lambda = effective_lambda(positive("lam", lam), float(w.sum()), scaling)
-    if sigma_lambda < MIN_LAMBDA:
-        raise ValueError(
-            f"lam must be at least {MIN_LAMBDA:g} in units of the eigenvalues of K / N, but is {sigma_lambda:g}: "
-            "V would be rounding; take a larger lam"
-        )
+    sigma_lambda = _checked_lambda(lam, float(w.sum()), scaling)
     labels = tuple(f"q{j}" for j in range(z.shape[1])) if names is None else tuple(names)
     measures = ("1",) * z.shape[1] if units is None else tuple(units)
     if not len(labels) == len(measures) == z.shape[1]:
@@ -220,7 +249,7 @@ def fit_potential(
         max_rank=max_rank,
         rng=rng,
     )
-    return EmpiricalPotential(
+    potential = EmpiricalPotential(
         kernel=kernel,
         lam=float(lam),
         spectral_filter=spectral_filter,
@@ -230,12 +259,24 @@ def fit_potential(
         centres=found.centres,
         root=found.root,
         eigenvalues=found.eigenvalues,
-        error_bound=found.error_bound,
+        missing=found.missing,
         method=found.method,
         names=labels,
         units=measures,
-        findings=findings_of(z, labels, kernel, sigma_lambda, found),
     )
+    sentences = findings_of(z, labels, kernel, sigma_lambda, found, potential.error_bound)
+    return replace(potential, findings=sentences)
+
+
+def _checked_lambda(lam: float, total: float, scaling: Scaling) -> float:
+    """Lambda in units of sigma, above rounding."""
+    sigma_lambda = effective_lambda(positive("lam", lam), total, scaling)
+    if sigma_lambda < MIN_LAMBDA:
+        raise ValueError(
+            f"lam must be at least {MIN_LAMBDA:g} in units of the eigenvalues of K / N, but is {sigma_lambda:g}: "
+            "V would be rounding; take a larger lam"
+        )
+    return sigma_lambda
 
 
 def load_potential(path: Path | str) -> EmpiricalPotential:
@@ -250,7 +291,7 @@ def load_potential(path: Path | str) -> EmpiricalPotential:
         lam=settings["lam"],
         spectral_filter=FILTERS[settings["spectral_filter"]],
         scaling=settings["scaling"],
-        error_bound=settings["error_bound"],
+        missing=settings["missing"],
         method=settings["method"],
         names=tuple(settings["names"]),
         units=tuple(settings["units"]),

@@ -167,6 +167,24 @@ def test_weights_are_repeats(method, rng):
     assert not weighted.findings
 
 
+@pytest.mark.parametrize("spectral_filter", [Tail(), Tikhonov()], ids=lambda f: f.name)
+@pytest.mark.parametrize("method", ["exact", "cholesky"])
+def test_another_lambda_needs_no_new_fit(spectral_filter, method, rng):
+    """with_lambda is the fit at that lambda on the same factor, to rounding over lambda."""
+    z, q = circle(rng), rng.standard_normal((30, 2))
+    settings = {"kernel": GaussianKernel(3.0), "spectral_filter": spectral_filter, "method": method, "accuracy": 1e-9}
+    moved = fit_potential(z, lam=1e-6, **settings).with_lambda(1e-3)
+    fresh = fit_potential(z, lam=1e-3, **settings)
+    np.testing.assert_allclose(moved.value(q), fresh.value(q), atol=1e-9)
+    assert moved.error_bound == pytest.approx(fresh.error_bound, rel=1e-6)
+
+
+def test_a_projection_is_fitted_again(rng):
+    fitted = fit_potential(circle(rng), kernel=GaussianKernel(3.0), lam=1e-3, spectral_filter=Projection())
+    with pytest.raises(ValueError, match="use fit_potential"):
+        fitted.with_lambda(1e-4)
+
+
 def test_rotating_the_world_rotates_the_potential(rng):
     """V(R q; R z) = V(q; z) for a radial kernel, to rounding over lambda."""
     z, q = circle(rng), rng.standard_normal((30, 2))

@@ -1,0 +1,238 @@
+"""Integrators: order, reversibility, stability limits, constraints, and agreement between independent ways."""
+
+import numpy as np
+import pytest
+
+from eal import GaussianKernel, LaplaceKernel, fit_potential, systems
+from eal.compiled import simulate_compiled
+from eal.constraints import constrained_acceleration, project, unit_radius, unit_sphere
+from eal.integrators import (
+    IntegrationError,
+    StabilityError,
+    integrate,
+    integrate_adaptive,
+    largest_strength,
+    midpoint_step,
+    rattle_step,
+    rk4_step,
+    simulate,
+    verlet_step,
+)
+from eal.lagrangian import AnalyticPenalty, PenalisedModel, drift
+from eal.stack import PotentialStack
+
+PENDULUM, SPHERE = systems.planar_pendulum(), systems.spherical_pendulum()
+START, REST = np.array([1.0, np.pi / 6]), np.zeros(2)
+BALL, PUSH = np.array([np.sqrt(0.5), 0.0, -np.sqrt(0.5)]), np.array([0.0, 1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """400 samples evenly over 10 s of the true motion of the planar pendulum."""
+    acceleration = constrained_acceleration(PENDULUM, unit_radius())
+    return integrate_adaptive(acceleration, START, REST, t_s=np.linspace(0, 10, 400), rtol=1e-12, atol=1e-13).q
+
+
+def _bang_bang(t, q, v):  # noqa: ARG001
+    return -1e6 * np.sign(q - 1.0)
+
+
+def slope(steps, errors):
+    return np.polyfit(np.log(steps), np.log(errors), 1)[0]
+
+
+@pytest.mark.parametrize(
+    ("step", "order"), [(rk4_step, 4), (verlet_step, 2), (midpoint_step, 2)], ids=["rk4", "verlet", "midpoint"]
+)
+def test_order_of_convergence(step, order):
+    """The error over 1 s of a double pendulum falls as h^order; the next order tilts the slope by less than 0.1."""
+    chain = systems.double_pendulum()
+    penalty = AnalyticPenalty(value=lambda q: 0 * q[..., 0], gradient=lambda q: 0 * q, curvature_limit=1.0)
+    model = PenalisedModel(system=chain, penalty=penalty, strength=0.0)
+    q0, v0 = np.array([1.0, 0.5]), np.array([0.0, 1.0])
+    truth = integrate_adaptive(model.acceleration, q0, v0, t_s=np.array([0.0, 1.0]), rtol=3e-14, atol=1e-14).q[-1]
+    counts = (100, 200, 400)
+    print(
+        [
+            np.abs(integrate(step, model.acceleration, q0, v0, h_s=1 / n, steps=n, every=n).q[-1] - truth).max()
+            for n in counts
+        ]
+    )
+    errors = [
+        np.abs(integrate(step, model.acceleration, q0, v0, h_s=1 / n, steps=n, every=n).q[-1] - truth).max()
+        for n in counts
+    ]
+    assert slope([1 / n for n in counts], errors) == pytest.approx(order, abs=0.1)
+
+
+def test_rattle_is_of_order_two_and_stays_on_the_sphere():
+    """Error over 1 s against the projected DOP853 solution falls as h^2; phi and G v stay at rounding."""
+    truth = integrate_adaptive(
+        constrained_acceleration(SPHERE, unit_sphere()), BALL, PUSH, t_s=np.array([0.0, 1.0]), rtol=1e-13, atol=1e-14
+    ).q[-1]
+    step, free = rattle_step(SPHERE, unit_sphere()), lambda t, q, v: SPHERE.solve(q, SPHERE.force(q, v))  # noqa: ARG005
+    counts, errors = (100, 200, 400), []
+    for n in counts:
+        run = integrate(step, free, BALL, PUSH, h_s=1 / n, steps=n)
+        errors.append(np.abs(run.q[-1] - truth).max())
+        assert np.abs(unit_sphere().value(run.q)).max() < 1e-15
+        assert np.abs(np.einsum("ti,ti->t", run.q, run.v)).max() < 1e-14
+    assert slope([1 / n for n in counts], errors) == pytest.approx(2, abs=0.05)
+
+
+def test_rattle_agrees_with_projected_rk4():
+    """Two independent ways to the truth, h = 1e-3 over 2 s: apart by RATTLE's h^2 error, below 1e-5."""
+    n, free = 2000, lambda t, q, v: SPHERE.solve(q, SPHERE.force(q, v))  # noqa: ARG005
+    one = integrate(rattle_step(SPHERE, unit_sphere()), free, BALL, PUSH, h_s=1e-3, steps=n, every=n).q[-1]
+
+    def projected(acceleration, t, q, v, h):
+        return project(SPHERE, unit_sphere(), *rk4_step(acceleration, t, q, v, h))
+
+    acceleration = constrained_acceleration(SPHERE, unit_sphere())
+    two = integrate(projected, acceleration, BALL, PUSH, h_s=1e-3, steps=n, every=n).q[-1]
+    assert np.abs(one - two).max() < 1e-5
+    assert abs(np.linalg.norm(two) - 1) < 1e-15
+
+
+@pytest.mark.parametrize("method", ["verlet", "midpoint", "rattle"])
+def test_symmetric_methods_run_backwards(method):
+    """N steps, velocity reversed, n steps: back to the start, to rounding (velocity-independent forces)."""
+    step = {"verlet": verlet_step, "midpoint": midpoint_step, "rattle": rattle_step(SPHERE, unit_sphere())}[method]
+    free = lambda t, q, v: SPHERE.solve(q, SPHERE.force(q, v)) - 20 * q  # noqa: ARG005, E731
+    there = integrate(step, free, BALL, PUSH, h_s=0.01, steps=200, every=200)
+    back = integrate(step, free, there.q[-1], -there.v[-1], h_s=0.01, steps=200, every=200)
+    np.testing.assert_allclose(back.q[-1], BALL, atol=1e-11)
+    np.testing.assert_allclose(back.v[-1], -PUSH, atol=1e-11)
+
+
+def test_symplectic_methods_hold_the_energy_that_rk4_loses():
+    """Harmonic oscillator, omega h = 0.3, 5000 steps.
+
+    RK4 loses (omega h)^6/72 of the energy a step; Verlet's stays within (omega h)^2/4 of it, midpoint's to rounding.
+    """
+    omega = 30.0
+    spring = lambda t, q, v: -(omega**2) * q  # noqa: ARG005, E731
+    energies = {}
+    for name, step in (("rk4", rk4_step), ("verlet", verlet_step), ("midpoint", midpoint_step)):
+        run = integrate(step, spring, np.array([1.0]), np.array([0.0]), h_s=0.01, steps=5000)
+        energies[name] = 0.5 * (run.v[:, 0] ** 2 + omega**2 * run.q[:, 0] ** 2) / (0.5 * omega**2)
+    assert energies["rk4"][-1] == pytest.approx((1 - 0.3**6 / 72) ** 5000, rel=0.01)
+    assert drift(energies["verlet"]) < 0.3**2 / 4 * 1.05
+    assert drift(energies["midpoint"]) < 1e-9
+
+
+@pytest.mark.parametrize("method", ["rk4", "verlet"])
+def test_stability_limit_is_where_the_method_breaks(method, swing):
+    """At 0.97 of the limit V stays below Theorem 3's bound; a hand-made run at 1.06 of it does not."""
+    potential = fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-8)
+    h = 1e-3
+    limit = largest_strength(method, h, curvature=potential.curvature_limit)
+    if method == "rk4":
+        assert limit == pytest.approx(8 / (4 * 3 * h**2))
+    step = {"rk4": rk4_step, "verlet": verlet_step}[method]
+    peaks = []
+    for share in (0.97, 1.06):
+        model = PenalisedModel(system=PENDULUM, penalty=potential, strength=share * limit)
+        try:
+            run = integrate(step, model.acceleration, START, REST, h_s=h, steps=1000)
+            peaks.append(np.abs(run.q[:, 0] - 1).max())
+        except IntegrationError:
+            peaks.append(np.inf)
+    assert peaks[0] < 1e-4
+    assert peaks[1] > 1e-2
+
+
+def test_step_beyond_the_limit_is_refused(swing):
+    potential = fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-6)
+    model = PenalisedModel(system=PENDULUM, penalty=potential, strength=1e8)
+    with pytest.raises(StabilityError, match=r"stability limit 6.67e\+07 of rk4 with a step of 0.0001 s"):
+        simulate(model, START, REST, duration_s=0.01)
+    stiff = simulate(model, START, REST, duration_s=0.01, method="midpoint", h_s=1e-3)
+    assert np.abs(stiff.q[:, 0] - 1).max() < 1e-5
+
+
+def test_a_cusp_has_no_stable_step(swing):
+    model = PenalisedModel(
+        system=PENDULUM, penalty=fit_potential(swing, kernel=LaplaceKernel(1.0), lam=1e-3), strength=1.0
+    )
+    with pytest.raises(StabilityError):
+        simulate(model, START, REST, duration_s=0.01)
+
+
+def test_batch_is_the_same_as_one_by_one(swing):
+    """A stack over lambda and a batch over 1/eps^2 and starts gives what single runs give, to rounding."""
+    potential = fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-6)
+    members = [potential, potential.with_lambda(1e-3), fit_potential(swing[::2], kernel=GaussianKernel(3.0), lam=1e-4)]
+    strengths = np.array([1e2, 1e4])
+    starts = np.stack([START, START - 0.3 * np.eye(2)[1]])
+    model = PenalisedModel(
+        system=PENDULUM, penalty=PotentialStack(members), strength=np.broadcast_to(strengths, (3, 2))
+    )
+    together = simulate(model, np.broadcast_to(starts, (3, 2, 2)), REST, duration_s=0.01)
+    np.testing.assert_allclose(
+        PotentialStack(members).value(together.q[-1]),
+        [p.value(x) for p, x in zip(members, together.q[-1], strict=True)],
+        atol=1e-13,
+    )
+    for i, member in enumerate(members):
+        for j, strength in enumerate(strengths):
+            alone = simulate(
+                PenalisedModel(system=PENDULUM, penalty=member, strength=strength), starts[j], REST, duration_s=0.01
+            )
+            np.testing.assert_allclose(together.q[:, i, j], alone.q, atol=1e-11)
+
+
+def test_compiled_runs_are_the_numpy_runs(swing):
+    """The JAX loop with derived equations equals RK4 in NumPy with closed ones over 500 steps, and so do the peaks."""
+    potential = fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-6)
+    members, strengths = [potential, potential.with_lambda(1e-3)], np.array([1e3, 1e5, 1e6])
+    compiled = simulate_compiled(
+        PENDULUM, members, strengths, START, REST, duration_s=0.05, every=50, monitor=lambda q: abs(q[0] - 1.0)
+    )
+    model = PenalisedModel(
+        system=PENDULUM, penalty=PotentialStack(members), strength=np.broadcast_to(strengths, (2, 3))
+    )
+    plain = simulate(model, START, REST, duration_s=0.05)
+    np.testing.assert_allclose(compiled.trajectory.q, plain.q[::50], atol=1e-10)
+    np.testing.assert_allclose(compiled.peaks[-1], np.abs(plain.q[..., 0] - 1).max(axis=0), atol=1e-10)
+
+
+def test_scipy_and_rk4_agree_on_a_penalised_run(swing):
+    """DOP853 at rtol 1e-10 and RK4 with omega h = 0.11: RK4's phase error, 0.11^5/120 x 500 steps of 1e-4 amplitude."""
+    model = PenalisedModel(
+        system=PENDULUM, penalty=fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-6), strength=1e5
+    )
+    plain = simulate(model, START, REST, duration_s=0.05)
+    adaptive = integrate_adaptive(model.acceleration, START, REST, t_s=plain.t_s[::100], rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(adaptive.q, plain.q[::100], atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("run", "error", "message"),
+    [
+        (lambda m: simulate(m, START, REST, duration_s=0.01, method="euler"), ValueError, "method must be one of"),
+        (lambda m: simulate(m, np.zeros(3), np.zeros(3), duration_s=0.01), ValueError, "2 coordinates"),
+        (
+            lambda m: integrate(rattle_step(PENDULUM, unit_radius()), m.acceleration, START, REST, h_s=1e-3, steps=1),
+            ValueError,
+            "RATTLE needs a constant mass matrix",
+        ),
+        (
+            lambda m: integrate(rk4_step, lambda t, q, v: q**3 * 1e9, START, REST, h_s=1.0, steps=50),  # noqa: ARG005
+            IntegrationError,
+            "stopped being finite near",
+        ),
+        (
+            lambda m: integrate(midpoint_step, _bang_bang, 1.1 * START, REST, h_s=1.0, steps=5),  # noqa: ARG005
+            IntegrationError,
+            "no convergence",
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:overflow|invalid:RuntimeWarning")
+def test_what_cannot_be_integrated_is_named(run, error, message, swing):
+    model = PenalisedModel(
+        system=PENDULUM, penalty=fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-4), strength=1e3
+    )
+    with pytest.raises(error, match=message):
+        run(model)

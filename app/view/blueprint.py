@@ -1,0 +1,162 @@
+"""What is where on the screen: tabs of views, built from what the run has."""
+
+import rerun.blueprint as rrb
+
+from app.view import palette, paths
+from app.view.columns import FRAME
+from app.view.layout import Layout
+from app.view.log_cameras import WHISKER_SCALE
+from app.view.log_gaps import MAP_SIZE
+from app.view.scene_views import last_frames, rig_view, scene_view, surface_view
+
+_OVERVIEW_TILES = 4
+_LEGEND_LINES = 8
+
+
+def make_blueprint(layout: Layout) -> rrb.Blueprint:
+    """Tabs Overview, Cameras, Joints and potentials, Filter health, Report; those without content are left out."""
+    tabs = [overview(layout)]
+    if layout.bounds_px:
+        tabs.append(cameras(layout))
+    if layout.joint_frames:
+        tabs.append(joints(layout))
+    tabs += [health(layout), report_view()]
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, active_tab=0, name=layout.name),
+        rrb.TimePanel(
+            state=rrb.PanelState.Collapsed,
+            timeline=FRAME,
+            fps=layout.fps,
+            play_state=rrb.components.PlayState.Paused,
+        ),
+        rrb.SelectionPanel(state=rrb.PanelState.Hidden),
+        rrb.BlueprintPanel(state=rrb.PanelState.Hidden),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def overview(layout: Layout) -> rrb.Container:
+    """The scene, the cameras that saw most, and who was seen when."""
+    right: list[rrb.Container | rrb.View] = []
+    if layout.bounds_px:
+        names = list(layout.bounds_px)[:_OVERVIEW_TILES]
+        tiles = (camera_view(layout, name) for name in sorted(names, key=_camera_order(layout).index))
+        right.append(rrb.Grid(*tiles, grid_columns=min(2, len(names))))
+    right.append(gap_map_view())
+    return rrb.Horizontal(scene_view(layout), rrb.Vertical(*right), column_shares=[3, 2], name="Overview")
+
+
+def cameras(layout: Layout) -> rrb.Container:
+    """Where the cameras stand, and what each of them saw."""
+    tiles = rrb.Grid(*(camera_view(layout, name) for name in _camera_order(layout)))
+    return rrb.Horizontal(rig_view(layout), tiles, column_shares=[2, 3], name="Cameras")
+
+
+def camera_view(layout: Layout, name: str) -> rrb.View:
+    """One camera: its pixels, and the body as the viewer itself projects it; framed on what it saw."""
+    (left, top), (right, bottom) = layout.bounds_px[name]
+    return rrb.Spatial2DView(
+        origin=paths.image(name),
+        name=f"{name} (px, residuals {WHISKER_SCALE:g}x)",
+        contents=["$origin/**", paths.SKELETON, f"{paths.MARKERS}/filled"],
+        background=palette.GROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
+    )
+
+
+def gap_map_view() -> rrb.View:
+    """Who was seen when, at a glance."""
+    width, height = MAP_SIZE
+    return rrb.Spatial2DView(
+        origin=paths.GAP_MAP,
+        name="Gaps over frames: measured blue, filled yellow, rejected red",
+        background=palette.GROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[-0.25 * width, 1.02 * width], y_range=[-0.03 * height, 1.03 * height]
+        ),
+    )
+
+
+def gap_lanes_view() -> rrb.View:
+    """When each marker was seen, a lane each."""
+    return rrb.StateTimelineView(
+        origin=paths.GAPS,
+        name="Gaps of each marker (frames)",
+        time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+    )
+
+
+def joints(layout: Layout) -> rrb.Container:
+    """A tab for every joint that has a potential, and one for the others."""
+    parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
+    others = [name for name in layout.joint_frames if name not in layout.landscapes]
+    if others:
+        parts.append(rrb.Grid(*(coordinates_view(layout, name) for name in others), name="Other joints"))
+    return rrb.Tabs(*parts, active_tab=0, name="Joints and potentials")
+
+
+def joint(layout: Layout, name: str) -> rrb.Container:
+    """The potential of a joint, and the joint moving over it."""
+    land = layout.landscapes[name]
+    (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
+    heat_map = rrb.Spatial2DView(
+        origin=paths.heat_map(name),
+        name=f"{name} from above: q1 {x0:.0f} to {x1:.0f} mm right, q2 {y0:.0f} to {y1:.0f} mm up",
+        background=palette.GROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[-y1, -y0]),
+        overrides={f"{paths.heat_map(name)}/trail": last_frames(layout.trail_frames)},
+    )
+    value = series_view(f"{paths.joint_series(name)}/potential", f"{name}: potential on the way, V_z(q(t)) (0 to 1)")
+    return rrb.Vertical(
+        rrb.Horizontal(surface_view(layout, name), heat_map),
+        rrb.Horizontal(value, coordinates_view(layout, name)),
+        row_shares=[5, 2],
+        name=name,
+    )
+
+
+def coordinates_view(layout: Layout, name: str) -> rrb.View:
+    """The coordinates of a joint over time."""
+    frame = layout.joint_frames[name]
+    return series_view(f"{paths.joint_series(name)}/coordinates", f"{name}: coordinates in frame {frame} (mm)")
+
+
+def health(layout: Layout) -> rrb.Container:
+    """Is the filter consistent, frame by frame?"""
+    legend = len(layout.bounds_px) <= _LEGEND_LINES
+    limit = (0.0, layout.nis_limit)
+    views = [series_view(paths.NIS, "Normalised innovation squared per row, 95 % band (expected 1)", y_range=limit)]
+    if layout.bounds_px:
+        views += [
+            series_view(paths.INNOVATION, "Innovation before the update, rms of each camera (px)", legend=legend),
+            series_view(paths.RESIDUAL, "Residual after smoothing, rms of each camera (px)", legend=legend),
+        ]
+    views += [
+        series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
+        series_view(paths.ROWS, "Observations used in each frame (rows)", legend=False),
+        gap_lanes_view(),
+    ]
+    return rrb.Grid(*views, grid_columns=2, name="Filter health")
+
+
+def series_view(origin: str, name: str, *, y_range: tuple[float, float] | None = None, legend: bool = True) -> rrb.View:
+    """Lines over frames; all such views share their time axis."""
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=name,
+        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend),
+        background=rrb.archetypes.PlotBackground(color=palette.GROUND, show_grid=True),
+    )
+
+
+def report_view() -> rrb.View:
+    """The report."""
+    return rrb.TextDocumentView(origin=paths.REPORT, name="Report")
+
+
+def _camera_order(layout: Layout) -> list[str]:
+    """Cameras with pixels in the order of the recording."""
+    return [c.name for c in layout.scene.cameras if c.name in layout.bounds_px]

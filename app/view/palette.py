@@ -1,0 +1,65 @@
+"""Colours that colour-blind people can tell apart, on a dark ground."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+
+Rgb = tuple[int, int, int]
+
+# Okabe & Ito 2008, "Color universal design"
+SKY_BLUE: Rgb = (86, 180, 233)
+ORANGE: Rgb = (230, 159, 0)
+GREEN: Rgb = (0, 158, 115)
+YELLOW: Rgb = (240, 228, 66)
+BLUE: Rgb = (0, 114, 178)
+VERMILLION: Rgb = (213, 94, 0)
+PURPLE: Rgb = (204, 121, 167)
+
+WHITE: Rgb = (235, 238, 242)
+GREY: Rgb = (150, 156, 166)
+DIM: Rgb = (84, 92, 106)
+GROUND: Rgb = (16, 18, 23)
+
+SERIES: tuple[Rgb, ...] = (SKY_BLUE, ORANGE, GREEN, YELLOW, PURPLE, VERMILLION, BLUE, WHITE)
+"""In the order in which lines of a plot take them; more lines start over."""
+
+ORIGIN: dict[str, Rgb] = {"measured": SKY_BLUE, "filled": YELLOW, "rejected": VERMILLION}
+"""Colour of each class of samples (``paths.ORIGINS``): light, middle and dark also without hue."""
+
+DIM_ORIGIN: dict[str, Rgb] = {**ORIGIN, "measured": (38, 76, 99)}
+"""The same for large areas, where what was measured recedes."""
+
+# nine samples of matplotlib's viridis (van der Walt & Smith 2015)
+_VIRIDIS = np.array(
+    [
+        (68, 1, 84),
+        (71, 44, 122),
+        (59, 81, 139),
+        (44, 113, 142),
+        (33, 144, 141),
+        (39, 173, 129),
+        (92, 200, 99),
+        (170, 220, 50),
+        (253, 231, 37),
+    ]
+)
+
+
+def viridis(value: Array) -> NDArray[np.uint8]:
+    """Colours of values between 0 (dark violet) and 1 (yellow).
+
+    Args:
+        value: (...) numbers; outside of 0..1 they are clipped.
+
+    Returns:
+        (..., 3) red, green, blue.
+    """
+    at = np.clip(value, 0, 1) * (len(_VIRIDIS) - 1)
+    knots = np.arange(len(_VIRIDIS))
+    return np.stack([np.interp(at, knots, c) for c in _VIRIDIS.T], axis=-1).round().astype(np.uint8)
+
+
+def of_series(index: int) -> Rgb:
+    """Colour of line ``index`` of a plot."""
+    return SERIES[index % len(SERIES)]

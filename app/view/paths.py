@@ -1,0 +1,59 @@
+"""Every entity path of a recording, in one place."""
+
+from rerun import escape_entity_path_part
+
+WORLD = "/world"
+SKELETON = "/world/skeleton"
+MARKERS = "/world/markers"
+UNCERTAINTY = "/world/uncertainty"
+TRAILS = "/world/trails"
+PATH = "/world/path"
+CAMERAS = "/world/cameras"
+JOINTS = "/joints"
+HEALTH = "/health"
+INNOVATION = "/health/innovation"
+RESIDUAL = "/health/residual"
+NIS = "/health/nis"
+ROWS = "/health/rows"
+LOG_LIKELIHOOD = "/health/log_likelihood"
+GAPS = "/gaps"
+GAP_MAP = "/gap_map"
+REPORT = "/report"
+
+ORIGINS = ("measured", "filled", "rejected")
+"""Classes of samples; each has its own entity under ``MARKERS`` and ``UNCERTAINTY``, so that it can be toggled."""
+
+
+def child(parent: str, name: str) -> str:
+    """The path of ``name`` below ``parent``; any name is allowed."""
+    return f"{parent}/{escape_entity_path_part(name)}"
+
+
+def camera(name: str) -> str:
+    """Pose of a camera."""
+    return child(CAMERAS, name)
+
+
+def image(name: str) -> str:
+    """Image plane of a camera; what lies below it is in its pixels."""
+    return f"{camera(name)}/image"
+
+
+def joint(name: str) -> str:
+    """All about one joint."""
+    return child(JOINTS, name)
+
+
+def surface(name: str) -> str:
+    """Potential of a joint as a surface over its plane."""
+    return f"{joint(name)}/surface"
+
+
+def heat_map(name: str) -> str:
+    """Potential of a joint seen from above."""
+    return f"{joint(name)}/map"
+
+
+def joint_series(name: str) -> str:
+    """What a joint does over time."""
+    return f"{joint(name)}/series"

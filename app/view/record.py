@@ -1,0 +1,125 @@
+"""A run, written as one recording."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from app.run import Run
+from app.view.blueprint import make_blueprint
+from app.view.landscape import landscape
+from app.view.layout import Layout, joint_frames, run_layout
+from app.view.log_cameras import log_cameras, log_pixels
+from app.view.log_gaps import log_gap_map, log_gaps
+from app.view.log_health import log_health
+from app.view.log_joints import log_coordinates, log_potential
+from app.view.log_markers import log_markers, log_trails, log_uncertainty
+from app.view.log_report import log_report
+from app.view.log_world import log_world
+from app.view.scene import Scene, make_scene
+from mocap.errors import MocapError
+
+APPLICATION = "mocap"
+
+
+class RecordingError(MocapError):
+    """A recording could not be written."""
+
+
+def write_recording(run: Run, path: Path) -> None:
+    """Write all views of a run to a file, whole or not at all.
+
+    Args:
+        run: The run.
+        path: The ``.rrd`` to write; its folder exists.
+
+    Raises:
+        RecordingError: the file cannot be written there.
+    """
+    layout = make_layout(run)
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with _stream(partial, run, layout) as rec:
+            log_run(rec, run, layout)
+        os.replace(partial, path)
+    except (OSError, RuntimeError) as error:
+        raise RecordingError(
+            f"{path}: the recording was not written ({error}); check that the folder exists and can be written to, "
+            "and that the environment variable RERUN is not set to off"
+        ) from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def run_scene(run: Run) -> Scene:
+    """The scene of a run."""
+    uv_px = None if run.ideal_px is None else run.ideal_px.uv_px
+    return make_scene(run.cameras, xyz_m=run.tracked.markers.xyz_m, uv_px=uv_px, y_up=run.y_up)
+
+
+def make_layout(run: Run) -> Layout:
+    """All that is derived from a run before anything is written."""
+    frames = joint_frames(run)
+    landscapes = {
+        name: landscape(run.potentials[name], run.joints[frame])
+        for name, frame in frames.items()
+        if name in run.potentials
+    }
+    return run_layout(run, run_scene(run), landscapes=landscapes, joint_frames=frames)
+
+
+def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+    """Everything that a run has to show."""
+    scene, markers = layout.scene, run.tracked.markers
+    log_world(rec, scene, names=markers.names, skeleton=run.skeleton)
+    log_markers(rec, scene, markers)
+    log_uncertainty(rec, scene, markers)
+    log_trails(rec, scene, markers, trunk=run.skeleton.trunk)
+    log_gap_map(rec, markers)
+    log_gaps(rec, markers)
+    log_cameras(rec, scene)
+    if run.ideal_px is not None:
+        log_pixels(rec, scene, run.ideal_px, run.tracked)
+    log_health(rec, run.tracked, run.ideal_px)
+    for name, frame in layout.joint_frames.items():
+        log_coordinates(rec, run.joints[frame], name)
+    for name, land in layout.landscapes.items():
+        log_potential(rec, name, markers.t_s, land)
+    log_report(rec, run.report_text)
+
+
+def recording_id(run: Run) -> str:
+    """The run's name and a digest of its data: the same for the same run, on every machine."""
+    digest = hashlib.blake2b(digest_size=6)
+    markers = run.tracked.markers
+    arrays = [markers.t_s, markers.xyz_m, markers.origin, *(c.matrix for c in run.cameras)]
+    if run.ideal_px is not None:
+        arrays.append(run.ideal_px.uv_px)
+    arrays += [run.potentials[name].samples_m for name in sorted(run.potentials)]
+    digest.update("\n".join([run.name, run.tracked.model, *markers.names]).encode())
+    for array in arrays:
+        digest.update(str(array.shape).encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return f"{run.name}-{digest.hexdigest()}"
+
+
+@contextmanager
+def _stream(path: Path, run: Run, layout: Layout) -> Iterator[rr.RecordingStream]:
+    """A stream into a file, closed and whole afterwards; data that the viewer cannot take are an error meanwhile."""
+    strict = rr.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        rec = rr.RecordingStream(APPLICATION, recording_id=recording_id(run), send_properties=False)
+        rec.set_log_time_enabled(False)
+        rec.save(path, default_blueprint=make_blueprint(layout))
+        try:
+            yield rec
+        finally:
+            rec.flush(timeout_sec=60)
+            rec.disconnect()
+    finally:
+        rr.set_strict_mode(strict)

@@ -11,6 +11,7 @@ from app.view.scene_views import last_frames, rig_view, scene_view, surface_view
 
 _OVERVIEW_TILES = 4
 _LEGEND_LINES = 8
+_WIDE_TILES = 9
 
 
 def make_blueprint(layout: Layout) -> rrb.Blueprint:
@@ -58,7 +59,7 @@ def camera_view(layout: Layout, name: str) -> rrb.View:
     (left, top), (right, bottom) = layout.bounds_px[name]
     return rrb.Spatial2DView(
         origin=paths.image(name),
-        name=f"{name} (px, residuals {WHISKER_SCALE:g}x)",
+        name=f"{name} (px, residuals {WHISKER_SCALE:g}x)" if len(layout.bounds_px) <= _WIDE_TILES else f"{name} (px)",
         contents=["$origin/**", paths.SKELETON, f"{paths.MARKERS}/filled"],
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),

@@ -30,9 +30,9 @@ def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
             image_from_camera=camera.intrinsic,
             resolution=camera.size_px,
             camera_xyz=rr.ViewCoordinates.RDF,
-            image_plane_distance=0.12 * away_m,
+            image_plane_distance=0.1 * away_m,
             color=palette.GREY,
-            line_width=0.002 * away_m,
+            line_width=0.001 * away_m,
         )
         rec.log(paths.image(camera.name), pinhole, static=True)
         width, height = camera.size_px

@@ -13,30 +13,37 @@ MAP_SIZE = (160.0, 100.0)
 """Width and height of the map, in units of its view: all frames across, all markers down."""
 
 _NAMED_ROWS = 12
+_MAP_COLUMNS = 500
 _STATES = np.array(["", *paths.ORIGINS])
 
 
 def log_gap_map(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
-    """A picture of the class of every sample, a row a marker, with a line at the current frame."""
+    """A picture of the class of every sample, a row a marker, with a line at the current frame.
+
+    Where there are more frames than columns, a column shows the last class of ``paths.ORIGINS`` among its frames: one
+    rejected sample or a short gap is not lost.
+    """
     n_frames, n_markers = markers.origin.shape
     width, height = MAP_SIZE
-    step = width / n_frames, height / max(n_markers, 1)
+    n_columns = min(n_frames, _MAP_COLUMNS)
+    starts = -(-np.arange(n_columns) * n_frames // n_columns)
+    row_height = height / max(n_markers, 1)
     colors = np.array([palette.GROUND, *(palette.DIM_ORIGIN[name] for name in paths.ORIGINS)], dtype=np.uint8)
-    picture = np.moveaxis(colors[class_codes(markers)], 0, 1)
+    picture = colors[np.maximum.reduceat(class_codes(markers), starts, axis=0).T]
     samples = f"{paths.GAP_MAP}/samples"
-    rec.log(samples, rr.Transform3D(scale=(*step, 1.0)), static=True)
+    rec.log(samples, rr.Transform3D(scale=(width / n_columns, row_height, 1.0)), static=True)
     rec.log(samples, rr.Image(picture, draw_order=-10.0), static=True)
     every = max(1, -(-n_markers // _NAMED_ROWS))
     rows = np.arange(0, n_markers, every)
     names = rr.Points2D(
-        np.column_stack([np.full(len(rows), -0.12 * width), (rows + 0.5) * step[1] - 0.022 * height]),
+        np.column_stack([np.full(len(rows), -0.12 * width), (rows + 0.5) * row_height - 0.022 * height]),
         labels=[markers.names[m] for m in rows],
         colors=palette.GREY,
         radii=0.0,
         show_labels=True,
     )
     rec.log(f"{paths.GAP_MAP}/names", names, static=True)
-    x = (np.arange(n_frames) + 0.5) * step[0]
+    x = (np.arange(n_frames) + 0.5) * width / n_frames
     lines = segments(np.column_stack([x, np.zeros(n_frames)]), np.column_stack([x, np.full(n_frames, height)]))
     look = rr.LineStrips2D.from_fields(
         colors=palette.WHITE, radii=rr.components.Radius.ui_points(1.0), draw_order=20.0, show_labels=False
@@ -50,7 +57,7 @@ def log_gaps(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
     """The lanes: an entry where a marker's class changes; empty where it has no position."""
     look = rr.StateConfiguration(
         values=list(paths.ORIGINS),
-        labels=["", *paths.ORIGINS[1:]],
+        labels=[" ", *paths.ORIGINS[1:]],
         colors=[palette.DIM_ORIGIN[name] for name in paths.ORIGINS],
     )
     states = _STATES[class_codes(markers)]

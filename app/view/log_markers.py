@@ -131,11 +131,13 @@ def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, 
         rec: Where to.
         scene: The scene.
         markers: The markers.
-        trunk: Markers whose mean is the path, where all of them have a position; empty: all markers.
+        trunk: Markers whose mean is the path, where all of them that ever have a position have one; empty: all markers.
     """
     xyz = scene.points(markers.xyz_m)
-    columns = [m for m, name in enumerate(markers.names) if name in trunk or not trunk]
-    path = xyz[markers.seen[:, columns].all(axis=1)][:, columns].mean(axis=1)
+    ever = np.asarray(markers.seen.any(axis=0))
+    columns = [m for m, name in enumerate(markers.names) if ever[m] and (name in trunk or not trunk)]
+    whole = np.flatnonzero(markers.seen[:, columns].all(axis=1)) if columns else []
+    path = xyz[whole][:, columns].mean(axis=1) if len(whole) else np.empty((0, 3))
     ui = rr.components.Radius.ui_points
     rec.log(paths.PATH, rr.LineStrips3D([single(path)], colors=palette.BLUE, radii=ui(1.0)), static=True)
     rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=palette.DIM, radii=ui(0.75)), static=True)

@@ -42,7 +42,7 @@ def skeleton(*, n_extra: int = 0) -> Skeleton:
 
 
 def flight_m(t_s: Array) -> Array:
-    """(T, 18, 3) positions in metres: forward flight along x, the wings beating at 9 Hz, left is +y."""
+    """(T, 18, 3) positions in metres: flight to and fro along x, the wings beating at 9 Hz, left is +y."""
     phase = 2 * np.pi * 9 * t_s
     trunk = np.array([(0.06, 0, 0.01), (0.035, 0, 0), (0, 0, 0), (-0.04, 0, -0.005)])
     along = (0.03, 0.015, 0.05, 0.06, 0.03, -0.03, -0.05)
@@ -55,7 +55,8 @@ def flight_m(t_s: Array) -> Array:
     left = np.stack([sweep, 0.02 + reach * np.cos(beat), reach * np.sin(beat)], axis=-1)
     right = left * (1, -1, 1)
     body = np.concatenate([np.broadcast_to(trunk, (len(t_s), 4, 3)), left, right], axis=1)
-    path = np.column_stack([1.1 * t_s - 0.35, 0.05 * np.sin(3 * t_s), 0.6 + 0.012 * np.cos(phase) + 0.1 * t_s])
+    along = 0.4 * np.sin(1.3 * t_s - 0.9)
+    path = np.column_stack([along, 0.05 * np.sin(3 * t_s), 0.6 + 0.012 * np.cos(phase) + 0.1 * along])
     return body + path[:, None]
 
 

@@ -78,7 +78,7 @@ def amount(picture: NDArray, color: palette.Rgb) -> int:
 
 
 @pytest.mark.parametrize(
-    ("handed", "y_up", "skew"), [(1.0, False, 0.0), (-1.0, True, 0.0), (-1.0, False, 0.0), (1.0, True, 30.0)]
+    ("handed", "y_up", "skew"), [(1.0, False, 0.0), (-1.0, True, 0.0), (-1.0, False, 0.0), (1.0, True, 150.0)]
 )
 def test_the_viewer_projects_markers_to_our_pixels(viewer, tmp_path, handed, y_up, skew):
     """Every ball in a camera's tile is where our model puts the marker, in two frames and two cameras.

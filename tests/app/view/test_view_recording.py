@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from app.view import paths
+from app.view import palette, paths
 from app.view.blueprint import make_blueprint
 from app.view.log_cameras import WHISKER_SCALE
 from app.view.log_markers import ELLIPSOID_SD
@@ -167,6 +167,29 @@ def test_joint_moves_on_its_potential(run, rrd):
         np.testing.assert_array_equal(flat, (q_m * (1000, -1000)).astype(np.float32))
 
 
+def test_potential_is_drawn_where_it_is(run, rrd):
+    """Surface and map have the potential's height and colour at points that are worked out from the file alone."""
+    name = "L_elbow"
+    potential = run.potentials[name]
+
+    def value(xy_mm):
+        return potential.potential.value(np.asarray(xy_mm, dtype=np.float64) / 1000 / potential.scale_m)
+
+    vertices = column(rrd, f"{paths.surface(name)}/potential", "Mesh3D:vertex_positions")[2]
+    height_mm = make_layout(run).landscapes[name].height_mm
+    # float32 coordinates move V by 1e-5 mm times its slope, which is below 1 a millimetre
+    np.testing.assert_allclose(vertices[:, 2] / height_mm, value(vertices[:, :2]), atol=1e-5)
+    path = f"{paths.heat_map(name)}/potential"
+    x0, y0, _ = column(rrd, path, "Transform3D:translation")[2][0]
+    cell, _, _ = column(rrd, path, "Transform3D:scale")[2][0]
+    picture = column(rrd, path, "Image:buffer")[2]
+    size = int(np.sqrt(len(picture) / 3))
+    rows, columns = np.mgrid[:size, :size] + 0.5
+    q_mm = np.stack([x0 + columns * cell, -(y0 + rows * cell)], axis=-1)
+    expected = palette.viridis(value(q_mm)).astype(int)
+    assert np.abs(picture.reshape(size, size, 3) - expected).max() <= 1  # rounding to whole colours
+
+
 def test_report_is_the_text(run, rrd):
     """As it was handed over."""
     assert column(rrd, paths.REPORT, "TextDocument:text")[2].tolist() == [run.report_text]
@@ -197,6 +220,37 @@ def test_any_number_of_cameras_and_joints(tmp_path, n_cameras, n_joints):
     found = entities(tmp_path / "r.rrd")
     assert {paths.image(c.name) for c in run.cameras} <= found
     assert sum(path.startswith(paths.JOINTS) and path.endswith("/coordinates") for path in found) == n_joints
+
+
+def test_gap_map_loses_no_class(tmp_path):
+    """With more frames than columns a column has the colour of the worst of its frames; every frame is in one."""
+    run = make_run(n_frames=1700, n_cameras=0, n_joints=0)
+    write_recording(run, tmp_path / "r.rrd")
+    colors = [palette.GROUND, *(palette.DIM_ORIGIN[name] for name in paths.ORIGINS)]
+    n_markers = len(run.tracked.markers.names)
+    picture = column(tmp_path / "r.rrd", f"{paths.GAP_MAP}/samples", "Image:buffer")[2].reshape(n_markers, -1, 3)
+    frame_columns = (np.arange(1700) * picture.shape[1]) // 1700
+    rank = {Origin.MISSING: 0, Origin.MEASURED: 1, Origin.SMOOTHED: 2, Origin.REJECTED: 3}
+    codes = np.vectorize(rank.get)(run.tracked.markers.origin)
+    for m in range(n_markers):
+        for c in range(0, picture.shape[1], 13):
+            assert tuple(picture[m, c]) == colors[codes[frame_columns == c, m].max()]
+
+
+def test_nothing_known_is_a_recording_too(tmp_path):
+    """No position of any marker, ever: no point, no path, a map without colour."""
+    run = make_run(n_frames=4, n_cameras=2, n_joints=1)
+    markers = run.tracked.markers
+    nothing = replace(
+        markers,
+        xyz_m=np.full_like(markers.xyz_m, np.nan),
+        cov_m2=np.full_like(markers.cov_m2, np.nan),
+        origin=np.zeros_like(markers.origin),
+    )
+    tracked = replace(run.tracked, markers=nothing, reprojected_px=np.full_like(run.tracked.reprojected_px, np.nan))
+    write_recording(replace(run, tracked=tracked), tmp_path / "r.rrd")
+    assert np.isnan(column(tmp_path / "r.rrd", paths.SKELETON, "Points3D:positions")[2]).all()
+    assert column(tmp_path / "r.rrd", paths.child(paths.MARKERS, "measured"), "Points3D:positions")[1].sum() == 0
 
 
 @pytest.mark.parametrize("n_frames", [1, 2])

@@ -123,10 +123,11 @@ class Headless:
                 client = ViewerClient.connect(url)
                 client.get_state()
                 return client
-            except Exception:  # it is still starting
+            except Exception as error:  # it is still starting
                 if self.process.poll() is not None or time.monotonic() > end:
                     self.process.kill()
-                    raise
+                    self.process.wait()
+                    raise RuntimeError("no headless viewer: apt-get install mesa-vulkan-drivers") from error
                 time.sleep(0.1)
 
 

@@ -121,7 +121,7 @@ class Headless:
         while True:
             try:
                 client = ViewerClient.connect(url)
-                client.get_state()
+                client.take_screenshot(max_size=32)
                 return client
             except Exception as error:  # it is still starting
                 if self.process.poll() is not None or time.monotonic() > end:

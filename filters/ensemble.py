@@ -18,7 +18,7 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]  # made at run time
 
 from mocap.arrays import Array
 
@@ -26,10 +26,25 @@ from mocap.arrays import Array
 class SigmaPoints(Protocol):
     """The parameters of a scaled unscented transform; filterpy's ``MerweScaledSigmaPoints`` has them."""
 
-    n: int
-    alpha: float
-    beta: float
-    kappa: float
+    @property
+    def n(self) -> int:
+        """Size of the state."""
+        ...
+
+    @property
+    def alpha(self) -> float:
+        """Spread of the points."""
+        ...
+
+    @property
+    def beta(self) -> float:
+        """Weight of the fourth moment."""
+        ...
+
+    @property
+    def kappa(self) -> float:
+        """Secondary spread."""
+        ...
 
 
 def default_points(n: int) -> MerweScaledSigmaPoints:
@@ -117,7 +132,7 @@ def cholesky(matrix: Array) -> Array:
 
 def triangular(rows: Array) -> Array:
     """Lower triangular L with L L^T = rows^T rows, also where that is singular (QR)."""
-    r = np.linalg.qr(rows, mode="r")
+    r = np.asarray(np.linalg.qr(rows, mode="r"))
     factor = np.zeros((rows.shape[1],) * 2)
     factor[:, : len(r)] = (r * np.where(np.diag(r) < 0, -1.0, 1.0)[:, None]).T
     return factor
@@ -261,7 +276,7 @@ def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) 
     n = len(filtered.mean)
     cross = filtered.factor @ prediction.rows[:n]  # (n, n) covariance of this state with the predicted one
     half = solve_triangular(prediction.state.factor, cross.T, lower=True, check_finite=False)
-    gain = solve_triangular(prediction.state.factor, half, lower=True, trans="T", check_finite=False).T
+    gain = solve_triangular(prediction.state.factor, half, lower=True, trans=1, check_finite=False).T
     unexplained = -gain @ prediction.rows.T
     unexplained[:, :n] += filtered.factor
     parts = np.concatenate([unexplained, gain @ prediction.noise, gain @ smoothed.factor], axis=1)

@@ -1,9 +1,12 @@
 """Arrays as records keep them: copied, read-only, their shapes checked once."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
+"""Real numbers; records keep them as float64."""
 
 
 def frozen(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, dtype: type = np.float64) -> NDArray:

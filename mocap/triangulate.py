@@ -30,8 +30,8 @@ def linear(matrices: Array, uv_px: Array) -> Array:
     shape = uv_px.shape[1:-1]
     uv = uv_px.reshape(len(uv_px), -1, 2)
     seen = np.isfinite(uv).all(axis=-1)
-    known = np.flatnonzero(seen.sum(axis=0) >= 2)
-    uv, seen = uv[:, known], seen[:, known]
+    known = np.flatnonzero(np.count_nonzero(seen, axis=0) >= 2)
+    uv, seen = uv[:, known], np.asarray(seen)[:, known]
     scaled = matrices / matrices[:, 2:, 3:]
     rows = scaled[:, None, :2, :] - uv[..., None] * scaled[:, None, 2:, :]  # (C, K, 2, 4)
     rows = np.where(seen[..., None, None], rows, 0.0)
@@ -151,10 +151,11 @@ class Triangulation:
 
 
 def pixel_sd(residual: Array, n_cameras: NDArray[np.int64]) -> float:
-    """Robust standard deviation of a pixel coordinate from the residuals of triangulated points.
+    """Standard deviation of a pixel coordinate from the residuals of triangulated points, without those that miss.
 
     A residual squared is sd^2 chi2(2n - 3) / (2n - 3); the median over points of its ratio to the chi-square median
-    does not feel the points that miss.
+    does not feel the points that miss. Digitising errors have heavy tails, which that median does not feel either: the
+    result is the root mean square of the residuals within five such standard deviations.
 
     Args:
         residual: (T, M) residuals in pixels; NaN without a point.
@@ -167,7 +168,9 @@ def pixel_sd(residual: Array, n_cameras: NDArray[np.int64]) -> float:
     if not ok.any():
         raise ValueError("no point is seen by two cameras: the pixel noise cannot be estimated; give --pixel-sd")
     dof = 2 * n_cameras[ok] - 3
-    return float(np.sqrt(np.median(residual[ok] ** 2 * dof / chi2.median(dof))))
+    core = np.median(residual[ok] ** 2 * dof / chi2.median(dof))
+    near = residual[ok] ** 2 <= 25 * core
+    return float(np.sqrt(np.sum(residual[ok][near] ** 2 * dof[near]) / np.sum(dof[near])))
 
 
 def robust(matrices: Array, uv_px: Array, *, sd_px: float | None = None, gate_sd: float = 5.0) -> Triangulation:

@@ -1,0 +1,208 @@
+"""Cleaning: samples that no animal could have produced are rejected, marked and counted, never repaired in silence."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.skeleton import Skeleton
+
+Mask = NDArray[np.bool_]
+
+REASONS = {
+    "rays_miss": "rays of the cameras do not meet",
+    "jump": "moves faster than the marker can",
+    "duplicate": "lies on another marker",
+    "bone_length": "stretches a rigid bone",
+}
+"""Why a sample was rejected, by the key that reports use."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cleaning:
+    """What cleaning rejected.
+
+    Attributes:
+        rejected: (T, M) masks by reason (``REASONS``); a sample has at most one reason.
+        max_speed_m_s: (M,) speed limit of each marker, given or derived.
+    """
+
+    rejected: dict[str, Mask]
+    max_speed_m_s: Array
+
+    @property
+    def any(self) -> Mask:
+        """(T, M) True where a sample was rejected for whatever reason."""
+        return np.any(list(self.rejected.values()), axis=0)
+
+
+def clean(xyz_m: Array, sd_m: Array, t_s: Array, skeleton: Skeleton, names: tuple[str, ...]) -> Cleaning:
+    """Find jumps, duplicated markers and stretched bones, in this order.
+
+    Args:
+        xyz_m: (T, M, 3) positions; NaN where not seen.
+        sd_m: (T, M) standard deviation of a coordinate.
+        t_s: (T,) times.
+        skeleton: Rigid bones, and the speed limit if it is known.
+        names: The M marker names.
+    """
+    limit = speed_limits(xyz_m, t_s)
+    if skeleton.max_speed_m_s is not None:
+        limit = np.minimum(limit, skeleton.max_speed_m_s)
+    xyz = xyz_m.copy()
+    rejected: dict[str, Mask] = {}
+
+    def reject(reason: str, mask: Mask) -> None:
+        rejected[reason] = mask
+        xyz[mask] = np.nan
+
+    slack = 4 * np.nan_to_num(_column_medians(sd_m))
+    reject("jump", jumps(xyz, t_s, max_speed_m_s=limit, slack_m=slack))
+    reject("duplicate", duplicates(xyz, sd_m))
+    bones = [(names.index(b.a), names.index(b.b)) for b in skeleton.bones if b.rigid]
+    reject("bone_length", stretched(xyz, np.array(bones, dtype=int).reshape(-1, 2)))
+    return Cleaning(rejected=rejected, max_speed_m_s=limit)
+
+
+def speed_limits(xyz_m: Array, t_s: Array, *, factor: float = 6.0) -> Array:
+    """(M,) ``factor`` times the 90 % quantile of each marker's speed between neighbouring frames; inf if unknown.
+
+    Digitising errors are rare (a few per cent), so that the quantile is the animal's.
+    """
+    speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / np.diff(t_s)[:, None]
+    limits = np.full(xyz_m.shape[1], np.inf)
+    for marker, column in enumerate(speed.T):
+        known = column[np.isfinite(column)]
+        if len(known) >= 10:
+            limits[marker] = factor * np.quantile(known, 0.9)
+    return limits
+
+
+def jumps(xyz_m: Array, t_s: Array, *, max_speed_m_s: Array, slack_m: Array, window: int = 40) -> Mask:
+    """The fewest samples whose removal leaves each marker slower than its limit.
+
+    The longest chain of samples of which each is reached from the one before at no more than the limit, found by
+    dynamic programming; what is not on it is a jump.
+
+    Args:
+        xyz_m: (T, M, 3) positions.
+        t_s: (T,) times.
+        max_speed_m_s: (M,) limits.
+        slack_m: (M,) distance that measurement noise may add.
+        window: Predecessors that are looked at.
+
+    Returns:
+        (T, M) True for samples that are not on the chain.
+    """
+    out = np.zeros(xyz_m.shape[:2], dtype=bool)
+    for marker in range(xyz_m.shape[1]):
+        frames = np.flatnonzero(np.isfinite(xyz_m[:, marker, 0]))
+        if len(frames) < 3 or not np.isfinite(max_speed_m_s[marker]):
+            continue
+        x, t = xyz_m[frames, marker], t_s[frames]
+        near = np.linalg.norm(np.diff(x, axis=0), axis=1) <= max_speed_m_s[marker] * np.diff(t) + slack_m[marker]
+        if near.all():
+            continue
+        length = np.ones(len(frames), dtype=int)
+        before = np.full(len(frames), -1)
+        for i in range(1, len(frames)):
+            j = np.arange(max(0, i - window), i)
+            reach = max_speed_m_s[marker] * (t[i] - t[j]) + slack_m[marker]
+            ok = j[np.linalg.norm(x[i] - x[j], axis=1) <= reach]
+            if len(ok):
+                best = ok[::-1][np.argmax(length[ok[::-1]])]
+                length[i], before[i] = length[best] + 1, best
+        i = int(np.argmax(length))
+        chain = []
+        while i >= 0:
+            chain.append(i)
+            i = before[i]
+        off = np.ones(len(frames), dtype=bool)
+        off[chain] = False
+        out[frames[off], marker] = True
+    return out
+
+
+def duplicates(xyz_m: Array, sd_m: Array) -> Mask:
+    """Of two markers that are usually apart and coincide in a frame, the one that is out of its own way.
+
+    Args:
+        xyz_m: (T, M, 3) positions.
+        sd_m: (T, M) standard deviation of a coordinate. Coincident means nearer than one of them, and than a
+            twentieth of the distance that the two usually have.
+    """
+    out = np.zeros(xyz_m.shape[:2], dtype=bool)
+    away = off_course(xyz_m)
+    sd = np.nan_to_num(sd_m)
+    for a in range(xyz_m.shape[1]):
+        for b in range(a + 1, xyz_m.shape[1]):
+            distance = np.linalg.norm(xyz_m[:, a] - xyz_m[:, b], axis=1)
+            known = np.isfinite(distance)
+            if not known.any():
+                continue
+            same = known & (distance <= np.minimum(0.05 * np.median(distance[known]), np.hypot(sd[:, a], sd[:, b])))
+            if same.any():
+                worse_a = away[:, a] >= away[:, b]
+                out[:, a] |= same & worse_a
+                out[:, b] |= same & ~worse_a
+    return out
+
+
+def stretched(xyz_m: Array, bones: NDArray[np.int64], *, tolerance: float = 0.25, deviations: float = 8.0) -> Mask:
+    """Ends of rigid bones whose length is not theirs.
+
+    A bone violates where its length differs from its median by more than ``tolerance`` of it and by more than
+    ``deviations`` robust standard deviations. The end with more violating bones is rejected, of equals the one that is
+    further off its own course; then again, until no bone violates.
+
+    Args:
+        xyz_m: (T, M, 3) positions.
+        bones: (B, 2) marker indices.
+        tolerance: Share of the length that skin and digitising may add.
+        deviations: Robust standard deviations.
+    """
+    xyz = xyz_m.copy()
+    out = np.zeros(xyz.shape[:2], dtype=bool)
+    if not len(bones):
+        return out
+    length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
+    known = np.isfinite(length).sum(axis=0) >= 10
+    bones, length = bones[known], length[:, known]
+    if not len(bones):
+        return out
+    median = np.nanmedian(length, axis=0)
+    robust_sd = 1.4826 * np.nanmedian(np.abs(length - median), axis=0)
+    limit = np.maximum(tolerance * median, deviations * robust_sd)
+    away = off_course(xyz)
+    away = away / (1 + away)  # below 1: breaks ties only
+    for _ in range(xyz.shape[1]):
+        length = np.linalg.norm(xyz[:, bones[:, 0]] - xyz[:, bones[:, 1]], axis=-1)
+        violated = np.abs(length - median) > limit  # NaN compares False
+        if not violated.any():
+            break
+        votes = np.zeros(out.shape)
+        for i, (a, b) in enumerate(bones):
+            votes[:, a] += violated[:, i]
+            votes[:, b] += violated[:, i]
+        frames = np.flatnonzero(votes.any(axis=1))
+        worst = np.argmax(np.where(votes[frames] > 0, votes[frames] + away[frames], -1), axis=1)
+        out[frames, worst] = True
+        xyz[frames, worst] = np.nan
+    return out
+
+
+def off_course(xyz_m: Array) -> Array:
+    """(T, M) distance of a sample from the median of its four neighbours in time, in metres; 0 where unknown."""
+    padded = np.pad(xyz_m, ((2, 2), (0, 0), (0, 0)), constant_values=np.nan)
+    n = len(xyz_m)
+    neighbours = np.stack([padded[i : i + n] for i in (0, 1, 3, 4)])
+    known = np.isfinite(neighbours[..., 0]).any(axis=0)
+    middle = np.full_like(xyz_m, np.nan)
+    middle[known] = np.nanmedian(neighbours[:, known], axis=0)
+    return np.nan_to_num(np.linalg.norm(xyz_m - middle, axis=-1))
+
+
+def _column_medians(values: Array) -> Array:
+    """Median of each column over what is finite; NaN where nothing is."""
+    return np.array([np.median(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in values.T])

@@ -8,7 +8,7 @@ from scipy.linalg import solve_triangular
 from eal.arrays import Array
 from eal.kernels import Kernel
 
-ROUNDING = 16.0 * np.finfo(np.float64).eps
+ROUNDING = 32.0 * np.finfo(np.float64).eps
 """Residuals of K(x, x) = 1 below this are rounding: no pivot is taken there."""
 
 
@@ -54,10 +54,13 @@ def pivoted_cholesky(kernel: Kernel, z: Array, *, tolerance: float, max_rank: in
         size = min(block, n, max_rank - m)
         candidates = np.argpartition(-residual, size - 1)[:size]
         candidates = candidates[np.argsort(-residual[candidates], kind="stable")]
-        top = float(residual[candidates[0]])
-        if top < tolerance:
+        if residual[candidates[0]] < tolerance:
             break
         corner = kernel.gram(z[candidates], z[candidates]) - rows[:m, candidates].T @ rows[:m, candidates]
+        residual[candidates] = np.maximum(np.diag(corner), 0.0)  # afresh: the running sum has gathered rounding
+        top = float(residual[candidates].max())
+        if top < tolerance:
+            continue
         chosen = _accepted(corner, floor=max(tolerance, 0.5 * top))
         new = candidates[chosen]
         lower = np.linalg.cholesky(corner[np.ix_(chosen, chosen)])

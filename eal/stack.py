@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array, points
+from eal.kernels import GaussianKernel
 from eal.potential import EmpiricalPotential
 
 
@@ -13,7 +14,8 @@ from eal.potential import EmpiricalPotential
 class PotentialStack:
     """L potentials of the same dimension; the l-th answers for row l of the first axis.
 
-    Potentials that share kernel and centres (``with_lambda``) share one evaluation of the kernels.
+    Gaussian kernels of one beta are evaluated together, in stacked matrix products over centres padded to the longest
+    (a padded centre has a zero row in B); other kernels one after the other.
 
     Attributes:
         members: The L potentials.
@@ -22,7 +24,7 @@ class PotentialStack:
     members: tuple[EmpiricalPotential, ...]
 
     def __init__(self, members: Sequence[EmpiricalPotential]) -> None:
-        """Group the members by kernel and centres.
+        """Pad and stack.
 
         Raises:
             ValueError: no member, or members of different dimensions.
@@ -30,21 +32,12 @@ class PotentialStack:
         object.__setattr__(self, "members", tuple(members))
         if len({p.dimension for p in self.members}) != 1:
             raise ValueError(f"a stack needs potentials of one dimension, but has {[p.dimension for p in members]}")
-        groups: list[list[int]] = []
-        for index, member in enumerate(self.members):
-            for group in groups:
-                first = self.members[group[0]]
-                if (
-                    first.kernel == member.kernel
-                    and first.root.shape == member.root.shape
-                    and np.array_equal(first.centres, member.centres)
-                ):
-                    group.append(index)
-                    break
-            else:
-                groups.append([index])
-        stacked = [(np.array(g), self.members[g[0]], np.stack([self.members[i].root for i in g])) for g in groups]
-        object.__setattr__(self, "_groups", stacked)
+        kernels = {p.kernel for p in self.members}
+        kernel = next(iter(kernels))
+        gaussian = None
+        if len(kernels) == 1 and isinstance(kernel, GaussianKernel):
+            gaussian = _Gaussians(self.members, kernel.beta)
+        object.__setattr__(self, "_gaussian", gaussian)
 
     @property
     def dimension(self) -> int:
@@ -59,28 +52,61 @@ class PotentialStack:
     def value(self, q: Array) -> Array:
         """V_l at (L, ..., d) configurations: (L, ...)."""
         q = self._checked(q)
-        result = np.empty(q.shape[:-1])
-        for rows, first, roots in self._groups:  # type: ignore[attr-defined]
-            flat = q[rows].reshape(-1, q.shape[-1])
-            a = first.kernel.gram(flat, first.centres).reshape(len(rows), -1, len(first.centres)) @ roots
-            result[rows] = (1.0 - np.einsum("lnr,lnr->ln", a, a)).reshape(result[rows].shape)
-        return np.maximum(result, 0.0)
+        gaussian: _Gaussians | None = self.__dict__["_gaussian"]
+        if gaussian is None:
+            return np.stack([p.value(x) for p, x in zip(self.members, q, strict=True)])
+        return gaussian.value(q.reshape(len(q), -1, q.shape[-1])).reshape(q.shape[:-1])
 
     def gradient(self, q: Array) -> Array:
         """Gradients of V_l: (L, ..., d) to (L, ..., d)."""
         q = self._checked(q)
-        result = np.empty(q.shape)
-        for rows, first, roots in self._groups:  # type: ignore[attr-defined]
-            flat = q[rows].reshape(-1, q.shape[-1])
-            k = first.kernel.gram(flat, first.centres)
-            stacked = k.reshape(len(rows), -1, k.shape[1])
-            w = ((stacked @ roots) @ roots.transpose(0, 2, 1)).reshape(k.shape)
-            w *= -2.0 * k
-            result[rows] = first.kernel.weighted_gradient(flat, first.centres, w).reshape(result[rows].shape)
-        return result
+        gaussian: _Gaussians | None = self.__dict__["_gaussian"]
+        if gaussian is None:
+            return np.stack([p.gradient(x) for p, x in zip(self.members, q, strict=True)])
+        return gaussian.gradient(q.reshape(len(q), -1, q.shape[-1])).reshape(q.shape)
 
     def _checked(self, q: Array) -> Array:
         q = points("q", q, self.dimension)
         if q.ndim < 2 or len(q) != len(self.members):
             raise ValueError(f"q must have {len(self.members)} rows, one a potential of the stack, but has {q.shape}")
         return q
+
+
+class _Gaussians:
+    """Padded centres (L, m, d) about their common mean, roots (L, m, r)."""
+
+    def __init__(self, members: tuple[EmpiricalPotential, ...], beta: float) -> None:
+        m = max(len(p.centres) for p in members)
+        r = max(p.root.shape[1] for p in members)
+        self.beta = beta
+        self.middle = np.mean([p.centres.mean(axis=0) for p in members], axis=0)
+        self.centres = np.zeros((len(members), m, members[0].dimension))
+        self.root = np.zeros((len(members), m, r))
+        for i, p in enumerate(members):
+            self.centres[i, : len(p.centres)] = p.centres - self.middle
+            self.root[i, : len(p.centres), : p.root.shape[1]] = p.root
+        self.across = np.ascontiguousarray((2.0 * beta) * self.centres.transpose(0, 2, 1))
+        self.own = -beta * np.einsum("lmd,lmd->lm", self.centres, self.centres)[:, None, :]
+        self.back = np.ascontiguousarray(self.root.transpose(0, 2, 1))
+
+    def kernels(self, q: Array) -> Array:
+        """K(q, z): (L, n, d) about the middle to (L, n, m)."""
+        logs = q @ self.across
+        logs += self.own
+        logs -= self.beta * np.einsum("lnd,lnd->ln", q, q)[:, :, None]
+        np.minimum(logs, 0.0, out=logs)
+        np.exp(logs, out=logs)
+        return logs
+
+    def value(self, q: Array) -> Array:
+        """1 - |B^T k|^2: (L, n)."""
+        a = self.kernels(q - self.middle) @ self.root
+        return np.maximum(1.0 - np.einsum("lnr,lnr->ln", a, a), 0.0)
+
+    def gradient(self, q: Array) -> Array:
+        """4 beta sum_i (B B^T k)_i k_i (q - z_i): (L, n, d)."""
+        q = q - self.middle
+        k = self.kernels(q)
+        w = (k @ self.root) @ self.back
+        w *= k
+        return (4.0 * self.beta) * (w.sum(axis=2)[:, :, None] * q - w @ self.centres)

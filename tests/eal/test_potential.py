@@ -17,6 +17,7 @@ from eal import (
     load_potential,
 )
 from eal.archive import ArchiveError
+from eal.lowrank import ROUNDING, pivoted_cholesky
 from tests.reference import empirical_potential as reference
 
 KERNELS = [GaussianKernel(3.0), LaplaceKernel(1.5), Matern32Kernel(2.0), Matern52Kernel(2.0)]
@@ -214,6 +215,16 @@ def test_value_at_the_samples_is_below_lambda_for_the_tail_filter(rng):
         expected = float(((1 - np.minimum(sigma / lam, 1.0)) * sigma).sum())
         assert fitted.value(z).mean() == pytest.approx(expected, rel=0.01, abs=2 * fitted.error_bound**2 + 1e-12)
         assert fitted.value(z).mean() < 2 * lam
+
+
+def test_pivots_stop_before_rounding_does(rng):
+    """Noisy samples at tolerance zero: every pivot taken is above rounding, so that the corner can be inverted."""
+    for n in (200, 400, 800):
+        z = circle(rng, n=n, noise=0.003)
+        factor = pivoted_cholesky(GaussianKernel(3.0), z, tolerance=0.0, max_rank=n)
+        assert np.diag(factor.corner).min() > 0.5 * np.sqrt(ROUNDING)
+        gram = GaussianKernel(3.0).gram(z, z)
+        assert np.abs(gram - factor.rows @ factor.rows.T).max() < 10 * ROUNDING
 
 
 def test_hundred_thousand_samples_need_few_centres(rng):

@@ -1,0 +1,86 @@
+"""What a reproduced figure is: numbers, verdicts, and how to draw it."""
+
+import csv
+import io
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure as Canvas
+
+from eal.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """One claim about a figure, and whether the numbers bear it out.
+
+    Attributes:
+        figure: Figure of the paper: ``14a``.
+        sentence: The paper's words, or words close to them.
+        claim: What was checked, with the expected number.
+        measured: What came out.
+        holds: Whether the claim holds.
+    """
+
+    figure: str
+    sentence: str
+    claim: str
+    measured: str
+    holds: bool
+
+    def line(self) -> str:
+        """One line for a terminal."""
+        return f"fig {self.figure}: {self.claim}: {self.measured}, {'holds' if self.holds else 'DOES NOT HOLD'}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """For verdicts.json."""
+        return {
+            "figure": self.figure,
+            "sentence": self.sentence,
+            "claim": self.claim,
+            "measured": self.measured,
+            "holds": bool(self.holds),
+        }
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Figure:
+    """One figure of the paper, reproduced.
+
+    Attributes:
+        name: ``14a``.
+        table: Columns of equal length; 1/eps^2 is called ``penalty``.
+        verdicts: The claims.
+        draw: Draws it on an empty canvas.
+    """
+
+    name: str
+    table: Mapping[str, Array]
+    verdicts: tuple[Verdict, ...]
+    draw: Callable[[Canvas], None]
+
+    def csv_text(self) -> str:
+        """The table as CSV, numbers to ten digits."""
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(self.table)
+        for row in zip(*self.table.values(), strict=True):
+            writer.writerow(format(float(x), ".10g") for x in row)
+        return stream.getvalue()
+
+
+def long_table(axes: Mapping[str, Array], **values: Array) -> dict[str, Array]:
+    """Arrays over a grid as columns, one row a grid point.
+
+    Args:
+        axes: Name to the values along each axis, in the order of the axes.
+        values: Name to an array over the grid.
+
+    Returns:
+        Columns of equal length.
+    """
+    grid = np.meshgrid(*(np.asarray(a, dtype=np.float64) for a in axes.values()), indexing="ij")
+    columns = {name: g.reshape(-1) for name, g in zip(axes, grid, strict=True)}
+    return columns | {name: np.asarray(v, dtype=np.float64).reshape(-1) for name, v in values.items()}

@@ -1,0 +1,39 @@
+"""Joint samples of the built-in bat and lizard."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from datasets.bat import make_bat
+from datasets.lizard import make_lizard
+from eal.arrays import Array
+
+
+def wrist_about_elbow(shoulder_m: Array, elbow_m: Array, wrist_m: Array) -> Array:
+    """The wrist in the plane of the arm: along the upper arm, and across it; section 2.3.
+
+    Args:
+        shoulder_m: (T, 3) positions.
+        elbow_m: (T, 3) positions, the origin.
+        wrist_m: (T, 3) positions.
+
+    Returns:
+        (T, 2) coordinates in metres.
+    """
+    axis = elbow_m - shoulder_m
+    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    arm = wrist_m - elbow_m
+    along = np.einsum("ti,ti->t", arm, axis)
+    across = np.linalg.norm(arm - along[:, None] * axis, axis=1)
+    return np.stack([along, across], axis=1)
+
+
+def built_in_samples() -> Mapping[str, Array]:
+    """``bat`` and ``lizard``: (N, 2) samples in metres of the left wrist about its elbow."""
+    found = {}
+    for recording in (make_bat(), make_lizard()):
+        names, xyz_m = recording.truth.names, recording.truth.xyz_m
+        joints = (xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))
+        samples = wrist_about_elbow(*joints)
+        found["bat" if "bat" in recording.name else "lizard"] = samples[np.isfinite(samples).all(axis=1)]
+    return found

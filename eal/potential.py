@@ -190,7 +190,7 @@ def fit_potential(
     weights: ArrayLike | None = None,
     method: fitting.Method = "auto",
     accuracy: float = 1e-5,
-    max_rank: int = 4000,
+    max_rank: int = 2000,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
     rng: np.random.Generator | None = None,

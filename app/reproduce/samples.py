@@ -32,8 +32,8 @@ def built_in_samples() -> Mapping[str, Array]:
     """``bat`` and ``lizard``: (N, 2) samples in metres of the left wrist about its elbow."""
     found = {}
     for recording in (make_bat(), make_lizard()):
-        names, xyz_m = recording.truth.names, recording.truth.xyz_m
-        joints = (xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))
-        samples = wrist_about_elbow(*joints)
+        names, xyz_m = recording.truth.names, np.asarray(recording.truth.xyz_m, dtype=np.float64)
+        shoulder, elbow, wrist = (xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))
+        samples = wrist_about_elbow(shoulder, elbow, wrist)
         found["bat" if "bat" in recording.name else "lizard"] = samples[np.isfinite(samples).all(axis=1)]
     return found

@@ -1,0 +1,96 @@
+"""The figures of the paper: files, columns, verdicts, and the reference numbers through the public entry."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from app.reproduce import FIGURES, reproduce
+from app.reproduce.fig_joints import figure_20, joint_potential
+from app.reproduce.record import long_table
+from app.reproduce.samples import wrist_about_elbow
+from app.reproduce.sweep import planar, spherical
+
+
+@pytest.fixture(scope="module")
+def arcs():
+    """A bend of 2 rad about the origin at 11 mm, 0.1 mm of noise: a wrist about its elbow."""
+    rng = np.random.default_rng(3)
+    angle = 1.5 + np.sin(np.linspace(0, 12, 300))
+    radius = 0.011 + 1e-4 * rng.standard_normal(300)
+    z = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return {"bat": 4 * z, "lizard": z}
+
+
+def test_figures_are_written_with_verdicts(arcs, tmp_path):
+    """Pictures, tables and verdicts.json for a figure of each kind; nothing half-written stays."""
+    lines = []
+    verdicts = reproduce(["14a", "fig16", "7"], tmp_path, True, lines.append, samples_m=arcs)
+    names = {"fig14a.png", "fig14a.csv", "fig16.png", "fig16.csv", "fig7.png", "fig7.csv", "verdicts.json"}
+    assert {p.name for p in tmp_path.iterdir()} == names
+    stored = json.loads((tmp_path / "verdicts.json").read_text(encoding="utf-8"))
+    assert [v["claim"] for v in stored] == [v.claim for v in verdicts]
+    assert all(v.line() in lines for v in verdicts)
+    with (tmp_path / "fig14a.csv").open(encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert set(rows[0]) == {"lambda", "penalty", "seed", "constraint_error", "state_error", "T", "N", "delta"}
+    small = [float(r["constraint_error"]) for r in rows if float(r["lambda"]) == 1e-7 and float(r["penalty"]) == 1e6]
+    assert small == [pytest.approx(8.17e-7, rel=0.05)]
+    held = {v.figure: [w.holds for w in verdicts if w.figure == v.figure] for v in verdicts}
+    assert held == {"14a": [True] * 4, "16": [True, False], "7": [True, True]}
+
+
+def test_figure_13_has_the_reference_numbers(tmp_path):
+    """Sup |r-1| = 1.84e-5 m, energy drift 9e-8 J (one digit), theta off by 2.4, 0.04, 1.8e-4 rad."""
+    verdicts = reproduce(["13"], tmp_path, True)
+    table = np.genfromtxt(tmp_path / "fig13.csv", delimiter=",", names=True)
+    for lam, expected in ((1e-6, 2.4), (1e-8, 0.04), (1e-10, 1.8e-4)):
+        rows = np.isclose(table["lambda"], lam, atol=0)
+        assert table["state_error"][rows].max() == pytest.approx(expected, rel=0.05)
+        assert table["constraint_error"][rows].max() == pytest.approx(1.84e-5, rel=0.05)
+    assert [v.holds for v in verdicts] == [True, True, False, True]
+
+
+def test_figure_20_confines_a_free_joint(arcs):
+    figure = figure_20(arcs["lizard"], quick=True)
+    assert all(v.holds for v in figure.verdicts)
+
+
+def test_unknown_figures_are_refused(tmp_path):
+    with pytest.raises(ValueError, match="there is no figure '12': the figures are 7, 8, 11"):
+        reproduce(["12"], tmp_path)
+    assert len(FIGURES) == 14
+
+
+def test_tables_run_over_the_grid():
+    """The last axis runs fastest."""
+    table = long_table({"a": np.array([1.0, 2.0]), "b": np.array([3.0, 4.0])}, c=np.array([[5.0, 6.0], [7.0, 8.0]]))
+    assert {k: v.tolist() for k, v in table.items()} == {"a": [1, 1, 2, 2], "b": [3, 4, 3, 4], "c": [5, 6, 7, 8]}
+
+
+def test_the_wrist_is_measured_in_the_plane_of_the_arm(rng):
+    """Turning and moving the animal changes nothing; a right angle at the elbow is (0, forearm)."""
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    points = np.array([[[0.0, 0.0, 0.0]], [[0.02, 0.0, 0.0]], [[0.02, 0.0, 0.011]]])
+    moved = points @ turn.T + [0.3, -0.1, 2.0]
+    np.testing.assert_allclose(wrist_about_elbow(*moved), [[0.0, 0.011]], atol=1e-15)
+
+
+@pytest.mark.parametrize("experiment", [planar(), spherical()], ids=["planar", "spherical"])
+def test_samples_are_of_the_true_motion(experiment):
+    """Exact samples satisfy the constraint to the spline's 1e-8; noise of width delta is uniform: delta^2/12."""
+    assert experiment.violation(experiment.samples(300)).max() < 1e-8
+    noisy = experiment.samples(4000, delta=0.01, rng=np.random.default_rng(1)) - experiment.samples(4000)
+    assert np.abs(noisy).max() <= 0.005
+    assert noisy[:, : experiment.noisy].var() == pytest.approx(0.01**2 / 12, rel=0.1)
+    assert (noisy[:, experiment.noisy :] == 0).all()
+
+
+def test_joint_potential_does_not_know_the_unit(arcs):
+    """Samples in millimetres give the same V at the same places."""
+    one, scale = joint_potential(arcs["lizard"])
+    two, bigger = joint_potential(1000 * arcs["lizard"])
+    q = arcs["lizard"][:20] * 1.1
+    assert bigger == pytest.approx(1000 * scale)
+    np.testing.assert_allclose(two.value(1000 * q / bigger), one.value(q / scale), atol=1e-6)

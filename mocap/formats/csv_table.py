@@ -3,6 +3,7 @@
 import csv
 import io
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from mocap.arrays import Array
 from mocap.errors import FormatError
 
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
+_NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1')
 
 
 def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
@@ -30,7 +32,7 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
     Raises:
         FormatError: the file is missing, empty, cut, ragged, or has a cell that is no number.
     """
-    data = _bytes_of(path)
+    data = _bytes_of(path).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     end = data.find(b"\n") + 1 if header else 0
     if header and end == 0:
         end = len(data)
@@ -39,18 +41,29 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
     except UnicodeDecodeError:
         raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
     names = [name.strip() for name in names]
-    body = data[end:].replace(b"\r\n", b"\n").replace(b"\r", b"\n").rstrip(b"\n \t")
+    body = data[end:].rstrip(b"\n \t")
+    if b" " in body or b"\t" in body:
+        body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
     if not body:
         raise FormatError(
             f"{path.name}: holds no rows of numbers; expected a table with a row a frame: export it again"
         )
+    if b";" in data and b"," not in data:
+        raise FormatError(f"{path.name}: cells are separated by semicolons; export it with commas")
     first_line = 2 if header else 1
     _check_columns(path, body, len(names) if header else None, first_line)
-    if not data.endswith((b"\n", b"\r")):
+    if not data.endswith(b"\n"):
         _check_last_cell(path, body)
     try:
+        if re.search(rb"true|false", body, re.IGNORECASE):
+            raise ValueError("pandas reads these as 1 and 0")
         table = pd.read_csv(
-            io.BytesIO(body), header=None, dtype=np.float64, na_values=MISSING_WORDS, skip_blank_lines=False
+            io.BytesIO(body),
+            header=None,
+            dtype=np.float64,
+            na_values=MISSING_WORDS,
+            keep_default_na=False,
+            skip_blank_lines=False,
         )
     except ValueError:
         raise FormatError(_bad_cell(path, body, names, first_line)) from None
@@ -88,28 +101,24 @@ def _check_columns(path: Path, body: bytes, expected: int | None, first_line: in
 
 
 def _check_last_cell(path: Path, body: bytes) -> None:
-    """A last line without its newline may be cut inside a number: its last cell then has fewer decimals."""
-    lines = body.rsplit(b"\n", 2)
-    cells = [line.rsplit(b",", 1)[-1].strip() for line in lines[-2:]]
-    if len(cells) == 2 and all(b"." in cell for cell in cells):
-        decimals = [len(cell.split(b".")[1]) for cell in cells]
-        if decimals[1] < decimals[0]:
-            raise FormatError(
-                f"{path.name}: the last cell {cells[1].decode()!r} seems to be cut; export the file again"
-            )
+    """A last line without its newline may be cut inside a number: its last cell is then shorter than all others."""
+    *others, last = [cell for line in body.split(b"\n")[-50:] for cell in line.split(b",")]
+    decimals = {len(cell.partition(b".")[2]) for cell in others if cell.decode("latin-1") not in MISSING_WORDS}
+    fixed = len(decimals) == 1 and min(decimals) >= 3  # all written with one format, as programs do
+    short = last.decode("latin-1") not in MISSING_WORDS and len(last.partition(b".")[2]) < min(decimals, default=0)
+    if (fixed and short) or (not last and len(others) and all(others)):
+        raise FormatError(
+            f"{path.name}: the last cell {last.decode('latin-1')!r} seems to be cut; export the file again"
+        )
 
 
 def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) -> str:
-    for i, row in enumerate(csv.reader(io.StringIO(body.decode("utf-8", "replace")))):
-        for j, cell in enumerate(row):
-            if cell.strip() not in MISSING_WORDS:
-                try:
-                    float(cell)
-                except ValueError:
-                    where = names[j] if names else f"column {j + 1}"
-                    line = i + first_line
-                    return f"{path.name}: line {line}, {where}: {cell!r} is not a number; correct it or write NaN"
-    return f"{path.name}: holds cells that are not numbers"
+    for i, line in enumerate(body.decode("utf-8", "replace").split("\n")):
+        for j, cell in enumerate(line.split(",")):
+            if cell not in MISSING_WORDS and not _NUMBER.fullmatch(cell):
+                where = names[j] if names else f"column {j + 1}"
+                return f"{path.name}: line {i + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
+    return f"{path.name}: holds cells that are not numbers; export it again"
 
 
 @contextmanager

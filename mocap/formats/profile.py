@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 
 from mocap.cameras import Camera
@@ -13,23 +14,23 @@ _OTHERS = {13: "an omnidirectional (CMei) camera", 17: "an Argus bundle-adjustme
 
 
 def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
-    """Read lenses and image sizes (width, height), a line a camera in the order of their numbers.
+    """Read lenses and image sizes (width, height) of all cameras, in the order of their numbers.
 
     The pixel aspect ratio AR scales the vertical focal length: fy = f AR.
 
     Raises:
-        FormatError: a line has not 12 numbers, or belongs to a camera model that is not supported.
+        FormatError: a line has not 12 numbers, belongs to a camera model that is not supported, or repeats a camera.
     """
     try:
-        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise FormatError(f"{path.name}: not a text file; expected a camera profile") from None
-    if not lines:
+    if not any(line.strip() for line in lines):
         raise FormatError(f"{path.name}: the file is empty; expected a camera profile, a line a camera")
-    lenses = []
-    for number, line in enumerate(lines, start=1):
+    lenses: dict[float, tuple[BrownLens, tuple[int, int]]] = {}
+    for number, line in ((i, text.split()) for i, text in enumerate(lines, start=1) if text.strip()):
         if len(line) != 12:
             other = f" ({_OTHERS[len(line)]}: not supported here)" if len(line) in _OTHERS else ""
             raise FormatError(
@@ -37,14 +38,23 @@ def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
                 "expected 12: cam f W H cx cy AR k1 k2 p1 p2 k3"
             )
         try:
-            _, f, width, height, cx, cy, aspect, k1, k2, p1, p2, k3 = map(float, line)
+            camera, f, width, height, cx, cy, aspect, k1, k2, p1, p2, k3 = map(float, line)
         except ValueError:
             raise FormatError(
                 f"{path.name}: line {number} holds something that is not a number: {' '.join(line)}"
             ) from None
+        if not (all(map(isfinite, map(float, line))) and f > 0 and aspect > 0 and width >= 1 and height >= 1):
+            raise FormatError(
+                f"{path.name}: line {number} describes no camera: focal length, aspect ratio and image size must be "
+                f"positive, all numbers finite: {' '.join(line)}"
+            )
+        if camera in lenses:
+            raise FormatError(
+                f"{path.name}: line {number} describes camera {line[0]} again: number the cameras 1, 2, ..."
+            )
         lens = BrownLens(f_px=(f, f * aspect), centre_px=(cx, cy), k=(k1, k2, k3), p=(p1, p2))
-        lenses.append((lens, (int(width), int(height))))
-    return tuple(lenses)
+        lenses[camera] = (lens, (int(width), int(height)))
+    return tuple(lenses[camera] for camera in sorted(lenses))
 
 
 def with_profile(cameras: Sequence[Camera], path: Path) -> tuple[Camera, ...]:

@@ -1,0 +1,282 @@
+"""Files that are not what they should be: one line that names the file, the place and what to do; nothing half done."""
+
+import os
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocap.arrays import unique
+from mocap.cameras import dlt_camera
+from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.formats.csv_table import read_table, whole_file, write_table
+from mocap.formats.dltdv import read_coefficients, read_pixels, read_points, read_residuals, write_points
+from mocap.formats.profile import read_profile, with_profile
+from mocap.records import MarkerTracks, PixelTracks
+
+HEAD = "p_cam1_X,p_cam1_Y\n"
+ROW_OF_11 = ",".join(["1.5"] * 11) + "\n"
+
+PIXELS = {
+    "empty": ("", "the file is empty"),
+    "blank lines only": ("\n\n  \n", "the file is empty"),
+    "header only": (HEAD, "holds no rows"),
+    "no header": ("1,2\n3,4\n", "column 1 is '1'.*is this the 2D file"),
+    "the 3D file": ("p_X,p_Y,p_Z\n1,2,3\n", "column 1 is 'p_X'.*is this the 2D file"),
+    "a word": (HEAD + "1,2\n3,left\n", "line 3, p_cam1_Y: 'left' is not a number; correct it or write NaN"),
+    "a decimal comma": (HEAD + "1,5,2\n", "line 2 has 3 cells, expected 2"),
+    "semicolons": ("p_cam1_X;p_cam1_Y\n1;2\n", "semicolons; export it with commas"),
+    "another missing word": (HEAD + "None,2\n", "line 2, p_cam1_X: 'None' is not a number"),
+    "a truth value": (HEAD + "1,2\n1,True\n", "line 3, p_cam1_Y: 'True' is not a number"),
+    "thousands": (HEAD + "1_000,2\n", "line 2, p_cam1_X: '1_000' is not a number"),
+    "infinite": (HEAD + "1,2\n-inf,2\n", "line 3, p_cam1_X: infinite"),
+    "an open quote": (HEAD + '1,2\n3,"4\n', "line 3, p_cam1_Y: '\"4' is not a number"),
+    "a short line": (HEAD + "1,2\n3\n4,5\n", "line 3 has 1 cells, expected 2; export it again"),
+    "a long line": (HEAD + "1,2\n3,4,5\n4,5\n", "line 3 has 3 cells, expected 2"),
+    "an empty line": (HEAD + "1,2\n\n4,5\n", "line 3 has 1 cells"),
+    "the same name twice": ("p_cam1_X,p_cam1_Y,p_cam1_X,p_cam1_Y\n1,2,3,4\n", "'p' appears twice.*rename one"),
+    "a camera short": (
+        "p_cam1_X,p_cam1_Y,p_cam2_X,p_cam2_Y,q_cam1_X,q_cam1_Y\n1,2,3,4,5,6\n",
+        "marker 'q' has no X and Y columns for cam2: 6 columns are not 2 markers x 2 cameras x 2",
+    ),
+    "not text": (b"\x93NUMPY\x01\x00v\xff\xfe\n1,2\n", "not a text file"),
+    "UTF-16": ((HEAD + "1,2\n").encode("utf-16"), "not a text file"),
+}
+
+POINTS = {
+    "the 2D file's axes": ("p_U,p_V\n1,2\n", "column 1 is 'p_U'; expected names like pt1_X"),
+    "an axis short": ("p_X,p_Y\n1,2\n", "marker 'p' needs the columns p_X, p_Y and p_Z"),
+    "the same name twice": ("p_X,p_Y,p_Z,p_X,p_Y,p_Z\n1,2,3,4,5,6\n", "'p' appears twice.*rename one"),
+    "a word": ("p_X,p_Y,p_Z\n1,2,?\n", "line 2, p_Z: '\\?' is not a number"),
+}
+
+COEFFICIENTS = {
+    "a row short": ("1,2\n" * 10, "10 rows x 2 columns; expected DLT coefficients: 11 rows"),
+    "2D": ("1,2\n" * 8, "8 rows are a 2D DLT, which gives no 3D"),
+    "transposed": (ROW_OF_11 * 4, "4 rows x 11 columns.*transposed"),
+    "with a header": ("a,b\n" + "1,2\n" * 11, "line 1, column 1: 'a' is not a number"),
+    "a coefficient short": ("1,2\n" * 10 + "1,NaN\n", "L11 of camera 2 is missing: calibrate again"),
+    "ragged": ("1,2\n" * 5 + "1\n" + "1,2\n" * 5, "line 6 has 1 cells, expected 2"),
+    "spaces": ("1 2\n" * 11, "line 1, column 1: '1 2' is not a number"),
+    "empty": ("", "the file is empty"),
+}
+
+
+def check(tmp_path, content, message, read):
+    """Reading fails with one line that names the file and matches; the file stays as it was."""
+    path = tmp_path / "trial7.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    before = path.read_bytes()
+    with pytest.raises(FormatError, match=message) as caught:
+        read(path)
+    text = str(caught.value)
+    assert text.startswith("trial7.csv: ")
+    assert "\n" not in text
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["trial7.csv"]
+
+
+@pytest.mark.parametrize("case", PIXELS)
+def test_bad_pixels(tmp_path, case):
+    """Every broken 2D file is refused with its place; none is read as something else."""
+    check(tmp_path, *PIXELS[case], lambda path: read_pixels(path, fps=100))
+
+
+@pytest.mark.parametrize("case", POINTS)
+def test_bad_points(tmp_path, case):
+    """Every broken 3D file is refused with its place."""
+    check(tmp_path, *POINTS[case], lambda path: read_points(path, fps=100))
+
+
+@pytest.mark.parametrize("case", COEFFICIENTS)
+def test_bad_coefficients(tmp_path, case):
+    """Coefficients that are not 11 numbers for each camera are refused, with a guess at why."""
+    check(tmp_path, *COEFFICIENTS[case], read_coefficients)
+
+
+@pytest.mark.parametrize("read", [lambda p: read_pixels(p, fps=1), read_coefficients, read_residuals, read_profile])
+def test_a_file_that_is_not_there(tmp_path, read):
+    """A missing file, or a folder in its place, is a FormatError that names it, not a traceback."""
+    with pytest.raises(FormatError, match="nothing.csv: cannot be read: No such file"):
+        read(tmp_path / "nothing.csv")
+    with pytest.raises(FormatError, match="cannot be read"):
+        read(tmp_path)
+
+
+def table_bytes(decimals, n_rows=6, n_columns=4):
+    rng = np.random.default_rng(4)
+    values = rng.uniform(0, 1000, (n_rows, n_columns))
+    values[rng.random(values.shape) < 0.2] = np.nan
+    values[-1, -1] = 123.456789
+    head = ",".join(f"p{i}_cam1_{a}" for i in range(n_columns // 2) for a in "XY")
+    rows = [",".join("NaN" if np.isnan(x) else f"{x:.{decimals}f}" for x in row) for row in values]
+    return (head + "\n" + "\n".join(rows) + "\n").encode()
+
+
+@given(cut=st.integers(1, 400))
+def test_a_file_cut_anywhere_is_seen(tmp_path_factory, cut):
+    """A fixed-decimal file cut at any byte is refused, unless the cut falls between two lines.
+
+    Only there is what is left a whole file: one that ends with, or just before, a line end.
+    """
+    whole = table_bytes(6)
+    assert len(whole) > 200
+    cut %= len(whole)
+    path = tmp_path_factory.mktemp("cut") / "trial7.csv"
+    path.write_bytes(whole[:cut])
+    header = whole.index(b"\n") + 1
+    complete = cut > header and (whole[cut - 1 : cut] == b"\n" or whole[cut : cut + 1] == b"\n")
+    if complete:
+        read_pixels(path, fps=1)
+    else:
+        with pytest.raises(FormatError, match=r"^trial7\.csv: "):
+            read_pixels(path, fps=1)
+
+
+@pytest.mark.parametrize("left", range(0, 10))
+def test_each_cut_of_the_last_number(tmp_path, left):
+    """123.456789 cut to 123.45, 123., 12 or nothing is still a number or a gap; that it is cut shows in its length."""
+    whole = table_bytes(6).rstrip(b"\n")
+    (tmp_path / "trial7.csv").write_bytes(whole[: len(whole) - 10 + left])
+    with pytest.raises(FormatError, match=r"the last cell '[0-9.]*' seems to be cut; export the file again"):
+        read_pixels(tmp_path / "trial7.csv", fps=1)
+
+
+@pytest.mark.parametrize(
+    "text", ["1.25,3.75\n2.5,4.5", "1,2\n3,4", "1.125,NaN\n2.5,4", "1.25,2.5\nNaN,NaN", "1.5,2.0\n,"]
+)
+def test_a_whole_file_without_a_last_line_end_is_read(tmp_path, text):
+    """Numbers written at their natural length, as people and spreadsheets do, are not taken for cut."""
+    (tmp_path / "x.csv").write_text(HEAD + text)
+    assert read_pixels(tmp_path / "x.csv", fps=1).uv_px.shape == (1, 2, 1, 2)
+
+
+def test_spaces_around_cells_are_nothing(tmp_path):
+    """Cells padded with spaces or tabs read as without, missing ones too."""
+    (tmp_path / "x.csv").write_text("p_cam1_X , p_cam1_Y\n 1 , NaN\n\t2,\t3 \n")
+    np.testing.assert_array_equal(read_table(tmp_path / "x.csv")[1], [[1, np.nan], [2, 3]])
+
+
+class Stop(Exception):
+    """Any error in the middle of writing."""
+
+
+def test_a_writer_that_fails_leaves_nothing(tmp_path):
+    """After an error no file and no temporary is there; an older whole file stays as it was."""
+    target = tmp_path / "sub" / "out.csv"
+
+    def half():
+        with whole_file(target) as stream:
+            stream.write("half of it")
+            stream.flush()
+            raise Stop
+
+    with pytest.raises(Stop):
+        half()
+    assert list(target.parent.iterdir()) == []
+    target.write_text("older")
+    with pytest.raises(Stop):
+        half()
+    assert target.read_text() == "older"
+    assert [p.name for p in target.parent.iterdir()] == ["out.csv"]
+
+
+def test_a_writer_that_succeeds_leaves_one_readable_file(tmp_path):
+    """The result has its final name and can be read by others; no temporary is left."""
+    write_table(tmp_path / "t.csv", ["a"], np.ones((2, 1)))
+    assert [p.name for p in tmp_path.iterdir()] == ["t.csv"]
+    assert os.stat(tmp_path / "t.csv").st_mode & 0o777 == 0o644
+
+
+def test_a_name_that_cannot_be_encoded_leaves_nothing(tmp_path):
+    """A failure of the encoder itself, after the file was opened, cleans up too."""
+    tracks = MarkerTracks(
+        names=("\udc80",), t_s=[0.0], xyz_m=np.zeros((1, 1, 3)), cov_m2=np.zeros((1, 1, 3, 3)), origin=[[1]]
+    )
+    with pytest.raises(UnicodeEncodeError):
+        write_points(tmp_path / "xyz.csv", tracks)
+    assert list(tmp_path.iterdir()) == []
+
+
+def profile(tmp_path, *lines):
+    path = tmp_path / "cameras.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+LINE = "1 1698 2560 1600 1281 887 1 -0.12 0.05 0 0 0"
+
+
+@pytest.mark.parametrize(("columns", "kind"), [(13, "omnidirectional"), (17, "bundle-adjustment"), (19, "Scaramuzza")])
+def test_profiles_of_other_camera_models_are_named(tmp_path, columns, kind):
+    """A profile of a model that we do not have is refused by that model's name, not read as another."""
+    path = profile(tmp_path, LINE, " ".join(["1"] * columns))
+    with pytest.raises(
+        FormatError, match=rf"^cameras\.txt: line 2 has {columns} columns \(.*{kind}.*not supported.*expected 12"
+    ):
+        read_profile(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("1 2 3", "line 2 has 3 columns; expected 12"),
+        (LINE.replace("887", "x"), "line 2 holds something that is not a number"),
+        ("2" + LINE[1:].replace("2560", "nan"), "line 2 describes no camera"),
+        ("2" + LINE[1:].replace("1698", "0"), "line 2 describes no camera"),
+        ("2" + LINE[1:].replace("1698", "inf"), "line 2 describes no camera"),
+    ],
+)
+def test_broken_profile_lines(tmp_path, line, message):
+    """A line that is no camera is refused with its number: not finite, no focal length, words, too few columns."""
+    with pytest.raises(FormatError, match=rf"^cameras\.txt: {message}"):
+        read_profile(profile(tmp_path, LINE, line))
+    with pytest.raises(FormatError, match=rf"^cameras\.txt: {message.replace('2', '4', 1)}"):
+        read_profile(profile(tmp_path, "", LINE, "", line))
+
+
+def test_a_camera_described_twice(tmp_path):
+    """Two lines of one number leave open which is which."""
+    with pytest.raises(FormatError, match="line 2 describes camera 1 again"):
+        read_profile(profile(tmp_path, LINE, LINE))
+
+
+def test_an_empty_profile(tmp_path):
+    """No line, no camera."""
+    with pytest.raises(FormatError, match="the file is empty"):
+        read_profile(profile(tmp_path, ""))
+
+
+def test_a_profile_of_another_rig(tmp_path):
+    """A profile for three cameras does not fit coefficients for two: the message has both numbers."""
+    cameras = tuple(dlt_camera(f"cam{i}", np.arange(11.0) + 1) for i in (1, 2))
+    with pytest.raises(CalibrationError, match="describes 3 cameras, but the coefficients are for 2"):
+        with_profile(cameras, profile(tmp_path, *(f"{i} {LINE[2:]}" for i in (1, 2, 3))))
+
+
+def test_records_refuse_what_no_recording_is():
+    """Names twice, times that stand still and arrays of another shape are refused by name."""
+    with pytest.raises(ValueError, match=re.escape("t_s must increase, but t_s[2] = 0.1 s follows 0.1 s")):
+        PixelTracks(names=("a",), cameras=("c",), t_s=[0, 0.1, 0.1], uv_px=np.zeros((1, 3, 1, 2)))
+    with pytest.raises(ValueError, match="'a' appears twice"):
+        unique("marker", ("a", "b", "a"))
+    with pytest.raises(ValueError, match=re.escape("uv_px must have shape (1, 2, 1, 2), but has (1, 3, 1, 2)")):
+        PixelTracks(names=("a",), cameras=("c",), t_s=[0, 0.1], uv_px=np.zeros((1, 3, 1, 2)))
+
+
+def test_records_are_copies_that_nobody_writes_to():
+    """Changing the array that a record was made from does not change the record, and the record cannot be changed."""
+    uv = np.zeros((1, 1, 1, 2))
+    pixels = PixelTracks(names=("a",), cameras=("c",), t_s=[0.0], uv_px=uv)
+    uv[:] = 7
+    assert not pixels.uv_px.any()
+    with pytest.raises(ValueError, match="read-only"):
+        pixels.uv_px[:] = 1
+
+
+def test_all_troubles_are_one_family():
+    """A caller can catch everything that a user can mend by one name."""
+    assert issubclass(FormatError, MocapError)
+    assert issubclass(CalibrationError, MocapError)

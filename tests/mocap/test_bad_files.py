@@ -99,7 +99,7 @@ def test_bad_coefficients(tmp_path, case):
 @pytest.mark.parametrize("read", [lambda p: read_pixels(p, fps=1), read_coefficients, read_residuals, read_profile])
 def test_a_file_that_is_not_there(tmp_path, read):
     """A missing file, or a folder in its place, is a FormatError that names it, not a traceback."""
-    with pytest.raises(FormatError, match="nothing.csv: cannot be read: No such file"):
+    with pytest.raises(FormatError, match=r"nothing\.csv: cannot be read: No such file"):
         read(tmp_path / "nothing.csv")
     with pytest.raises(FormatError, match="cannot be read"):
         read(tmp_path)

@@ -1,5 +1,7 @@
 """Camera profile text: lenses and picture sizes, a line a camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,10 @@ def camera(number, **lens):
 
 
 def test_profiles_come_back(tmp_path):
-    """Writing and reading is the identity to the twelve digits that are written; fy travels as f AR."""
+    """Writing and reading is the identity to the twelve digits that are written; fy travels as f AR.
+
+    Half of the twelfth digit is at most 5e-12 of a number, twice that for a product of two.
+    """
     rng = np.random.default_rng(5)
     cameras = [
         camera(
@@ -32,7 +37,7 @@ def test_profiles_come_back(tmp_path):
     for (lens, size), source in zip(read_profile(tmp_path / "p.txt"), cameras, strict=True):
         assert size == source.size_px
         for name in ("f_px", "centre_px", "k", "p"):
-            np.testing.assert_allclose(getattr(lens, name), getattr(source.lens, name), rtol=2e-12)
+            np.testing.assert_allclose(getattr(lens, name), getattr(source.lens, name), rtol=1.1e-11)
 
 
 def test_columns_mean_what_argus_and_easywand_mean(tmp_path):
@@ -63,13 +68,10 @@ def test_a_lens_that_moves_nothing_is_no_lens(tmp_path):
     np.testing.assert_array_equal(second.matrix, plain[1].matrix)
 
 
-@pytest.mark.parametrize(
-    "lacking",
-    [{"lens": None, "size_px": (640, 480)}, {"lens": BrownLens(f_px=(1, 1), centre_px=(0, 0)), "size_px": None}],
-)
+@pytest.mark.parametrize("lacking", ["lens", "size_px"])
 def test_a_camera_without_lens_or_size_is_not_written_as_one(tmp_path, lacking):
     """The format cannot say "none": refused, the first camera's line is not left behind."""
     good = camera(1, f_px=(1000.0, 1000.0), centre_px=(320.0, 240.0))
     with pytest.raises(FormatError, match="camera 'cam2' has no lens or image size"):
-        write_profile(tmp_path / "p.txt", [good, Camera(name="cam2", matrix=EYE, **lacking)])
+        write_profile(tmp_path / "p.txt", [good, replace(good, name="cam2", **{lacking: None})])
     assert list(tmp_path.iterdir()) == []

@@ -6,8 +6,8 @@ The state's covariance is P = L L^T with L lower triangular. The scaled unscente
     G^T G + E^T E + gamma b b^T,   G_j = (h_j+ - h_j-) / (2 sqrt c),   E_j = (h_j+ + h_j- - 2 h_0) / (2 sqrt c),
     b = sum d / (2 c),   gamma = beta - alpha^2,
 
-a sum of squares for beta >= alpha^2, where the weights themselves have huge cancelling signs. Nothing is ever
-subtracted from a covariance, so none turns indefinite.
+a sum of squares for beta >= alpha^2, where the weights themselves have huge cancelling signs. The filter never
+subtracts from a covariance, so none turns indefinite; the smoother does so in units in which it can see the loss.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from typing import Protocol
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]  # made at run time
+from scipy.linalg.blas import dsyrk, dtrmm, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
+from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]
 
 from mocap.arrays import Array
 
@@ -107,26 +107,37 @@ def ensemble(values: Array, c: float, gamma: float, *, linear: bool = False) -> 
     k = len(values) // 2
     centre, plus, minus = values[0], values[1 : k + 1], values[k + 1 :]
     half = 0.5 / np.sqrt(c)
-    difference = (plus - minus) * half
     if linear:
-        return centre, difference
-    sums = plus + minus - 2 * centre
-    shift = sums.sum(axis=0) / (2 * c)
-    rows = [difference, sums * half]
+        return centre, (plus - minus) * half
+    rows = np.empty_like(values[1:], dtype=float)  # in the memory order of the values
+    np.subtract(plus, minus, out=rows[:k])
+    np.add(plus, minus, out=rows[k:])
+    rows[k:] -= 2 * centre
+    shift = rows[k:].sum(axis=0) / (2 * c)
+    rows *= half
     if gamma > 0:
-        rows.append(np.sqrt(gamma) * shift[None])
-    return centre + shift, np.concatenate(rows)
+        rows = np.concatenate([rows, np.sqrt(gamma) * shift[None]])
+    return centre + shift, rows
 
 
-def cholesky(matrix: Array) -> Array:
-    """Lower Cholesky factor.
+def gram(a: Array, *, add: Array | None = None, lower: bool = True) -> Array:
+    """One triangle of A A^T (+ ``add``, which is overwritten), zeros in the other: half the work of a product."""
+    more = {} if add is None else {"beta": 1.0, "c": add, "overwrite_c": 1}
+    if a.flags.f_contiguous:
+        return dsyrk(1.0, a, lower=lower, **more)
+    return dsyrk(1.0, a.T, trans=1, lower=lower, **more)
+
+
+def cholesky(triangle: Array) -> Array:
+    """Lower Cholesky factor of a symmetric matrix, given its lower triangle with zeros above, which is overwritten.
 
     Raises:
         np.linalg.LinAlgError: the matrix is not positive definite.
     """
-    factor, info = dpotrf(matrix, lower=1, clean=1)
+    factor, info = dpotrf(triangle, lower=1, clean=0, overwrite_a=1)
     if info != 0:
-        raise np.linalg.LinAlgError(f"covariance of size {len(matrix)} is not positive definite (leading minor {info})")
+        size = len(triangle)
+        raise np.linalg.LinAlgError(f"covariance of size {size} is not positive definite (leading minor {info})")
     return factor
 
 
@@ -167,9 +178,8 @@ def predict(
     """
     c, gamma = scale(points)
     mean, rows = ensemble(step(spread(state, c)), c, gamma, linear=linear)
-    covariance = rows.T @ rows + noise @ noise.T
     try:
-        factor = cholesky(covariance)
+        factor = cholesky(gram(rows.T, add=gram(noise)))
     except np.linalg.LinAlgError:
         factor = triangular(np.concatenate([rows, noise.T]))
     return Prediction(Gaussian(mean, factor), rows, noise)
@@ -227,7 +237,8 @@ def update(
     reads = len(state.mean) if reads is None else reads
     predicted, rows = ensemble(h(spread(state, c, columns=reads, rows=reads)), c, gamma, linear=linear)
     innovation = y - predicted
-    white, a = innovation / sd, rows / sd
+    rows /= sd
+    white, a = innovation / sd, rows
     used = np.ones(len(y), dtype=bool)
     if gate is not None and len(y):
         used = gate(white / np.sqrt(1 + np.einsum("ij,ij->j", a, a)))
@@ -253,36 +264,52 @@ def condition(state: Gaussian, a: Array, y: Array, k: int) -> tuple[Gaussian, Ar
     Returns:
         The posterior, w = U^-1 A y, and log det (I + A A^T).
     """
-    reverse = a[::-1]
-    u = cholesky(np.eye(len(a)) + reverse @ reverse.T)[::-1, ::-1]
-    w = solve_triangular(u, a @ y, lower=False, check_finite=False)
-    columns = solve_triangular(u[:k, :k], state.factor[:, :k].T, lower=False, check_finite=False).T
-    factor = state.factor.copy()
+    c = gram(a, lower=False)
+    c[np.diag_indices(len(a))] += 1
+    reverse = cholesky(np.asfortranarray(c[::-1, ::-1]))  # U backwards
+    w = dtrsv(reverse, (a @ y)[::-1], lower=1)[::-1]
+    u11 = np.asfortranarray(reverse[::-1, ::-1][:k, :k])
+    columns = dtrsm(1.0, u11, state.factor[:, :k], side=1, lower=0, trans_a=1)
+    factor = state.factor.copy(order="F")
     factor[:, :k] = columns
-    return Gaussian(state.mean + columns @ w[:k], factor), w, 2 * float(np.log(np.diag(u)).sum())
+    return Gaussian(state.mean + columns @ w[:k], factor), w, 2 * float(np.log(np.diag(reverse)).sum())
 
 
 def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) -> Gaussian:
-    """One Rauch-Tung-Striebel step backwards, without subtracting covariances.
+    """One Rauch-Tung-Striebel step backwards, in units of the filtered deviations.
 
-    With the gain K = (L G)^T-cross (P-)^-1 the smoothed covariance is D D^T + K Q K^T + K Ps K^T, D the part of the
-    filtered deviations that the prediction does not explain.
+    With W = (L-)^-1 G^T, L- the factor of the prediction, the gain is K = L W^T (L-)^-1 and the smoothed covariance
+
+        P + K (Ps - P-) K^T = L (I - W^T W + B^T B) L^T,   B = Ls^T (L-)^-T W,
+
+    and L times the factor of the bracket is its factor. The bracket is 1 where nothing is learned; where it falls below
+    1e-6 the subtraction has cost too many digits, and the same covariance is factored as the sum of squares
+    D D^T + K Q K^T + K Ps K^T, D the part of the filtered deviations that the prediction does not explain.
 
     Args:
         filtered: State of this frame.
         prediction: Prediction from this frame to the next.
         smoothed: Smoothed state of the next frame.
+
+    Raises:
+        np.linalg.LinAlgError: the predicted covariance is singular.
     """
-    n = len(filtered.mean)
-    cross = filtered.factor @ prediction.rows[:n]  # (n, n) covariance of this state with the predicted one
-    half = solve_triangular(prediction.state.factor, cross.T, lower=True, check_finite=False)
-    gain = solve_triangular(prediction.state.factor, half, lower=True, trans=1, check_finite=False).T
-    unexplained = -gain @ prediction.rows.T
-    unexplained[:, :n] += filtered.factor
-    parts = np.concatenate([unexplained, gain @ prediction.noise, gain @ smoothed.factor], axis=1)
-    mean = filtered.mean + gain @ (smoothed.mean - prediction.state.mean)
+    rows, ahead, n = prediction.rows, prediction.state, len(filtered.mean)
+    if not np.diag(ahead.factor).all():
+        raise np.linalg.LinAlgError(f"predicted covariance of size {n} is singular: give every component process noise")
+    w = dtrsm(1.0, ahead.factor, rows[:n].T, lower=1)
+    b = dtrmm(1.0, dtrsm(1.0, ahead.factor, smoothed.factor, lower=1), w, lower=1, trans_a=1)
+    change = dtrsv(ahead.factor, smoothed.mean - ahead.mean, lower=1)
+    mean = filtered.mean + filtered.factor @ (change @ w)
+    bracket = dsyrk(-1.0, w, trans=1, lower=1, beta=1.0, c=np.eye(n, order="F"), overwrite_c=1)
     try:
-        factor = cholesky(parts @ parts.T)
+        shrink = cholesky(gram(b.T, add=bracket))
+        if np.diag(shrink).min() < 1e-3:
+            raise np.linalg.LinAlgError
+        factor = dtrmm(1.0, filtered.factor, shrink, lower=1)
     except np.linalg.LinAlgError:
-        factor = triangular(parts.T)
+        gain = filtered.factor @ dtrsm(1.0, ahead.factor, w, lower=1, trans_a=1).T
+        unexplained = -gain @ rows.T
+        unexplained[:, :n] += filtered.factor
+        factor = triangular(np.concatenate([unexplained, gain @ prediction.noise, gain @ smoothed.factor], axis=1).T)
     return Gaussian(mean, factor)

@@ -7,8 +7,9 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from filters.motion.constant_velocity import ConstantVelocity
 from filters.motion.pose import PoseMotion, rigid_modes
-from filters.subspace import fit_subspace
+from filters.subspace import bridge, fit_subspace
 from mocap.arrays import Array
 from mocap.body import BodyFrames, smooth_series
 
@@ -126,3 +127,29 @@ def penalty(potential: EmpiricalPotential, unit: float, stiffness: float) -> Cal
 def scaled(model: PoseMotion, factor: float) -> PoseMotion:
     """The model with its accelerations' density times a factor."""
     return replace(model, density=model.density * factor)
+
+
+def learn_constant_velocity(xyz_m: Array, *, dt_s: float) -> ConstantVelocity:
+    """Constant velocity for each marker, with the acceleration that the recording shows.
+
+    Args:
+        xyz_m: (T, M, 3) markers in the world; NaN where not seen; every marker seen at least once.
+        dt_s: Time step.
+    """
+    seen = np.isfinite(xyz_m[..., 0])
+    start = xyz_m[np.argmax(seen, axis=0), np.arange(xyz_m.shape[1])]
+    density = np.full(xyz_m.shape[1], np.nan)
+    for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
+        frames = np.flatnonzero(seen[:, marker])
+        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])
+        density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s)).mean()
+    speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / dt_s
+    speed_sd = float(np.sqrt(np.mean(speed[np.isfinite(speed)] ** 2))) if np.isfinite(speed).any() else 1.0
+    extent = float(np.sqrt(np.mean(np.nanvar(xyz_m.reshape(-1, 3), axis=0))))
+    if np.isfinite(density).any():
+        density = np.where(np.isfinite(density), density, np.nanmedian(density))
+    else:
+        density = np.full(len(density), max(speed_sd, 1e-3) ** 2 / dt_s)
+    return ConstantVelocity(
+        start_m=start, start_sd_m=max(extent, 1e-3), speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density
+    )

@@ -17,22 +17,24 @@ def linear(matrices: Array, uv_px: Array) -> Array:
     """The linear least squares that DLTdv solves (Hedrick 2008, equations of Abdel-Aziz & Karara 1971).
 
     Each pixel (u, v) of camera P gives the rows (p1 - u p3) (x, 1) = 0 and (p2 - v p3) (x, 1) = 0, with P scaled so
-    that its last entry is 1: the weights are those of the DLT coefficients. The 3 x 3 normal equations are followed by
-    one step of iterative refinement, which brings them to the accuracy of an orthogonal factorisation.
+    that its last entry is 1: the weights are those of the DLT coefficients (a camera that has none, because the world's
+    origin projects to infinity, is scaled to depth). The 3 x 3 normal equations are followed by one step of iterative
+    refinement, which brings them to the accuracy of an orthogonal factorisation.
 
     Args:
         matrices: (C, 3, 4) projections.
         uv_px: (C, ..., 2) ideal pixels; NaN where not seen.
 
     Returns:
-        (..., 3) points in metres; NaN where fewer than two cameras see it.
+        (..., 3) points in metres; NaN where fewer than two cameras see it, or all from one side.
     """
     shape = uv_px.shape[1:-1]
     uv = uv_px.reshape(len(uv_px), -1, 2)
     seen = np.isfinite(uv).all(axis=-1)
     known = np.flatnonzero(np.count_nonzero(seen, axis=0) >= 2)
     uv, seen = uv[:, known], np.asarray(seen)[:, known]
-    scaled = matrices / matrices[:, 2:, 3:]
+    last, depth = matrices[:, 2:, 3:], np.linalg.norm(matrices[:, 2:, :3], axis=-1, keepdims=True)
+    scaled = matrices / np.where(np.abs(last) > 1e-9 * depth, last, depth)
     rows = scaled[:, None, :2, :] - uv[..., None] * scaled[:, None, 2:, :]  # (C, K, 2, 4)
     rows = np.where(seen[..., None, None], rows, 0.0)
     rows = np.moveaxis(rows, 0, 1).reshape(len(known), 2 * len(matrices), 4)
@@ -47,8 +49,8 @@ def linear(matrices: Array, uv_px: Array) -> Array:
 
 
 def _solve(normal: Array, right: Array) -> Array:
-    """Solve batches of 3 x 3 systems; NaN where singular (two cameras on one ray)."""
-    singular = ~(np.abs(np.linalg.det(normal)) > 0)
+    """Solve batches of 3 x 3 systems; NaN where singular to rounding (two cameras on one ray)."""
+    singular = ~(np.linalg.det(normal) > 1e-13 * np.trace(normal, axis1=-2, axis2=-1) ** 3)
     if singular.any():
         normal = normal.copy()
         normal[singular] = np.nan
@@ -118,8 +120,8 @@ def refine(
     stacked_rows = np.moveaxis(jacobian, 0, 1).reshape(len(known), 2 * len(matrices), 3)
     information = np.swapaxes(stacked_rows, 1, 2) @ stacked_rows
     points, cov = np.full_like(x_all, np.nan), np.full((len(x_all), 3, 3), np.nan)
-    points[known] = best
     cov[known] = _solve(information, np.broadcast_to(np.eye(3), information.shape))
+    points[known] = np.where(np.isfinite(cov[known, :, 0]), best, np.nan)
     return points.reshape(*shape, 3), cov.reshape(*shape, 3, 3)
 
 

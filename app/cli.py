@@ -1,0 +1,243 @@
+"""The command line: ``mocap``."""
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from app.main_job import Stages
+from app.source import Source
+from mocap.errors import MocapError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
+)
+errors = Console(stderr=True)
+
+
+class PixelOrigin(StrEnum):
+    """Where pixel rows are counted from."""
+
+    upper_left = "upper-left"
+    lower_left = "lower-left"
+
+
+class ModelName(StrEnum):
+    """Motion models."""
+
+    auto = "auto"
+    eal = "eal"
+    constant_velocity = "constant_velocity"
+
+
+class Animal(StrEnum):
+    """Built-in recordings."""
+
+    bat = "bat"
+    lizard = "lizard"
+
+
+Tracks = Annotated[Path, typer.Argument(help="DLTdv xypts file; for track also xyzpts, without --dlt.")]
+Dlt = Annotated[Path | None, typer.Option("--dlt", help="DLT coefficients: 11 rows, a column a camera.")]
+Profile = Annotated[
+    Path | None, typer.Option(help="Camera profile, a line a camera: cam f W H cx cy AR k1 k2 p1 p2 k3.")
+]
+PixelOriginOption = Annotated[
+    PixelOrigin | None,
+    typer.Option("--origin", help="Corner that pixel rows are counted from; if not given, found by the residual."),
+]
+DltOrigin = Annotated[PixelOrigin | None, typer.Option(help="The same for the coefficients, if it differs.")]
+ImageHeight = Annotated[float | None, typer.Option(help="Image height in pixels, to flip rows without a profile.")]
+Fps = Annotated[float | None, typer.Option(help="Frames per second; the files do not hold it.")]
+SkeletonFile = Annotated[Path | None, typer.Option("--skeleton", help="Skeleton in TOML: markers, bones, joints.")]
+PixelSd = Annotated[float | None, typer.Option(help="Standard deviation of a pixel; if not given, estimated.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for machines.")]
+Out = Annotated[Path, typer.Option(help="Folder to write.")]
+
+
+@app.command()
+def triangulate(
+    tracks: Tracks,
+    out: Annotated[Path, typer.Option(help="xyzpts file to write.")],
+    dlt: Dlt = None,
+    profile: Profile = None,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    pixel_sd: PixelSd = None,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Smallest reprojection error, bad rays rejected, with _sd columns.")
+    ] = False,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
+    from app.triangulate import triangulate_file
+
+    if dlt is None:
+        raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
+    source = Source(
+        tracks=tracks,
+        fps=1.0,
+        coefficients=dlt,
+        profile=profile,
+        pixel_origin=origin.value if origin else None,
+        coefficient_origin=dlt_origin.value if dlt_origin else None,
+        image_height_px=image_height,
+        pixel_sd=pixel_sd,
+    )
+    summary = triangulate_file(source, dlt, out, refine=refine, force=force)
+    if as_json:
+        print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201
+        return
+    for finding in summary.findings:
+        errors.print(finding, highlight=False, soft_wrap=True)
+    errors.print(
+        f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+@app.command()
+def track(
+    tracks: Tracks,
+    out: Out,
+    dlt: Dlt = None,
+    fps: Fps = None,
+    profile: Profile = None,
+    skeleton: SkeletonFile = None,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    stored: Annotated[Path | None, typer.Option(help="xyzpts to audit; if not given, the one beside xypts.")] = None,
+    pixel_sd: PixelSd = None,
+    model: Annotated[ModelName, typer.Option(help="Motion model; auto takes what fills hidden samples better.")] = (
+        ModelName.auto
+    ),
+    validate: Annotated[bool, typer.Option(help="Hide samples and measure how they are filled.")] = True,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
+    from app.main_job import run_job
+    from app.tables import check_target, write_run
+    from app.view.record import write_recording
+
+    if fps is None:
+        raise MocapError(f"{tracks.name}: frames per second are not in the file: give --fps")
+    check_target(out, force=force)
+    source = Source(
+        tracks=tracks,
+        fps=fps,
+        coefficients=dlt,
+        profile=profile,
+        skeleton=skeleton,
+        pixel_origin=origin.value if origin else None,
+        coefficient_origin=dlt_origin.value if dlt_origin else None,
+        image_height_px=image_height,
+        stored_points=stored,
+        pixel_sd=pixel_sd,
+    )
+    with progress() as stages:
+        run, _ = run_job(source, model=model.value, stages=stages, validated=validate)
+        with stages.stage("write"):
+            write_run(run, out, write_recording=write_recording, force=force)
+    finish(run.report, run.report_text, out, as_json)
+
+
+@app.command()
+def demo(
+    animal: Annotated[Animal, typer.Argument(help="Built-in recording.")] = Animal.bat,
+    out: Out = Path("out/demo"),
+    seed: Annotated[int, typer.Option(help="Which flight or walk.")] = 0,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run the main job on a built-in recording, and compare with its truth."""
+    from app.demo import run_demo
+    from app.tables import check_target, write_run
+    from app.view.record import write_recording
+
+    check_target(out, force=force)
+    with progress() as stages:
+        run = run_demo(animal.value, stages=stages, seed=seed)
+        with stages.stage("write"):
+            write_run(run, out, write_recording=write_recording, force=force)
+    finish(run.report, run.report_text, out, as_json)
+
+
+@app.command()
+def view(
+    run: Annotated[Path, typer.Argument(help="Folder that track or demo wrote, or a .rrd file.")],
+    web: Annotated[bool, typer.Option("--web", help="In the browser instead of a window.")] = False,
+) -> None:
+    """Open a run in rerun, on 127.0.0.1 only."""
+    import webbrowser
+
+    from app.view.viewer import open_viewer
+
+    path = run / "recording.rrd" if run.is_dir() else run
+    if not path.is_file():
+        raise MocapError(f"{path}: there is no recording: give a folder that mocap track or mocap demo wrote")
+    viewer = open_viewer(path, web=web)
+    try:
+        if viewer.url:
+            errors.print(f"{viewer.url}\nCtrl-C to stop.", highlight=False, soft_wrap=True)
+            webbrowser.open(viewer.url)
+        viewer.wait()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        viewer.close()
+
+
+@contextmanager
+def progress() -> Iterator[Stages]:
+    """A bar a stage, on stderr, where that is a terminal."""
+    columns = (TextColumn("{task.description:28}"), BarColumn(bar_width=24), TimeElapsedColumn())
+    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
+        tasks: dict[str, int] = {}
+
+        def tell(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=1.0)
+            bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
+
+        yield Stages(tell=tell)
+
+
+def finish(report: object, text: str, out: Path, as_json: bool) -> None:
+    """Say what was found and written."""
+    if as_json:
+        print(json.dumps(report))  # noqa: T201
+        return
+    Console().print(Markdown(text))
+    errors.print(
+        f"\nWrote {out}/: markers.csv, joints.csv, report.json, report.md, recording.rrd\n"
+        f"Look at it: mocap view {out}   (in the browser: mocap view {out} --web)",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def main() -> None:
+    """Run, and turn trouble that a user can mend into one line and exit code 1."""
+    try:
+        app(standalone_mode=True)
+    except MocapError as error:
+        errors.print(f"error: {error}", style="red", highlight=False, soft_wrap=True, markup=False)
+        sys.exit(1)

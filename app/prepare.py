@@ -1,0 +1,212 @@
+"""From files to what a tracker takes: triangulated, cleaned, freed from the slow errors of rays."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.source import Filmed, Source, audit_points, load_filmed, load_skeleton
+from filters.observations import Observations, PixelObservations, PositionObservations
+from mocap import audit, triangulate
+from mocap.arrays import Array
+from mocap.bias import ray_bias
+from mocap.clean import REASONS, Cleaning, clean
+from mocap.errors import CalibrationError, FormatError
+from mocap.formats import dltdv
+from mocap.records import MarkerTracks
+from mocap.skeleton import Skeleton
+
+WIDE = 0.05
+"""A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Prepared:
+    """A recording ready to be tracked.
+
+    Attributes:
+        name: Of the recording.
+        skeleton: Its skeleton, at least with its markers.
+        names: The M markers.
+        t_s: (T,) times.
+        xyz_m: (T, M, 3) points of believed samples, corrected for slow ray errors; NaN else.
+        cov_m2: (T, M, 3, 3) covariance of their jitter.
+        filmed: Pixels and cameras; None where positions were given.
+        uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras.
+        jitter_px: Standard deviation of a corrected pixel; NaN without cameras.
+        bias_px: Standard deviation of the slow ray errors that were removed.
+        residual_px: (T, M) residuals of triangulation before correction; NaN without.
+        rejected: (T, M) masks by reason.
+        rays_rejected: (C, T, M) rays that miss.
+        max_speed_m_s: (M,) speed limits that jumps were judged by.
+        findings: Sentences for the report.
+        stale: Stored points that do not follow from the pixels; None where there was no file to compare.
+    """
+
+    name: str
+    skeleton: Skeleton
+    names: tuple[str, ...]
+    t_s: Array
+    xyz_m: Array
+    cov_m2: Array
+    filmed: Filmed | None
+    uv_px: Array
+    jitter_px: float
+    bias_px: float
+    residual_px: Array
+    rejected: dict[str, NDArray[np.bool_]]
+    rays_rejected: NDArray[np.bool_]
+    max_speed_m_s: Array
+    findings: tuple[str, ...] = ()
+    stale: tuple[audit.StalePoint, ...] | None = field(default=None)
+
+    @property
+    def dt_s(self) -> float:
+        """Time step."""
+        return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+    def observations(
+        self, frames: slice, markers: NDArray[np.int64], *, hidden: NDArray[np.bool_] | None = None
+    ) -> Observations:
+        """Rows for a tracker.
+
+        Args:
+            frames: Frames to track.
+            markers: Markers to track.
+            hidden: (T, M) samples to leave out.
+        """
+        keep = np.ones(self.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
+        keep = keep[frames][:, markers]
+        xyz = np.where(keep[..., None], self.xyz_m[frames][:, markers], np.nan)
+        cov = self.cov_m2[frames][:, markers]
+        if self.filmed is None:
+            return PositionObservations(xyz_m=xyz, sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
+        uv = np.where(keep[None, ..., None], self.uv_px[:, frames][:, :, markers], np.nan)
+        depth = np.median(np.abs(self.filmed.matrices[:, 2, :3] @ _middle(self.xyz_m) + self.filmed.matrices[:, 2, 3]))
+        return PixelObservations(
+            matrices=self.filmed.matrices,
+            uv_px=uv,
+            sd_px=np.full(uv.shape[:3], self.jitter_px),
+            xyz_m=xyz,
+            cov_m2=cov,
+            wide_m=WIDE * float(depth),
+        )
+
+
+def _middle(xyz_m: Array) -> Array:
+    return np.nanmedian(xyz_m.reshape(-1, 3), axis=0)
+
+
+def prepare(source: Source) -> Prepared:
+    """Read and clean a recording; see the module.
+
+    Raises:
+        MocapError: whatever makes that impossible, with what to do.
+    """
+    if source.coefficients is None:
+        return _prepare_points(source)
+    filmed = load_filmed(source, source.coefficients, iterations=None)
+    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
+    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
+    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd)
+    sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
+    t_s = filmed.pixels.t_s
+    cleaning = clean(found.xyz_m, sd, t_s, skeleton, names)
+    uv = np.where((found.rejected | cleaning.any)[..., None], np.nan, filmed.ideal_px)
+    dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
+    bias = ray_bias(filmed.matrices, uv, dt_s=dt)
+    jitter = source.pixel_sd or bias.jitter_px
+    uv = uv - bias.bias_px
+    xyz, cov = triangulate.refine(filmed.matrices, uv, triangulate.linear(filmed.matrices, uv), sd_px=jitter)
+    lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
+    stale, findings = audit_points(source, filmed)
+    findings = [filmed.pixel_origin.describe(), *findings]
+    if bias.sd_px:
+        findings.append(
+            f"rays of one marker miss each other slowly by {bias.sd_px:.2f} px (calibration or lens): removed before "
+            f"tracking, {bias.jitter_px:.2f} px of jitter are left"
+        )
+    return Prepared(
+        name=source.name,
+        skeleton=skeleton,
+        names=names,
+        t_s=t_s,
+        xyz_m=xyz,
+        cov_m2=cov,
+        filmed=filmed,
+        uv_px=uv,
+        jitter_px=jitter,
+        bias_px=bias.sd_px,
+        residual_px=found.residual_px,
+        rejected={"rays_miss": lost, **cleaning.rejected},
+        rays_rejected=found.rejected,
+        max_speed_m_s=cleaning.max_speed_m_s,
+        findings=(*findings, *_cleaning_findings(cleaning, names), *_never_seen(xyz, names)),
+        stale=stale,
+    )
+
+
+def _prepare_points(source: Source) -> Prepared:
+    if "_cam" in source.tracks.open(encoding="utf-8", errors="replace").readline():
+        raise CalibrationError(f"{source.tracks.name}: holds pixels: give the coefficients of their cameras with --dlt")
+    tracks = dltdv.read_points(source.tracks, fps=source.fps)
+    if not tracks.seen.any():
+        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
+    skeleton, names = load_skeleton(source.skeleton, tracks.names)
+    sd = np.where(np.isfinite(tracks.sd_m), tracks.sd_m, position_sd(tracks))
+    cleaning = clean(tracks.xyz_m, sd, tracks.t_s, skeleton, names)
+    xyz = np.where(cleaning.any[..., None], np.nan, tracks.xyz_m)
+    cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
+    shape = (0, *xyz.shape[:2])
+    return Prepared(
+        name=source.name,
+        skeleton=skeleton,
+        names=names,
+        t_s=tracks.t_s,
+        xyz_m=xyz,
+        cov_m2=cov,
+        filmed=None,
+        uv_px=np.zeros((*shape, 2)),
+        jitter_px=np.nan,
+        bias_px=0.0,
+        residual_px=np.full(xyz.shape[:2], np.nan),
+        rejected={"rays_miss": np.zeros(xyz.shape[:2], dtype=bool), **cleaning.rejected},
+        rays_rejected=np.zeros(shape, dtype=bool),
+        max_speed_m_s=cleaning.max_speed_m_s,
+        findings=(
+            f"positions only: noise from the file or estimated, {np.nanmedian(sd) * 1e3:.3g} mm (median)",
+            *_cleaning_findings(cleaning, names),
+            *_never_seen(xyz, names),
+        ),
+    )
+
+
+def position_sd(tracks: MarkerTracks) -> Array:
+    """(T, M) standard deviation of a coordinate from fourth differences, which smooth motion hardly feels.
+
+    White noise of variance s^2 gives fourth differences of variance 70 s^2; the median of their size over a marker is
+    0.6745 sqrt(70) s. Markers with too few samples take the median of the others, and all at least 1e-6 m.
+    """
+    size = np.abs(np.asarray(np.diff(tracks.xyz_m, n=4, axis=0))) / (0.6745 * np.sqrt(70))
+    sd: Array = np.full(tracks.xyz_m.shape[1], np.nan)
+    for marker in range(len(sd)):
+        known = size[:, marker][np.isfinite(size[:, marker])]
+        if len(known) >= 15:
+            sd[marker] = np.median(known)
+    fallback = np.nanmedian(sd) if np.isfinite(sd).any() else 1e-3
+    return np.broadcast_to(np.maximum(np.where(np.isfinite(sd), sd, fallback), 1e-6), tracks.xyz_m.shape[:2])
+
+
+def _cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:
+    out = []
+    for reason, mask in cleaning.rejected.items():
+        if mask.any():
+            markers = [f"{names[int(m)]} ({mask[:, m].sum()})" for m in np.flatnonzero(mask.any(axis=0))]
+            out.append(f"{mask.sum()} samples rejected, {REASONS[reason]}: {', '.join(markers)}")
+    return out
+
+
+def _never_seen(xyz_m: Array, names: Sequence[str]) -> list[str]:
+    never = [names[int(m)] for m in np.flatnonzero(~np.isfinite(xyz_m[..., 0]).any(axis=0))]
+    return [f"never seen in 3D, and left empty: {', '.join(never)}"] if never else []

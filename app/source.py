@@ -1,0 +1,173 @@
+"""The files of a recording: what the user names and states, read and brought to ideal pixels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap import audit, origin, triangulate
+from mocap.arrays import Array
+from mocap.cameras import Camera, stacked
+from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.formats import dltdv
+from mocap.formats.profile import with_profile
+from mocap.records import PixelTracks
+from mocap.skeleton import Skeleton, read_skeleton
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """The files of one recording, and what their user states about them.
+
+    Attributes:
+        tracks: xypts, or xyzpts where there are no cameras.
+        fps: Frames a second.
+        coefficients: DLT coefficients; None: ``tracks`` holds positions.
+        profile: Camera profile.
+        skeleton: Skeleton TOML.
+        pixel_origin: Where pixel rows are counted from.
+        coefficient_origin: The same for the coefficients.
+        image_height_px: Image height for flips.
+        stored_points: xyzpts to audit; None: the file beside ``tracks`` that is named so.
+        pixel_sd: Standard deviation of a pixel; None: estimated.
+    """
+
+    tracks: Path
+    fps: float
+    coefficients: Path | None = None
+    profile: Path | None = None
+    skeleton: Path | None = None
+    pixel_origin: origin.Origin | None = None
+    coefficient_origin: origin.Origin | None = None
+    image_height_px: float | None = None
+    stored_points: Path | None = None
+    pixel_sd: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the frame rate."""
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise MocapError(f"frames per second must be a number above 0, but are {self.fps}: correct --fps")
+
+    @property
+    def name(self) -> str:
+        """Name of the recording, from that of the file."""
+        return self.tracks.stem.removesuffix("xypts").removesuffix("xyzpts").rstrip("_-. ") or self.tracks.stem
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filmed:
+    """Pixels with their cameras.
+
+    Attributes:
+        pixels: As recorded, markers named as in the skeleton.
+        cameras: The C cameras.
+        pixel_origin: Decision on where rows are counted from.
+        ideal_px: (C, T, M, 2) undistorted pixels in the convention of the coefficients.
+    """
+
+    pixels: PixelTracks
+    cameras: tuple[Camera, ...]
+    pixel_origin: origin.PixelOrigin
+    ideal_px: Array
+
+    @property
+    def matrices(self) -> Array:
+        """(C, 3, 4) projections."""
+        return stacked(self.cameras)
+
+
+def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tuple[str, ...]]:
+    """The skeleton, and the file's marker names in its terms; without a file a skeleton of markers only.
+
+    Raises:
+        SkeletonError: the skeleton cannot be read, or uses markers that the recording lacks.
+    """
+    if path is None:
+        return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
+    skeleton = read_skeleton(path)
+    renamed = skeleton.renamed(names)
+    return skeleton.for_markers(renamed, source="the recording"), renamed
+
+
+def load_filmed(source: Source, coefficients: Path, *, iterations: int | None) -> Filmed:
+    """Read pixels and cameras, decide the pixel origin, undistort.
+
+    Args:
+        source: Files.
+        coefficients: DLT coefficients.
+        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
+
+    Raises:
+        FormatError: a file cannot be read.
+        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
+    """
+    pixels = dltdv.read_pixels(source.tracks, fps=source.fps)
+    cameras = dltdv.read_coefficients(coefficients)
+    if len(cameras) != len(pixels.cameras):
+        raise CalibrationError(
+            f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {coefficients.name} has coefficients for "
+            f"{len(cameras)}: give the coefficients of this recording (a column a camera)"
+        )
+    if source.profile is not None:
+        cameras = with_profile(cameras, source.profile)
+    if not pixels.seen.any():
+        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track; digitise first")
+    if not (pixels.seen.sum(axis=0) >= 2).any():
+        raise CalibrationError(
+            f"{source.tracks.name}: no marker is seen by two cameras at once: no point can be triangulated"
+        )
+    decision = origin.decide_origin(
+        cameras,
+        pixels.uv_px,
+        origin=source.pixel_origin,
+        coefficients=source.coefficient_origin,
+        height_px=source.image_height_px,
+    )
+    ideal = origin.ideal_pixels(
+        cameras,
+        pixels.uv_px,
+        pixels=decision.pixels,
+        coefficients=decision.coefficients,
+        height_px=decision.height_px,
+        iterations=iterations,
+    )
+    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal)
+
+
+def stored_points(source: Source) -> Path | None:
+    """The xyzpts file to audit: the one given, or the sibling of the xypts file."""
+    if source.stored_points is not None or "xypts" not in source.tracks.name:
+        return source.stored_points
+    head, _, tail = source.tracks.name.rpartition("xypts")
+    sibling = source.tracks.with_name(f"{head}xyzpts{tail}")
+    return sibling if sibling.exists() else None
+
+
+def audit_points(source: Source, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
+    """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
+    path = stored_points(source)
+    if path is None:
+        return None, []
+    stored = dltdv.read_points(path, fps=source.fps)
+    decision = filmed.pixel_origin
+    ideal = origin.ideal_pixels(
+        filmed.cameras,
+        filmed.pixels.uv_px,
+        pixels=decision.pixels,
+        coefficients=decision.coefficients,
+        height_px=decision.height_px,
+        iterations=3,
+    )
+    try:
+        stale = audit.stale_points(triangulate.linear(filmed.matrices, ideal), stored)
+    except ValueError as error:
+        return None, [f"{path.name} was not compared: {error}"]
+    total = int(stored.seen.sum())
+    if not stale:
+        return (), [f"{path.name}: all {total} stored points follow from the pixels"]
+    worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
+    return tuple(stale), [
+        f"{path.name}: {len(stale)} of {total} stored points do not follow from the pixels (up to {worst * 1e3:.1f} mm "
+        "off): they are stale and were computed anew"
+    ]

@@ -1,0 +1,98 @@
+"""A run as files: tables, report and recording, all there or none."""
+
+import csv
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from app.run import Run
+from mocap.errors import MocapError
+from mocap.records import MarkerTracks, Origin
+
+
+def check_target(path: Path, *, force: bool) -> None:
+    """Refuse to write over what exists.
+
+    Raises:
+        MocapError: ``path`` exists and ``force`` is not given.
+    """
+    if path.exists() and not force:
+        raise MocapError(f"{path} exists: give --force to replace it, or another --out")
+
+
+def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None], force: bool = False) -> None:
+    """Write ``markers.csv``, ``joints.csv``, ``report.json``, ``report.md`` and ``recording.rrd``.
+
+    All is written to a temporary folder beside the target and renamed when whole.
+
+    Raises:
+        MocapError: the folder exists and ``force`` is not given, or it cannot be written.
+    """
+    check_target(folder, force=force)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    except OSError as error:
+        raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
+    try:
+        write_markers(run.tracked.markers, temporary / "markers.csv")
+        write_joints(run, temporary / "joints.csv")
+        (temporary / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
+        (temporary / "report.md").write_text(run.report_text, encoding="utf-8")
+        for name, potential in run.potentials.items():
+            (temporary / "potentials").mkdir(exist_ok=True)
+            potential.potential.save(temporary / "potentials" / f"{name}.npz")
+        write_recording(run, temporary / "recording.rrd")
+        temporary.chmod(0o755)
+        if folder.exists():
+            if not folder.is_dir():
+                folder.unlink()
+            else:
+                shutil.rmtree(folder)
+        temporary.replace(folder)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+
+
+def write_markers(markers: MarkerTracks, path: Path) -> None:
+    """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_x, _y, _z, _sd`` in metres and ``_origin`` a marker."""
+    header = ["frame", "t_s"]
+    columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
+    words = np.array([o.name.lower() for o in Origin])
+    sd = markers.sd_m
+    for i, name in enumerate(markers.names):
+        header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]
+        columns += [_text(markers.xyz_m[:, i, k]) for k in range(3)]
+        columns += [_text(sd[:, i]), words[markers.origin[:, i]]]
+    _write(path, header, columns)
+
+
+def write_joints(run: Run, path: Path) -> None:
+    """A row a frame: ``frame``, ``t_s``, then ``<joint>_<frame>_x, _y[, _z]`` and ``<joint>_sd`` in metres."""
+    t_s = run.tracked.markers.t_s
+    header = ["frame", "t_s"]
+    columns = [np.arange(1, len(t_s) + 1).astype(str), np.char.mod("%.9g", t_s)]
+    for i, joint in enumerate(j.name for j in run.skeleton.joints):
+        for frame, tracks in run.joints.items():
+            for k in range(tracks.q_m.shape[2]):
+                header.append(f"{joint}_{frame}_{'xyz'[k]}")
+                columns.append(_text(tracks.q_m[:, i, k]))
+        header.append(f"{joint}_sd")
+        columns.append(_text(run.joints["world"].sd_m[:, i]))
+    _write(path, header, columns)
+
+
+def _text(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isfinite(values), np.char.mod("%.7f", np.nan_to_num(values)), "NaN")
+
+
+def _write(path: Path, header: list[str], columns: list[np.ndarray]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(np.stack(columns, axis=1).tolist())

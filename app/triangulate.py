@@ -1,0 +1,73 @@
+"""Triangulation alone: what DLTdv would compute, or better if asked."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.source import Source, audit_points, load_filmed, load_skeleton
+from app.tables import check_target
+from mocap import triangulate
+from mocap.formats import dltdv
+from mocap.records import MarkerTracks, Origin
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriangulationSummary:
+    """What was triangulated.
+
+    Attributes:
+        points: Number of points.
+        samples: Frames times markers.
+        residual_px: Median residual.
+        findings: Sentences on origin and stored points.
+    """
+
+    points: int
+    samples: int
+    residual_px: float
+    findings: tuple[str, ...]
+
+
+def triangulate_file(
+    source: Source, coefficients: Path, out: Path, *, refine: bool, force: bool
+) -> TriangulationSummary:
+    """Write a DLTdv xyzpts file.
+
+    Args:
+        source: Files.
+        coefficients: DLT coefficients.
+        out: File to write.
+        refine: False: DLTdv's linear least squares, with its three iterations of undistortion, nothing cleaned. True:
+            the smallest reprojection error, rays that miss rejected, with columns ``<name>_sd``.
+        force: Whether to replace ``out``.
+
+    Raises:
+        MocapError: whatever makes that impossible.
+    """
+    check_target(out, force=force)
+    filmed = load_filmed(source, coefficients, iterations=None if refine else 3)
+    _, names = load_skeleton(source.skeleton, filmed.pixels.names)
+    if refine:
+        found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd)
+        xyz, cov, residual = found.xyz_m, found.cov_m2, found.residual_px
+    else:
+        xyz = triangulate.linear(filmed.matrices, filmed.ideal_px)
+        cov = np.full((*xyz.shape, 3), np.nan)
+        residual = triangulate.residual_px(filmed.matrices, filmed.ideal_px, xyz)
+    seen = np.isfinite(xyz[..., 0])
+    tracks = MarkerTracks(
+        names=names,
+        t_s=filmed.pixels.t_s,
+        xyz_m=xyz,
+        cov_m2=cov,
+        origin=np.where(seen, Origin.MEASURED, Origin.MISSING),
+    )
+    dltdv.write_points(out, tracks, sd=refine)
+    _, findings = audit_points(source, filmed)
+    return TriangulationSummary(
+        points=int(seen.sum()),
+        samples=seen.size,
+        residual_px=float(np.median(residual[seen])),
+        findings=(filmed.pixel_origin.describe(), *findings),
+    )

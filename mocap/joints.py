@@ -1,0 +1,96 @@
+"""Relative joint coordinates: the child of a joint as its centre sees it."""
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.body import BodyFrames
+from mocap.records import JointTracks, MarkerTracks
+from mocap.skeleton import Skeleton
+
+FRAMES = ("world", "body", "plane", "limb")
+"""Frames of reference of ``joint_tracks``."""
+
+
+def joint_tracks(tracks: MarkerTracks, skeleton: Skeleton, frames: BodyFrames) -> dict[str, JointTracks]:
+    """The child of every joint relative to its centre, in four frames of reference.
+
+    - ``world``: axes of the world.
+    - ``body``: axes of the trunk.
+    - ``plane``: the mean plane of the limb in the body (normal: the direction that the normals of parent, centre and
+      child keep to); first axis the mean direction from parent to centre.
+    - ``limb``: the plane of parent, centre and child at every instant, first axis from parent to centre: the paper's
+      shoulder-elbow-wrist plane with the elbow at the origin. The second axis keeps the side of the mean normal, so
+      that a joint that bends over its straight position changes sign.
+
+    Args:
+        tracks: Markers.
+        skeleton: Joints; all their markers must be in the tracks.
+        frames: Body frames of the same recording.
+
+    Returns:
+        Joint tracks by name of the frame; coordinates (T, J, 3) in world and body, (T, J, 2) in plane and limb.
+    """
+    index = {name: i for i, name in enumerate(tracks.names)}
+    triple = np.array([[index[j.parent], index[j.centre], index[j.child]] for j in skeleton.joints], dtype=int)
+    triple = triple.reshape(-1, 3)
+    child = tracks.xyz_m[:, triple[:, 2]] - tracks.xyz_m[:, triple[:, 1]]
+    along = tracks.xyz_m[:, triple[:, 1]] - tracks.xyz_m[:, triple[:, 0]]
+    sd = np.hypot(tracks.sd_m[:, triple[:, 2]], tracks.sd_m[:, triple[:, 1]])
+    sd = np.where(np.isfinite(child[..., 0]), sd, np.nan)
+    child_body = np.einsum("tji,tmj->tmi", frames.rotation, child)
+    along_body = np.einsum("tji,tmj->tmi", frames.rotation, along)
+    normal, mean_normal = _normals(along_body, child_body)
+    coordinates = {
+        "world": child,
+        "body": child_body,
+        "plane": _in_plane(child_body, _mean_direction(along_body), mean_normal),
+        "limb": _in_plane(child_body, along_body, normal),
+    }
+    names = tuple(j.name for j in skeleton.joints)
+    return {
+        frame: JointTracks(
+            names=names,
+            frame=frame,
+            t_s=tracks.t_s,
+            q_m=q,
+            sd_m=np.where(np.isfinite(q[..., 0]), sd, np.nan),
+        )
+        for frame, q in coordinates.items()
+    }
+
+
+def _normals(along: Array, child: Array) -> tuple[Array, Array]:
+    """Unit normals (T, J, 3) of the limbs' planes on the side of their mean, and the mean ones (J, 3).
+
+    The mean is the principal axis of the normals, weighted by the sine of the bend; a straight limb has no plane and
+    gets the mean.
+    """
+    normal = np.cross(along, child)
+    filled = np.nan_to_num(normal)
+    moment = np.einsum("tji,tjk->jik", filled, filled)
+    mean = np.linalg.eigh(moment)[1][..., -1] if len(moment) else np.zeros((0, 3))
+    side = np.einsum("tji,ji->tj", filled, mean)
+    mean = mean * np.where(side.sum(axis=0) < 0, -1.0, 1.0)[:, None]
+    side = np.einsum("tji,ji->tj", filled, mean)
+    length = np.linalg.norm(normal, axis=-1)
+    straight = length < 1e-9 * np.linalg.norm(along, axis=-1) * np.linalg.norm(child, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        unit = normal / length[..., None] * np.where(side < 0, -1.0, 1.0)[..., None]
+    return np.where(straight[..., None], mean, unit), mean
+
+
+def _mean_direction(along: Array) -> Array:
+    """(J, 3) mean of the directions over time."""
+    with np.errstate(invalid="ignore"):
+        unit = along / np.linalg.norm(along, axis=-1, keepdims=True)
+    count = np.maximum(np.isfinite(unit[..., :1]).sum(axis=0), 1)
+    return np.nansum(unit, axis=0) / count
+
+
+def _in_plane(child: Array, along: Array, normal: Array) -> Array:
+    """(T, J, 2) coordinates of the child along a direction made normal to ``normal``, and across it."""
+    first = along - np.sum(along * normal, axis=-1, keepdims=True) * normal
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    second = np.cross(normal, first)
+    return np.stack([np.sum(child * first, axis=-1), np.sum(child * second, axis=-1)], axis=-1)

@@ -99,9 +99,9 @@ def test_cave_cameras_are_what_they_are():
     for camera in cameras:
         pinhole = decompose(camera)
         assert pinhole.mirrored
-        # named to a whole pixel; the eleven free numbers of a DLT hold them to a thousandth of the width
-        np.testing.assert_allclose(np.diag(pinhole.intrinsic)[:2], 526, atol=1)
-        np.testing.assert_allclose(pinhole.intrinsic[:2, 2], [320, 256], atol=1)
+        # the DLT is a free fit of eleven numbers: within a hundredth of the picture's height
+        np.testing.assert_allclose(np.diag(pinhole.intrinsic)[:2], 526, atol=5)
+        np.testing.assert_allclose(pinhole.intrinsic[:2, 2], [320, 256], atol=5)
 
 
 @pytest.mark.parametrize(("trial", "profile"), [("FE404_F2", True), ("078A3_F5", False)])

@@ -49,6 +49,11 @@ def findings_of(
             f"no two samples are near at the kernel's width (first eigenvalue {sigma[0]:.2g} of {n} samples): V is a "
             "set of separate wells; scale the coordinates down, take a smaller beta or more samples"
         )
+    elif float(np.minimum(sigma / sigma_lambda, 1.0).sum()) > 0.9 * distinct and n > 2:
+        sentences.append(
+            f"nearly every one of the {distinct} distinct samples is a mode of its own above lambda: V follows each "
+            "sample, noise included; take a larger lambda, a smaller beta or more samples"
+        )
     if sigma[0] < sigma_lambda:
         sentences.append(
             f"lambda = {sigma_lambda:.2g} is above the first eigenvalue {sigma[0]:.2g}: V stays near 1 even on the "

@@ -1,7 +1,7 @@
 """The paper's axes: double logarithmic curves with spread and a reference slope, maps, and paths."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib import colormaps
@@ -18,11 +18,13 @@ class Curve:
         label: Legend.
         x: (n,) abscissae.
         y: (n, seeds) or (n,) ordinates; the median is drawn, and the range shaded.
+        state: (n,) another error at the same abscissae, drawn dotted; empty: none.
     """
 
     label: str
     x: Array
     y: Array
+    state: Array = field(default_factory=lambda: np.empty(0))
 
 
 def log_log(
@@ -37,6 +39,8 @@ def log_log(
         axes.loglog(curve.x, np.median(y, axis=1), "o-", color=colour, label=curve.label, markersize=3, linewidth=1.2)
         if y.shape[1] > 1:
             axes.fill_between(curve.x, y.min(axis=1), y.max(axis=1), color=colour, alpha=0.18, linewidth=0)
+        if len(curve.state):
+            axes.loglog(curve.x, curve.state, ":", color=colour, linewidth=1)
         top = max(top, float(np.median(y, axis=1)[0]))
     if slope is not None:
         x = curves[0].x

@@ -3,8 +3,8 @@
 import numpy as np
 
 from app.reproduce.draw import Curve, log_log
-from app.reproduce.fig_lambda import CONSTRAINT, DELTA_M, DURATION_S, PENALTY
 from app.reproduce.record import Figure, Verdict, long_table
+from app.reproduce.settings import CONSTRAINT, DELTA_M, DURATION_S, PENALTY
 from app.reproduce.sweep import errors, over_lambda, planar, slope
 from eal import EmpiricalPotential
 from eal.arrays import Array

@@ -3,9 +3,9 @@
 import numpy as np
 
 from app.reproduce.draw import Curve, log_log, over_time
-from app.reproduce.fig_lambda import CONSTRAINT, DELTA_M, PENALTY, N
 from app.reproduce.fig_samples import LAMBDA
 from app.reproduce.record import Figure, Verdict, long_table
+from app.reproduce.settings import CONSTRAINT, DELTA_M, PENALTY, N
 from app.reproduce.sweep import errors, over_lambda, planar
 from eal.arrays import Array
 from eal.compiled import simulate_compiled

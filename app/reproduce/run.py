@@ -9,23 +9,23 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Canvas
 from threadpoolctl import threadpool_limits
 
-from app.reproduce import fig_joints, fig_lambda, fig_samples, fig_time
+from app.reproduce import fig_balance, fig_joints, fig_penalty, fig_samples, fig_time
 from app.reproduce.record import Figure, Verdict
 from app.reproduce.samples import built_in_samples
 from eal.arrays import Array
 
 _SYNTHETIC: dict[str, Callable[..., Figure]] = {
-    "11": fig_lambda.figure_11,
+    "11": fig_balance.figure_11,
     "13": fig_time.figure_13,
-    "14a": fig_lambda.figure_14a,
-    "14b": fig_lambda.figure_14b,
+    "14a": fig_penalty.figure_14a,
+    "14b": fig_penalty.figure_14b,
     "15a": fig_samples.figure_15a,
     "15b": fig_samples.figure_15b,
     "16": fig_time.figure_16,
     "17": fig_time.figure_17,
-    "19a": fig_lambda.figure_19a,
-    "19b": fig_lambda.figure_19b,
-    "19c": fig_lambda.figure_19c,
+    "19a": fig_penalty.figure_19a,
+    "19b": fig_penalty.figure_19b,
+    "19c": fig_balance.figure_19c,
 }
 _ANIMAL: dict[str, tuple[Callable[..., Figure], str]] = {
     "7": (fig_joints.figure_7, "bat"),

@@ -229,6 +229,21 @@ def test_15_and_16_rates_in_eps():
     assert slope(penalties, pushed[0, 0]) == pytest.approx(-0.51, abs=0.03)
 
 
+def test_state_error_has_a_least():
+    """At lambda = 1e-6 the state error falls to 4e-4 and rises with 1/eps^2 again; the rise is lambda / eps^2.
+
+    At 1/eps^2 = 1e4 a tenth of lambda gives a tenth of the error, within a factor 2 (the floor's shape changes too).
+    """
+    experiment, penalties = planar(), np.logspace(2, 6, 9)
+    potentials = over_lambda(experiment.samples(400), experiment.kernel, np.array([1e-5, 1e-6]))
+    constraint, state = (e[0] for e in errors(experiment, potentials, penalties))
+    assert state[1].min() == pytest.approx(3.9e-4, rel=0.1)
+    assert penalties[np.argmin(state[1])] == pytest.approx(10**3.5)
+    assert state[1, -1] > 50 * state[1].min()
+    assert (np.diff(constraint[1]) < 0).all()
+    assert 5 < state[0, 4] / state[1, 4] < 20
+
+
 def test_18_growth_with_time_is_not_integration_error():
     """Sup |r-1| over 0.1 s and 0.3 s at 1e4 agrees to 1 % between h = 1e-4 and 2e-5 s while it grows by more."""
     experiment = planar()

@@ -290,6 +290,7 @@ def test_query_of_another_dimension_is_refused(rng):
         (np.stack([np.linspace(0, 1, 9), np.ones(9)], axis=1), {}, "coordinate q1 never varies"),
         (np.linspace(0, 1e-5, 9)[:, None], {}, "one cluster"),
         (np.linspace(0, 100, 9)[:, None], {}, "separate wells"),
+        (np.linspace(0, 9, 20)[:, None], {"lam": 1e-6}, "a mode of its own"),
         (np.linspace(0, 1, 9)[:, None], {"lam": 0.95}, "above the first eigenvalue"),
         (np.linspace(0, 1, 9)[:, None], {"lam": 1e-12}, "near rounding"),
         (np.linspace(0, 9, 90)[:, None], {"max_rank": 2, "method": "cholesky"}, "may be off by"),

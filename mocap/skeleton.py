@@ -59,6 +59,12 @@ class Skeleton:
             unique("joint", tuple(j.name for j in self.joints))
         except ValueError as error:
             raise SkeletonError(f"skeleton {self.name!r}: {error}") from None
+        if not self.markers:
+            raise SkeletonError(f"skeleton {self.name!r}: markers is empty: name at least one")
+        if self.max_speed_m_s is not None and not 0 < self.max_speed_m_s < float("inf"):
+            raise SkeletonError(
+                f"skeleton {self.name!r}: max_speed_m_s must be a positive speed, not {self.max_speed_m_s:g}"
+            )
         uses = [(f"bone {b.a}-{b.b}", m) for b in self.bones for m in (b.a, b.b)]
         uses += [(f"joint {j.name}", m) for j in self.joints for m in (j.parent, j.centre, j.child)]
         uses += [("trunk", m) for m in self.trunk] + [("aliases", m) for m in self.aliases.values()]
@@ -110,10 +116,10 @@ def read_skeleton(path: Path) -> Skeleton:
     try:
         return Skeleton(
             name=str(table.get("name", path.stem)),
-            markers=tuple(map(str, table["markers"])),
+            markers=_markers("markers", table["markers"]),
             bones=tuple(_bone(entry) for entry in table.get("bones", ())),
             joints=tuple(_joint(name, entry) for name, entry in table.get("joints", {}).items()),
-            trunk=tuple(map(str, table.get("trunk", ()))),
+            trunk=_markers("trunk", table.get("trunk", ())),
             aliases={str(k): str(v) for k, v in table.get("aliases", {}).items()},
             max_speed_m_s=float(table["max_speed_m_s"]) if "max_speed_m_s" in table else None,
         )
@@ -141,6 +147,12 @@ def write_skeleton(path: Path, skeleton: Skeleton) -> None:
     lines += ["", "[aliases]", *(f"{text(k)} = {text(v)}" for k, v in skeleton.aliases.items())]
     with whole_file(path) as stream:
         stream.write("\n".join(lines) + "\n")
+
+
+def _markers(key: str, entry: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(entry, str):
+        raise ValueError(f'{key} is a list of names ["a", "b"], not {entry!r}')
+    return tuple(map(str, entry))
 
 
 def _bone(entry: Sequence[str]) -> Bone:

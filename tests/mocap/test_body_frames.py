@@ -1,0 +1,157 @@
+"""The frame of the body, and the smoother under it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from mocap.body import BodyFrames, body_frames, smooth_series
+
+DT_S = 0.01
+
+
+def dense_whittaker(y, weight, penalty):
+    """The normal equations of the smoother, written out."""
+    second = np.diff(np.eye(len(y)), n=2, axis=0)
+    return np.linalg.solve(np.diag(weight) + penalty * second.T @ second, weight[:, None] * y)
+
+
+@given(seed=st.integers(0, 1000), n=st.integers(3, 40), cutoff_hz=st.floats(0.5, 20))
+def test_the_banded_smoother_is_the_dense_one(seed, n, cutoff_hz):
+    """Any weights, zero ones and NaN under them included: the minimum of the stated sum, by a dense solve.
+
+    The penalty is up to 1e6 here: 1e-16 x 1e6 x the 1e2 that a gap of tens of frames adds.
+    """
+    rng = np.random.default_rng(seed)
+    y, weight = rng.normal(size=(n, 2)), rng.uniform(0.2, 2, n) * (rng.random(n) < 0.7)
+    weight[[0, -1]] = 1.0
+    expected = dense_whittaker(y, weight, (2 * np.pi * cutoff_hz * DT_S) ** -4)
+    y[weight == 0] = np.nan
+    found = smooth_series(y, weight, dt_s=DT_S, cutoff_hz=cutoff_hz)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
+
+
+def test_a_sine_at_the_cutoff_is_halved():
+    """Half amplitude at the cutoff, a 17th at twice, 16/17 at half of it: 1 / (1 + (f / fc)^4), to the step's square.
+
+    The second difference has (2 sin(w dt / 2))^4 in place of (w dt)^4: 0.4 % at w dt = 0.3 and 1.5 % at 0.6.
+    """
+    t = np.arange(4000) * 0.01
+    cutoff_hz = 5.0
+    for ratio in (0.5, 1.0, 2.0):
+        sine = np.sin(2 * np.pi * ratio * cutoff_hz * t)[:, None]
+        middle = slice(1000, 3000)  # whole periods, far from the ends
+        smooth = smooth_series(sine, np.ones(len(t)), dt_s=0.01, cutoff_hz=cutoff_hz)
+        gain = np.sum(smooth[middle] * sine[middle]) / np.sum(sine[middle] ** 2)
+        discrete = (2 * np.sin(np.pi * ratio * cutoff_hz * 0.01) / (2 * np.pi * cutoff_hz * 0.01)) ** 4
+        assert gain == pytest.approx(1 / (1 + discrete), rel=1e-6)
+        assert gain == pytest.approx(1 / (1 + ratio**4), abs=0.01)
+
+
+def test_gaps_are_bridged_by_cubics_and_ends_by_lines():
+    """Inside a gap the fourth difference vanishes, beyond the ends the second: what the penalty alone asks for."""
+    rng = np.random.default_rng(1)
+    weight = np.ones(60)
+    weight[20:35] = weight[:5] = weight[52:] = 0
+    y = rng.normal(size=(60, 1))
+    smooth = smooth_series(y, weight, dt_s=DT_S, cutoff_hz=10.0)[:, 0]
+    np.testing.assert_allclose(np.diff(smooth[18:37], n=4), 0, atol=1e-9)
+    np.testing.assert_allclose(np.diff(smooth[:6], n=2), 0, atol=1e-9)
+    np.testing.assert_allclose(np.diff(smooth[51:], n=2), 0, atol=1e-9)
+
+
+def test_lines_pass_and_little_is_averaged():
+    """A straight line is its own smoothing; one sample, or one believed sample, is a constant."""
+    line = np.linspace(0, 5, 30)[:, None] + [0.0, 3.0]
+    weight = np.r_[np.ones(10), np.zeros(10), np.ones(10)]
+    np.testing.assert_allclose(smooth_series(line, weight, dt_s=DT_S, cutoff_hz=3.0), line, atol=1e-9)
+    np.testing.assert_allclose(smooth_series(line[:1], np.ones(1), dt_s=DT_S, cutoff_hz=3.0), line[:1])
+    one = np.zeros(30)
+    one[4] = 1
+    np.testing.assert_allclose(smooth_series(line, one, dt_s=DT_S, cutoff_hz=3.0), np.repeat(line[4:5], 30, axis=0))
+
+
+def trunk(rng, n_frames, n_markers):
+    """A rigid trunk that turns and moves slowly; its markers in the world, its rotations and positions."""
+    shape = rng.normal(0, 0.03, (n_markers, 3))
+    t = np.linspace(0, 1, n_frames)
+    key = Rotation.from_rotvec([[0, 0, 0], [0.2, 0.1, 0.3], [0.1, -0.2, 0.8], [0.0, 0.3, 1.4]])
+    rotation = Slerp([0, 0.3, 0.7, 1], key)(t).as_matrix()
+    position = np.stack([2 * t, np.sin(2 * t), 0.1 * t**2], axis=1)
+    return np.einsum("tij,kj->tki", rotation, shape) + position[:, None], rotation, position
+
+
+@given(seed=st.integers(0, 200))
+def test_a_rigid_motion_with_gaps_is_recovered(seed):
+    """In body coordinates a rigid trunk stands still, whoever is missing when: the smoothing cutoff is far above it.
+
+    The body's axes are those of the world in one frame, so that rotations agree up to one constant turn. The filter of
+    30 Hz bends a motion of 1 Hz by (1/30)^4 = 1e-6 of its 1 m; the kinks of the interpolated turn cost 1e-4 rad.
+    """
+    rng = np.random.default_rng(seed)
+    xyz, rotation, _ = trunk(rng, 200, 6)
+    seen = xyz.copy()
+    seen[rng.random(xyz.shape[:2]) < 0.3] = np.nan
+    seen[90:93] = np.nan
+    seen[120:123, 2:] = np.nan
+    frames = body_frames(seen, dt_s=0.005, cutoff_hz=30.0)
+    np.testing.assert_allclose(np.linalg.det(frames.rotation), 1, atol=1e-12)
+    turn = np.einsum("tji,tjk->tik", frames.rotation, rotation)
+    angle = Rotation.from_matrix(turn @ turn[0].T).magnitude()
+    assert np.quantile(angle, 0.9) < 1e-3
+    local = frames.to_body(xyz)
+    assert np.quantile(np.abs(local - local.mean(axis=0)), 0.95) < 1e-3
+
+
+def test_a_rigid_motion_without_gaps_is_exact():
+    """With every marker seen and no smoothing to speak of, body coordinates are constant to the filter's bend."""
+    xyz, _, _ = trunk(np.random.default_rng(2), 300, 5)
+    frames = body_frames(xyz, dt_s=1.0, cutoff_hz=1e3)
+    local = frames.to_body(xyz)
+    np.testing.assert_allclose(local, np.repeat(local.mean(axis=0)[None], 300, axis=0), atol=1e-9)
+
+
+def test_the_frame_is_the_worlds_where_most_is_seen():
+    """The axes of the body are those of the world in the frame that sees most markers."""
+    xyz, rotation, _ = trunk(np.random.default_rng(3), 100, 5)
+    xyz[:40, 0] = np.nan
+    xyz[41:, 0] = np.nan
+    frames = body_frames(xyz, dt_s=1.0, cutoff_hz=1e3)
+    np.testing.assert_allclose(frames.rotation[40], np.eye(3), atol=1e-6)
+    np.testing.assert_allclose(frames.rotation[70], rotation[70] @ rotation[40].T, atol=1e-6)
+
+
+def test_a_mirror_image_is_never_a_rotation():
+    """A flat trunk fits its mirror image as well as itself: rotations stay proper all the same."""
+    rng = np.random.default_rng(4)
+    xyz, _, _ = trunk(rng, 50, 4)
+    flat = xyz.copy()
+    flat[:, 3] = flat[:, :3].mean(axis=1)
+    frames = body_frames(flat + rng.normal(0, 1e-5, flat.shape), dt_s=DT_S, cutoff_hz=10.0)
+    np.testing.assert_allclose(np.linalg.det(frames.rotation), 1, atol=1e-12)
+
+
+def test_few_markers():
+    """Two markers give a place and no rotation; none ever seen is an error; one frame is enough."""
+    xyz, _, position = trunk(np.random.default_rng(5), 50, 2)
+    frames = body_frames(xyz, dt_s=DT_S, cutoff_hz=10.0)
+    np.testing.assert_array_equal(frames.rotation, np.repeat(np.eye(3)[None], 50, axis=0))
+    assert np.abs(frames.position_m - position).max() < 0.2
+    with pytest.raises(ValueError, match="no trunk marker is ever seen: name other markers"):
+        body_frames(np.full((5, 3, 3), np.nan), dt_s=DT_S, cutoff_hz=10.0)
+    whole, _, _ = trunk(np.random.default_rng(6), 1, 4)
+    single = body_frames(whole, dt_s=DT_S, cutoff_hz=10.0)
+    np.testing.assert_allclose(single.position_m, whole.mean(axis=1), atol=1e-12)
+    np.testing.assert_allclose(single.rotation, np.eye(3)[None], atol=1e-12)
+
+
+def test_world_and_body_agree():
+    """Rotating a body coordinate back and moving it gives the world point: the inverse by hand."""
+    rng = np.random.default_rng(7)
+    rotation = Rotation.random(4, rng=rng).as_matrix()
+    frames = BodyFrames(rotation=rotation, position_m=rng.normal(size=(4, 3)))
+    xyz = rng.normal(size=(4, 5, 3))
+    local = frames.to_body(xyz)
+    for t in range(4):
+        np.testing.assert_allclose(local[t] @ rotation[t].T + frames.position_m[t], xyz[t], atol=1e-12)

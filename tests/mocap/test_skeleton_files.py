@@ -1,0 +1,137 @@
+"""Skeletons: read, written, checked against each other and against recordings."""
+
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mocap.errors import SkeletonError
+from mocap.skeleton import Bone, Joint, Skeleton, read_skeleton, write_skeleton
+
+TEXT = st.text(st.characters(exclude_categories=("C",)), min_size=1, max_size=10)
+
+
+@st.composite
+def skeletons(draw):
+    markers = tuple(draw(st.lists(TEXT, min_size=1, max_size=6, unique=True)))
+    one = st.sampled_from(markers)
+    return Skeleton(
+        name=draw(TEXT),
+        markers=markers,
+        bones=tuple(
+            Bone(a=a, b=b, rigid=r) for a, b, r in draw(st.lists(st.tuples(one, one, st.booleans()), max_size=4))
+        ),
+        joints=tuple(
+            Joint(name=name, parent=draw(one), centre=draw(one), child=draw(one))
+            for name in draw(st.lists(TEXT, max_size=3, unique=True))
+        ),
+        trunk=tuple(draw(st.lists(one, max_size=3))),
+        aliases=draw(st.dictionaries(TEXT, one, max_size=3)),
+        max_speed_m_s=draw(st.none() | st.floats(1e-3, 1e3)),
+    )
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory):
+    return tmp_path_factory.mktemp("skeleton")
+
+
+@given(skeleton=skeletons())
+def test_skeletons_come_back(scratch, skeleton):
+    """Writing and reading is the identity, with quotes, dots, brackets and letters of any script in the names."""
+    write_skeleton(scratch / "s.toml", skeleton)
+    assert read_skeleton(scratch / "s.toml") == skeleton
+
+
+def test_the_documented_file_reads_as_documented(tmp_path):
+    """The example of the documentation, key by key; the name is the file's where none is given."""
+    (tmp_path / "bat.toml").write_text(
+        'markers = ["shoulder", "elbow", "wrist"]\nbones = [["shoulder", "elbow"], ["elbow", "wrist", "soft"]]\n'
+        'trunk = ["shoulder"]\nmax_speed_m_s = 20.0\n[joints]\nelbow = ["shoulder", "elbow", "wrist"]\n'
+        '[aliases]\npt1 = "shoulder"\n'
+    )
+    assert read_skeleton(tmp_path / "bat.toml") == Skeleton(
+        name="bat",
+        markers=("shoulder", "elbow", "wrist"),
+        bones=(Bone(a="shoulder", b="elbow"), Bone(a="elbow", b="wrist", rigid=False)),
+        joints=(Joint(name="elbow", parent="shoulder", centre="elbow", child="wrist"),),
+        trunk=("shoulder",),
+        aliases={"pt1": "shoulder"},
+        max_speed_m_s=20.0,
+    )
+
+
+M = 'markers = ["a", "b", "c"]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("markers = [", "not a readable TOML file"),
+        ("bones = []\n", "'markers' is missing"),
+        (M + "colour = 1\n", "unknown key 'colour': a skeleton has .*markers"),
+        (M + 'bones = [["a", "d"]]\n', "bone a-d uses marker 'd', which is not in its markers"),
+        (M + 'bones = [["a"]]\n', r'a bone is \["a", "b"\]'),
+        (M + 'bones = ["ab"]\n', r'a bone is \["a", "b"\]'),
+        (M + 'bones = [["a", "b", "hard"]]\n', r'a bone is \["a", "b"\]'),
+        (M + 'trunk = ["x"]\n', "trunk uses marker 'x'"),
+        (M + '[joints]\nj = ["a", "b"]\n', "joint 'j' is"),
+        (M + '[joints]\nj = ["a", "b", "x"]\n', "joint j uses marker 'x'"),
+        (M + '[aliases]\npt1 = "x"\n', "aliases uses marker 'x'"),
+        ('markers = ["a", "a"]\n', "marker 'a' appears twice"),
+        (M + 'max_speed_m_s = "fast"\n', "fast"),
+        (M + "max_speed_m_s = -1.0\n", "max_speed_m_s"),
+        (M + "max_speed_m_s = nan\n", "max_speed_m_s"),
+        ("markers = []\n", "markers is empty"),
+        ('markers = "abc"\n', "markers is a list of names .* not .abc."),
+        (M + 'trunk = "a"\n', "trunk is a list of names"),
+        (M + "joints = 3\n", "s.toml"),
+        (M + "bones = 3\n", "s.toml"),
+    ],
+)
+def test_broken_skeletons(tmp_path, text, message):
+    """Every broken skeleton is refused with the file and what is wrong, in one line."""
+    (tmp_path / "s.toml").write_text(text)
+    with pytest.raises(SkeletonError, match=message) as caught:
+        read_skeleton(tmp_path / "s.toml")
+    assert str(tmp_path / "s.toml") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_skeleton_that_is_not_there(tmp_path):
+    """A missing file, or one that is no text, is named."""
+    with pytest.raises(SkeletonError, match=r"none\.toml: not a readable TOML file"):
+        read_skeleton(tmp_path / "none.toml")
+    (tmp_path / "s.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SkeletonError, match="not a readable TOML file"):
+        read_skeleton(tmp_path / "s.toml")
+
+
+def test_markers_of_a_recording():
+    """A recording may have more markers than the skeleton, not fewer; the message lists what it has and what to do."""
+    skeleton = Skeleton(name="s", markers=("a", "b"), bones=(), joints=(), aliases={"pt1": "a"})
+    assert skeleton.for_markers(["b", "z", "a"]) is skeleton
+    with pytest.raises(
+        SkeletonError, match=r"'s' has marker 'b', but x\.csv has a, z: correct the name, or map .*aliases"
+    ):
+        skeleton.for_markers(["a", "z"], source="x.csv")
+    assert skeleton.renamed(["pt1", "b", "pt9"]) == ("a", "b", "pt9")
+
+
+def test_what_is_written_is_toml_for_everybody(tmp_path):
+    """Another reader finds the same values under the documented keys."""
+    skeleton = Skeleton(
+        name="s", markers=("a", "b"), bones=(Bone(a="a", b="b", rigid=False),), joints=(), max_speed_m_s=3.0
+    )
+    write_skeleton(tmp_path / "s.toml", skeleton)
+    table = tomllib.loads((tmp_path / "s.toml").read_text())
+    assert table == {
+        "name": "s",
+        "markers": ["a", "b"],
+        "bones": [["a", "b", "soft"]],
+        "trunk": [],
+        "max_speed_m_s": 3.0,
+        "joints": {},
+        "aliases": {},
+    }

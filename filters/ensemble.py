@@ -283,7 +283,7 @@ def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) 
         P + K (Ps - P-) K^T = L (I - W^T W + B^T B) L^T,   B = Ls^T (L-)^-T W,
 
     and L times the factor of the bracket is its factor. The bracket is 1 where nothing is learned; where it falls below
-    1e-6 the subtraction has cost too many digits, and the same covariance is factored as the sum of squares
+    1e-4 the subtraction has cost too many digits, and the same covariance is factored as the sum of squares
     D D^T + K Q K^T + K Ps K^T, D the part of the filtered deviations that the prediction does not explain.
 
     Args:
@@ -304,7 +304,7 @@ def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) 
     bracket = dsyrk(-1.0, w, trans=1, lower=1, beta=1.0, c=np.eye(n, order="F"), overwrite_c=1)
     try:
         shrink = cholesky(gram(b.T, add=bracket))
-        if np.diag(shrink).min() < 1e-3:
+        if np.diag(shrink).min() < 1e-2:
             raise np.linalg.LinAlgError
         factor = dtrmm(1.0, filtered.factor, shrink, lower=1)
     except np.linalg.LinAlgError:

@@ -10,9 +10,9 @@ from app.main_job import Stages, run_job
 from app.report import readable
 from app.run import Run
 from app.source import Source
-from app.tracking import learn_models, seen_part, track, tracked_motion
+from app.tracking import seen_part, track, tracked_motion
 from datasets import make_bat, make_lizard, write_recording
-from filters.learn import PoseSettings
+from filters.learn import learn_constant_velocity
 
 Animal = Literal["bat", "lizard"]
 
@@ -41,7 +41,7 @@ def run_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> Run:
     seen = prepared.xyz_m[..., 0] == prepared.xyz_m[..., 0]
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
-        model = learn_models(prepared, part, settings=PoseSettings())["constant_velocity"]
+        model = learn_constant_velocity(prepared.xyz_m[part.frames][:, part.markers], dt_s=prepared.dt_s)
         other = tracked_motion(prepared, part, model, track(prepared, part, model, progress=progress))
         methods = {"eal": run.tracked.markers, "constant_velocity": other.markers}
         gaps = {name: score(m.xyz_m, m.cov_m2, truth, where) for name, m in methods.items()}

@@ -148,7 +148,7 @@ def prepare(source: Source) -> Prepared:
 
 
 def _prepare_points(source: Source) -> Prepared:
-    if "_cam" in source.tracks.open(encoding="utf-8", errors="replace").readline():
+    if dltdv.holds_pixels(source.tracks):
         raise CalibrationError(f"{source.tracks.name}: holds pixels: give the coefficients of their cameras with --dlt")
     tracks = dltdv.read_points(source.tracks, fps=source.fps)
     if not tracks.seen.any():

@@ -17,15 +17,15 @@ TIME = "time"
 
 
 def time_columns(t_s: Array, *, at: NDArray | None = None) -> list[rr.TimeColumn]:
-    """The two time axes: the index of the frame, and the time in whole nanoseconds.
+    """The two time axes: the number of the frame, from 1 as in the tables, and the time in whole nanoseconds.
 
     Args:
         t_s: (T,) times in seconds.
-        at: Frames to take; None: all.
+        at: Indices of the frames to take, from 0; None: all.
     """
     frames = np.arange(len(t_s)) if at is None else at
     ns = np.round(t_s[frames] * 1e9).astype(np.int64)
-    return [rr.TimeColumn(FRAME, sequence=frames), rr.TimeColumn(TIME, duration=ns.astype("timedelta64[ns]"))]
+    return [rr.TimeColumn(FRAME, sequence=frames + 1), rr.TimeColumn(TIME, duration=ns.astype("timedelta64[ns]"))]
 
 
 def changing(counts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -58,6 +58,19 @@ def read_pixels(path: Path, *, fps: float) -> PixelTracks:
     )
 
 
+def holds_pixels(path: Path) -> bool:
+    """Whether the first line names pixel columns.
+
+    Raises:
+        FormatError: the file cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8", errors="replace") as stream:
+            return bool(_PIXEL.match(stream.readline().split(",")[0].strip()))
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+
+
 def write_pixels(path: Path, pixels: PixelTracks) -> None:
     """Write ``xypts.csv``: point-major, then camera, then X, Y; ``%.6f``, missing ``NaN``."""
     cameras = range(1, len(pixels.cameras) + 1)

@@ -22,7 +22,7 @@ def column(path: Path, entity: str, component: str, *, index: str = "frame") -> 
         if chunk.is_static:
             times = np.zeros(len(lists), dtype=np.int64)
         else:
-            times = np.asarray(batch.column(index).cast(pa.int64()))
+            times = np.asarray(batch.column(index).cast(pa.int64())) - (index == "frame")  # frames count from 1
         parts.append((times, np.diff(np.asarray(lists.offsets)), _flat(lists.flatten())))
     if not parts:
         raise KeyError((entity, component))

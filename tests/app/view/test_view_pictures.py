@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
-from headless import Headless, need_vulkan
 from numpy.typing import NDArray
+from vulkan import need_vulkan
 
 from app.run import Run
 from app.view import palette, paths
 from app.view.blueprint import camera_view, make_blueprint
+from app.view.headless import Headless
 from app.view.record import make_layout, recording_id, write_recording
 from app.view.scene_views import scene_view
 from mocap.cameras import Camera, project, stacked

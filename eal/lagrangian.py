@@ -87,7 +87,7 @@ class PenalisedModel:
         system: The natural system.
         penalty: V.
         strength: 1/eps^2 in J; a number, or an array that broadcasts to the batch (...).
-        damping: (d, d) matrix D of Rayleigh's function v^T D v / 2, or 0.
+        damping: (d, d) symmetric matrix D of Rayleigh's function v^T D v / 2, or 0.
         external: Theta(t, q, v): (..., d).
     """
 
@@ -106,6 +106,8 @@ class PenalisedModel:
         damping = np.asarray(self.damping, dtype=np.float64)
         if damping.shape not in ((), (d, d)) or (damping.ndim == 0 and damping != 0.0):
             raise ValueError(f"damping must be 0 or a ({d}, {d}) matrix, but has shape {damping.shape}")
+        if damping.ndim and not np.allclose(damping, damping.T):
+            raise ValueError("damping must be symmetric: it is the matrix of Rayleigh's function v^T D v / 2")
         object.__setattr__(self, "strength", strength)
         object.__setattr__(self, "damping", damping)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eal import GaussianKernel, Tail, circle, fit_potential
-from eal.certificate import bootstrap_radius, certify, effective_sample_size
+from eal.certificate import bootstrap_radius, certify, coverage, effective_sample_size
 
 
 def draw(rng, n):
@@ -41,6 +41,16 @@ def test_coverage_is_a_lower_limit(rng):
         holds += np.mean(potential.value(z[300:]) < 0.02) >= stated
         assert 0 < stated < 1
     assert holds >= 17
+
+
+def test_a_block_with_a_stray_sample_is_not_inside(rng):
+    """One sample in ten strays: nine tenths of single samples are inside, and no block of ten."""
+    z = draw(rng, 400)
+    z[::10] *= 3.0 + rng.uniform(0, 3, (40, 1))
+    potential = fit_potential(z, kernel=GaussianKernel(3.0), lam=1e-2)
+    settings = {"rng": rng, "confidence": 0.95, "level": 0.05}
+    assert 0.8 < coverage(potential, **settings) < 0.95
+    assert coverage(potential, **settings, block=10) == 0.0
 
 
 def test_independent_samples_are_all_effective_and_repeated_ones_are_not(rng):

@@ -145,6 +145,17 @@ def test_step_beyond_the_limit_is_refused(swing):
     assert np.abs(stiff.q[:, 0] - 1).max() < 1e-5
 
 
+def test_heavier_systems_bear_a_stronger_penalty(swing):
+    """omega^2 = V''/(eps^2 m): twice the mass, twice the limit."""
+    potential = fit_potential(swing, kernel=GaussianKernel(3.0), lam=1e-6)
+    limit = largest_strength("rk4", 1e-4, curvature=12.0)
+    assert largest_strength("rk4", 1e-4, curvature=12.0, mass=2.0) == pytest.approx(2 * limit)
+    heavy = systems.planar_pendulum(mass_kg=2.0)
+    simulate(PenalisedModel(system=heavy, penalty=potential, strength=1.5 * limit), START, REST, duration_s=1e-3)
+    with pytest.raises(StabilityError):
+        simulate(PenalisedModel(system=PENDULUM, penalty=potential, strength=1.5 * limit), START, REST, duration_s=1e-3)
+
+
 def test_a_cusp_has_no_stable_step(swing):
     model = PenalisedModel(
         system=PENDULUM, penalty=fit_potential(swing, kernel=LaplaceKernel(1.0), lam=1e-3), strength=1.0

@@ -227,6 +227,17 @@ def test_pivots_stop_before_rounding_does(rng):
         assert np.abs(gram - factor.rows @ factor.rows.T).max() < 10 * ROUNDING
 
 
+def test_many_pivots_take_the_short_way_to_the_same_potential(rng, monkeypatch):
+    """Eigenvalues from the product of the factor with itself: V agrees to 1e-16 over lambda, with weights too."""
+    z, q, weights = circle(rng), rng.standard_normal((30, 2)), rng.uniform(0.5, 2.0, 60)
+    settings = {"kernel": GaussianKernel(3.0), "lam": 1e-4, "weights": weights, "method": "cholesky"}
+    long = fit_potential(z, **settings)
+    monkeypatch.setattr("eal.fitting.WIDE", 5)
+    short = fit_potential(z, **settings)
+    np.testing.assert_allclose(short.value(q), long.value(q), atol=1e-10)
+    np.testing.assert_allclose(short.eigenvalues, long.eigenvalues, atol=1e-14)
+
+
 def test_hundred_thousand_samples_need_few_centres(rng):
     """N = 1e5 on a curve never forms K: as many centres as for N = 1e3, and a stated bound."""
     small = fit_potential(circle(rng, n=1000, noise=0.0), kernel=GaussianKernel(3.0), lam=1e-5)
@@ -246,6 +257,14 @@ def test_file_gives_the_same_potential_back(rng, tmp_path):
     assert (back.value(q) == fitted.value(q)).all()
     assert (back.kernel, back.names, back.units, back.lam) == (kernel, ("x", "y"), ("m", "m"), 1e-4)
     assert [p.name for p in tmp_path.iterdir()] == ["elbow.npz"]
+
+
+def test_files_of_another_version_are_refused(rng, tmp_path, monkeypatch):
+    monkeypatch.setattr("eal.archive.VERSION", 99)
+    fit_potential(circle(rng), kernel=GaussianKernel(1.0), lam=1e-3).save(tmp_path / "new.npz")
+    monkeypatch.undo()
+    with pytest.raises(ArchiveError, match="version 99, but this program reads 1"):
+        load_potential(tmp_path / "new.npz")
 
 
 def test_other_files_are_refused(tmp_path):

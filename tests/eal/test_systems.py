@@ -94,6 +94,10 @@ def test_unnatural_kinetic_energy_is_refused():
         (lambda: PenalisedModel(system=ALL[0], penalty=none(2), strength=-1.0), "strength"),
         (lambda: PenalisedModel(system=ALL[0], penalty=none(2), strength=1.0, damping=np.ones(2)), "damping"),
         (lambda: PenalisedModel(system=ALL[0], penalty=none(2), strength=1.0, damping=2.0), "damping"),
+        (
+            lambda: PenalisedModel(system=ALL[0], penalty=none(2), strength=1.0, damping=np.array([[1.0, 1], [0, 1]])),
+            "symmetric",
+        ),
     ],
 )
 def test_impossible_systems_are_named(make, message):

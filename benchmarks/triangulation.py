@@ -122,7 +122,7 @@ def table(views: Views, *, quick: bool) -> None:
     shortest = min(map(len, results.values()))
     common = np.isfinite([r[:shortest, 0] for r in results.values()]).all(axis=0)
     n_cameras, n_frames, n_markers = views.uv_px.shape[:3]
-    print(f"\n{n_frames} frames x {n_markers} markers x {n_cameras} cameras, {len(truth)} points seen by two or more")
+    print(f"\n{n_frames} frames x {n_markers} markers x {n_cameras} cameras, errors of {common.sum()} points")
     columns = ("points", "us / point", "spread", "ratio", "median mm", "rms mm", "worst mm")
     print(f"{'':<36}" + "".join(f"{c:>11}" for c in columns))
     for name, program in programs.items():

@@ -1,7 +1,7 @@
 """Several potentials at once: one trajectory batch over lambda, samples or seeds."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from eal.kernels import GaussianKernel
 from eal.potential import EmpiricalPotential
 
 
-@dataclass(frozen=True, eq=False)
+@final
 class PotentialStack:
     """L potentials of the same dimension; the l-th answers for row l of the first axis.
 
@@ -21,23 +21,20 @@ class PotentialStack:
         members: The L potentials.
     """
 
-    members: tuple[EmpiricalPotential, ...]
-
     def __init__(self, members: Sequence[EmpiricalPotential]) -> None:
         """Pad and stack.
 
         Raises:
             ValueError: no member, or members of different dimensions.
         """
-        object.__setattr__(self, "members", tuple(members))
+        self.members = tuple(members)
         if len({p.dimension for p in self.members}) != 1:
             raise ValueError(f"a stack needs potentials of one dimension, but has {[p.dimension for p in members]}")
         kernels = {p.kernel for p in self.members}
         kernel = next(iter(kernels))
-        gaussian = None
+        self._gaussian = None
         if len(kernels) == 1 and isinstance(kernel, GaussianKernel):
-            gaussian = _Gaussians(self.members, kernel.beta)
-        object.__setattr__(self, "_gaussian", gaussian)
+            self._gaussian = _Gaussians(self.members, kernel.beta)
 
     @property
     def dimension(self) -> int:
@@ -52,18 +49,16 @@ class PotentialStack:
     def value(self, q: Array) -> Array:
         """V_l at (L, ..., d) configurations: (L, ...)."""
         q = self._checked(q)
-        gaussian: _Gaussians | None = self.__dict__["_gaussian"]
-        if gaussian is None:
+        if self._gaussian is None:
             return np.stack([p.value(x) for p, x in zip(self.members, q, strict=True)])
-        return gaussian.value(q.reshape(len(q), -1, q.shape[-1])).reshape(q.shape[:-1])
+        return self._gaussian.value(q.reshape(len(q), -1, q.shape[-1])).reshape(q.shape[:-1])
 
     def gradient(self, q: Array) -> Array:
         """Gradients of V_l: (L, ..., d) to (L, ..., d)."""
         q = self._checked(q)
-        gaussian: _Gaussians | None = self.__dict__["_gaussian"]
-        if gaussian is None:
+        if self._gaussian is None:
             return np.stack([p.gradient(x) for p, x in zip(self.members, q, strict=True)])
-        return gaussian.gradient(q.reshape(len(q), -1, q.shape[-1])).reshape(q.shape)
+        return self._gaussian.gradient(q.reshape(len(q), -1, q.shape[-1])).reshape(q.shape)
 
     def _checked(self, q: Array) -> Array:
         q = points("q", q, self.dimension)

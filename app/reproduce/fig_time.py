@@ -22,7 +22,7 @@ def _radius_error(q: Array) -> Array:
 
 def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
     """R and theta over 10 s at 1/eps^2 = 2e5; three lambda, because theta needs a smaller one than printed."""
-    experiment, lams, penalty = planar(), np.array([1e-6, 1e-8, 1e-10]), 2e5
+    experiment, lams, penalty = planar(), np.array([1e-6, 1e-8, 1e-6 / N, 1e-10]), 2e5
     potentials = over_lambda(experiment.samples(N), experiment.kernel, lams)
     run = simulate_compiled(
         experiment.system,
@@ -73,9 +73,9 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
         Verdict(
             figure="13",
             sentence=_OVERLAY,
-            claim="with lambda = 1e-8 or less (1e-6 of K is 2.5e-9 of K/N) theta overlays the truth within 0.1 rad",
-            measured=f"{swing[1]:.2g} rad at 1e-8, {swing[2]:.2g} rad at 1e-10",
-            holds=bool(swing[1] < 0.1 and swing[2] < 1e-3),
+            claim="with lambda = 1e-6 in units of K, the literal equation 31 (2.5e-9 of K/N), it does",
+            measured=f"{swing[2]:.2g} rad off ({swing[1]:.2g} at 1e-8 of K/N, {swing[3]:.2g} at 1e-10)",
+            holds=bool(swing[2] < 0.1),
         ),
     )
     table = long_table({"T": t, "lambda": lams}, constraint_error=np.abs(q[..., 0] - 1.0), state_error=off)

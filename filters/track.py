@@ -43,15 +43,15 @@ class Smoothed:
 def gate_groups(normalised: Array, rows: Rows, gate_sd: float) -> NDArray[np.bool_]:
     """(m,) rows to believe.
 
-    A ray further than ``gate_sd`` standard deviations from its prediction is not believed, unless all rays of its
-    marker (two or more, which triangulation found to meet) say the same: then the prediction was wrong.
+    A ray further than ``gate_sd`` standard deviations from its prediction is not believed, unless another ray of its
+    marker is far off as well: as triangulation found all of them to meet, the prediction was wrong, and rays that are
+    near it merely look along the way that the marker went.
     """
     far = np.zeros(len(rows.where), dtype=bool)
     far[rows.group[np.abs(normalised) > gate_sd]] = True
     if far.any():
         marker = rows.where[:, 1]
-        n_rays = np.bincount(marker)
-        agreed = (np.bincount(marker[far], minlength=len(n_rays)) == n_rays) & (n_rays >= 2)
+        agreed = np.bincount(marker[far], minlength=marker.max() + 1) >= 2
         far &= ~agreed[marker] & (rows.where[:, 0] != WHOLE)
     return ~far[rows.group]
 

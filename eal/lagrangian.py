@@ -38,7 +38,7 @@ class LagrangianSystem:
 
     @property
     def dimension(self) -> int:
-        """D."""
+        """Number of coordinates."""
         return len(self.names)
 
 

@@ -64,7 +64,7 @@ class EmpiricalPotential:
 
     @property
     def dimension(self) -> int:
-        """D."""
+        """Number of coordinates."""
         return self.samples.shape[1]
 
     @property

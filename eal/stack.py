@@ -38,7 +38,7 @@ class PotentialStack:
 
     @property
     def dimension(self) -> int:
-        """D."""
+        """Number of coordinates."""
         return self.members[0].dimension
 
     @property

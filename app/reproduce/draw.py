@@ -81,14 +81,16 @@ def over_time(
 
 def paths(canvas: Canvas, samples: Array, runs: Sequence[tuple[str, Array]], *, unit: str, title: str) -> None:
     """Trajectories in the plane over the samples they were learned from, one panel a trajectory."""
-    rows = canvas.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, (label, path) in zip(rows, runs, strict=True):
+    width, height = np.ptp(samples, axis=0)
+    shape = (len(runs), 1) if width > height else (1, len(runs))
+    panels = canvas.subplots(*shape, sharex=True, sharey=True, squeeze=False).reshape(-1)
+    for axes, (label, path) in zip(panels, runs, strict=True):
         axes.plot(samples[:, 0], samples[:, 1], ".", color="0.6", markersize=3)
         axes.plot(path[:, 0], path[:, 1], color="C3", linewidth=1)
         axes.set_aspect("equal")
         axes.set_title(label, fontsize=8)
-        axes.set_xlabel(f"x ({unit})")
-    rows[0].set_ylabel(f"y ({unit})")
+        axes.set_ylabel(f"y ({unit})")
+    panels[-1].set_xlabel(f"x ({unit})")
     canvas.suptitle(title, fontsize=10)
 
 

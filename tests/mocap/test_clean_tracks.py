@@ -120,6 +120,15 @@ def test_the_end_that_more_bones_accuse_goes():
     np.testing.assert_array_equal(stretched(xyz, bones), expected)
 
 
+def test_more_bones_outweigh_the_course():
+    """A marker wrong for so long that it keeps its own course is still the one that two bones accuse."""
+    xyz, bones = rigid_triangle(60)
+    xyz[25:34, 2] += [-0.03, 0.08, 0.05]
+    expected = np.zeros((60, 3), dtype=bool)
+    expected[25:34, 2] = True
+    np.testing.assert_array_equal(stretched(xyz, bones), expected)
+
+
 def test_of_two_ends_the_one_off_its_course_goes():
     """With a single bone both ends are accused alike; the one that left its own way is rejected."""
     xyz, bones = rigid_triangle(60)

@@ -23,7 +23,7 @@ class Certificate:
         effective_samples: N divided by the correlation time, an estimate.
         confidence: Of every statement.
         radius_hoeffding: Theorem (gap-free form of theorem 1): sup |V_z - V_j| is below this.
-        radius_theorem: Theorem (McDiarmid): the same, sharper.
+        radius_theorem: Theorem (McDiarmid; the data bound |T_rho| below on the same event): the same, sharper.
         radius_bootstrap: Estimate: the quantile of sup |V* - V_z| over resampled fits.
         level: A value of V.
         coverage: Theorem (exact binomial, sample splitting): a new sample has V below ``level``, for the V of half of
@@ -71,13 +71,15 @@ def certify(
     effective = effective_sample_size(z, potential.kernel) if ordered else float(n)
     lam = potential.sigma_lambda
     hoeffding = float(np.sqrt(8.0 * np.log(2.0 / (1.0 - confidence)) / effective) / lam)
+    most = bounds.radius(n=effective, lam=1.0, confidence=confidence)  # of |T_z - T_rho|, whatever |T_rho| is
+    norm2 = max(float(np.linalg.norm(potential.eigenvalues)) - most, 0.0) ** 2
     block = max(1, round(n / effective))
     return Certificate(
         samples=n,
         effective_samples=effective,
         confidence=confidence,
         radius_hoeffding=min(hoeffding, 1.0),
-        radius_theorem=min(bounds.radius(n=effective, lam=lam, confidence=confidence), 1.0),
+        radius_theorem=min(bounds.radius(n=effective, lam=lam, confidence=confidence, norm2=norm2), 1.0),
         radius_bootstrap=bootstrap_radius(potential, rng=rng, confidence=confidence, resamples=resamples, block=block),
         level=level,
         coverage=coverage(potential, rng=rng, confidence=confidence, level=level, block=block),

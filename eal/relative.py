@@ -1,7 +1,8 @@
 """A sharper theorem for the Tikhonov filter: V_z / V_j is near 1 everywhere, from N ~ 1/lambda samples on.
 
 The Lipschitz bounds of ``eal.bounds`` need 1/lambda^2. With A = T_rho + lambda and E = A^-1/2 (T_z - T_rho) A^-1/2,
-|E| <= eps means (1 - eps) A <= T_z + lambda <= (1 + eps) A, and V = lambda (A^-1 K_q, K_q) for the Tikhonov filter, so that for all q at once
+|E| <= eps means (1 - eps) A <= T_z + lambda <= (1 + eps) A, and V = lambda (A^-1 K_q, K_q) for the Tikhonov filter,
+so that for all q at once
 
     V_j(q) / (1 + eps) <= V_z(q) <= V_j(q) / (1 - eps).
 

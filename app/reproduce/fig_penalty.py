@@ -122,7 +122,7 @@ def figure_19a(*, quick: bool) -> Figure:
     penalties = np.logspace(2, 6, 9 if quick else 17)
     potentials = over_lambda(experiment.samples(N), experiment.kernel, lams)
     constraint, state = (e[0] for e in errors(experiment, potentials, penalties))
-    left = (penalties >= 1e2) & (penalties <= 1e4)
+    left = penalties <= 3.2e3
     rate = slope(penalties[left], constraint[-1][left])
     plateaus = constraint[:, -1]
     verdicts = (

@@ -1,0 +1,135 @@
+"""What is learned from tracks: noise densities, potentials as forces, models that fit their data."""
+
+import numpy as np
+import pytest
+
+from filters.learn import (
+    PoseSettings,
+    acceleration_density,
+    learn_constant_velocity,
+    learn_pose,
+    learn_potential,
+    penalty,
+    scaled,
+    with_potential,
+)
+from mocap.body import body_frames
+
+DT_S = 0.005
+
+
+def flapping(rng, n_frames=300, n_markers=8):
+    """A body that glides and flaps: trunk markers fixed, wing markers on one loop of shapes."""
+    t = np.arange(n_frames) * DT_S
+    shape = rng.normal(0, 0.05, (n_markers, 3))
+    modes = np.zeros((2, n_markers, 3))
+    modes[:, 4:] = rng.normal(0, 0.02, (2, n_markers - 4, 3))
+    beat = 2 * np.pi * 9 * t
+    body = shape + np.sin(beat)[:, None, None] * modes[0] + 0.5 * np.cos(beat)[:, None, None] * modes[1]
+    return body + np.stack([0.3 * t, 0 * t, 0.05 * np.sin(t)], axis=1)[:, None]
+
+
+@pytest.fixture(scope="module")
+def learned():
+    xyz = flapping(np.random.default_rng(1))
+    xyz = xyz + np.random.default_rng(2).normal(0, 1e-4, xyz.shape)
+    xyz[80:100, 5] = np.nan
+    frames = body_frames(xyz[:, :4], dt_s=DT_S, cutoff_hz=3.0)
+    settings = PoseSettings(ranks=(1, 2, 3, 4))
+    return xyz, frames, settings, *learn_pose(xyz, frames, dt_s=DT_S, settings=settings)
+
+
+@pytest.mark.parametrize(("a", "hz"), [(1.0, 2.0), (0.3, 8.0)])
+def test_the_density_of_an_oscillation(a, hz):
+    """For a sine of variance v at w the density is 2 v w^3, to the smoothing and the differences of the step.
+
+    Half amplitude at 30 Hz costs (8/30)^4 = 0.5 % at 8 Hz; each central difference 1 - sin(w dt)/(w dt) = 1 %.
+    """
+    t = np.arange(2000) * DT_S
+    sine = a * np.sqrt(2) * np.sin(2 * np.pi * hz * t)[:, None]
+    found = acceleration_density(sine, dt_s=DT_S, cutoff_hz=30.0)
+    assert found[0] == pytest.approx(2 * a**2 * (2 * np.pi * hz) ** 3, rel=0.05)
+
+
+def test_a_still_series_has_a_positive_density():
+    """Nothing moves, and the filter still gets a noise that it can factor."""
+    assert (acceleration_density(np.zeros((50, 3)), dt_s=DT_S, cutoff_hz=20.0) > 0).all()
+
+
+def test_the_penalty_is_a_gradient():
+    """Central differences of -log(1 - V_z(z / unit)) / eps^2: their error is step^2 times a third derivative, 1e-6."""
+    rng = np.random.default_rng(3)
+    angle = rng.uniform(0, 2 * np.pi, 200)
+    z = 3e-2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    potential, unit = learn_potential(z, settings=PoseSettings())
+    assert unit == pytest.approx(z[:, 0].std())
+    force = penalty(potential, unit, 7.0)
+    at, step = 1.2 * z[:10], 1e-6 * unit
+
+    def value(where):
+        return -7.0 * np.log(1 - potential.value(where / unit))
+
+    expected = np.stack([(value(at + step * e) - value(at - step * e)) / (2 * step) for e in np.eye(2)], axis=-1)
+    np.testing.assert_allclose(force(at), expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+
+
+def test_the_penalty_pulls_towards_the_data():
+    """Outside a ring of samples the force points inwards, inside outwards, on it there is little."""
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    potential, unit = learn_potential(ring, settings=PoseSettings(beta=8.0))
+    force = penalty(potential, unit, 1.0)
+    radial = [np.sum(force(r * ring[::7]) * ring[::7], axis=1) for r in (0.7, 1.0, 1.4)]
+    assert (radial[0] < 0).all()
+    assert (radial[2] > 0).all()
+    assert np.abs(radial[1]).max() < 0.2 * min(np.abs(radial[0]).min(), np.abs(radial[2]).min())
+
+
+def test_the_pose_model_holds_its_data(learned):
+    """Two modes are found, and the model's markers at the learned shapes are the measured ones, to the noise."""
+    xyz, _, _, model, z, known = learned
+    assert z.shape == (len(xyz), 2)
+    assert model.name == "pose_constant_velocity"
+    assert (known > 0.9).all()
+    states = np.zeros((1, model.reads))
+    error = []
+    for frame in range(0, len(xyz), 10):
+        states[0, :2] = z[frame]
+        error.append(model.markers(states, frame)[0] - xyz[frame])
+    assert np.sqrt(np.nanmean(np.square(error))) < 1e-3
+    assert (model.density > 0).all()
+    assert (model.start_sd > 0).all()
+    assert model.residual_rate_hz > 0
+
+
+def test_the_potential_is_added_and_nothing_else(learned):
+    """``with_potential`` and ``scaled`` change what they say: gradient and name, densities."""
+    _, _, settings, model, z, _ = learned
+    held = with_potential(model, z, settings=settings)
+    assert held.name == "eal"
+    assert held.subspace is model.subspace
+    np.testing.assert_array_equal(held.density, model.density)
+    assert np.linalg.norm(held.gradient(3 * z[:5])) > 10 * np.linalg.norm(held.gradient(z[:5]))
+    np.testing.assert_array_equal(scaled(model, 2.5).density, 2.5 * model.density)
+
+
+def test_constant_velocity_starts_where_each_marker_is_first_seen(learned):
+    """Start positions are first sightings; densities are finite and positive for markers seen only now and then too."""
+    xyz = learned[0].copy()
+    xyz[:50, 2] = np.nan
+    xyz[3:, 7] = np.nan
+    model = learn_constant_velocity(xyz, dt_s=DT_S)
+    np.testing.assert_array_equal(model.start_m[[0, 2]], [xyz[0, 0], xyz[50, 2]])
+    assert np.isfinite(model.density).all()
+    assert (model.density > 0).all()
+    assert (model.density[4:7] > 100 * model.density[:4].max()).all()  # wings flap, the trunk glides
+
+
+@pytest.mark.parametrize("n_frames", [1, 2, 5])
+def test_constant_velocity_of_few_frames(n_frames):
+    """A recording of a frame or two has a model, with numbers."""
+    model = learn_constant_velocity(flapping(np.random.default_rng(4))[:n_frames], dt_s=DT_S)
+    start = model.initial()
+    assert np.isfinite(start.mean).all()
+    assert (np.diag(start.factor) > 0).all()
+    assert (np.diag(model.noise(DT_S)) > 0).all()

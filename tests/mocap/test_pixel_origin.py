@@ -1,0 +1,101 @@
+"""Where pixel rows are counted from, told by the rays; and stored points that do not follow from their pixels."""
+
+import numpy as np
+import pytest
+
+from mocap.audit import stale_points
+from mocap.cameras import record
+from mocap.errors import CalibrationError
+from mocap.origin import decide_origin, flipped, ideal_pixels
+from mocap.records import MarkerTracks, Origin
+from mocap.triangulate import linear
+from tests.mocap.rigs import cloud, ring
+
+HEIGHT = 1024.0
+
+
+def filmed(lens, seed=1, noise=0.5):
+    """A rig and its pixels from the upper left, with noise."""
+    rng = np.random.default_rng(seed)
+    cameras, points = ring(4, lens=lens), cloud(rng, 60).reshape(20, 3, 3)
+    uv = record(cameras, points)
+    return cameras, points, uv + rng.normal(0, noise, uv.shape)
+
+
+@pytest.mark.parametrize("pixels", ["upper-left", "lower-left"])
+def test_a_flipped_file_is_told(pixels):
+    """Rows counted from the other corner than the coefficients: found by the residual, points as if never flipped.
+
+    Without a lens only the difference of the two matters: equal corners give the same points, and are not told apart.
+    """
+    cameras, points, uv = filmed(False)
+    if pixels == "lower-left":
+        uv = flipped(uv, HEIGHT)
+    found = decide_origin(cameras, uv, height_px=HEIGHT)
+    assert (found.pixels == found.coefficients) == (pixels == "upper-left")
+    assert found.residual_px < 1.0
+    assert found.next_px > 3 * found.residual_px
+    ideal = ideal_pixels(
+        cameras, uv, pixels=found.pixels, coefficients=found.coefficients, height_px=found.height_px, iterations=None
+    )
+    matrices = np.stack([c.matrix for c in cameras])
+    assert np.abs(linear(matrices, ideal) - points).max() < 5e-3  # 0.5 px at 600 px a metre, 5 deviations
+
+
+def test_a_lens_that_looks_the_same_upside_down_is_not_guessed():
+    """A lens in the middle of the picture fits both ways up, with other points: the user is asked, then believed."""
+    cameras, _, uv = filmed(True)
+    with pytest.raises(CalibrationError, match=r"the pixel origin cannot be told: .* state --origin"):
+        decide_origin(cameras, uv, height_px=HEIGHT)
+    stated = decide_origin(cameras, uv, origin="upper-left", height_px=HEIGHT)
+    assert (stated.pixels, stated.stated) == ("upper-left", True)
+
+
+def test_flipping_twice_is_nothing():
+    """The flip v -> H - v is its own inverse, and leaves u; without a height it is refused."""
+    uv = np.random.default_rng(2).uniform(0, 1000, (2, 3, 2))
+    np.testing.assert_allclose(flipped(flipped(uv, HEIGHT), HEIGHT), uv, atol=1e-12)
+    np.testing.assert_array_equal(flipped(uv, HEIGHT)[..., 0], uv[..., 0])
+    with pytest.raises(CalibrationError, match="give --image-height"):
+        flipped(uv, None)
+
+
+def test_coefficients_of_another_rig_are_told():
+    """Rays that miss by hundreds of pixels in every convention belong to other cameras: an error that says so."""
+    cameras, _, uv = filmed(False)
+    other = np.roll(uv, 1, axis=0)
+    with pytest.raises(CalibrationError, match="coefficients do not belong to these pixels"):
+        decide_origin(cameras, other, height_px=HEIGHT)
+
+
+def test_a_stated_origin_is_checked():
+    """The wrong statement about a flipped file is refused, the right one taken."""
+    cameras, _, uv = filmed(True)
+    turned = flipped(uv, HEIGHT)
+    right = decide_origin(cameras, turned, origin="lower-left", coefficients="upper-left", height_px=HEIGHT)
+    assert (right.pixels, right.coefficients, right.stated) == ("lower-left", "upper-left", True)
+    with pytest.raises(CalibrationError):
+        decide_origin(cameras, turned, origin="upper-left", coefficients="upper-left", height_px=HEIGHT)
+
+
+def test_stale_points_are_listed():
+    """Stored points off by more than the tolerance, or without two rays, are listed by frame (from 1) and marker."""
+    xyz = np.random.default_rng(3).normal(size=(5, 2, 3))
+    stored = xyz.copy()
+    stored[2, 1, 0] += 3e-3
+    stored[3, 0] += 0.5e-6
+    xyz[4, 0] = np.nan
+    stored[0, 0] = np.nan
+    tracks = MarkerTracks(
+        names=("a", "b"),
+        t_s=np.arange(5.0),
+        xyz_m=stored,
+        cov_m2=np.full((5, 2, 3, 3), np.nan),
+        origin=np.full((5, 2), Origin.MEASURED),
+    )
+    found = stale_points(xyz, tracks)
+    assert [(p.frame, p.marker) for p in found] == [(3, "b"), (5, "a")]
+    assert found[0].off_m == pytest.approx(3e-3)
+    assert found[1].off_m is None
+    with pytest.raises(ValueError, match="do not belong together"):
+        stale_points(xyz[:4], tracks)

@@ -98,6 +98,7 @@ def test_the_pose_model_holds_its_data(learned):
         error.append(model.markers(states, frame)[0] - xyz[frame])
     assert np.sqrt(np.nanmean(np.square(error))) < 1e-3
     assert (model.density > 0).all()
+    assert model.density[2:].max() < 1e-2 * model.density[:2].max()  # the body's frame moves by noise only
     assert (model.start_sd > 0).all()
     assert model.residual_rate_hz > 0
 

@@ -52,6 +52,25 @@ def test_the_smoothed_states_are_the_posterior_of_the_trajectory(seed, n, n_fram
         assert not np.triu(ours.factor, 1).any()
 
 
+@pytest.mark.parametrize(("q", "r"), [(1e-6, 3e-6), (1e-3, 1e-3), (0.5, 2.0)])
+def test_hindsight_may_sharpen_a_state_a_million_times(q, r):
+    """For x' = A x + q w, A orthogonal, x' seen to r: of x is left q^2 + r^2 in parallel with 1, digit by digit.
+
+    1 - (1 - 1e-11) would keep five digits; a sum of squares keeps the factor to 1e-16 of 1, which is 1e-10 of 1e-6.
+    """
+    rng = np.random.default_rng(2)
+    n = 6
+    a = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    start, points = Gaussian(np.zeros(n), np.eye(n)), default_points(n)
+    prediction = predict(start, lambda x: x @ a.T, q * np.eye(n), points, linear=True)
+    y = rng.normal(size=n)
+    after = update(prediction.state, lambda x: x, y, np.full(n, r), points, linear=True).state
+    found = smooth_step(start, prediction, after)
+    left = (q**2 + r**2) / (1 + q**2 + r**2)
+    np.testing.assert_allclose(found.cov / left, np.eye(n), atol=1e-7)
+    np.testing.assert_allclose(found.mean, a.T @ y / (1 + q**2 + r**2), atol=1e-7 * np.sqrt(left) + 1e-13)
+
+
 @pytest.mark.parametrize("even", [True, False])
 def test_tracked_positions_are_the_posterior_of_the_trajectory(even):
     """The tracker from end to end, constant velocity, gaps, a marker never seen, uneven times: the dense posterior.

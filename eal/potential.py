@@ -10,13 +10,11 @@ from numpy.typing import ArrayLike
 
 from eal import archive, evaluation, fitting
 from eal.arrays import Array, frozen, points, positive
+from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.findings import findings_of
 from eal.fitting import Root
 from eal.kernels import Kernel
 from eal.spectral import FILTERS, Projection, Scaling, SpectralFilter, Tail, effective_lambda
-
-MIN_LAMBDA = 1e-13
-"""Below this V is rounding: it turned negative at 1e-14."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,6 +111,13 @@ class EmpiricalPotential:
         """Hessian of V_z: (..., d) configurations to (..., d, d), in 1/unit^2; raises as ``value``."""
         return self._at(evaluation.hessian, q, second=True)
 
+    def hessian_product(self, q: ArrayLike, u: ArrayLike) -> Array:
+        """Hessian of V_z times u: (..., d) configurations and directions to (..., d); raises as ``value``."""
+        d = self.dimension
+        both = np.broadcast_arrays(points("q", q, d), points("u", u, d))
+        flat = evaluation.hessian_product(self.kernel, self.centres, self.root, *(x.reshape(-1, d) for x in both))
+        return flat.reshape(both[0].shape)
+
     def barrier_value(self, q: ArrayLike) -> Array:
         """-log(1 - V_z(q)): as V_z near the data, and without end away from it; (..., d) to (...).
 
@@ -140,7 +145,7 @@ class EmpiricalPotential:
         if isinstance(self.spectral_filter, Projection):
             raise ValueError("with_lambda cannot bring back modes that a projection has cut: use fit_potential")
         total = float(self.weights.sum())
-        new = _checked_lambda(lam, total, self.scaling)
+        new = checked_lambda(lam, total, self.scaling)
         ratio = self.spectral_filter.gain(self.eigenvalues, new) / self.spectral_filter.gain(
             self.eigenvalues, self.sigma_lambda
         )
@@ -218,26 +223,11 @@ def fit_potential(
         ValueError: samples that are empty, not (N, d) or not finite; weights that do not fit; lambda not positive or
             below rounding.
     """
-    z = np.array(samples, dtype=np.float64)
-    if z.ndim != 2 or 0 in z.shape:
-        raise ValueError(f"samples must have shape (N, d) with N and d at least 1, but have {z.shape}")
-    bad = np.flatnonzero(~np.isfinite(z).all(axis=1))
-    if len(bad):
-        raise ValueError(
-            f"samples must be finite, but {len(bad)} of {len(z)} rows are not, the first is row {bad[0]}: "
-            "drop the rows where a coordinate was not seen"
-        )
-    w = np.ones(len(z)) if weights is None else np.array(weights, dtype=np.float64)
-    if w.shape != (len(z),) or not (np.isfinite(w).all() and (w > 0.0).all()):
-        raise ValueError(f"weights must be {len(z)} finite numbers above 0, one a sample, but have shape {w.shape}")
+    z = checked_samples(samples)
+    w = checked_weights(weights, len(z))
+    labels, measures = checked_labels(names, units, z.shape[1])
     spectral_filter = Tail() if spectral_filter is None else spectral_filter
-    sigma_lambda = _checked_lambda(lam, float(w.sum()), scaling)
-    labels = tuple(f"q{j}" for j in range(z.shape[1])) if names is None else tuple(names)
-    measures = ("1",) * z.shape[1] if units is None else tuple(units)
-    if not len(labels) == len(measures) == z.shape[1]:
-        raise ValueError(
-            f"{z.shape[1]} coordinates need as many names and units, but have {len(labels)} and {len(measures)}"
-        )
+    sigma_lambda = checked_lambda(lam, float(w.sum()), scaling)
     found = fitting.solve(
         kernel,
         z,
@@ -266,17 +256,6 @@ def fit_potential(
     )
     sentences = findings_of(z, labels, kernel, sigma_lambda, found, potential.error_bound)
     return replace(potential, findings=sentences)
-
-
-def _checked_lambda(lam: float, total: float, scaling: Scaling) -> float:
-    """Lambda in units of sigma, above rounding."""
-    sigma_lambda = effective_lambda(positive("lam", lam), total, scaling)
-    if sigma_lambda < MIN_LAMBDA:
-        raise ValueError(
-            f"lam must be at least {MIN_LAMBDA:g} in units of the eigenvalues of K / N, but is {sigma_lambda:g}: "
-            "V would be rounding; take a larger lam"
-        )
-    return sigma_lambda
 
 
 def load_potential(path: Path | str) -> EmpiricalPotential:

@@ -7,21 +7,31 @@ from typing import Literal
 
 from app.gaps import interior_gaps, interpolated, score
 from app.main_job import Stages, run_job
+from app.prepare import Prepared
 from app.report import readable
 from app.run import Run
 from app.source import Source
 from app.tracking import seen_part, track, tracked_motion
 from datasets import make_bat, make_lizard, write_recording
 from filters.learn import learn_constant_velocity
+from mocap.arrays import Array
 
 Animal = Literal["bat", "lizard"]
 
 
 def run_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> Run:
+    """The run alone; see ``measured_demo``."""
+    return measured_demo(animal, stages=stages, seed=seed)[0]
+
+
+def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run, Prepared, Array]:
     """Make the recording, write it as DLTdv files, run the main job on those files, and compare with the truth.
 
     The report's ``gaps`` holds the error inside the recording's own gaps for the tracker and for what people use today,
     and ``measured`` the error where the markers were seen.
+
+    Returns:
+        The run, the prepared recording, and the true markers (T, M, 3) in metres.
     """
     with stages.stage("make the recording"):
         recording = (make_bat if animal == "bat" else make_lizard)(seed=seed)
@@ -56,4 +66,4 @@ def run_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> Run:
         "measured": measured,
         "seconds": {**stages.seconds, "total": sum(stages.seconds.values())},
     }
-    return replace(run, report=report, report_text=readable(report, title=f"Demo: {animal}"))
+    return replace(run, report=report, report_text=readable(report, title=f"Demo: {animal}")), prepared, truth

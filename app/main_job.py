@@ -118,7 +118,7 @@ def _run_job(
         validation=scores,
         hidden=hidden,
         seconds=stages.seconds,
-        settings={"beta": settings.beta, "lambda": settings.lam, "tolerance": settings.tolerance},
+        settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
     )
     filmed = prepared.filmed
     ideal = None

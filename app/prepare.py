@@ -11,6 +11,7 @@ from filters.observations import Observations, PixelObservations, PositionObserv
 from mocap import audit, triangulate
 from mocap.arrays import Array
 from mocap.bias import ray_bias
+from mocap.careless import student_t
 from mocap.clean import REASONS, Cleaning, clean
 from mocap.errors import CalibrationError, FormatError
 from mocap.formats import dltdv
@@ -34,7 +35,8 @@ class Prepared:
         cov_m2: (T, M, 3, 3) covariance of their jitter.
         filmed: Pixels and cameras; None where positions were given.
         uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras.
-        jitter_px: Standard deviation of a corrected pixel; NaN without cameras.
+        ray_sd_px: (C, T, M) standard deviation of a coordinate of each corrected pixel.
+        jitter_px: The same over all rays; NaN without cameras.
         bias_px: Standard deviation of the slow ray errors that were removed.
         residual_px: (T, M) residuals of triangulation before correction; NaN without.
         rejected: (T, M) masks by reason.
@@ -52,6 +54,7 @@ class Prepared:
     cov_m2: Array
     filmed: Filmed | None
     uv_px: Array
+    ray_sd_px: Array
     jitter_px: float
     bias_px: float
     residual_px: Array
@@ -87,7 +90,7 @@ class Prepared:
         return PixelObservations(
             matrices=self.filmed.matrices,
             uv_px=uv,
-            sd_px=np.full(uv.shape[:3], self.jitter_px),
+            sd_px=self.ray_sd_px[:, frames][:, :, markers],
             xyz_m=xyz,
             cov_m2=cov,
             wide_m=WIDE * float(depth),
@@ -118,7 +121,7 @@ def prepare(source: Source) -> Prepared:
     bias = ray_bias(filmed.matrices, uv, dt_s=dt)
     jitter = source.pixel_sd or bias.jitter_px
     uv = uv - bias.bias_px
-    xyz, cov = triangulate.refine(filmed.matrices, uv, triangulate.linear(filmed.matrices, uv), sd_px=jitter)
+    xyz, cov, ray_sd = student_t(filmed.matrices, uv, triangulate.linear(filmed.matrices, uv), sd_px=jitter)
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
     findings = [filmed.pixel_origin.describe(), *findings]
@@ -136,6 +139,7 @@ def prepare(source: Source) -> Prepared:
         cov_m2=cov,
         filmed=filmed,
         uv_px=uv,
+        ray_sd_px=ray_sd,
         jitter_px=jitter,
         bias_px=bias.sd_px,
         residual_px=found.residual_px,
@@ -168,6 +172,7 @@ def _prepare_points(source: Source) -> Prepared:
         cov_m2=cov,
         filmed=None,
         uv_px=np.zeros((*shape, 2)),
+        ray_sd_px=np.zeros(shape),
         jitter_px=np.nan,
         bias_px=0.0,
         residual_px=np.full(xyz.shape[:2], np.nan),

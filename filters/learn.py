@@ -25,8 +25,8 @@ class PoseSettings:
         lam: Spectral filtering parameter lambda.
         centres: Most samples that the potential is learned from.
         certain: Poses known better than this (``Components.known``) are samples of the potential.
-        tolerance: Tolerated distance s from the set, in standard deviations of the first shape coordinate;
-            1/eps^2 = 1 / (4 beta s^2).
+        weight: Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units
+            of the log density (``with_potential``).
     """
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
@@ -35,7 +35,7 @@ class PoseSettings:
     lam: float = 1e-4
     centres: int = 400
     certain: float = 0.8
-    tolerance: float = 0.05
+    weight: float = 4.0
 
 
 def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
@@ -113,14 +113,39 @@ def learn_potential(z: Array, *, settings: PoseSettings) -> tuple[EmpiricalPoten
 
 
 def with_potential(model: PoseMotion, z: Array, *, settings: PoseSettings) -> PoseMotion:
-    """The model with its shape held by the empirical potential of the shapes z (N, r)."""
+    """The model with its shape held by the empirical potential of the shapes z (N, r), in the order of time.
+
+    The stiffness 1/eps^2 follows from what the potential says of poses that it has not seen: learned without a fifth
+    of the recording it has the mean value v there, and 1/eps^2 = weight w / v a second, w the rate sd(zdot) / sd(z) of
+    the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
+    cycles it is soft. ``design/potential_stiffness.py`` has the numbers.
+
+    Args:
+        model: The pose model.
+        z: (N, r) shapes to learn from.
+        settings: Choices.
+    """
     potential, unit = learn_potential(z, settings=settings)
-    stiffness = 1 / (4 * potential.kernel.beta * settings.tolerance**2)  # type: ignore[attr-defined]
-    return replace(model, gradient=penalty(potential, unit, stiffness), name="eal")
+    rate = float(np.mean(model.start_sd[model.rank + 6 :][: model.rank]) / np.mean(model.start_sd[: model.rank]))
+    charged = float(np.mean(unseen_potential(z, settings=settings)))
+    return replace(model, gradient=penalty(potential, unit, settings.weight * rate / max(charged, 1e-9)), name="eal")
+
+
+def unseen_potential(z: Array, *, settings: PoseSettings, folds: int = 5) -> Array:
+    """(N,) -log(1 - V) of each shape under a potential that was learned without its fifth of the recording."""
+    fold = np.arange(len(z)) * folds // len(z)
+    parts = []
+    for i in range(folds):
+        potential, unit = learn_potential(z[fold != i], settings=settings)
+        parts.append(potential.barrier_value(z[fold == i] / unit))
+    return np.concatenate(parts)
 
 
 def penalty(potential: EmpiricalPotential, unit: float, stiffness: float) -> Callable[[Array], Array]:
-    """Gradient of -log(1 - V_z) / eps^2 in shape coordinates: as V_z near the data, but it pulls at any distance."""
+    """Gradient of -log(1 - V_z) / eps^2 in shape coordinates: as V_z near the data, but it pulls at any distance.
+
+    ``stiffness`` is 1/eps^2 a second.
+    """
     return lambda z: potential.barrier_gradient(z / unit) * (stiffness / unit)
 
 

@@ -138,7 +138,7 @@ def decide_origin(
                     cameras, uv, pixels=pixels, coefficients=calibrated, height_px=height, iterations=None
                 )
                 residual = residual_px(matrices, ideal, linear(matrices, ideal))
-                median = float(np.median(residual)) if residual.size else 0.0
+                median = float(np.nanmedian(residual)) if np.isfinite(residual).any() else np.inf
                 tried.append((median, pixels, calibrated, height, ideal))
     tried.sort(key=lambda t: t[0])
     allowed = [t for t in tried if origin in (None, t[1]) and coefficients in (None, t[2])]

@@ -38,7 +38,7 @@ class PoseMotion(MotionModel):
         density: (r + 6,) spectral density of the accelerations of z and g.
         start_sd: (2 (r + 6),) standard deviations of z, g and of their velocities before anything is seen.
         residual_rate_hz: The rate a of the residual, 1/s.
-        gradient: (S, r) shapes to (S, r) gradients of the potential over eps^2; None: no potential.
+        gradient: (S, r) shapes to (S, r) gradients of the potential over eps^2, a second; None: no potential.
         name: For reports.
     """
 
@@ -103,6 +103,7 @@ class PoseMotion(MotionModel):
         body = self.subspace.mean + states[:, :k] @ self.modes.T + states[:, k : self.reads]
         return body.reshape(len(states), -1, 3) @ self.frames.rotation[frame].T + self.frames.position_m[frame]
 
-    def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:  # noqa: ARG002
-        """Hold the shape by the potential."""
-        return state if self.gradient is None else enforce(state, self.gradient, self.rank)
+    def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:
+        """Hold the shape by the potential, for the time of the step."""
+        pull = self.gradient
+        return state if pull is None else enforce(state, lambda z: dt_s * pull(z), self.rank)

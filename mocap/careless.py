@@ -1,0 +1,48 @@
+"""Careless clicks: digitising errors have heavy tails, and least squares follows the tail."""
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.cameras import project
+from mocap.triangulate import refine
+
+DOF = 4.0
+"""Degrees of freedom of the errors of a ray: heavy tails with a variance."""
+
+
+def student_t(
+    matrices: Array, uv_px: Array, xyz_m: Array, *, sd_px: float, rounds: int = 6
+) -> tuple[Array, Array, Array]:
+    """Points under errors that follow Student's t distribution, by iteratively reweighted least squares.
+
+    Each ray has the weight w = (nu + 2) / (nu + r^2 / s^2), r its residual and s the scale of the distribution (Lange,
+    Little & Taylor 1989); s^2 is the weighted mean square of the residuals by their degrees of freedom. The expected
+    information of such a ray is (nu + 2) / (nu + 4) / s^2 in each coordinate, which the deviations below are set to.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
+        xyz_m: (T, M, 3) starting points; NaN stays NaN.
+        sd_px: Standard deviation of a pixel coordinate over all rays, to start from.
+        rounds: Rounds of reweighting.
+
+    Returns:
+        (T, M, 3) points, their (T, M, 3, 3) covariance, and (C, T, M) the standard deviation of a pixel coordinate of
+        each ray; ``sd_px`` for rays whose marker has no point.
+    """
+    seen = np.isfinite(uv_px[..., 0])
+    count = seen.sum(axis=0)
+    has_point = np.isfinite(xyz_m[..., 0])
+    dof = np.where(has_point, np.maximum(2 * count - 3, 0), 0).sum()
+    scale = sd_px * np.sqrt((DOF - 2) / DOF)
+    weight = np.ones(seen.shape)
+    xyz, cov = xyz_m, np.full((*xyz_m.shape, 3), np.nan)
+    spread = np.sqrt((DOF + 4) / (DOF + 2))
+    for _ in range(rounds):
+        xyz, cov = refine(matrices, uv_px, xyz, sd_px=spread * scale / np.sqrt(weight), iterations=2)
+        squares = np.sum((uv_px - project(matrices, xyz)) ** 2, axis=-1)
+        inside = seen & np.isfinite(squares)
+        weight = np.where(inside, (DOF + 2) / (DOF + np.nan_to_num(squares) / scale**2), 1.0)
+        if dof:
+            scale = max(float(np.sqrt(np.sum((weight * squares)[inside]) / dof)), 1e-9)
+    return xyz, cov, np.where(seen & has_point, spread * scale / np.sqrt(weight), sd_px)

@@ -1,6 +1,7 @@
 """The empirical potential V_z of the EAL paper: zero-like on the samples, 1 far from them."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,10 @@ from eal.findings import findings_of
 from eal.fitting import Root
 from eal.kernels import Kernel
 from eal.spectral import FILTERS, Projection, Scaling, SpectralFilter, Tail, effective_lambda
+from eal.threads import one_blas_thread
+
+SMALL = 2000
+"""Samples up to which a fit stays on one BLAS thread."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -228,17 +233,18 @@ def fit_potential(
     labels, measures = checked_labels(names, units, z.shape[1])
     spectral_filter = Tail() if spectral_filter is None else spectral_filter
     sigma_lambda = checked_lambda(lam, float(w.sum()), scaling)
-    found = fitting.solve(
-        kernel,
-        z,
-        w,
-        sigma_lambda,
-        spectral_filter,
-        method=method,
-        accuracy=positive("accuracy", accuracy),
-        max_rank=max_rank,
-        rng=rng,
-    )
+    with one_blas_thread() if len(z) <= SMALL else nullcontext():
+        found = fitting.solve(
+            kernel,
+            z,
+            w,
+            sigma_lambda,
+            spectral_filter,
+            method=method,
+            accuracy=positive("accuracy", accuracy),
+            max_rank=max_rank,
+            rng=rng,
+        )
     potential = EmpiricalPotential(
         kernel=kernel,
         lam=float(lam),

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from eal.arrays import Array, frozen
 from eal.integrators.midpoint import IntegrationError, midpoint_step
@@ -12,6 +11,7 @@ from eal.integrators.rk4 import rk4_step
 from eal.integrators.stability import LIMITS, check_step
 from eal.integrators.verlet import verlet_step
 from eal.lagrangian import PenalisedModel
+from eal.threads import one_blas_thread
 
 STEPS = {"rk4": rk4_step, "verlet": verlet_step, "midpoint": midpoint_step}
 
@@ -71,7 +71,7 @@ def integrate(
     kept = 1 + steps // every
     positions, velocities = np.empty((kept, *q.shape)), np.empty((kept, *q.shape))
     positions[0], velocities[0] = q, v
-    with threadpool_limits(1):
+    with one_blas_thread():
         for i in range(1, steps + 1):
             q, v = step(acceleration, (i - 1) * h_s, q, v, h_s)
             if i % every == 0:

@@ -205,6 +205,30 @@ def view(
         viewer.close()
 
 
+@app.command()
+def reproduce(
+    figures: Annotated[list[str] | None, typer.Argument(help="Figures of the paper, such as 14a; none: all.")] = None,
+    out: Out = Path("out/reproduce"),
+    quick: Annotated[bool, typer.Option("--quick", help="Coarser grids and fewer seeds.")] = False,
+    force: Force = False,
+) -> None:
+    """Reproduce the figures of the EAL paper: pictures, tables, and a verdict on every claim."""
+    from app.reproduce import FIGURES
+    from app.reproduce import reproduce as make_figures
+    from app.tables import check_target
+
+    for name in figures or []:
+        if name.lower().removeprefix("fig") not in FIGURES:
+            raise MocapError(f"there is no figure {name!r}: the figures are {', '.join(FIGURES)}")
+    check_target(out, force=force)
+    verdicts = make_figures(
+        figures or None, out, quick, lambda line: errors.print(line, highlight=False, soft_wrap=True, markup=False)
+    )
+    errors.print(
+        f"\nWrote {out}/: {len(verdicts)} verdicts in verdicts.json, figures and their numbers", highlight=False
+    )
+
+
 @contextmanager
 def progress() -> Iterator[Stages]:
     """A bar a stage, on stderr, where that is a terminal."""

@@ -14,26 +14,31 @@ from app.view.headless import Headless
 from app.view.record import make_layout, recording_id, write_recording
 
 SIZE = (1600, 1000)
-FRAME = {"bat": 96, "lizard": 300}
 TABS = ("overview", "cameras", "joints", "health")
+WANTED: dict[Animal, tuple[int, tuple[str, ...]]] = {
+    "bat": (96, ("overview", "joints")),
+    "lizard": (300, ("overview",)),
+}
+"""The frame (from 0) and the tabs that the README shows."""
 
 
 def take_pictures(folder: Path, *, animal: Animal) -> list[Path]:
-    """Run the demo and save a picture of each tab."""
-    return picture_run(run_demo(animal, stages=Stages()), folder, prefix=animal, frame=FRAME[animal])
+    """Run the demo and save the pictures that are wanted of it."""
+    frame, tabs = WANTED[animal]
+    return picture_run(run_demo(animal, stages=Stages()), folder, prefix=animal, frame=frame, tabs=tabs)
 
 
-def picture_run(run: Run, folder: Path, *, prefix: str, frame: int) -> list[Path]:
-    """Save a picture of each tab of a run at one frame (from 0)."""
+def picture_run(run: Run, folder: Path, *, prefix: str, frame: int, tabs: tuple[str, ...] = TABS) -> list[Path]:
+    """Save pictures of tabs of a run at one frame (from 0)."""
     folder.mkdir(parents=True, exist_ok=True)
     out = []
     with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
         rrd = Path(temporary) / "recording.rrd"
         write_recording(run, rrd)
         viewer.load(rrd, recording_id(run))
-        for i, tab in enumerate(TABS):
+        for tab in tabs:
             blueprint = make_blueprint(make_layout(run))
-            blueprint.root_container.active_tab = i
+            blueprint.root_container.active_tab = TABS.index(tab)
             path = folder / f"{prefix}_{tab}.png"
             Image.fromarray(viewer.show(blueprint, frame=frame)).save(path, optimize=True)
             out.append(path)
@@ -41,5 +46,5 @@ def picture_run(run: Run, folder: Path, *, prefix: str, frame: int) -> list[Path
 
 
 if __name__ == "__main__":
-    for name in ("bat", "lizard"):
+    for name in WANTED:
         take_pictures(Path(sys.argv[1]), animal=name)

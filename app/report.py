@@ -92,7 +92,11 @@ def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
 
 
 def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
-    """Mean NIS a row (1 if the filter knows its own uncertainty), and the share of frames inside the 95 % band."""
+    """Mean NIS a row, and the share of frames inside the 95 % band of chi-square.
+
+    A filter that knows its uncertainty has 1 a row; with rays whose deviations were widened by Student's t weights
+    (``mocap.careless``) it has (nu + 2) / (nu + 4) = 0.75.
+    """
     ok = np.isfinite(tracked.nis) & (tracked.n_rows > 0)
     if not ok.any():
         return {"nis_per_row": None, "frames_in_95_band": None}
@@ -158,10 +162,8 @@ def readable(report: Mapping, *, title: str) -> str:
         )
     nis = report["innovation"]
     if nis["nis_per_row"] is not None:
-        lines.append(
-            f"- innovations: NIS {nis['nis_per_row']:.2f} a row (1 is consistent), {nis['frames_in_95_band']:.0%} of "
-            "frames inside their 95 % band"
-        )
+        expected = "0.75 is expected of rays weighted by Student's t" if report["cameras"] else "1 is expected"
+        lines.append(f"- innovations: NIS {nis['nis_per_row']:.2f} a row ({expected})")
     counts = ", ".join(f"{reason} {count}" for reason, count in rejected.items() if count) or "none"
     lines += [f"- rejected: {counts}", "", "## Findings", "", *(f"- {finding}" for finding in report["findings"])]
     if report["stale_points"]:

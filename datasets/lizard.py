@@ -1,5 +1,7 @@
 """A lizard that walks up a rod, filmed by high-speed cameras around a tank."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from datasets.film import film
@@ -130,7 +132,7 @@ def lizard_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scen
 
 def _axis(
     rng: np.random.Generator, t_s: Array, progress_m: Array, phase_rad: Array
-) -> tuple[dict[str, Array], dict[str, Array]]:
+) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
     """Axial markers (T, 3) and rotations (T, 3, 3) of both girdles and the head, in the axes of the rod.
 
     The trunk bends sideways in a standing wave, so that the shoulder of the arm that touches down, and the hip across,
@@ -174,7 +176,7 @@ def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
     return toe, toe + length_m * direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
-def _solids(rod: dict[str, Array], girdles: dict[str, Array], world: Array) -> tuple[Solid, ...]:
+def _solids(rod: Mapping[str, Array], girdles: Mapping[str, Array], world: Array) -> tuple[Solid, ...]:
     """Chest, belly, head and the rod itself."""
 
     def solid(centre: Array, rotation: Array, semi_axes: tuple[float, float, float]) -> Solid:

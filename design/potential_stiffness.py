@@ -1,0 +1,57 @@
+"""How stiff should the potential be? Error in gaps of the built-in recordings over the weight of unseen poses.
+
+Settled: weight 4, lambda 1e-4. The bat (20 wing beats) gains 4 to 5 % over the same model without a potential. The
+lizard (3 strides) loses a little, most where a gap is long and its pose has no like in the rest of the recording: with
+few cycles the potential mistakes what it has not seen for what cannot be. Marginal likelihood does not tell the two
+apart: it rises with the stiffness on both. What the potential says of unseen poses (column v) does.
+
+    python -m design.potential_stiffness
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.demo import measured_demo
+from app.gaps import interior_gaps, score
+from app.main_job import Stages
+from app.prepare import Prepared
+from app.tracking import Part, seen_part, track, tracked_motion, trunk_frames, without_potential
+from filters.learn import PoseSettings, learn_pose, unseen_potential, with_potential
+from filters.motion.base import MotionModel
+
+WEIGHTS = (1.0, 4.0, 16.0)
+LAMBDAS = (1e-4, 1e-3)
+
+
+def error_mm(prepared: Prepared, part: Part, model: MotionModel, truth_m: np.ndarray) -> float:
+    """Root mean square error inside the recording's gaps."""
+    markers = tracked_motion(prepared, part, model, track(prepared, part, model)).markers
+    where = interior_gaps(np.isfinite(prepared.xyz_m[..., 0]))
+    return score(markers.xyz_m, None, truth_m, where)["rmse_mm"] or np.nan
+
+
+def main() -> None:
+    """Print the table."""
+    columns = "".join(f"{f'{weight:g}, {lam:g}':>12}" for lam in LAMBDAS for weight in WEIGHTS)
+    print(f"{'recording':12}{'v unseen':>10}{'no potential':>14}{columns}")
+    for animal, seeds in (("bat", (0, 1, 2)), ("lizard", (0, 1, 2, 3))):
+        for seed in seeds:
+            _, prepared, truth = measured_demo(animal, stages=Stages(), seed=seed)
+            part, settings = seen_part(prepared), PoseSettings()
+            frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz)
+            xyz = prepared.xyz_m[part.frames][:, part.markers]
+            pose, z, known = learn_pose(xyz, frames, dt_s=prepared.dt_s, settings=settings)
+            z = z[known > settings.certain]
+            row = [error_mm(prepared, part, without_potential(pose), truth)]
+            for lam in LAMBDAS:
+                for weight in WEIGHTS:
+                    changed = replace(settings, weight=weight, lam=lam)
+                    row.append(error_mm(prepared, part, with_potential(pose, z, settings=changed), truth))
+            v = float(np.mean(unseen_potential(z, settings=settings)))
+            values = "".join(f"{value:12.2f}" for value in row[1:])
+            print(f"{animal} {seed:<6}{v:14.4f}{row[0]:14.2f}{values}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,5 @@
 """A lizard that walks up a rod, filmed by high-speed cameras around a tank."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from datasets.film import film
@@ -132,7 +130,7 @@ def lizard_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scen
 
 def _axis(
     rng: np.random.Generator, t_s: Array, progress_m: Array, phase_rad: Array
-) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+) -> tuple[dict[str, Array], dict[str, Array]]:
     """Axial markers (T, 3) and rotations (T, 3, 3) of both girdles and the head, in the axes of the rod.
 
     The trunk bends sideways in a standing wave, so that the shoulder of the arm that touches down, and the hip across,
@@ -142,14 +140,14 @@ def _axis(
     wave = (13 + 1.5 * slow[0]) * _DEG
     chest = -wave * np.cos(phase_rad) + 2 * _DEG * slow[1]
     hips = wave * np.cos(phase_rad - 0.2) + 2 * _DEG * slow[1]
-    girdles = {
+    girdles: dict[str, Array] = {
         "neck": turn(2, chest) @ turn(0, 4 * _DEG * np.sin(phase_rad)),
         "pelvis": turn(2, hips) @ turn(0, -4 * _DEG * np.sin(phase_rad)),
     }
     girdles["head"] = turn(2, -0.3 * chest + 5 * _DEG * slow[2]) @ turn(1, _DEG * (-6 + 3 * slow[3]))
     height = _BACK_M + 0.0005 * np.cos(2 * phase_rad + 0.5)
     sway = 0.0012 * np.sin(phase_rad) + 0.0008 * slow[4]
-    rod = {"spine": np.stack([progress_m, sway, height], axis=-1)}
+    rod: dict[str, Array] = {"spine": np.stack([progress_m, sway, height], axis=-1)}
     ahead = np.array([1.0, 0, 0])
     rod["neck"] = rod["spine"] + _AXIS_M["neck"] * rotated(girdles["neck"], ahead)
     rod["head"] = rod["neck"] + _AXIS_M["head"] * rotated(girdles["head"] @ turn(1, np.array(-0.2)), ahead)
@@ -176,7 +174,7 @@ def _foot(foot: Steps, length_m: float, mirror: float) -> tuple[Array, Array]:
     return toe, toe + length_m * direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
-def _solids(rod: Mapping[str, Array], girdles: Mapping[str, Array], world: Array) -> tuple[Solid, ...]:
+def _solids(rod: dict[str, Array], girdles: dict[str, Array], world: Array) -> tuple[Solid, ...]:
     """Chest, belly, head and the rod itself."""
 
     def solid(centre: Array, rotation: Array, semi_axes: tuple[float, float, float]) -> Solid:

@@ -17,8 +17,9 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.timing import interleaved
 from datasets.rig import tunnel_cameras
-from filters.ensemble import Gaussian, Update, default_points, predict, smooth_step, update
+from filters.ensemble import Gaussian, Update, default_points, predict, update
 from filters.motion.constant_velocity import ConstantVelocity
+from filters.smoother import smooth_step
 from mocap.arrays import Array
 from mocap.cameras import project, stacked
 

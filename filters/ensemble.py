@@ -7,7 +7,7 @@ The state's covariance is P = L L^T with L lower triangular. The scaled unscente
     b = sum d / (2 c),   gamma = beta - alpha^2,
 
 a sum of squares for beta >= alpha^2, where the weights themselves have huge cancelling signs. The filter never
-subtracts from a covariance, so none turns indefinite; the smoother does so in units in which it can see the loss.
+subtracts from a covariance, so none turns indefinite.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrmm, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
+from scipy.linalg.blas import dsyrk, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
 from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]
 
 from mocap.arrays import Array
@@ -273,43 +273,3 @@ def condition(state: Gaussian, a: Array, y: Array, k: int) -> tuple[Gaussian, Ar
     factor = state.factor.copy(order="F")
     factor[:, :k] = columns
     return Gaussian(state.mean + columns @ w[:k], factor), w, 2 * float(np.log(np.diag(reverse)).sum())
-
-
-def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) -> Gaussian:
-    """One Rauch-Tung-Striebel step backwards, in units of the filtered deviations.
-
-    With W = (L-)^-1 G^T, L- the factor of the prediction, the gain is K = L W^T (L-)^-1 and the smoothed covariance
-
-        P + K (Ps - P-) K^T = L (I - W^T W + B^T B) L^T,   B = Ls^T (L-)^-T W,
-
-    and L times the factor of the bracket is its factor. The bracket is 1 where nothing is learned; where it falls below
-    1e-4 the subtraction has cost too many digits, and the same covariance is factored as the sum of squares
-    D D^T + K Q K^T + K Ps K^T, D the part of the filtered deviations that the prediction does not explain.
-
-    Args:
-        filtered: State of this frame.
-        prediction: Prediction from this frame to the next.
-        smoothed: Smoothed state of the next frame.
-
-    Raises:
-        np.linalg.LinAlgError: the predicted covariance is singular.
-    """
-    rows, ahead, n = prediction.rows, prediction.state, len(filtered.mean)
-    if not np.diag(ahead.factor).all():
-        raise np.linalg.LinAlgError(f"predicted covariance of size {n} is singular: give every component process noise")
-    w = dtrsm(1.0, ahead.factor, rows[:n].T, lower=1)
-    b = dtrmm(1.0, dtrsm(1.0, ahead.factor, smoothed.factor, lower=1), w, lower=1, trans_a=1)
-    change = dtrsv(ahead.factor, smoothed.mean - ahead.mean, lower=1)
-    mean = filtered.mean + filtered.factor @ (change @ w)
-    bracket = dsyrk(-1.0, w, trans=1, lower=1, beta=1.0, c=np.eye(n, order="F"), overwrite_c=1)
-    try:
-        shrink = cholesky(gram(b.T, add=bracket))
-        if np.diag(shrink).min() < 1e-2:
-            raise np.linalg.LinAlgError
-        factor = dtrmm(1.0, filtered.factor, shrink, lower=1)
-    except np.linalg.LinAlgError:
-        gain = filtered.factor @ dtrsm(1.0, ahead.factor, w, lower=1, trans_a=1).T
-        unexplained = -gain @ rows.T
-        unexplained[:, :n] += filtered.factor
-        factor = triangular(np.concatenate([unexplained, gain @ prediction.noise, gain @ smoothed.factor], axis=1).T)
-    return Gaussian(mean, factor)

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from filters.ensemble import Gaussian, Prediction, Update, ensemble, predict, scale, smooth_step, spread, update
+from filters.ensemble import Gaussian, Prediction, Update, ensemble, predict, scale, spread, update
 from filters.motion.base import MotionModel
 from filters.observations import WHOLE, Observations, Rows
+from filters.smoother import smooth_step
 from mocap.arrays import Array
 
 Progress = Callable[[float], None]

@@ -46,6 +46,7 @@ def reproduce(
     progress: Callable[[str], None] = _silent,
     *,
     samples_m: Mapping[str, Array] | None = None,
+    real_bat_m: Array | None = None,
 ) -> list[Verdict]:
     """Figures of the EAL paper as pictures, tables and verdicts.
 
@@ -58,6 +59,7 @@ def reproduce(
         progress: Told a line a figure and a verdict.
         samples_m: (N, 2) samples of the wrist about the elbow in metres, for ``bat`` and ``lizard``; None: the
             built-in animals.
+        real_bat_m: (N, 2) samples of a real bat's; figure 7 is then drawn for it too, as ``7_real``.
 
     Returns:
         The verdicts, in the order of the figures.
@@ -75,15 +77,18 @@ def reproduce(
         for name in names:
             progress(f"figure {name}")
             if name in _SYNTHETIC:
-                figure = _SYNTHETIC[name](quick=quick)
+                made = [_SYNTHETIC[name](quick=quick)]
             else:
                 samples_m = built_in_samples() if samples_m is None else samples_m
                 make, animal = _ANIMAL[name]
-                figure = make(samples_m[animal], quick=quick)
-            write_figure(figure, out)
-            verdicts.extend(figure.verdicts)
-            for verdict in figure.verdicts:
-                progress(verdict.line())
+                made = [make(samples_m[animal], quick=quick)]
+            if name == "7" and real_bat_m is not None:
+                made.append(fig_joints.figure_7(real_bat_m, quick=quick, name="7_real"))
+            for figure in made:
+                write_figure(figure, out)
+                verdicts.extend(figure.verdicts)
+                for verdict in figure.verdicts:
+                    progress(verdict.line())
     text = json.dumps([v.as_dict() for v in verdicts], indent=1, ensure_ascii=False)
     _write(out / "verdicts.json", text.encode())
     return verdicts

@@ -12,6 +12,7 @@ import pytest
 from app.cli import main
 from datasets import make_bat, write_recording
 from mocap.formats.dltdv import read_points
+from tests.real_data import real
 
 FPS = 240.0
 
@@ -278,3 +279,27 @@ def test_it_is_a_program():
         [Path(sys.executable).with_name("mocap"), "--help"], capture_output=True, text=True, check=True
     )
     assert all(command in done.stdout for command in ("triangulate", "track", "demo", "view"))
+
+
+def test_figures_of_the_paper(mocap, tmp_path, monkeypatch):
+    """A picture, a table and verdicts for each figure that is asked for; others are named."""
+    monkeypatch.delenv("MOCAP_REAL_DATA", raising=False)
+    code, _, err = mocap("reproduce", "14a", "--quick", "--out", tmp_path / "figures")
+    assert code == 0, err
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {"fig14a.png", "fig14a.csv", "verdicts.json"}
+    table = pd.read_csv(tmp_path / "figures" / "fig14a.csv")
+    assert {"lambda", "penalty", "constraint_error"} <= set(table.columns)
+    assert "slope" in err
+    code, _, err = mocap("reproduce", "99", "--out", tmp_path / "none")
+    assert code == 1
+    assert "14a" in err
+
+
+def test_figure_7_is_drawn_for_a_real_bat_too(mocap, tmp_path):
+    """Where the recording lies, its elbow gives a potential of its own."""
+    folder = real("bat_windtunnel_dltdv8").parent
+    code, _, err = mocap("reproduce", "7", "--quick", "--real", folder, "--out", tmp_path / "figures")
+    assert code == 0, err
+    verdicts = json.loads((tmp_path / "figures" / "verdicts.json").read_text())
+    assert {v["figure"] for v in verdicts} == {"7", "7_real"}
+    assert all(v["holds"] for v in verdicts)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.ukf import DT_S, compare, problem
-from filters.ensemble import Gaussian, predict, smooth_step
+from filters.ensemble import Gaussian, predict
+from filters.smoother import smooth_step
 
 
 @pytest.mark.parametrize("affine", [True, False])

@@ -14,11 +14,11 @@ from filters.ensemble import (
     ensemble,
     predict,
     scale,
-    smooth_step,
     spread,
     triangular,
     update,
 )
+from filters.smoother import smooth_step
 from tests.reference import gaussian_filter as reference
 
 

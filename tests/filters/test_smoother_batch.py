@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filters.ensemble import Gaussian, default_points, predict, smooth_step, update
+from filters.ensemble import Gaussian, default_points, predict, update
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PositionObservations
+from filters.smoother import smooth_step
 from filters.track import log_likelihood, smooth
 from tests.reference import gaussian_filter as reference
 

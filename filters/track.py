@@ -57,43 +57,60 @@ def gate_groups(normalised: Array, rows: Rows, gate_sd: float) -> NDArray[np.boo
     return ~far[rows.group]
 
 
+@dataclass(frozen=True, eq=False)
+class Filtered:
+    """Frames that were filtered one after the other.
+
+    Attributes:
+        states: Filtered state of each frame; empty where they were not kept.
+        predictions: What led to each frame; None to the first of the recording.
+        statistics: Lists with an entry a frame.
+        last: Filtered state of the last frame.
+    """
+
+    states: list[Gaussian]
+    predictions: list[Prediction | None]
+    statistics: dict[str, list]
+    last: Gaussian
+
+
 def filter_forward(
     model: MotionModel,
     observations: Observations,
     t_s: Array,
     *,
+    frames: range | None = None,
+    before: Gaussian | None = None,
     gate_sd: float = 6.0,
     keep: bool = True,
     progress: Progress | None = None,
-) -> tuple[list[Gaussian], list[Prediction], dict[str, list]]:
-    """Filter all frames.
+) -> Filtered:
+    """Filter frames.
 
     Args:
         model: Motion model.
         observations: Rows of each frame.
         t_s: (T,) times.
+        frames: Consecutive frames; None: all.
+        before: Filtered state of the frame before them; not read at frame 0.
         gate_sd: Rays further off are not believed (``gate_groups``).
-        keep: Whether to keep the states for smoothing; without, only the statistics are returned.
-        progress: Called with the share done.
-
-    Returns:
-        Filtered states, predictions (prediction k leads to frame k + 1), and the statistics of each frame.
+        keep: Whether to keep states and predictions for smoothing; the statistics always are.
+        progress: Called with the share of all frames done.
     """
+    frames = range(observations.n_frames) if frames is None else frames
     statistics: dict[str, list] = {k: [] for k in ("innovation", "used", "rows", "nis", "n_rows", "log_likelihood")}
     states: list[Gaussian] = []
-    predictions: list[Prediction] = []
-    state = model.initial()
+    predictions: list[Prediction | None] = []
+    state = model.initial() if before is None else before
     c, _ = scale(model.points)
     noise_of: dict[float, Array] = {}
-    for frame in range(observations.n_frames):
+    for frame in frames:
+        prediction = None
         if frame:
             dt = round(float(t_s[frame] - t_s[frame - 1]), 12)
             if dt not in noise_of:
                 noise_of[dt] = model.noise(dt)
-            step = _stepper(model, dt)
-            prediction = predict(state, step, noise_of[dt], model.points, linear=model.linear)
-            if keep:
-                predictions.append(prediction)
+            prediction = predict(state, _stepper(model, dt), noise_of[dt], model.points, linear=model.linear)
             state = model.constrain(prediction.state, dt)
         markers = model.markers(spread(state, c, columns=model.reads, rows=model.reads), frame)
         rows = observations.rows(frame, marker_spread(markers, c))
@@ -107,6 +124,7 @@ def filter_forward(
             state = result.state
         if keep:
             states.append(state)
+            predictions.append(prediction)
         statistics["innovation"].append(result.innovation)
         statistics["used"].append(result.used)
         statistics["rows"].append(rows)
@@ -115,7 +133,7 @@ def filter_forward(
         statistics["log_likelihood"].append(result.log_likelihood)
         if progress is not None:
             progress((frame + 1) / observations.n_frames)
-    return states, predictions, statistics
+    return Filtered(states, predictions, statistics, state)
 
 
 def _stepper(model: MotionModel, dt_s: float) -> Callable[[Array], Array]:
@@ -129,7 +147,8 @@ def _gater(rows: Rows, gate_sd: float) -> Callable[[Array], NDArray[np.bool_]]:
 def log_likelihood(model: MotionModel, observations: Observations, t_s: Array, *, gate_sd: float = 6.0) -> float:
     """Log density of all observations under a model: what its parameters are chosen by."""
     with threadpool_limits(1):
-        return float(sum(filter_forward(model, observations, t_s, gate_sd=gate_sd, keep=False)[2]["log_likelihood"]))
+        filtered = filter_forward(model, observations, t_s, gate_sd=gate_sd, keep=False)
+    return float(sum(filtered.statistics["log_likelihood"]))
 
 
 def smooth(
@@ -138,25 +157,45 @@ def smooth(
     t_s: Array,
     *,
     gate_sd: float = 6.0,
+    most_bytes: float = 1e9,
     progress: Progress | None = None,
 ) -> Smoothed:
-    """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes."""
+    """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
+
+    A recording whose states would take more than ``most_bytes`` is filtered in blocks of which only the state before
+    each is kept; going back, each block is filtered again. Memory is then flat in the number of frames, for a third
+    more time.
+    """
+    n_frames, size = observations.n_frames, 2 * model.reads
+    length = max(2, int(most_bytes / (3 * 8 * size**2)))
+    blocks = [range(start, min(start + length, n_frames)) for start in range(0, n_frames, length)]
     with threadpool_limits(1):
         half = None if progress is None else (lambda share: progress(0.5 * share))
-        states, predictions, statistics = filter_forward(model, observations, t_s, gate_sd=gate_sd, progress=half)
-        n_frames = len(states)
+        before: list[Gaussian | None] = [None]
+        statistics: dict[str, list] = {}
+        filtered = None
+        for block in blocks:
+            keep = block is blocks[-1]
+            filtered = filter_forward(
+                model, observations, t_s, frames=block, before=before[-1], gate_sd=gate_sd, keep=keep, progress=half
+            )
+            before.append(filtered.last)
+            for name, values in filtered.statistics.items():
+                statistics.setdefault(name, []).extend(values)
         xyz, cov = [], []
-        state = states[-1]
-        for frame in range(n_frames - 1, -1, -1):
-            if frame < n_frames - 1:
-                state = smooth_step(states[frame], predictions[frame], state)
-                states.pop()
-                predictions.pop()
-            mean, covariance = marker_moments(model, state, frame)
-            xyz.append(mean)
-            cov.append(covariance)
-            if progress is not None:
-                progress(1 - 0.5 * frame / n_frames)
+        state, ahead = before[-1], None
+        for i in range(len(blocks) - 1, -1, -1):
+            if filtered is None or i < len(blocks) - 1:
+                filtered = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], gate_sd=gate_sd)
+            for frame in reversed(blocks[i]):
+                here = filtered.states.pop()
+                state = here if ahead is None or state is None else smooth_step(here, ahead, state)
+                ahead = filtered.predictions.pop()
+                mean, covariance = marker_moments(model, state, frame)
+                xyz.append(mean)
+                cov.append(covariance)
+                if progress is not None:
+                    progress(1 - 0.5 * frame / n_frames)
     return Smoothed(
         xyz_m=np.array(xyz[::-1]),
         cov_m2=np.array(cov[::-1]),

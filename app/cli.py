@@ -1,6 +1,8 @@
 """The command line: ``mocap``."""
 
 import json
+import shutil
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -139,7 +141,6 @@ def track(
 
     if fps is None:
         raise MocapError(f"{tracks.name}: frames per second are not in the file: give --fps")
-    check_target(out, force=force)
     source = Source(
         tracks=tracks,
         fps=fps,
@@ -152,6 +153,7 @@ def track(
         stored_points=stored,
         pixel_sd=pixel_sd,
     )
+    check_target(out, force=force, inputs=source.inputs)
     with progress() as stages:
         run, _ = run_job(source, model=model.value, stages=stages, validated=validate)
         with stages.stage("write"):
@@ -163,7 +165,7 @@ def track(
 def demo(
     animal: Annotated[Animal, typer.Argument(help="Built-in recording.")] = Animal.bat,
     out: Out = Path("out/demo"),
-    seed: Annotated[int, typer.Option(help="Which flight or walk.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Which flight or walk.")] = 0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -194,6 +196,7 @@ def view(
     if not path.is_file():
         raise MocapError(f"{path}: there is no recording: give a folder that mocap track or mocap demo wrote")
     viewer = open_viewer(path, web=web)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a terminated command ends its viewer too
     try:
         if viewer.url:
             errors.print(f"{viewer.url}\nCtrl-C to stop.", highlight=False, soft_wrap=True)
@@ -260,11 +263,18 @@ def finish(report: object, text: str, out: Path, as_json: bool) -> None:
         return
     Console().print(Markdown(text))
     errors.print(
-        f"\nWrote {out}/: markers.csv, joints.csv, report.json, report.md, recording.rrd\n"
-        f"Look at it: mocap view {out}   (in the browser: mocap view {out} --web)",
+        f"\nWrote {out}/: markers.csv, joints.csv, report.json, report.md, potentials, recording.rrd\n"
+        f"Look at it: {program()} view {out}   (in the browser: {program()} view {out} --web)",
         highlight=False,
         soft_wrap=True,
     )
+
+
+def program() -> str:
+    """This command as its user can call it again."""
+    found = shutil.which("mocap")
+    called = Path(sys.argv[0])
+    return "mocap" if found is not None and Path(found).resolve() == called.resolve() else str(called)
 
 
 def main() -> None:

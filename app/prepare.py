@@ -117,6 +117,11 @@ def prepare(source: Source) -> Prepared:
     t_s = filmed.pixels.t_s
     cleaning = clean(found.xyz_m, sd, t_s, skeleton, names)
     uv = np.where((found.rejected | cleaning.any)[..., None], np.nan, filmed.ideal_px)
+    if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
+        raise CalibrationError(
+            f"{source.tracks.name}: every sample was rejected, rays miss each other: check that coefficients, profile "
+            "and pixels belong together"
+        )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     bias = ray_bias(filmed.matrices, uv, dt_s=dt)
     jitter = source.pixel_sd or bias.jitter_px
@@ -124,7 +129,7 @@ def prepare(source: Source) -> Prepared:
     xyz, cov, ray_sd = student_t(filmed.matrices, uv, triangulate.linear(filmed.matrices, uv), sd_px=jitter)
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
-    findings = [filmed.pixel_origin.describe(), *findings]
+    findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *findings]
     if bias.sd_px:
         findings.append(
             f"rays of one marker miss each other slowly by {bias.sd_px:.2f} px (calibration or lens): removed before "
@@ -146,7 +151,12 @@ def prepare(source: Source) -> Prepared:
         rejected={"rays_miss": lost, **cleaning.rejected},
         rays_rejected=found.rejected,
         max_speed_m_s=cleaning.max_speed_m_s,
-        findings=(*findings, *_cleaning_findings(cleaning, names), *_never_seen(xyz, names)),
+        findings=(
+            *findings,
+            *([f"{lost.sum()} samples rejected, {REASONS['rays_miss']}"] if lost.any() else []),
+            *_cleaning_findings(cleaning, names),
+            *_never_seen(xyz, names),
+        ),
         stale=stale,
     )
 
@@ -180,7 +190,7 @@ def _prepare_points(source: Source) -> Prepared:
         rays_rejected=np.zeros(shape, dtype=bool),
         max_speed_m_s=cleaning.max_speed_m_s,
         findings=(
-            f"positions only: noise from the file or estimated, {np.nanmedian(sd) * 1e3:.3g} mm (median)",
+            f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
             *_cleaning_findings(cleaning, names),
             *_never_seen(xyz, names),
         ),
@@ -190,17 +200,33 @@ def _prepare_points(source: Source) -> Prepared:
 def position_sd(tracks: MarkerTracks) -> Array:
     """(T, M) standard deviation of a coordinate from fourth differences, which smooth motion hardly feels.
 
-    White noise of variance s^2 gives fourth differences of variance 70 s^2; the median of their size over a marker is
-    0.6745 sqrt(70) s. Markers with too few samples take the median of the others, and all at least 1e-6 m.
+    White noise of variance s^2 gives fourth differences of variance 70 s^2. Digitising errors have heavy tails: the
+    result is the root mean square of a marker's differences within five robust standard deviations (their median is
+    0.6745 of one). Markers with too few samples take the median of the others, and all at least 1e-6 m.
     """
-    size = np.abs(np.asarray(np.diff(tracks.xyz_m, n=4, axis=0))) / (0.6745 * np.sqrt(70))
+    size = np.abs(np.asarray(np.diff(tracks.xyz_m, n=4, axis=0))) / np.sqrt(70)
     sd: Array = np.full(tracks.xyz_m.shape[1], np.nan)
     for marker in range(len(sd)):
         known = size[:, marker][np.isfinite(size[:, marker])]
         if len(known) >= 15:
-            sd[marker] = np.median(known)
+            near = known[known <= 5 * np.median(known) / 0.6745]
+            sd[marker] = np.sqrt(np.mean(near**2))
     fallback = np.nanmedian(sd) if np.isfinite(sd).any() else 1e-3
     return np.broadcast_to(np.maximum(np.where(np.isfinite(sd), sd, fallback), 1e-6), tracks.xyz_m.shape[:2])
+
+
+def _mirrored(filmed: Filmed, xyz_m: Array) -> list[str]:
+    """A finding where every camera looks into a mirror: det(M) times depth is negative, with image rows downwards."""
+    matrices, point = filmed.matrices, _middle(xyz_m)
+    depth = matrices[:, 2, :3] @ point + matrices[:, 2, 3]
+    handed = np.linalg.det(matrices[:, :, :3]) * depth
+    corner = filmed.pixel_origin.coefficients
+    if (handed > 0).all() if corner == "lower-left" else (handed < 0).all():
+        return [
+            f"if pixels are counted from the {corner}, the world of these coefficients is left-handed: left and right "
+            "and the sense of turns are exchanged"
+        ]
+    return []
 
 
 def _cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:

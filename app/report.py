@@ -64,7 +64,7 @@ def make_report(
         "log_likelihood": float(tracked.log_likelihood.sum()),
         "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
         "joints": {name: _joint(p) for name, p in potentials.items()},
-        "findings": list(prepared.findings),
+        "findings": [*prepared.findings, *_too_narrow(prepared, tracked)],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
 
@@ -106,6 +106,17 @@ def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
         "nis_per_row": float(tracked.nis[ok].sum() / tracked.n_rows[ok].sum()),
         "frames_in_95_band": float(inside.mean()),
     }
+
+
+def _too_narrow(prepared: Prepared, tracked: TrackedMotion) -> list[str]:
+    """A finding where innovations are much larger than the filter expects them."""
+    nis = _consistency(tracked)["nis_per_row"]
+    expected = 1.0 if prepared.filmed is None else 0.75
+    if nis is None or nis < 2 * expected:
+        return []
+    return [
+        f"innovations are {np.sqrt(nis / expected):.1f} times as large as expected: intervals are too narrow by that"
+    ]
 
 
 def _joint(potential: JointPotential) -> dict[str, object]:

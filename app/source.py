@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from mocap import audit, origin, triangulate
-from mocap.arrays import Array
+from mocap.arrays import Array, unique
 from mocap.cameras import Camera, stacked
-from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.formats import dltdv
 from mocap.formats.profile import with_profile
 from mocap.records import PixelTracks
@@ -46,8 +46,19 @@ class Source:
 
     def __post_init__(self) -> None:
         """Check the frame rate."""
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise MocapError(f"frames per second must be a number above 0, but are {self.fps}: correct --fps")
+        stated = {"fps": self.fps, "pixel-sd": self.pixel_sd, "image-height": self.image_height_px}
+        for name, value in stated.items():
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise MocapError(f"--{name} must be a number above 0, but is {value}: correct it")
+        cameras = {"profile": self.profile, "origin": self.pixel_origin, "dlt-origin": self.coefficient_origin}
+        for name, value in cameras.items():
+            if value is not None and self.coefficients is None:
+                raise MocapError(f"--{name} says something of cameras, but there are no coefficients: give --dlt")
+
+    @property
+    def inputs(self) -> tuple[Path | None, ...]:
+        """The files that the user named."""
+        return (self.tracks, self.coefficients, self.profile, self.skeleton, self.stored_points)
 
     @property
     def name(self) -> str:
@@ -87,6 +98,10 @@ def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tu
         return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
     skeleton = read_skeleton(path)
     renamed = skeleton.renamed(names)
+    try:
+        unique("marker", renamed)
+    except ValueError as error:
+        raise SkeletonError(f"{path}: with its aliases {error}") from None
     return skeleton.for_markers(renamed, source="the recording"), renamed
 
 
@@ -104,6 +119,10 @@ def load_filmed(source: Source, coefficients: Path, *, iterations: int | None) -
     """
     pixels = dltdv.read_pixels(source.tracks, fps=source.fps)
     cameras = dltdv.read_coefficients(coefficients)
+    if len(pixels.cameras) < 2:
+        raise CalibrationError(
+            f"{source.tracks.name}: holds one camera: points in space need two or more views in one file"
+        )
     if len(cameras) != len(pixels.cameras):
         raise CalibrationError(
             f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {coefficients.name} has coefficients for "
@@ -136,12 +155,12 @@ def load_filmed(source: Source, coefficients: Path, *, iterations: int | None) -
 
 
 def stored_points(source: Source) -> Path | None:
-    """The xyzpts file to audit: the one given, or the sibling of the xypts file."""
+    """The xyzpts file to audit: the one given, or the sibling of the xypts file, if it is not our own refined one."""
     if source.stored_points is not None or "xypts" not in source.tracks.name:
         return source.stored_points
     head, _, tail = source.tracks.name.rpartition("xypts")
     sibling = source.tracks.with_name(f"{head}xyzpts{tail}")
-    return sibling if sibling.exists() else None
+    return sibling if sibling.is_file() and not dltdv.holds_deviations(sibling) else None
 
 
 def audit_points(source: Source, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:

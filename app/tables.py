@@ -4,7 +4,7 @@ import csv
 import json
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -13,26 +13,45 @@ from app.run import Run
 from mocap.errors import MocapError
 from mocap.records import MarkerTracks, Origin
 
+OURS = {"markers.csv", "joints.csv", "report.json", "report.md", "potentials", "recording.rrd"}
+"""All that a run's folder holds."""
 
-def check_target(path: Path, *, force: bool) -> None:
-    """Refuse to write over what exists.
+
+def check_target(path: Path, *, force: bool, inputs: Iterable[Path | None] = (), folder: bool = True) -> None:
+    """Refuse to write over what exists, and over the input whatever is asked.
+
+    Args:
+        path: File or folder to write.
+        force: Whether what exists may be replaced.
+        inputs: Files that are read; None is skipped.
+        folder: Whether a folder will be written.
 
     Raises:
-        MocapError: ``path`` exists and ``force`` is not given.
+        MocapError: ``path`` is or holds an input, or exists and may not be replaced.
     """
-    if path.exists() and not force:
+    target = path.resolve()
+    for read in [*(p.resolve() for p in inputs if p is not None), Path.cwd()]:
+        if target == read or (folder and target in read.parents):
+            raise MocapError(f"{path} is or holds {read}, which is read from: give another --out")
+    if not path.exists():
+        return
+    if not force:
         raise MocapError(f"{path} exists: give --force to replace it, or another --out")
+    if path.is_dir() != folder:
+        raise MocapError(f"{path} is a {'folder' if path.is_dir() else 'file'}: give another --out")
 
 
 def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None], force: bool = False) -> None:
     """Write ``markers.csv``, ``joints.csv``, ``report.json``, ``report.md`` and ``recording.rrd``.
 
-    All is written to a temporary folder beside the target and renamed when whole.
+    All is written to a temporary folder beside the target and renamed when whole. Of a folder that exists an earlier
+    run is replaced; whatever else it holds stays.
 
     Raises:
         MocapError: the folder exists and ``force`` is not given, or it cannot be written.
     """
     check_target(folder, force=force)
+    old = folder.with_name(f".{folder.name}.old")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
@@ -49,13 +68,16 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
         write_recording(run, temporary / "recording.rrd")
         temporary.chmod(0o755)
         if folder.exists():
-            if not folder.is_dir():
-                folder.unlink()
-            else:
-                shutil.rmtree(folder)
+            for stranger in folder.iterdir():
+                if stranger.name not in OURS:
+                    shutil.move(stranger, temporary / stranger.name)
+            folder.replace(old)
         temporary.replace(folder)
+        shutil.rmtree(old, ignore_errors=True)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
+        if old.exists() and not folder.exists():
+            old.replace(folder)
         raise
 
 

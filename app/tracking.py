@@ -48,6 +48,10 @@ def why_no_pose(prepared: Prepared, part: Part) -> str | None:
     seen = np.isfinite(prepared.xyz_m[part.frames][:, part.markers, 0])
     if seen.shape[1] < 4:
         return f"only {seen.shape[1]} markers are seen: a pose needs 4"
+    spread = np.nanstd(prepared.xyz_m[part.frames][:, part.markers], axis=0)
+    noise = np.sqrt(np.nanmedian(np.trace(prepared.cov_m2, axis1=-2, axis2=-1)) / 3)
+    if float(np.nanmax(spread)) < 3 * noise:
+        return "nothing moves by more than the noise"
     together = int((seen.mean(axis=1) >= 0.6).sum())
     if together < 40:
         return f"only {together} frames show 60 % of the markers together: a pose needs 40"

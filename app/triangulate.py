@@ -45,7 +45,7 @@ def triangulate_file(
     Raises:
         MocapError: whatever makes that impossible.
     """
-    check_target(out, force=force)
+    check_target(out, force=force, inputs=source.inputs, folder=False)
     filmed = load_filmed(source, coefficients, iterations=None if refine else 3)
     _, names = load_skeleton(source.skeleton, filmed.pixels.names)
     if refine:
@@ -63,8 +63,8 @@ def triangulate_file(
         cov_m2=cov,
         origin=np.where(seen, Origin.MEASURED, Origin.MISSING),
     )
-    dltdv.write_points(out, tracks, sd=refine)
     _, findings = audit_points(source, filmed)
+    dltdv.write_points(out, tracks, sd=refine)
     return TriangulationSummary(
         points=int(seen.sum()),
         samples=seen.size,

@@ -16,7 +16,7 @@ from mocap.body import BodyFrames, smooth_series
 
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings:
-    """Choices of the pose model; the defaults were settled by ``design/pose_settings.py``.
+    """Choices of the pose model; those of the potential were settled by ``design/potential_stiffness.py``.
 
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
@@ -175,6 +175,7 @@ def learn_constant_velocity(xyz_m: Array, *, dt_s: float) -> ConstantVelocity:
         density = np.where(np.isfinite(density), density, np.nanmedian(density))
     else:
         density = np.full(len(density), max(speed_sd, 1e-3) ** 2 / dt_s)
+    density = np.maximum(density, 1e-9)  # m^2/s^3: a marker that never moves still has a covariance
     return ConstantVelocity(
         start_m=start, start_sd_m=max(extent, 1e-3), speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density
     )

@@ -163,8 +163,8 @@ def smooth(
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
 
     A recording whose states would take more than ``most_bytes`` is filtered in blocks of which only the state before
-    each is kept; going back, each block is filtered again. Memory is then flat in the number of frames, for a third
-    more time.
+    each is kept; going back, each block is filtered again. The memory for states is then flat in the number of
+    frames, for a third more time.
     """
     n_frames, size = observations.n_frames, 2 * model.reads
     length = max(2, int(most_bytes / (3 * 8 * size**2)))

@@ -95,7 +95,7 @@ def body_frames(xyz_m: Array, *, dt_s: float, cutoff_hz: float, iterations: int 
     n_frames = len(xyz_m)
     rotation = np.repeat(np.eye(3)[None], n_frames, axis=0)
     shape = _first_shape(points, seen, reference)
-    oriented = (count >= 3) & (seen[:, ever].sum(axis=1) >= 3)
+    oriented = count >= 3
     position = np.zeros((n_frames, 3))
     for _ in range(iterations):
         weight = seen / np.maximum(count, 1)[:, None]

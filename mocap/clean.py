@@ -129,7 +129,7 @@ def duplicates(xyz_m: Array, sd_m: Array) -> Mask:
 
     Args:
         xyz_m: (T, M, 3) positions.
-        sd_m: (T, M) standard deviation of a coordinate. Coincident means nearer than one of them, and than a
+        sd_m: (T, M) standard deviation of a coordinate. Coincident means nearer than that of their distance, and than a
             twentieth of the distance that the two usually have.
     """
     out = np.zeros(xyz_m.shape[:2], dtype=bool)

@@ -16,11 +16,11 @@ def joint_tracks(tracks: MarkerTracks, skeleton: Skeleton, frames: BodyFrames) -
 
     - ``world``: axes of the world.
     - ``body``: axes of the trunk.
-    - ``plane``: the mean plane of the limb in the body (normal: the direction that the normals of parent, centre and
-      child keep to); first axis the mean direction from parent to centre.
+    - ``plane``: the mean plane of the limb in the body, across the mean normal of parent, centre and child; first axis
+      the mean direction from parent to centre.
     - ``limb``: the plane of parent, centre and child at every instant, first axis from parent to centre: the paper's
-      shoulder-elbow-wrist plane with the elbow at the origin. The second axis keeps the side of the mean normal, so
-      that a joint that bends over its straight position changes sign.
+      shoulder-elbow-wrist plane with the elbow at the origin. The second axis keeps its side while
+      the plane turns, so that a joint that bends over its straight position changes sign.
 
     Args:
         tracks: Markers.
@@ -60,23 +60,29 @@ def joint_tracks(tracks: MarkerTracks, skeleton: Skeleton, frames: BodyFrames) -
 
 
 def _normals(along: Array, child: Array) -> tuple[Array, Array]:
-    """Unit normals (T, J, 3) of the limbs' planes on the side of their mean, and the mean ones (J, 3).
+    """Unit normals (T, J, 3) of the limbs' planes on one side all along, and their mean directions (J, 3).
 
-    The mean is the principal axis of the normals, weighted by the sine of the bend; a straight limb has no plane and
-    gets the mean.
+    A cross product changes its side where a joint bends over its straight position. There its length, the sine of the
+    bend, goes through zero, while the plane itself turns on steadily: each normal takes the side of a running mean of
+    those before it, weighted by the sine. A straight limb has no plane and gets the mean normal.
     """
-    normal = np.cross(along, child)
-    filled = np.nan_to_num(normal)
-    moment = np.einsum("tji,tjk->jik", filled, filled)
-    mean = np.linalg.eigh(moment)[1][..., -1] if len(moment) else np.zeros((0, 3))
-    side = np.einsum("tji,ji->tj", filled, mean)
-    mean = mean * np.where(side.sum(axis=0) < 0, -1.0, 1.0)[:, None]
-    side = np.einsum("tji,ji->tj", filled, mean)
-    length = np.linalg.norm(normal, axis=-1)
-    straight = length < 1e-9 * np.linalg.norm(along, axis=-1) * np.linalg.norm(child, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        unit = normal / length[..., None] * np.where(side < 0, -1.0, 1.0)[..., None]
-    return np.where(straight[..., None], mean, unit), mean
+        scale = np.linalg.norm(along, axis=-1, keepdims=True) * np.linalg.norm(child, axis=-1, keepdims=True)
+        normal = np.cross(along, child) / scale  # length: sine of the bend
+    filled = np.nan_to_num(normal)
+    running = np.zeros(filled.shape[1:])
+    side = np.ones(filled.shape[:2])
+    for t, one in enumerate(filled):
+        side[t] = np.where(np.sum(one * running, axis=-1) < 0, -1.0, 1.0)
+        running = np.where(np.any(one != 0, axis=-1, keepdims=True), 0.8 * running + side[t, :, None] * one, running)
+    kept = filled * side[..., None]
+    total = kept.sum(axis=0)
+    natural = np.where(np.sum(total * filled.sum(axis=0), axis=-1) < 0, -1.0, 1.0)
+    kept, total = kept * natural[:, None], total * natural[:, None]
+    length = np.linalg.norm(kept, axis=-1, keepdims=True)
+    mean = total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-300)
+    unit = np.where(length > 1e-9, kept / np.maximum(length, 1e-300), mean)
+    return np.where(np.isfinite(normal), unit, np.nan), mean
 
 
 def _mean_direction(along: Array) -> Array:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from mocap.arrays import Array
-from mocap.cameras import Camera, decompose, stacked, undistorted
+from mocap.cameras import Camera, stacked, undistorted
 from mocap.errors import CalibrationError
 from mocap.triangulate import linear, residual_px
 
@@ -198,10 +198,3 @@ def _same(a: tuple, b: tuple) -> bool:
 def _name(choice: tuple) -> str:
     text = f"{choice[1]} pixels" if choice[1] == choice[2] else f"{choice[1]} pixels with {choice[2]} coefficients"
     return text + (f" (image height {choice[3]:g})" if choice[3] is not None else "")
-
-
-def image_height(camera: Camera) -> float:
-    """Image height for views: the profile's, or twice the principal point of the projection."""
-    if camera.size_px is not None:
-        return float(camera.size_px[1])
-    return 2 * float(abs(decompose(camera).intrinsic[1, 2]))

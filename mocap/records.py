@@ -100,7 +100,7 @@ class JointTracks:
         names: The J joint names, unique.
         frame: ``world``, ``body``, ``plane`` or ``limb`` (see ``mocap.joints``).
         t_s: (T,) times in seconds.
-        q_m: (T, J, D) coordinates in metres; D = 3 (world, body, limb) or 2 (plane); NaN where undefined.
+        q_m: (T, J, D) coordinates in metres; D = 3 (world, body) or 2 (plane, limb); NaN where undefined.
         sd_m: (T, J) root mean square standard deviation of a coordinate; NaN where not known.
     """
 

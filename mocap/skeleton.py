@@ -65,6 +65,9 @@ class Skeleton:
             raise SkeletonError(
                 f"skeleton {self.name!r}: max_speed_m_s must be a positive speed, not {self.max_speed_m_s:g}"
             )
+        for joint in self.joints:
+            if any(c in joint.name for c in "/\\") or joint.name.startswith("."):
+                raise SkeletonError(f"skeleton {self.name!r}: joint name {joint.name!r} cannot name a file: rename it")
         uses = [(f"bone {b.a}-{b.b}", m) for b in self.bones for m in (b.a, b.b)]
         uses += [(f"joint {j.name}", m) for j in self.joints for m in (j.parent, j.centre, j.child)]
         uses += [("trunk", m) for m in self.trunk] + [("aliases", m) for m in self.aliases.values()]

@@ -124,8 +124,11 @@ def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) ->
 @contextmanager
 def whole_file(path: Path) -> Iterator[io.TextIOWrapper]:
     """Write a text file under a temporary name and rename it when it is whole; on an error nothing is left."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be written: {error.strerror}; name another place") from None
     try:
         with open(handle, "w", encoding="utf-8", newline="") as stream:
             yield stream

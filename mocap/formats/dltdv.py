@@ -71,6 +71,12 @@ def holds_pixels(path: Path) -> bool:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
 
 
+def holds_deviations(path: Path) -> bool:
+    """Whether the first line names columns ``<name>_sd``, as only ``write_points`` writes them."""
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        return any(title.strip().endswith("_sd") for title in stream.readline().split(","))
+
+
 def write_pixels(path: Path, pixels: PixelTracks) -> None:
     """Write ``xypts.csv``: point-major, then camera, then X, Y; ``%.6f``, missing ``NaN``."""
     cameras = range(1, len(pixels.cameras) + 1)

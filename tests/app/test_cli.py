@@ -229,7 +229,7 @@ def test_frames_per_second_are_asked_for(mocap, files, tmp_path):
 
 
 def test_what_exists_is_not_replaced_unasked(mocap, files, tmp_path):
-    """A folder that exists stops the command before any work, and stays as it was; --force replaces it whole."""
+    """A folder that exists stops the command before any work; --force replaces a run and loses nothing else."""
     out = tmp_path / "run"
     out.mkdir()
     (out / "mine.txt").write_text("precious")
@@ -239,8 +239,56 @@ def test_what_exists_is_not_replaced_unasked(mocap, files, tmp_path):
     assert (out / "mine.txt").read_text() == "precious"
     assert mocap(*track_arguments(files, out), "--no-validate", "--force")[0] == 0
     assert (out / "markers.csv").exists()
-    assert not (out / "mine.txt").exists()
+    assert (out / "mine.txt").read_text() == "precious"
     assert {p.name for p in tmp_path.iterdir()} == {"run"}
+
+
+def test_the_input_is_never_written_over(mocap, files, tmp_path):
+    """Not even with --force: neither a file that is read, nor a folder that holds one."""
+    copies = {key: tmp_path / path.name for key, path in files.items()}
+    for key, path in files.items():
+        copies[key].write_bytes(path.read_bytes())
+    before = {path: path.read_bytes() for path in copies.values()}
+    for out in (copies["pixels"], copies["coefficients"], tmp_path):
+        code, _, err = mocap(*track_arguments(copies, out), "--no-validate", "--force")
+        assert code == 1
+        assert "read from" in err
+        code, _, err = mocap("triangulate", copies["pixels"], "--dlt", copies["coefficients"], "--out", out, "--force")
+        assert code == 1
+    assert {path: path.read_bytes() for path in copies.values()} == before
+    assert set(tmp_path.iterdir()) == set(before)
+
+
+def test_our_own_refined_points_are_not_audited(mocap, files, tmp_path):
+    """Points beside the pixels that have deviations are ours, and rightly differ from DLTdv's."""
+    pixels = tmp_path / "a_xypts.csv"
+    pixels.write_bytes(files["pixels"].read_bytes())
+    base = ["triangulate", pixels, "--dlt", files["coefficients"], "--profile", files["profile"]]
+    for _ in range(2):
+        code, _, err = mocap(*base, "--refine", "--out", tmp_path / "a_xyzpts.csv", "--force")
+        assert code == 0, err
+        assert "stored points" not in err
+
+
+@pytest.mark.parametrize("option", [("--pixel-sd", 0), ("--pixel-sd", "nan"), ("--image-height", -5), ("--fps", 0)])
+def test_numbers_that_make_no_sense(mocap, files, tmp_path, option):
+    """The option is named."""
+    code, _, err = mocap(*track_arguments(files, tmp_path / "run"), *option)
+    assert code == 1
+    assert option[0] in err
+
+
+def test_a_recording_in_which_nothing_moves(mocap, files, tmp_path):
+    """A frame held still has no motion to learn: it is tracked with constant velocity, and the report says why."""
+    table = pd.read_csv(files["pixels"])
+    still = tmp_path / "still_xypts.csv"
+    pd.concat([table.iloc[[40]]] * 60).to_csv(still, index=False, na_rep="NaN", float_format="%.6f")
+    out = tmp_path / "run"
+    code, _, err = mocap(*track_arguments({**files, "pixels": still}, out))
+    assert code == 0, err
+    model = json.loads((out / "report.json").read_text())["model"]
+    assert model["name"] == "constant_velocity"
+    assert "nothing moves" in model["why"]
 
 
 def test_a_failure_while_writing_leaves_nothing(files, tmp_path, monkeypatch):

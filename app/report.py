@@ -156,6 +156,7 @@ def readable(report: Mapping, *, title: str) -> str:
         f"| left empty | {samples['missing']:.1%} |",
         "",
         *_gap_lines("Against the truth, inside gaps", report.get("gaps")),
+        *_gap_lines("Against the truth, where markers were seen", report.get("measured")),
         *_gap_lines(
             f"Samples of this recording that were hidden and filled again ({report['validation']['hidden_samples']})",
             report["validation"]["methods"],

@@ -149,11 +149,6 @@ def penalty(potential: EmpiricalPotential, unit: float, stiffness: float) -> Cal
     return lambda z: potential.barrier_gradient(z / unit) * (stiffness / unit)
 
 
-def scaled(model: PoseMotion, factor: float) -> PoseMotion:
-    """The model with its accelerations' density times a factor."""
-    return replace(model, density=model.density * factor)
-
-
 def learn_constant_velocity(xyz_m: Array, *, dt_s: float) -> ConstantVelocity:
     """Constant velocity for each marker, with the acceleration that the recording shows.
 

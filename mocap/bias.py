@@ -1,7 +1,8 @@
 """The part of a ray's error that does not average out: rays of one marker that miss each other in one way for long.
 
 Lenses and calibrations err by several pixels where a digitiser jitters by half of one. Taken for white noise such
-errors make a smoothed track too confident, and let it jump whenever a camera loses the marker.
+errors make a smoothed track too confident, and let it jump whenever a camera loses the marker. With the eight rounds
+below such a jump shrinks by about a quarter, with 128 by half: what all rays of a point share stays in the point.
 """
 
 from dataclasses import dataclass

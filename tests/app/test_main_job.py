@@ -49,6 +49,8 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
     assert stopped.value.code == 0, capsys.readouterr().err
     report = json.loads((out / "report.json").read_text())
     assert len(report["stale_points"]) == n_stale
+    left_handed = any("left-handed" in finding for finding in report["findings"])
+    assert left_handed == ("bat_windtunnel" in tracks)  # PROVENANCE.md; the cave is right-handed from the lower left
     markers, pixels = pd.read_csv(out / "markers.csv"), pd.read_csv(path)
     assert len(markers) == len(pixels)
     for name in report["markers"]:

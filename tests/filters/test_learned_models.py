@@ -10,7 +10,6 @@ from filters.learn import (
     learn_pose,
     learn_potential,
     penalty,
-    scaled,
     with_potential,
 )
 from mocap.body import body_frames
@@ -104,14 +103,13 @@ def test_the_pose_model_holds_its_data(learned):
 
 
 def test_the_potential_is_added_and_nothing_else(learned):
-    """``with_potential`` and ``scaled`` change what they say: gradient and name, densities."""
+    """``with_potential`` changes gradient and name."""
     _, _, settings, model, z, _ = learned
     held = with_potential(model, z, settings=settings)
     assert held.name == "eal"
     assert held.subspace is model.subspace
     np.testing.assert_array_equal(held.density, model.density)
     assert np.linalg.norm(held.gradient(3 * z[:5])) > 10 * np.linalg.norm(held.gradient(z[:5]))
-    np.testing.assert_array_equal(scaled(model, 2.5).density, 2.5 * model.density)
 
 
 def test_constant_velocity_starts_where_each_marker_is_first_seen(learned):

@@ -5,6 +5,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
+import numpy as np
+
 from app.gaps import interior_gaps, interpolated, score
 from app.main_job import Stages, run_job
 from app.prepare import Prepared
@@ -48,7 +50,7 @@ def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run
         run, prepared = run_job(source, model="eal", stages=stages, validated=False)
     part = seen_part(prepared)
     truth = recording.truth.xyz_m
-    seen = prepared.xyz_m[..., 0] == prepared.xyz_m[..., 0]
+    seen = np.isfinite(prepared.xyz_m[..., 0])
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
         model = learn_constant_velocity(prepared.xyz_m[part.frames][:, part.markers], dt_s=prepared.dt_s)

@@ -27,8 +27,8 @@ def joint_potentials(
 ) -> dict[str, JointPotential]:
     """Learn V_z of every joint from the frames in which its three markers were measured.
 
-    Coordinates are centred on nothing and scaled by their standard deviation; the kernel is exp(-beta |x - y|^2 / m),
-    m the median squared distance of the samples. The paper's Figs 7 and 8 show such potentials.
+    Coordinates keep the joint's centre as their origin and are divided by their standard deviation; the kernel is
+    exp(-beta |x - y|^2 / m), m the median squared distance of the samples. The paper's Figs 7 and 8 show such ones.
 
     Args:
         joints: Joint tracks by frame of reference.

@@ -7,9 +7,6 @@ centres drawn at random; KernelPCA (centred) and OneClassSVM are other descripti
 """
 
 import argparse
-import time
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
@@ -18,6 +15,7 @@ from sklearn.kernel_approximation import Nystroem
 from sklearn.svm import OneClassSVM
 from threadpoolctl import threadpool_limits
 
+from benchmarks.timing import timed
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.arrays import Array
 
@@ -165,16 +163,6 @@ def nystroem_columns(features: Array, lam: float) -> Array:
 
 def _squared(x: Array, y: Array) -> Array:
     return np.maximum((x**2).sum(axis=1)[:, None] + (y**2).sum(axis=1) - 2 * x @ y.T, 0.0)
-
-
-def timed(function: Callable, repeats: int = 5) -> tuple[float, Any]:
-    """Least wall time of several calls, and the last result."""
-    best, result = np.inf, None
-    for _ in range(repeats):
-        start = time.perf_counter()
-        result = function()
-        best = min(best, time.perf_counter() - start)
-    return best, result
 
 
 def line(

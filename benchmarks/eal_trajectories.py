@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from threadpoolctl import threadpool_limits
 
 from app.reproduce.sweep import errors, over_lambda, planar
+from benchmarks.timing import timed
 from eal import EmpiricalPotential
 from eal.arrays import Array
 from eal.compiled import simulate_compiled
@@ -139,16 +140,6 @@ def steps(z: Array) -> None:
 def radius_error(q: Array) -> Array:
     """|r - 1|."""
     return abs(q[0] - 1.0)
-
-
-def timed(function: Callable, repeats: int = 3) -> tuple[float, object]:
-    """Least wall time of several calls, and the last result."""
-    best, result = np.inf, None
-    for _ in range(repeats):
-        start = time.perf_counter()
-        result = function()
-        best = min(best, time.perf_counter() - start)
-    return best, result
 
 
 if __name__ == "__main__":

@@ -1,0 +1,94 @@
+"""C3D files, through ezc3d."""
+
+from pathlib import Path
+from typing import Any
+
+import ezc3d
+import numpy as np
+
+from mocap.errors import FormatError
+from mocap.formats.optical import marker_tracks, metres, rate
+from mocap.records import MarkerTracks, Origin
+
+_NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Groups of points (parameter POINT) that are modelled quantities, not places."""
+
+
+def read_c3d(path: Path, *, unit: str | None = None) -> MarkerTracks:
+    """Read the points of a C3D file that are positions.
+
+    A residual of -1 is a sample that was not seen, 0 an interpolated or filtered one, above 0 a measured one. A file
+    without any residual above 0 does not record them: what it holds is called measured. ezc3d takes a point at exactly
+    (0, 0, 0) as not seen.
+
+    Args:
+        path: The file.
+        unit: Of lengths (``mm``, ``m``); None: as the file says.
+
+    Raises:
+        FormatError: ezc3d cannot read the file, it is cut, or names or units are missing.
+    """
+    if not path.is_file():
+        raise FormatError(f"{path}: cannot be read: no such file")
+    try:
+        table = ezc3d.c3d(str(path))
+        header, parameters = table["header"]["points"], table["parameters"]["POINT"]
+        data = np.asarray(table["data"]["points"], dtype=np.float64)
+        residual = np.asarray(table["data"]["meta_points"]["residuals"], dtype=np.float64)[0]
+        first = int(header["first_frame"])
+    except Exception as error:  # ezc3d hands on whatever its C++ code throws
+        raise FormatError(
+            f"{path.name}: cannot be read as C3D ({str(error).strip() or type(error).__name__}): export it again, "
+            "little-endian (Intel) if the program asks"
+        ) from None
+    if not data.size:
+        raise FormatError(f"{path.name}: holds no points: export the trajectories, not only analog channels")
+    _check_whole(path, data.shape[2])
+    names = _labels(path, parameters, data.shape[1])
+    model = {label.strip() for group in _NOT_POSITIONS for label in _values(parameters, group)}
+    keep = np.array([name not in model for name in names])
+    if unit is None:
+        units = _values(parameters, "UNITS")
+        if not units or not units[0].strip():
+            raise FormatError(f"{path.name}: does not say in which unit its lengths are: state the unit")
+        unit = units[0]
+    xyz = np.moveaxis(data[:3, keep], 0, -1).swapaxes(0, 1) * metres(path, unit)
+    residual = residual[keep].T
+    seen = np.isfinite(xyz).all(axis=-1) & (residual >= 0)
+    xyz[~seen] = np.nan
+    filled = Origin.INTERPOLATED if (residual > 0).any() else Origin.MEASURED
+    origin = np.where(seen, np.where(residual > 0, Origin.MEASURED, filled), Origin.MISSING)
+    t_s = (first + np.arange(len(xyz))) / rate(path, header["frame_rate"])
+    return marker_tracks(path, [name for name, kept in zip(names, keep, strict=True) if kept], t_s, xyz, origin)
+
+
+def _check_whole(path: Path, frames: int) -> None:
+    """As many frames came as the file's head announces; of a cut file ezc3d silently gives what is left.
+
+    Raises:
+        FormatError: there are fewer.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(10)
+    first, last = (int.from_bytes(head[i : i + 2], "little") for i in (6, 8))
+    announced = last - first + 1
+    if last < 0xFFFF and frames < announced:  # 16 bits: longer recordings announce too few, or the largest number
+        raise FormatError(
+            f"{path.name}: {announced} frames are announced, {frames} are there: the file is cut; copy or export it again"
+        )
+
+
+def _values(parameters: dict[str, Any], key: str) -> list[str]:
+    return list(parameters[key]["value"]) if key in parameters else []
+
+
+def _labels(path: Path, parameters: dict[str, Any], count: int) -> list[str]:
+    """LABELS, continued in LABELS2, LABELS3, ..."""
+    labels = _values(parameters, "LABELS")
+    following = 2
+    while len(labels) < count and f"LABELS{following}" in parameters:
+        labels += _values(parameters, f"LABELS{following}")
+        following += 1
+    if len(labels) < count:
+        raise FormatError(f"{path.name}: {count} points, but {len(labels)} labels: name the others and export again")
+    return [label.strip() for label in labels[:count]]

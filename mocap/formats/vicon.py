@@ -1,0 +1,56 @@
+"""Vicon Nexus: trajectories in its CSV export."""
+
+from pathlib import Path
+
+import numpy as np
+
+from mocap.errors import FormatError
+from mocap.formats.lines import numbers, points, read_lines
+from mocap.formats.optical import marker_tracks, metres, rate
+from mocap.records import MarkerTracks
+
+
+def read_csv(path: Path) -> MarkerTracks:
+    """Read the section ``Trajectories``: rate, names, ``Frame,Sub Frame,X,Y,Z,...``, units, a row a frame.
+
+    Other sections (devices, model outputs) may come before or after it. Frame n is at (n - 1) / rate seconds. An empty
+    cell was not seen. The file does not tell filled samples from measured ones: all that have a position are measured.
+
+    Raises:
+        FormatError: there is no such section, it is cut, or a cell is no number; the message names the line.
+    """
+    lines = read_lines(path)
+    titles = [line.strip(", \t").lower() for line in lines]
+    if "trajectories" not in titles:
+        raise FormatError(f"{path.name}: no line Trajectories; expected a CSV export of trajectories from Vicon Nexus")
+    start = titles.index("trajectories")
+    head = [line.rstrip(",").split(",") for line in lines[start + 1 : start + 5]]
+    if len(head) < 4 or [cell.strip() for cell in head[2][:2]] != ["Frame", "Sub Frame"]:
+        raise FormatError(
+            f"{path.name}: lines {start + 2} to {start + 5} should hold the rate, marker names, Frame,Sub Frame,X,Y,Z "
+            "and units: export it again"
+        )
+    axes = [cell.strip().upper() for cell in head[2][2:]]
+    names = [cell.strip() for cell in head[1][2::3]]
+    if not names or axes != ["X", "Y", "Z"] * len(names) or not all(names):
+        raise FormatError(
+            f"{path.name}: line {start + 4} has {len(axes)} columns for {len(names)} marker names; expected X, Y, Z of "
+            "each: export positions only, without velocities"
+        )
+    units = {cell.strip() for cell in head[3][2:]} - {""}
+    if len(units) != 1:
+        raise FormatError(
+            f"{path.name}: line {start + 5}: units are {sorted(units)}; expected one for all: export again"
+        )
+    rows = []
+    for line in lines[start + 5 :]:
+        if not line.strip(", \t"):
+            break
+        rows.append(line)
+    if not rows:
+        raise FormatError(f"{path.name}: no frames after the head: export it again")
+    values = numbers(path, rows, separator=",", columns=2 + len(axes), first_line=start + 6)
+    if np.isnan(values[:, 0]).any():
+        raise FormatError(f"{path.name}: line {np.argmax(np.isnan(values[:, 0])) + start + 6}: no frame number")
+    t_s = (values[:, 0] - 1) / rate(path, head[0][0])
+    return marker_tracks(path, names, t_s, points(values[:, 2:], unit_m=metres(path, units.pop())))

@@ -1,0 +1,220 @@
+"""Qualisys, Vicon and C3D exports of other people, against what their authors and other readers say of them."""
+
+import re
+
+import numpy as np
+import pytest
+
+from mocap.errors import FormatError
+from mocap.formats.c3d import read_c3d
+from mocap.formats.qualisys import read_mat, read_tsv
+from mocap.formats.vicon import read_csv
+from mocap.records import Origin
+from tests.real_data import real
+
+GLIDES = ["205_81", "412_86", "506_88", "628_95", "705_86", "706_81", "910_81", "918_30"]
+MOUSE = ("mouse_mocap_qtm", "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat")
+
+TSV = (
+    "NO_OF_FRAMES\t2\r\nNO_OF_MARKERS\t2\r\nFREQUENCY\t100\r\nMARKER_NAMES\ttip\troot\r\n"
+    "Frame\tTime\ttip X\ttip Y\ttip Z\troot X\troot Y\troot Z\t\r\n"
+    "11\t0.10000\t1\t2\t3\tNA\tNA\tNA\t\r\n12\t0.11000\t4\t5\t6\t0.000\t0.000\t0.000\t\r\n"
+)
+CSV = (
+    "Trajectories\r\n100\r\n,,A:tip,,,A:root,,\r\nFrame,Sub Frame,X,Y,Z,X,Y,Z\r\n,,mm,mm,mm,mm,mm,mm\r\n"
+    "11,0,1,2,3,,,\r\n12,0,4,5,6,0,0,0\r\n"
+)
+
+
+def test_mouse_counts_are_the_exporters():
+    """PROVENANCE.md: 29927 missing, 83025 measured, 2548 filled of 11 markers x 10500 frames at 300 Hz."""
+    tracks = read_mat(real(*MOUSE))
+    assert tracks.xyz_m.shape == (10500, 11, 3)
+    assert tracks.names[0] == "left_hip"
+    assert tracks.names[-1] == "miniscope"
+    counts = [np.sum(tracks.origin == code) for code in (Origin.MISSING, Origin.MEASURED, Origin.INTERPOLATED)]
+    assert counts == [29927, 83025, 2548]
+    np.testing.assert_array_equal(tracks.seen, tracks.origin != Origin.MISSING)
+    np.testing.assert_allclose(np.diff(tracks.t_s), 1 / 300, rtol=1e-9)
+    # a mouse: its hips lie a centimetre or two apart
+    assert 0.005 < np.nanmedian(np.linalg.norm(tracks.xyz_m[:, 0] - tracks.xyz_m[:, 1], axis=-1)) < 0.03
+
+
+@pytest.mark.parametrize("trial", GLIDES)
+def test_the_authors_fill_changes_no_measured_value(trial):
+    """PROVENANCE.md: raw and filled files have one shape, and what was measured was left alone to the last digit."""
+    raw = read_tsv(real("snake_glide_qualisys", f"{trial}.tsv"))
+    filled = read_tsv(real("snake_glide_qualisys", f"{trial}_filled.tsv"))
+    assert filled.names == raw.names
+    np.testing.assert_array_equal(filled.t_s, raw.t_s)
+    assert filled.seen[raw.seen].all()
+    np.testing.assert_array_equal(filled.xyz_m[raw.seen], raw.xyz_m[raw.seen])
+
+
+@pytest.mark.parametrize(
+    ("trial", "frames", "markers", "missing", "filled"),
+    [("705_86", 321, 18, 37.7, 225), ("628_95", 317, 14, 38.9, 216), ("412_86", 241, 17, 0.5, 21)],
+)
+def test_glide_statistics_are_those_of_another_reader(trial, frames, markers, missing, filled):
+    """The table in PROVENANCE.md was counted with other code; its per cents have one decimal."""
+    raw = read_tsv(real("snake_glide_qualisys", f"{trial}.tsv"))
+    full = read_tsv(real("snake_glide_qualisys", f"{trial}_filled.tsv"))
+    assert raw.seen.shape == (frames, markers)
+    assert 100 * (1 - raw.seen.mean()) == pytest.approx(missing, abs=0.051)
+    assert np.sum(full.seen & ~raw.seen) == filled
+    np.testing.assert_allclose(np.diff(raw.t_s), 1 / 179, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("trial", "frames", "missing"), [("040_Snake94_gap02_3", 542, 1.6), ("053_Snake89_gap02_1", 672, 0.3)]
+)
+def test_vicon_statistics_are_those_of_another_reader(trial, frames, missing):
+    """PROVENANCE.md: frames, rate, and the share of the ten snake markers that is missing, to one decimal."""
+    tracks = read_csv(real("snake_gap_vicon", f"{trial}.csv"))
+    assert tracks.seen.shape == (frames, 14)
+    snake = [m for m, name in enumerate(tracks.names) if name.lower().startswith("snake")]
+    assert len(snake) == 10
+    assert 100 * (1 - tracks.seen[:, snake].mean()) == pytest.approx(missing, abs=0.051)
+    np.testing.assert_allclose(np.diff(tracks.t_s), 1 / 150, rtol=1e-9)
+    # the head's marker is a metre-sized number of millimetres in the file
+    assert 0.01 < np.nanmedian(np.abs(tracks.xyz_m)) < 2
+
+
+def test_variants_of_one_c3d_agree():
+    """The readme of sample_01 and 02: the same values in Intel and DEC, integers and reals.
+
+    Integers are cut off at the scale of the file, 0.083 and 0.281 mm; reals to 24 bits of at most 2.5 m.
+    """
+    for folder, files, scale_mm in (
+        ("sample_01", ["Eb015pr", "Eb015pi", "Eb015vi", "Eb015vr"], 0.0834),
+        ("sample_02", ["pc_real", "pc_int", "dec_int", "dec_real"], 0.2812),
+    ):
+        first, *others = [read_c3d(real("c3d_samples", folder, f"{name}.c3d")) for name in files]
+        for other in others:
+            assert other.names == first.names
+            np.testing.assert_array_equal(other.origin, first.origin)
+            np.testing.assert_allclose(other.xyz_m, first.xyz_m, rtol=0, atol=scale_mm * 1e-3 + 1e-6)
+        assert (first.origin == Origin.INTERPOLATED).any()
+
+
+@pytest.mark.parametrize("name", ["sample_01/Eb015si", "sample_01/Eb015sr", "sample_02/sgi_int", "sample_02/sgi_real"])
+def test_big_endian_c3d_is_refused_with_a_reason(name):
+    """ezc3d reads no SGI files: the message says so."""
+    with pytest.raises(FormatError, match="MIPS processor type not supported"):
+        read_c3d(real("c3d_samples", f"{name}.c3d"))
+
+
+def test_c3d_counts_are_those_of_another_reader():
+    """PROVENANCE.md, counted elsewhere: gait-raw 27 x 142 with 54 % missing; Eb015 26 x 450 at 50 Hz."""
+    raw = read_c3d(real("c3d_samples", "sample_03", "gait-raw.c3d"))
+    assert raw.seen.shape == (142, 27)
+    assert 1 - raw.seen.mean() == pytest.approx(0.545, abs=0.001)
+    eb015 = read_c3d(real("c3d_samples", "sample_01", "Eb015pi.c3d"))
+    assert eb015.seen.shape == (450, 26)
+    np.testing.assert_allclose(np.diff(eb015.t_s), 1 / 50, rtol=1e-9)
+    assert 1 < np.nanmax(eb015.xyz_m) < 3
+
+
+def test_modelled_quantities_are_no_markers():
+    """gait-pig holds 77 points, 30 of which its groups call angles, forces, moments and powers: those are not places.
+
+    It records no residuals (all are 0 or -1): what it holds is measured, as far as the file tells.
+    """
+    pig = read_c3d(real("c3d_samples", "sample_03", "gait-pig.c3d"))
+    assert len(pig.names) < 77
+    assert not any("Angle" in name or "Moment" in name or "Power" in name for name in pig.names)
+    assert set(np.unique(pig.origin)) == {Origin.MISSING, Origin.MEASURED}
+
+
+def test_small_qualisys_file(tmp_path):
+    """Times follow from frame numbers, millimetres become metres, NA is not seen and zero is a place."""
+    path = tmp_path / "a.tsv"
+    path.write_bytes(TSV.encode())
+    tracks = read_tsv(path)
+    assert tracks.names == ("tip", "root")
+    np.testing.assert_allclose(tracks.t_s, [0.10, 0.11])
+    np.testing.assert_allclose(tracks.xyz_m[:, 0], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
+    assert np.isnan(tracks.xyz_m[0, 1]).all()
+    assert not tracks.xyz_m[1, 1].any()
+    np.testing.assert_array_equal(tracks.origin, [[Origin.MEASURED, Origin.MISSING], [Origin.MEASURED] * 2])
+
+
+@pytest.mark.parametrize("before", ["", "Devices\r\n1000\r\nFrame,Sub Frame,V\r\n1,0,0.5\r\n\r\n"])
+@pytest.mark.parametrize("after", ["", "\r\nModel Outputs\r\n100\r\n,,x\r\n"])
+def test_small_vicon_file(tmp_path, before, after):
+    """The section is found between others, and read to the empty line after it."""
+    path = tmp_path / "a.csv"
+    path.write_bytes((before + CSV + after).encode())
+    tracks = read_csv(path)
+    assert tracks.names == ("A:tip", "A:root")
+    np.testing.assert_allclose(tracks.t_s, [0.10, 0.11])
+    np.testing.assert_allclose(tracks.xyz_m[:, 0], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
+    np.testing.assert_array_equal(tracks.seen, [[True, False], [True, True]])
+    assert not tracks.xyz_m[1, 1].any()
+
+
+DAMAGED_TSV = {
+    "empty": ("", "the file is empty"),
+    "cut in a number": (TSV.removesuffix("0\t\r\n"), "the last line has no end.*cut"),
+    "cut between rows": (TSV.split("12\t")[0], "1 rows, but NO_OF_FRAMES says 2"),
+    "no names": (re.sub(r"MARKER_NAMES[^\n]*\n", "", TSV), "no line MARKER_NAMES"),
+    "a name short": (TSV.replace("\troot\r", "\r"), "NO_OF_MARKERS is 2, with 1 names"),
+    "the same name twice": (TSV.replace("\troot\r", "\ttip\r"), "marker 'tip' appears twice"),
+    "a word": (TSV.replace("\t5\t", "\tx5\t"), "line 7, cell 4: 'x5' is not a finite number"),
+    "infinite": (TSV.replace("\t5\t", "\tinf\t"), "line 7, cell 4: 'inf' is not a finite number"),
+    "a cell short": (TSV.replace("\t5\t", "\t"), "line 7 has 7 cells, expected 8"),
+    "no rate": (TSV.replace("FREQUENCY\t100", "FREQUENCY\t0"), "the frame rate is 0"),
+    "another rate": (TSV.replace("FREQUENCY\t100", "FREQUENCY\t120"), "line 6: frame 11 at 120 Hz is not at 0.1 s"),
+    "no column titles": (re.sub(r"Frame\tTime[^\n]*\n", "", TSV), "does not begin with Frame"),
+    "frames backwards": (TSV.replace("12\t0.11", "10\t0.09"), "t_s must increase"),
+    "not text": (b"MATLAB\0\xff\xfe\n", "not a text file"),
+}
+DAMAGED_CSV = {
+    "empty": ("", "the file is empty"),
+    "another table": ("pt1_X,pt1_Y\r\n1,2\r\n", "no line Trajectories"),
+    "cut in a number": (CSV.removesuffix("\r\n"), "the last line has no end"),
+    "cut in the head": (CSV.split("Frame,")[0], "should hold the rate"),
+    "no frames": (CSV.split("11,0")[0], "no frames after the head"),
+    "a word": (CSV.replace("4,5,6", "4,x5,6"), "line 7, cell 4: 'x5' is not a finite number"),
+    "a cell short": (CSV.replace("4,5,6", "4,6"), "line 7 has 7 cells, expected 8"),
+    "no unit": (CSV.replace("mm", ""), r"units are \[\]"),
+    "two units": (CSV.replace("mm\r", "m\r"), r"units are \['m', 'mm'\]"),
+    "another unit": (CSV.replace("mm", "furlong"), "lengths are in 'furlong'"),
+    "velocities": (CSV.replace("X,Y,Z,X,Y,Z", "X,Y,Z,X',Y',Z'"), "has 6 columns for 2 marker names"),
+    "no rate": (CSV.replace("\r\n100\r\n", "\r\n-1\r\n"), "the frame rate is -1"),
+    "no frame number": (CSV.replace("12,0", ",0"), "line 7: no frame number"),
+}
+
+
+@pytest.mark.parametrize(
+    ("read", "content", "message"),
+    [(read_tsv, *case) for case in DAMAGED_TSV.values()] + [(read_csv, *case) for case in DAMAGED_CSV.values()],
+    ids=[f"qualisys: {name}" for name in DAMAGED_TSV] + [f"vicon: {name}" for name in DAMAGED_CSV],
+)
+def test_damaged_text_is_refused_in_one_line(tmp_path, read, content, message):
+    """One line that names the file, the place and what to do."""
+    path = tmp_path / "trial7.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(FormatError, match=message) as caught:
+        read(path)
+    assert str(caught.value).startswith("trial7.csv: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("read", [read_tsv, read_csv, read_mat, read_c3d])
+def test_an_absent_file_is_named(tmp_path, read):
+    with pytest.raises(FormatError, match=r"nowhere\.x: cannot be read"):
+        read(tmp_path / "nowhere.x")
+
+
+@pytest.mark.parametrize(
+    ("read", "parts"), [(read_mat, MOUSE), (read_c3d, ("c3d_samples", "sample_01", "Eb015pi.c3d"))]
+)
+@pytest.mark.parametrize("keep", [0, 10, 600, 20_000, 150_000])
+def test_cut_binaries_are_refused(tmp_path, read, parts, keep):
+    """However early a binary file ends, the reader says that it cannot be read, and nothing else happens."""
+    path = tmp_path / "cut.bin"
+    path.write_bytes(real(*parts).read_bytes()[:keep])
+    with pytest.raises(FormatError, match=r"cut\.bin: ") as caught:
+        read(path)
+    assert "\n" not in str(caught.value)

@@ -15,6 +15,8 @@ Choices:
 
 - Pixels are triangulated and cleaned as ``mocap track`` does it: rays that miss, jumps and duplicates are rejected, and
   slow errors of rays (of which twins have none) removed.
+- Positions of optical systems are freed from jumps and duplicates: the Vicon head marker is exchanged with another
+  in five frames.
 - The project of F2 states 25.56 Hz, the rate of playback. Its wings move as far in a frame as those of the others: 700.
 - F1 and FE404 show the left wing only. The bats' ankles count as trunk: without them half of the frames of F4 and F5
   have fewer than three trunk markers. The world of the wind tunnel is left-handed, in all trials alike.
@@ -142,6 +144,13 @@ def positions(
     return student_t(matrices, uv, triangulate.linear(matrices, uv), sd_px=jitter_px)[0]
 
 
+def believed(t_s: Array, xyz_m: Array, names: Sequence[str]) -> Array:
+    """(T, M, 3) positions without jumps and duplicates (exchanged labels), as ``mocap track`` takes them."""
+    sd = np.broadcast_to(noise_sd([(t_s, xyz_m)], names), xyz_m.shape[:2])
+    cleaning = clean(xyz_m, sd, t_s, Skeleton(name="markers only", markers=tuple(names)), tuple(names))
+    return np.where(cleaning.any[..., None], np.nan, xyz_m)
+
+
 def _blocks(name: str, t_s: Array, xyz_m: Array, count: int) -> list[tuple[str, Array, Array]]:
     """A recording cut into blocks of equal length."""
     length = len(t_s) // count
@@ -180,6 +189,7 @@ def mouse() -> list[Trial]:
     """A mouse on a treadmill, from above and behind: hips, knees and ankles are the limbs."""
     tracks = read_mat(DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat")
     measured = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
+    measured = believed(tracks.t_s, measured, tracks.names)
     limbs = [tuple(f"{side}_{joint}" for joint in ("hip", "knee", "ankle")) for side in ("left", "right")]
     trunk = ("left_coord", "right_coord", "left_back", "right_back", "miniscope")
     return _trials(_blocks("mouse", tracks.t_s, measured, 7), tracks.names, trunk=trunk, limbs=limbs)
@@ -219,7 +229,8 @@ def _snakes(recordings: Sequence[tuple[str, Array, Array]]) -> list[Trial]:
 def snake_glide() -> list[Trial]:
     """Glides, raw: what the authors filled is not seen."""
     tracks = [(name, read_tsv(DATA / "snake_glide_qualisys" / f"{name}.tsv")) for name in GLIDES]
-    return _snakes([(name, t.t_s, t.xyz_m[:, stations(t.xyz_m, STATIONS)]) for name, t in tracks])
+    whole = [(name, t.t_s, believed(t.t_s, t.xyz_m, t.names)) for name, t in tracks]
+    return _snakes([(name, t_s, xyz[:, stations(xyz, STATIONS)]) for name, t_s, xyz in whole])
 
 
 def snake_gap() -> list[Trial]:
@@ -228,7 +239,8 @@ def snake_gap() -> list[Trial]:
     for name, count in (("040_Snake94_gap02_3", 3), ("053_Snake89_gap02_1", 4)):
         tracks = read_csv(DATA / "snake_gap_vicon" / f"{name}.csv")
         snake = [m for m, marker in enumerate(tracks.names) if marker.startswith("Snake")]
-        blocks += _blocks(name, tracks.t_s, tracks.xyz_m[:, snake], count)
+        xyz = believed(tracks.t_s, tracks.xyz_m[:, snake], [tracks.names[m] for m in snake])
+        blocks += _blocks(name, tracks.t_s, xyz, count)
     return _snakes(blocks)
 
 
@@ -236,6 +248,7 @@ def gait() -> list[Trial]:
     """A walk; measured samples only, interpolated ones (residual 0) are not seen."""
     tracks = read_c3d(DATA / "c3d_samples" / "sample_01" / "Eb015pr.c3d")
     measured = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
+    measured = believed(tracks.t_s, measured, tracks.names)
     legs = [tuple(name for name in tracks.names if name[0] == side) for side in "LR"]
     trunk = tuple(name for name in tracks.names if name.upper().startswith("PV"))
     return _trials(_blocks("Eb015", tracks.t_s, measured, 3), tracks.names, trunk=trunk, limbs=legs)

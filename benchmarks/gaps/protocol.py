@@ -1,0 +1,238 @@
+"""The protocol: leave a trial out, learn from the others, hide what was measured, compare.
+
+Truth are the measured samples of the trial that was left out; intervals are judged as intervals of measurements. All
+methods meet the same gaps (seeded by trial and seed). ``tune`` gives all methods the same validation: gaps in training
+trials only.
+"""
+
+import time
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, Shown, cells, excerpt, hide
+from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from mocap.arrays import Array
+
+TEST_FRAMES = 500
+"""Longer trials are tested on an excerpt, another one for each seed."""
+VALIDATION_TRIALS = 2
+VALIDATION_FRAMES = 300
+_Z95 = 1.959964
+
+Candidate = TypeVar("Candidate")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """How one method did in the gaps of one kind in one trial.
+
+    Attributes:
+        scenario: Of the gaps.
+        gap: Their length in frames.
+        samples: Number of hidden samples that were compared.
+        rmse_mm: Root mean square of the distance to the measured sample.
+        coverage95: Share of coordinates inside 1.96 standard deviations; NaN without intervals.
+        nll: Mean negative log likelihood of a coordinate: of the three together, over three, lengths in mm.
+    """
+
+    scenario: str
+    gap: int
+    samples: int
+    rmse_mm: float
+    coverage95: float
+    nll: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """One method on one trial with one seed.
+
+    Attributes:
+        scores: One for each kind of gap.
+        seconds: Time of filling.
+        frames: That were filled in that time.
+    """
+
+    scores: tuple[Score, ...]
+    seconds: float
+    frames: int
+
+
+def shown_trials(trial: Trial, seed: int, wanted: Sequence[Cell], *, frames: int = TEST_FRAMES) -> list[Shown]:
+    """The gaps that every method meets in a trial with a seed."""
+    rng = np.random.default_rng([seed, zlib.crc32(trial.name.encode())])
+    return hide(excerpt(trial, frames, rng), wanted, rng)
+
+
+def evaluate(filler: Filler, shown: Sequence[Shown]) -> Outcome:
+    """Fill and compare.
+
+    Args:
+        filler: A method that has learned from other trials.
+        shown: Copies of a trial with gaps.
+
+    Raises:
+        ValueError: the method leaves a hidden sample without a value, or gives other shapes.
+    """
+    found: dict[Cell, list[tuple[Array, Array, Array]]] = {}
+    seconds = 0.0
+    for copy in shown:
+        trial = copy.trial
+        begin = time.perf_counter()
+        filled = filler(trial)
+        seconds += time.perf_counter() - begin
+        for gap in copy.gaps:
+            found.setdefault((gap.scenario, gap.length), []).append(errors(filled, copy.truth, gap))
+    scores = []
+    for (scenario, length), parts in sorted(found.items()):
+        square, inside, nll = (np.concatenate(column) for column in zip(*parts, strict=True))
+        scores.append(
+            Score(
+                scenario=scenario,
+                gap=length,
+                samples=len(square),
+                rmse_mm=float(1e3 * np.sqrt(square.mean())),
+                coverage95=float(inside.mean()),
+                nll=float(nll.mean()),
+            )
+        )
+    return Outcome(scores=tuple(scores), seconds=seconds, frames=sum(len(copy.truth.t_s) for copy in shown))
+
+
+def errors(filled: Filled, truth: Trial, gap: Gap) -> tuple[Array, Array, Array]:
+    """Of the K scored samples of a gap: squared distances in m^2, shares of coordinates inside 95 %, NLL a coordinate.
+
+    Raises:
+        ValueError: a sample has no value, or shapes differ.
+    """
+    if filled.xyz_m.shape != truth.xyz_m.shape:
+        raise ValueError(f"filled positions have shape {filled.xyz_m.shape}, the trial {truth.xyz_m.shape}")
+    error = (filled.xyz_m - truth.xyz_m)[gap.frames][:, gap.scored].reshape(-1, 3)
+    if not np.isfinite(error).all():
+        lost = int((~np.isfinite(error).all(axis=1)).sum())
+        raise ValueError(f"{lost} of {len(error)} samples of a gap ({gap.scenario}, {gap.length}) have no value")
+    unknown = np.full(len(error), np.nan)
+    if filled.cov_m2 is None:
+        return np.sum(error**2, axis=1), unknown, unknown
+    cov = filled.cov_m2[gap.frames][:, gap.scored].reshape(-1, 3, 3)
+    variance = np.diagonal(cov, axis1=1, axis2=2)
+    if not (np.isfinite(cov).all() and (variance > 0).all()):
+        raise ValueError(f"a covariance of a gap ({gap.scenario}, {gap.length}) is no covariance")
+    inside = (np.abs(error) <= _Z95 * np.sqrt(variance)).mean(axis=1)
+    sign, log_det = np.linalg.slogdet(cov * 1e6)
+    if not (sign > 0).all():
+        raise ValueError(f"a covariance of a gap ({gap.scenario}, {gap.length}) is indefinite")
+    mahalanobis = np.einsum("ki,ki->k", error, np.linalg.solve(cov, error[..., None])[..., 0])
+    return np.sum(error**2, axis=1), inside, (mahalanobis + log_det + 3 * np.log(2 * np.pi)) / 6
+
+
+def run_fold(
+    method: Method,
+    trials: Sequence[Trial],
+    left_out: int,
+    *,
+    seeds: Sequence[int],
+    wanted: Sequence[Cell],
+    frames: int = TEST_FRAMES,
+) -> list[Outcome]:
+    """Learn from all trials but one, and fill that one: an outcome a seed."""
+    filler = method.learn([trial for i, trial in enumerate(trials) if i != left_out])
+    return [evaluate(filler, shown_trials(trials[left_out], seed, wanted, frames=frames)) for seed in seeds]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Validation:
+    """One fold of the validation inside the training trials.
+
+    Attributes:
+        rest: Trials to learn from.
+        shown: Copies of another training trial, with gaps.
+    """
+
+    rest: tuple[Trial, ...]
+    shown: tuple[Shown, ...]
+
+
+def validation(training: Sequence[Trial]) -> list[Validation]:
+    """Folds over the first two training trials: gaps of every length, each scenario as often as there is room.
+
+    With one training trial its own gaps are filled by what was learned from the rest of it.
+    """
+    out = []
+    for k, trial in enumerate(training[:VALIDATION_TRIALS]):
+        rng = np.random.default_rng([k, zlib.crc32(trial.name.encode()), 1])
+        # every length once, with the scenarios in turn; other trials begin with another scenario
+        wanted = [(SCENARIOS[(i + k) % len(SCENARIOS)], length) for i, length in enumerate((*GAPS, *GAPS[1::2], *GAPS))]
+        shown = hide(excerpt(trial, VALIDATION_FRAMES, rng), wanted, rng)
+        rest = [other for i, other in enumerate(training) if i != k]
+        if not rest:
+            out += [Validation(rest=(copy.trial,), shown=(copy,)) for copy in shown]
+        elif shown:
+            out.append(Validation(rest=tuple(rest), shown=tuple(shown)))
+    return out
+
+
+def validation_score(filler_of: Callable[[Sequence[Trial]], Filler], folds: Sequence[Validation]) -> float:
+    """Mean over gap lengths of ln RMSE (mm), pooled over folds and scenarios; inf where a fill fails."""
+    squares: dict[int, list[Array]] = {}
+    try:
+        for fold in folds:
+            filler = filler_of(fold.rest)
+            for copy in fold.shown:
+                filled = filler(copy.trial)
+                for gap in copy.gaps:
+                    squares.setdefault(gap.length, []).append(errors(filled, copy.truth, gap)[0])
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return float("inf")
+    return float(np.mean([0.5 * np.log(1e6 * np.concatenate(parts).mean()) for parts in squares.values()]))
+
+
+def tune(
+    candidates: Sequence[Candidate],
+    training: Sequence[Trial],
+    learn: Callable[[Candidate, Sequence[Trial]], Filler],
+) -> Filler:
+    """Learn from all training trials with the candidate that fills the gaps of the validation best.
+
+    Args:
+        candidates: Hyper-parameters to try, in order of preference.
+        training: Trials; nothing else is looked at.
+        learn: Learns from trials with given hyper-parameters.
+    """
+    best = choose(candidates, training, learn) if len(candidates) > 1 else candidates[0]
+    return learn(best, training)
+
+
+def choose(
+    candidates: Sequence[Candidate],
+    training: Sequence[Trial],
+    learn: Callable[[Candidate, Sequence[Trial]], Filler],
+) -> Candidate:
+    """The candidate of ``tune``; the first where no gap can be hidden or nothing works."""
+    folds = validation(training)
+    if not folds:
+        return candidates[0]
+
+    def score(candidate: Candidate) -> float:
+        return validation_score(lambda rest: learn(candidate, rest), folds)
+
+    return min(candidates, key=score)
+
+
+__all__ = [
+    "Outcome",
+    "Score",
+    "Validation",
+    "cells",
+    "choose",
+    "evaluate",
+    "run_fold",
+    "shown_trials",
+    "tune",
+    "validation",
+    "validation_score",
+]

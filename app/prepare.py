@@ -17,6 +17,8 @@ from mocap.errors import CalibrationError, FormatError
 from mocap.formats import dltdv
 from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton
+from mocap.swapped_rays import exchange_rays, exchanged_rays
+from mocap.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 
 WIDE = 0.05
 """A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
@@ -43,6 +45,7 @@ class Prepared:
         rays_rejected: (C, T, M) rays that miss.
         max_speed_m_s: (M,) speed limits that jumps were judged by.
         findings: Sentences for the report.
+        swaps: Runs of frames in which two markers bore each other's names; undone in all that is above.
         stale: Stored points that do not follow from the pixels; None where there was no file to compare.
     """
 
@@ -62,12 +65,19 @@ class Prepared:
     rays_rejected: NDArray[np.bool_]
     max_speed_m_s: Array
     findings: tuple[str, ...] = ()
+    swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
 
     @property
     def dt_s(self) -> float:
         """Time step."""
         return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+    @property
+    def repaired(self) -> dict[str, NDArray[np.bool_]]:
+        """(T, M) samples whose name was corrected, by the keys of ``mocap.swaps.REPAIRS``."""
+        n_frames, n_markers = self.xyz_m.shape[:2]
+        return exchanged_samples((n_frames, n_markers), self.swaps)
 
     def observations(
         self, frames: slice, markers: NDArray[np.int64], *, hidden: NDArray[np.bool_] | None = None
@@ -113,10 +123,11 @@ def prepare(source: Source) -> Prepared:
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd)
+    filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names)
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     t_s = filmed.pixels.t_s
-    cleaning = clean(found.xyz_m, sd, t_s, skeleton, names)
-    uv = np.where((found.rejected | cleaning.any)[..., None], np.nan, filmed.ideal_px)
+    cleaning = clean(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
+    uv = np.where((found.rejected | cleaning.any | doubtful)[..., None], np.nan, filmed.ideal_px)
     if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
         raise CalibrationError(
             f"{source.tracks.name}: every sample was rejected, rays miss each other: check that coefficients, profile "
@@ -148,15 +159,17 @@ def prepare(source: Source) -> Prepared:
         jitter_px=jitter,
         bias_px=bias.sd_px,
         residual_px=found.residual_px,
-        rejected={"rays_miss": lost, **cleaning.rejected},
+        rejected={"rays_miss": lost, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
         rays_rejected=found.rejected,
         max_speed_m_s=cleaning.max_speed_m_s,
         findings=(
             *findings,
+            *_exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
             *([f"{lost.sum()} samples rejected, {REASONS['rays_miss']}"] if lost.any() else []),
             *_cleaning_findings(cleaning, names),
             *_never_seen(xyz, names),
         ),
+        swaps=swaps,
         stale=stale,
     )
 
@@ -169,8 +182,11 @@ def _prepare_points(source: Source) -> Prepared:
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
     skeleton, names = load_skeleton(source.skeleton, tracks.names)
     sd = np.where(np.isfinite(tracks.sd_m), tracks.sd_m, position_sd(tracks))
-    cleaning = clean(tracks.xyz_m, sd, tracks.t_s, skeleton, names)
-    xyz = np.where(cleaning.any[..., None], np.nan, tracks.xyz_m)
+    named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
+    xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
+    xyz = np.where(named.unsure[..., None], np.nan, xyz)
+    cleaning = clean(xyz, sd, tracks.t_s, skeleton, names)
+    xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
     shape = (0, *xyz.shape[:2])
     return Prepared(
@@ -186,15 +202,49 @@ def _prepare_points(source: Source) -> Prepared:
         jitter_px=np.nan,
         bias_px=0.0,
         residual_px=np.full(xyz.shape[:2], np.nan),
-        rejected={"rays_miss": np.zeros(xyz.shape[:2], dtype=bool), **cleaning.rejected},
+        rejected={
+            "rays_miss": np.zeros(xyz.shape[:2], dtype=bool),
+            **dict.fromkeys(DOUBTFUL, named.unsure),
+            **cleaning.rejected,
+        },
         rays_rejected=np.zeros(shape, dtype=bool),
         max_speed_m_s=cleaning.max_speed_m_s,
         findings=(
             f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
+            *_exchange_findings(named.swaps, named.unsure, names, ()),
             *_cleaning_findings(cleaning, names),
             *_never_seen(xyz, names),
         ),
+        swaps=named.swaps,
     )
+
+
+def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
+    """(B, 2) markers of the rigid bones."""
+    pairs = [(names.index(bone.a), names.index(bone.b)) for bone in skeleton.bones if bone.rigid]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _names_put_right(
+    filmed: Filmed, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str]
+) -> tuple[Filmed, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_]]:
+    """Pixels and points with exchanged names undone; the runs, and (T, M) samples that may be of either marker."""
+    rays = exchanged_rays(filmed.matrices, filmed.ideal_px, found)
+    uv = filmed.ideal_px
+    if rays:
+        uv = exchange_rays(uv, rays)
+        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px)
+    points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
+    if points.swaps:
+        uv = exchange_rays(uv, points.swaps)
+        found = replace(
+            found,
+            xyz_m=exchange(found.xyz_m, points.swaps),
+            cov_m2=exchange(found.cov_m2, points.swaps),
+            residual_px=exchange(found.residual_px, points.swaps),
+            rejected=exchange_rays(found.rejected, points.swaps),
+        )
+    return replace(filmed, ideal_px=uv), found, (*rays, *points.swaps), points.unsure
 
 
 def position_sd(tracks: MarkerTracks) -> Array:
@@ -227,6 +277,27 @@ def _mirrored(filmed: Filmed, xyz_m: Array) -> list[str]:
             "and the sense of turns are exchanged"
         ]
     return []
+
+
+def _exchange_findings(
+    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str]
+) -> list[str]:
+    """A sentence for every run of exchanged names, and one for all that are shorter than three frames."""
+    out, short = [], 0
+    for swap in swaps:
+        if len(swap.frames) < 3:
+            short += 1
+            continue
+        where = "" if swap.camera is None else f" in camera {cameras[swap.camera]}"
+        out.append(
+            f"{names[swap.a]} and {names[swap.b]} bear each other's names{where} from frame {swap.frames[0] + 1} to "
+            f"{swap.frames[-1] + 1}: exchanged back in {len(swap.frames)} frames"
+        )
+    if short:
+        out.append(f"{short} times two markers bear each other's names for one or two frames: exchanged back")
+    if doubtful.any():
+        out.append(f"{doubtful.sum()} samples rejected, {DOUBTFUL['doubtful_name']}")
+    return out
 
 
 def _cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:

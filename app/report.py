@@ -12,6 +12,7 @@ from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.clean import REASONS
 from mocap.records import Origin
+from mocap.swaps import DOUBTFUL, REPAIRS
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
@@ -56,8 +57,13 @@ def make_report(
                 "rays": int(prepared.rays_rejected.sum()),
                 "gated_rays": _gated(prepared, tracked),
             },
-            "reasons": {**REASONS, "rays": "rays dropped from points that the others still fix"},
+            "reasons": {**REASONS, **DOUBTFUL, "rays": "rays dropped from points that the others still fix"},
             "samples": _rejected_samples(prepared),
+        },
+        "repaired": {
+            "counts": {reason: int(mask.sum()) for reason, mask in prepared.repaired.items()},
+            "reasons": REPAIRS,
+            "runs": _exchanged(prepared),
         },
         "stale_points": None if prepared.stale is None else [vars(s) for s in prepared.stale],
         "innovation": _consistency(tracked),
@@ -88,6 +94,20 @@ def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
         {"frame": int(t) + 1, "marker": prepared.names[m], "reason": reason}
         for reason, mask in prepared.rejected.items()
         for t, m in np.argwhere(mask)
+    ]
+
+
+def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
+    """Runs of exchanged names, frames from 1; without a camera they were exchanged in all."""
+    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    return [
+        {
+            "markers": [prepared.names[swap.a], prepared.names[swap.b]],
+            "camera": None if swap.camera is None else cameras[swap.camera],
+            "frames": (swap.frames + 1).tolist(),
+            "log_likelihood_gain": round(swap.gain, 1),
+        }
+        for swap in prepared.swaps
     ]
 
 
@@ -177,7 +197,11 @@ def readable(report: Mapping, *, title: str) -> str:
         expected = "0.75 is expected of rays weighted by Student's t" if report["cameras"] else "1 is expected"
         lines.append(f"- innovations: NIS {nis['nis_per_row']:.2f} a row ({expected})")
     counts = ", ".join(f"{reason} {count}" for reason, count in rejected.items() if count) or "none"
-    lines += [f"- rejected: {counts}", "", "## Findings", "", *(f"- {finding}" for finding in report["findings"])]
+    repaired = (
+        ", ".join(f"{reason} {count}" for reason, count in report["repaired"]["counts"].items() if count) or "none"
+    )
+    lines += [f"- rejected: {counts}", f"- repaired: {repaired}"]
+    lines += ["", "## Findings", "", *(f"- {finding}" for finding in report["findings"])]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
         lines += ["", f"Stale stored points (frame, marker, distance): {stale}"]

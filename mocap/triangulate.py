@@ -13,7 +13,7 @@ from mocap.arrays import Array
 from mocap.cameras import project
 
 
-def linear(matrices: Array, uv_px: Array) -> Array:
+def linear(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> Array:
     """The linear least squares that DLTdv solves (Hedrick 2008, equations of Abdel-Aziz & Karara 1971).
 
     Each pixel (u, v) of camera P gives the rows (p1 - u p3) (x, 1) = 0 and (p2 - v p3) (x, 1) = 0, with P scaled so
@@ -24,6 +24,7 @@ def linear(matrices: Array, uv_px: Array) -> Array:
     Args:
         matrices: (C, 3, 4) projections.
         uv_px: (C, ..., 2) ideal pixels; NaN where not seen.
+        relative: Deviations that rays are divided by, broadcastable to (C, ...); None: 1, as in DLTdv.
 
     Returns:
         (..., 3) points in metres; NaN where fewer than two cameras see it, or all from one side.
@@ -37,6 +38,8 @@ def linear(matrices: Array, uv_px: Array) -> Array:
     scaled = matrices / np.where(np.abs(last) > 1e-9 * depth, last, depth)
     rows = scaled[:, None, :2, :] - uv[..., None] * scaled[:, None, 2:, :]  # (C, K, 2, 4)
     rows = np.where(seen[..., None, None], rows, 0.0)
+    if relative is not None:
+        rows /= np.broadcast_to(relative, uv_px.shape[:-1]).reshape(len(uv_px), -1)[:, known, None, None]
     rows = np.moveaxis(rows, 0, 1).reshape(len(known), 2 * len(matrices), 4)
     a, b = rows[..., :3], -rows[..., 3]
     transposed = np.swapaxes(a, 1, 2)
@@ -57,18 +60,21 @@ def _solve(normal: Array, right: Array) -> Array:
     return np.linalg.solve(normal, right)
 
 
-def residual_px(matrices: Array, uv_px: Array, xyz_m: Array) -> Array:
+def residual_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array | None = None) -> Array:
     """DLTdv's residual sqrt(sum r^2 / (2 n - 3)) over the n cameras that see a point.
 
     Args:
         matrices: (C, 3, 4) projections.
         uv_px: (C, ..., 2) ideal pixels.
         xyz_m: (..., 3) points in metres.
+        relative: Deviations that misses are divided by, broadcastable to (C, ...); None: 1.
 
     Returns:
         (...) pixels; NaN without a point.
     """
     squares = np.sum((uv_px - project(matrices, xyz_m)) ** 2, axis=-1)
+    if relative is not None:
+        squares = squares / relative**2
     n = np.isfinite(squares).sum(axis=0)
     with np.errstate(invalid="ignore"):
         return np.where(n >= 2, np.sqrt(np.nansum(squares, axis=0) / np.maximum(2 * n - 3, 1)), np.nan)
@@ -175,7 +181,14 @@ def pixel_sd(residual: Array, n_cameras: NDArray[np.int64]) -> float:
     return float(np.sqrt(np.sum(residual[ok][near] ** 2 * dof[near]) / np.sum(dof[near])))
 
 
-def robust(matrices: Array, uv_px: Array, *, sd_px: float | None = None, gate_sd: float = 5.0) -> Triangulation:
+def robust(
+    matrices: Array,
+    uv_px: Array,
+    *,
+    sd_px: float | None = None,
+    gate_sd: float = 5.0,
+    relative: Array | None = None,
+) -> Triangulation:
     """Triangulate, rejecting rays that miss, the worst first.
 
     A point whose residual exceeds ``gate_sd`` standard deviations loses the ray whose removal lowers its squared error
@@ -187,11 +200,14 @@ def robust(matrices: Array, uv_px: Array, *, sd_px: float | None = None, gate_sd
         uv_px: (C, T, M, 2) ideal pixels.
         sd_px: Standard deviation of a pixel coordinate; None estimates it (``pixel_sd``).
         gate_sd: Largest believed residual in standard deviations.
+        relative: Deviations of rays relative to ``sd_px``, broadcastable to (C, T, M); residuals are divided by them.
+            None: 1.
     """
     uv = uv_px.copy()
     seen = np.isfinite(uv[..., 0])
-    xyz = linear(matrices, uv)
-    residual = residual_px(matrices, uv, xyz)
+    scale = np.broadcast_to(1.0 if relative is None else relative, seen.shape)
+    xyz = linear(matrices, uv, relative=scale)
+    residual = residual_px(matrices, uv, xyz, relative=scale)
     sd = pixel_sd(residual, seen.sum(axis=0)) if sd_px is None else sd_px
     limit = gate_sd * max(sd, 1e-9)
     for _ in range(len(matrices)):
@@ -205,18 +221,20 @@ def robust(matrices: Array, uv_px: Array, *, sd_px: float | None = None, gate_sd
         t, m, trial = t[~drop_all], m[~drop_all], trial[:, ~drop_all]
         without = np.repeat(trial[None], len(matrices), axis=0)  # (dropped camera, C, K, 2)
         without[np.arange(len(matrices)), np.arange(len(matrices))] = np.nan
-        points = linear(matrices, np.moveaxis(without, 1, 0))
-        squares = np.nansum((np.moveaxis(without, 1, 0) - project(matrices, points)) ** 2, axis=(0, -1))  # (dropped, K)
+        without, spread = np.moveaxis(without, 1, 0), scale[:, None, t, m]
+        points = linear(matrices, without, relative=spread)
+        misses = (without - project(matrices, points)) / spread[..., None]
+        squares = np.nansum(misses**2, axis=(0, -1))  # (dropped, K)
         squares[~np.isfinite(trial[..., 0])] = np.inf
         worst = np.argmin(squares, axis=0)
         uv[worst, t, m] = np.nan
-        xyz[...] = linear(matrices, uv)
-        residual = residual_px(matrices, uv, xyz)
-    refined, cov = refine(matrices, uv, linear(matrices, uv), sd_px=sd)
+        xyz = linear(matrices, uv, relative=scale)
+        residual = residual_px(matrices, uv, xyz, relative=scale)
+    refined, cov = refine(matrices, uv, xyz, sd_px=sd * scale)
     return Triangulation(
         xyz_m=refined,
         cov_m2=cov,
-        residual_px=residual_px(matrices, uv, refined),
+        residual_px=residual_px(matrices, uv, refined, relative=scale),
         rejected=seen & ~np.isfinite(uv[..., 0]),
         sd_px=sd,
     )

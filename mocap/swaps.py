@@ -1,0 +1,341 @@
+"""Exchanged markers: for a while two names are on each other's points, in all cameras or in the positions themselves.
+
+Whether two markers are exchanged in a frame is a state that changes seldom; the most likely sequence of states is found
+by dynamic programming (Viterbi 1967). What speaks for a state is that both ways bend no more than they usually do, and
+that rigid bones keep their lengths. A run is undone only where that is more likely by a clear margin, and is reported.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.likeness import CHANGE, MARGIN, bone_lengths, pair_evidence, steady_pairs, stretched_pairs, student_log
+
+Mask = NDArray[np.bool_]
+Bones = NDArray[np.int64]
+Pair = tuple[int, int]
+
+REPAIRS = {
+    "exchanged_ray": "bore another marker's name in one camera",
+    "exchanged_marker": "bore another marker's name",
+}
+"""How a sample was repaired, by the key that reports use."""
+DOUBTFUL = {"doubtful_name": "beside a run of exchanged names, and may be of either marker"}
+"""Why a sample was rejected here, by the key that reports use."""
+UNBROKEN = 30.0
+"""Negative log probability that two markers change names while one of them goes on straight in full view."""
+STEP = 3
+"""Frames over which a marker that was not seen in between may be recognised by its straight way."""
+RARE = 0.02
+"""Negative log probability a frame of being exchanged: of two states that nothing tells apart the longer is right."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Swap:
+    """Two markers that bore each other's names.
+
+    Attributes:
+        a: Index of one marker.
+        b: Index of the other.
+        frames: (K,) frames, increasing.
+        camera: Index of the only camera in which they did; None: everywhere.
+        gain: Log likelihood won by undoing it.
+    """
+
+    a: int
+    b: int
+    frames: NDArray[np.int64]
+    camera: int | None
+    gain: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Exchanged:
+    """What was found, and the samples to which it happened.
+
+    Attributes:
+        swaps: Runs that were undone, one entry a run.
+        unsure: (T, M) samples beside a run that may belong to either marker.
+    """
+
+    swaps: tuple[Swap, ...]
+    unsure: Mask
+
+
+def exchanged_samples(shape: tuple[int, int], swaps: Iterable[Swap]) -> dict[str, Mask]:
+    """(T, M) samples that bore another marker's name, by the keys of ``REPAIRS``; each under the last that fits."""
+    out = {key: np.zeros(shape, dtype=bool) for key in REPAIRS}
+    for swap in swaps:
+        key = "exchanged_marker" if swap.camera is None else "exchanged_ray"
+        out[key][np.ix_(swap.frames, np.array([swap.a, swap.b]))] = True
+    out["exchanged_ray"] &= ~out["exchanged_marker"]
+    return out
+
+
+def exchange(values: Array, swaps: Sequence[Swap]) -> Array:
+    """A copy of (T, M, ...) values with the swaps undone, or done."""
+    out = values.copy()
+    for swap in swaps:
+        out[swap.frames, swap.a], out[swap.frames, swap.b] = out[swap.frames, swap.b], out[swap.frames, swap.a].copy()
+    return out
+
+
+def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchanged:
+    """Find markers that bore each other's names, the most obvious first, each with what came before it undone.
+
+    Args:
+        xyz_m: (T, M, 3) positions; NaN where not seen.
+        bones: (B, 2) markers whose distance is one length.
+        most: At most so many pairs.
+    """
+    if len(xyz_m) < 3:
+        return Exchanged(swaps=(), unsure=np.zeros(xyz_m.shape[:2], dtype=bool))
+    xyz = xyz_m.copy()
+    lengths = bone_lengths(xyz, np.concatenate([bones, steady_pairs(xyz, bones)]))
+    unsure = np.zeros(xyz.shape[:2], dtype=bool)
+    swaps: list[Swap] = []
+    done: set[Pair] = set()
+    bend = bend_scales(xyz)
+    for _ in range(most):
+        crossing = crossing_pairs(xyz, bend)
+        found: dict[Pair, tuple[list[Swap], Mask]] = {}
+        for by_bones in (False, True):
+            for pair in sorted((stretched_pairs(xyz, lengths) if by_bones else crossing) - done):
+                suspects = {marker for other in crossing if not set(other) & set(pair) for marker in other}
+                runs = runs_of(xyz, bend, pair, pair_evidence(xyz, lengths, pair, suspects))
+                if runs[0]:
+                    found[pair] = runs
+            if found:
+                break
+        if not found:
+            break
+        best = max(found, key=lambda pair: sum(run.gain for run in found[pair][0]))
+        runs, doubtful = found[best]
+        xyz = exchange(xyz, runs)
+        xyz[doubtful] = np.nan
+        unsure |= doubtful
+        swaps += runs
+        done.add(best)
+    return Exchanged(swaps=tuple(swaps), unsure=unsure)
+
+
+def bend_scales(xyz_m: Array) -> Array:
+    """(M,) standard deviation of a coordinate of the second difference of each marker's way, in metres a frame squared.
+
+    From its 90 % quantile over frames (2.5 deviations for three coordinates), which rare errors do not move; inf where
+    unknown.
+    """
+    size = np.linalg.norm(np.diff(xyz_m, n=2, axis=0), axis=-1)
+    out = np.full(xyz_m.shape[1], np.inf)
+    for marker, column in enumerate(size.T):
+        known = column[np.isfinite(column)]
+        if len(known) >= 10:
+            out[marker] = max(float(np.quantile(known, 0.9)) / 2.5, 1e-9)
+    return out
+
+
+def crossing_pairs(xyz_m: Array, bend_m: Array) -> set[Pair]:
+    """Pairs of markers each of which goes on where the other one was going, at least once.
+
+    The way of each marker is continued straight from the two samples before; a pair is suspected where both land more
+    than five deviations off their own continuation, and three times as near to the other's.
+    """
+    n_frames, n_markers = xyz_m.shape[:2]
+    index = np.arange(n_frames)[:, None]
+    seen = np.isfinite(xyz_m[..., 0])
+    last = _before(np.where(seen, index, -1))
+    columns = np.arange(n_markers)
+    earlier = np.where(last >= 0, last[np.maximum(last, 0), columns], -1)
+    frames, ok = np.maximum(last, 0), seen & (earlier >= 0)
+    gap, step = index - last, np.maximum(last - earlier, 1)
+    velocity = (xyz_m[frames, columns] - xyz_m[np.maximum(earlier, 0), columns]) / step[..., None]
+    ahead = np.where(ok[..., None], xyz_m[frames, columns] + gap[..., None] * velocity, np.nan)
+    limit = 5 * np.sqrt(3) * bend_m * gap * (gap + step) / 2
+    pairs: set[Pair] = set()
+    own = np.linalg.norm(xyz_m - ahead, axis=-1)
+    off = own > limit
+    for frame in np.flatnonzero(np.count_nonzero(off, axis=1) >= 2):
+        who = np.flatnonzero(off[frame])
+        here, there, miss = xyz_m[frame, who], ahead[frame, who], own[frame, who]
+        crossed = np.linalg.norm(here[:, None] - there, axis=-1) < miss[:, None] / 3
+        near = crossed & crossed.T
+        pairs |= {(int(who[i]), int(who[j])) for i, j in np.argwhere(np.triu(near, 1))}
+    return pairs
+
+
+def _before(index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(T, M) largest entry of the rows before each row; -1 where there is none."""
+    last = np.maximum.accumulate(index, axis=0)
+    return np.concatenate([np.full((1, index.shape[1]), -1), last[:-1]])
+
+
+def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tuple[list[Swap], Mask]:
+    """Runs of frames in which a pair was exchanged, and (T, M) samples beside them that may be of either marker.
+
+    The state of a frame in which both are seen is s = 1 for exchanged. The log likelihood of a sequence is that of the
+    bends of both ways over every three frames, plus what bones say, less ``CHANGE`` for each change of state.
+
+    Args:
+        xyz_m: (T, M, 3) positions.
+        bend_m: (M,) usual bend of each way (``bend_scales``).
+        pair: The two markers.
+        for_exchange: (T,) log likelihood of s = 1 less that of s = 0 from all else; where one of the two is seen alone
+            it counts for the nearest frame in which both are.
+    """
+    a, b = pair
+    unsure = np.zeros(xyz_m.shape[:2], dtype=bool)
+    frames = np.flatnonzero(np.isfinite(xyz_m[:, [a, b], 0]).all(axis=1))
+    if len(frames) < 3 or not np.isfinite(bend_m[[a, b]]).all():
+        return [], unsure
+    bends = _bends(xyz_m[frames][:, [a, b]], frames, float(max(bend_m[a], bend_m[b])))
+    nearest = np.searchsorted((frames[1:] + frames[:-1]) / 2, np.arange(len(xyz_m)))
+    own = np.bincount(nearest, for_exchange, len(frames)) - RARE
+    change = CHANGE + UNBROKEN * unbroken(xyz_m[:, [a, b]], frames, bend_m[[a, b]])
+    state = _most_likely(bends, own, change)
+    score = _score(bends, own, change, state)
+    runs, kept = [], np.zeros_like(state)
+    for start, stop in _runs(state):
+        without = state.copy()
+        without[start:stop] = 0
+        gain = score - _score(bends, own, change, without)
+        if gain > MARGIN:
+            kept[start:stop] = 1
+            runs.append((start, stop, gain))
+    swaps = []
+    for start, stop, gain in runs:
+        first = int(frames[start]) if start else 0
+        last = int(frames[stop - 1]) if stop < len(frames) else len(xyz_m) - 1
+        inside = np.arange(first, last + 1)
+        inside = inside[np.isfinite(xyz_m[inside][:, [a, b], 0]).any(axis=1)]
+        swaps.append(Swap(a=a, b=b, frames=inside, camera=None, gain=float(gain)))
+    changes = [k for run in runs for k in run[:2] if 0 < k < len(frames)]
+    right = exchange(xyz_m, swaps)[:, [a, b]]
+    for k in changes:
+        belongs = _alone(right, frames[k - 1 : k + 1], kept[k - 1 : k + 1], bend_m[[a, b]])
+        for j, marker in enumerate(pair):
+            unsure[belongs[j] < 0, marker] = True
+        more = np.flatnonzero((belongs == 1).any(axis=0))
+        more = more[(belongs[:, more] >= 0).all(axis=0) | ~np.isfinite(xyz_m[more][:, [a, b], 0]).all(axis=1)]
+        if len(more):
+            run = next(i for i, (start, stop, _) in enumerate(runs) if k in (start, stop))
+            frames_of = np.union1d(swaps[run].frames, more)
+            swaps[run] = replace(swaps[run], frames=frames_of)
+    return swaps, unsure
+
+
+def unbroken(xyz_m: Array, frames: NDArray[np.int64], bend_m: Array) -> Mask:
+    """(K,) whether one of two markers was seen alone between frames k - 1 and k, and went on straight all the way.
+
+    Where it did its name has not changed, whatever the other one does when it is seen again.
+
+    Args:
+        xyz_m: (T, 2, 3) positions.
+        frames: (K,) frames in which both are seen.
+        bend_m: (2,) usual bend of each way.
+    """
+    out = np.zeros(len(frames), dtype=bool)
+    apart = np.linalg.norm(xyz_m[frames, 0] - xyz_m[frames, 1], axis=-1)
+    for j in (0, 1):
+        seen = np.flatnonzero(np.isfinite(xyz_m[:, j, 0]))
+        x, (g, h) = xyz_m[seen, j], (np.diff(seen)[:-1], np.diff(seen)[1:])
+        off = np.linalg.norm(x[2:] - x[1:-1] - (x[1:-1] - x[:-2]) * (h / g)[:, None], axis=-1)
+        limit = 5 * np.sqrt(3) * bend_m[j] * h * (g + h) / 2
+        goes_on = np.concatenate([[False, False], (off <= limit) & (h <= STEP)])
+        breaks = np.concatenate([[0], np.cumsum(~goes_on)])
+        at = np.searchsorted(seen, frames)
+        near = np.concatenate([[np.inf, np.inf], limit])[at] < 0.5 * apart
+        out[1:] |= (np.diff(at) > 1) & (breaks[at[1:] + 1] == breaks[at[:-1] + 1]) & near[1:]
+    return out
+
+
+def _alone(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], bend_m: Array) -> NDArray[np.int64]:
+    """Samples between two frames of different states, where one of two markers is seen at a time.
+
+    From both ends each way is continued straight, sample by sample, as long as these lie where its bend may bring it
+    within ``STEP`` frames, and nearer than half of the distance that the two usually have.
+
+    Args:
+        xyz_m: (T, 2, 3) positions, right outside and at both ends.
+        ends: The frame before and the frame after.
+        state: The states there: whether names are exchanged.
+        bend_m: (2,) usual bend of each way.
+
+    Returns:
+        (2, T) by name: 1 where exchanged, 0 where not or not between, -1 where both ends claim it, or none.
+    """
+    reached = np.zeros((2, 2, len(xyz_m)), dtype=bool)  # end, name, frame
+    half = 0.5 * float(np.nanmedian(np.linalg.norm(xyz_m[:, 0] - xyz_m[:, 1], axis=-1)))
+    between = np.arange(ends[0] + 1, ends[1])
+    seen = np.isfinite(xyz_m[..., 0]).T
+    for end, order in enumerate((between, between[::-1])):
+        outside = np.arange(ends[0] + 1) if end == 0 else np.arange(len(xyz_m) - 1, ends[1] - 1, -1)
+        for name in (0, 1):
+            way = name ^ int(state[end])
+            known = [int(t) for t in outside[seen[way, outside]][-2:]]
+            at = [xyz_m[t, way] for t in known]
+            for t in order[seen[name, order]]:
+                if len(known) < 2:
+                    break
+                g, h = abs(known[-1] - known[-2]), abs(int(t) - known[-1])
+                off = xyz_m[t, name] - at[-1] - (at[-1] - at[-2]) * h / g
+                limit = min(5 * np.sqrt(3) * bend_m[way] * h * (g + h) / 2, half)
+                if h > STEP or np.linalg.norm(off) > limit:
+                    break
+                reached[end, name, t] = True
+                known, at = [known[-1], int(t)], [at[-1], xyz_m[t, name]]
+    out = np.zeros((2, len(xyz_m)), dtype=np.int64)
+    out[:, between] = np.where(
+        seen[:, between], np.where(reached[1] == reached[0], -1, reached[state[1]])[:, between], 0
+    )
+    return out
+
+
+def _bends(xyz_m: Array, frames: NDArray[np.int64], bend_m: float) -> Array:
+    """(K, 2, 2, 2) log likelihood of both ways' bends at frame k for the states of frames k - 2, k - 1 and k.
+
+    A bend is what the last sample is off the straight line through the two before; with steps g and h in frames a
+    curvature of one a frame squared makes h (g + h) / 2 of it.
+    """
+    out = np.zeros((len(frames), 2, 2, 2))
+    g, h = np.diff(frames)[:-1], np.diff(frames)[1:]
+    scale = bend_m * h * (g + h) / 2
+    for states in product((0, 1), repeat=3):
+        for flip in (0, 1):
+            first, middle, last = (xyz_m[k : k + len(g), s ^ flip] for k, s in enumerate(states))
+            off = last - middle - (middle - first) * (h / g)[:, None]
+            out[(slice(2, None), *states)] += student_log(np.sum(off**2, axis=-1) / scale**2, 3)
+    return out
+
+
+def _most_likely(bends: Array, own: Array, change: Array) -> NDArray[np.int64]:
+    """(K,) most likely states (Viterbi), each with the one before as one of four states of the chain."""
+    n = len(own)
+    differ = 1 - np.eye(2)
+    value = own[0] * np.array([[0.0], [1.0]]) + own[1] * np.array([[0.0, 1.0]]) - change[1] * differ
+    choice = np.zeros((n, 2, 2), dtype=np.int64)
+    for k in range(2, n):
+        options = value[:, :, None] + bends[k]  # (state k - 2, k - 1, k)
+        choice[k] = np.argmax(options, axis=0)
+        value = np.max(options, axis=0) - change[k] * differ + own[k] * np.array([[0.0, 1.0]])
+    state = np.zeros(n, dtype=np.int64)
+    state[n - 2], state[n - 1] = np.unravel_index(np.argmax(value), (2, 2))
+    for k in range(n - 1, 1, -1):
+        state[k - 2] = choice[k, state[k - 1], state[k]]
+    return state
+
+
+def _score(bends: Array, own: Array, change: Array, state: NDArray[np.int64]) -> float:
+    """Log likelihood of a sequence of states."""
+    k = np.arange(2, len(state))
+    changes = change[1:] @ np.abs(np.diff(state))
+    return float(bends[k, state[:-2], state[1:-1], state[2:]].sum() + own @ state - changes)
+
+
+def _runs(state: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Start and stop of every run of ones."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], state, [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,0 +1,84 @@
+"""Tables of the gap benchmark, against numbers worked out by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmarks.gaps.plots import draw
+from benchmarks.gaps.table import FOLDS, TABLE, as_text, pooled, ratios, summary
+
+
+def make_folds(rmse):
+    """Rows of ``folds.csv``; ``rmse``: {(set, gap, method, seed, trial): (samples, mm)}."""
+    rows = []
+    for (name, gap, method, seed, trial), (samples, mm) in rmse.items():
+        row = {"set": name, "scenario": "limb", "gap": gap, "method": method, "seed": seed, "trial": trial}
+        rows.append(
+            row | {"samples": samples, "rmse_mm": mm, "coverage95": 0.9, "nll": 1.0, "seconds": 2, "frames": 500}
+        )
+    return pd.DataFrame(rows)[FOLDS]
+
+
+TWO_TRIALS = make_folds(
+    {
+        ("bat", 10, "good", 0, "x"): (30, 1.0),
+        ("bat", 10, "good", 0, "y"): (10, 3.0),
+        ("bat", 10, "bad", 0, "x"): (30, 2.0),
+        ("bat", 10, "bad", 0, "y"): (10, 6.0),
+        ("bat", 50, "good", 0, "x"): (50, 8.0),
+        ("bat", 50, "bad", 0, "x"): (50, 4.0),
+    }
+)
+
+
+def test_trials_are_pooled_by_samples():
+    """sqrt((30 x 1 + 10 x 9) / 40) = sqrt(3); 2 s + 2 s over 1000 frames are 4 ms, each trial counted once."""
+    table = pooled(TWO_TRIALS)
+    assert list(table) == TABLE
+    cell = table[(table["gap"] == 10) & (table["method"] == "good")].iloc[0]
+    assert cell["rmse_mm"] == pytest.approx(np.sqrt(3))
+    assert cell["coverage95"] == pytest.approx(0.9)
+    assert cell["ms_per_frame"] == pytest.approx(4)
+
+
+def test_ranks_wins_and_ratios():
+    """Each method wins one cell; the bad one is twice as far off in both trials of the first, without scatter."""
+    lines = summary(TWO_TRIALS)
+    assert set(lines["wins"]) == {1}
+    assert set(lines["rank"]) == {1.5}
+    assert lines.loc["good", "ln_mm"] == pytest.approx(np.mean(np.log([np.sqrt(3), 8])))
+    assert lines.loc["good", "mm_50"] == pytest.approx(8)
+    against = ratios(TWO_TRIALS).set_index(["gap", "method"])
+    assert against.loc[(10, "bad"), "best"] == "good"
+    assert against.loc[(10, "bad"), "ln_ratio"] == pytest.approx(np.log(2))
+    assert against.loc[(10, "bad"), "error"] == pytest.approx(0, abs=1e-12)
+    assert against.loc[(50, "good"), "ln_ratio"] == pytest.approx(np.log(2))
+    assert np.isnan(against.loc[(50, "good"), "error"])
+
+
+def test_a_failure_is_last_and_spares_the_others():
+    """A method without a number in one trial has none in that cell, is last there, and is counted as failed."""
+    folds = TWO_TRIALS.copy()
+    folds.loc[0, ["rmse_mm", "coverage95", "nll", "seconds", "frames"]] = np.nan
+    table = pooled(folds)
+    assert table["rmse_mm"].isna().sum() == 1
+    lines = summary(folds)
+    assert lines.loc["good", "failed"] == 1
+    assert lines.loc["good", "rank"] == 2
+    assert lines.loc["bad", "wins"] == 2
+    assert lines.loc["bad", "rank"] == 1
+    assert "failed" in as_text(lines)
+
+
+def test_methods_without_intervals_have_none():
+    """NaN coverage stays NaN in the table and is a dash in the text."""
+    folds = TWO_TRIALS.assign(coverage95=np.nan, nll=np.nan)
+    assert pooled(folds)["coverage95"].isna().all()
+    assert "nan" not in as_text(summary(folds))
+
+
+def test_pictures_are_drawn(tmp_path):
+    """One line a method and picture; no cell is needed to be complete."""
+    paths = draw(TWO_TRIALS, pooled(TWO_TRIALS), tmp_path)
+    assert sorted(path.name for path in paths) == ["coverage.png", "error.png"]
+    assert all(path.stat().st_size > 10_000 for path in paths)

@@ -151,6 +151,27 @@ def test_scores_follow_from_the_errors_put_in():
     assert nll == pytest.approx(np.log(2 * np.sqrt(2 * np.pi * np.e)), abs=4 / np.sqrt(2 * n_independent / 3))
 
 
+def test_the_trial_that_is_left_out_is_not_learned_from():
+    """``learn`` is handed the others, each whole; the trial itself comes with gaps only."""
+    trials = [make_trial(seed=k, name=str(k)) for k in range(3)]
+    handed = []
+
+    class Spy:
+        name = "spy"
+
+        def learn(self, training):
+            handed.extend(training)
+
+            def fill(trial):
+                assert np.isnan(trial.xyz_m).any()
+                return Filled(np.nan_to_num(trial.xyz_m), None)
+
+            return fill
+
+    run_fold(Spy(), trials, 1, seeds=(0,), wanted=cells())
+    assert [trial.name for trial in handed] == ["0", "2"]
+
+
 def test_likelihood_uses_the_whole_covariance():
     """An error along the long axis of a slanting covariance is judged as scipy judges it, per coordinate, in mm."""
     trial = make_trial(n_frames=60)

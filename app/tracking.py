@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from app.gaps import hide_gaps, interpolated, score
 from app.prepare import Prepared
-from filters.learn import PoseSettings, learn_constant_velocity, learn_pose, with_potential
+from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
 from filters.observations import WHOLE
+from filters.poses import pose_trial
 from filters.records import TrackedMotion
 from filters.track import Smoothed, smooth
 from mocap.arrays import Array
@@ -81,11 +82,8 @@ def learn_models(
     models: dict[str, MotionModel] = {"constant_velocity": learn_constant_velocity(xyz, dt_s=prepared.dt_s)}
     if why_no_pose(prepared, part) is None:
         frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz, hidden=hidden)
-        pose, z, known = learn_pose(xyz, frames, dt_s=prepared.dt_s, settings=settings)
-        certain = z[known > settings.certain]
-        if len(certain) < 30:
-            certain = z[np.argsort(known)[-30:]]
-        models["eal"] = with_potential(pose, certain, settings=settings)
+        trial = pose_trial(prepared.name, prepared.t_s[part.frames], xyz, frames)
+        models["eal"] = learn_pose([trial], settings)
     return models
 
 
@@ -111,16 +109,12 @@ def tracked_motion(prepared: Prepared, part: Part, model: MotionModel, smoothed:
     used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
-    for k, (rows, taken, difference) in enumerate(zip(smoothed.rows, smoothed.used, smoothed.innovation, strict=True)):
-        frame = part.frames.start + k
-        camera, marker = rows.where[:, 0], part.markers[rows.where[:, 1]]
-        first = np.searchsorted(rows.group, np.arange(len(camera)))
-        ok = taken[first]
-        whole = camera == WHOLE
+    for frame, seen in enumerate(smoothed.observed, start=part.frames.start):
+        camera, marker = seen.sights.where[:, 0], part.markers[seen.sights.where[:, 1]]
+        ok, whole = seen.weight > 0, camera == WHOLE
         used[camera[ok & ~whole], frame, marker[ok & ~whole]] = True
-        seen = np.isfinite(prepared.uv_px[:, frame][:, marker[ok & whole], 0])
-        used[:, frame, marker[ok & whole]] |= seen
-        innovation[camera[~whole], frame, marker[~whole]] = difference[first[~whole, None] + [0, 1]]
+        used[:, frame, marker[ok & whole]] |= np.isfinite(prepared.uv_px[:, frame][:, marker[ok & whole], 0])
+        innovation[camera[~whole], frame, marker[~whole]] = seen.sights.innovation[~whole, :2]
         believed[frame, marker[ok & whole]] = True
     believed |= used.sum(axis=0) >= 2
     origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
@@ -130,8 +124,9 @@ def tracked_motion(prepared: Prepared, part: Part, model: MotionModel, smoothed:
     xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Origin.MISSING
     outside = np.full(n_frames, np.nan)
     nis, likelihood, rows_used = outside.copy(), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
-    nis[part.frames], likelihood[part.frames] = smoothed.nis, smoothed.log_likelihood
-    rows_used[part.frames] = smoothed.n_rows
+    nis[part.frames] = [seen.nis for seen in smoothed.observed]
+    rows_used[part.frames] = [seen.n_rows for seen in smoothed.observed]
+    likelihood[part.frames] = smoothed.log_likelihood
     reprojected = np.zeros((0, n_frames, n_markers, 2))
     if prepared.filmed is not None:
         reprojected = project(prepared.filmed.matrices, xyz)

@@ -111,7 +111,7 @@ def problem(n: int, m: int, *, affine: bool, seed: int = 0) -> Problem:
     start = Gaussian(
         np.concatenate([model.start_m.ravel(), rng.standard_normal(k)]), sd[:, None] * np.linalg.cholesky(correlation)
     )
-    true = model.step((start.mean + start.factor @ rng.standard_normal(n))[None], DT_S)
+    true = model.advance((start.mean + start.factor @ rng.standard_normal(n))[None], DT_S)
     y = h(true[:, :k])[0] + SD_PX * rng.standard_normal(m)
     return Problem(name="planar" if affine else "pixels", model=model, start=start, h=h, affine=affine, y=y)
 
@@ -122,7 +122,7 @@ def compare(case: Problem, *, repeats: int, budget_s: float) -> list[Row]:
     noise, sd = model.noise(DT_S), np.full(m, SD_PX)
 
     def step(states: Array) -> Array:
-        return model.step(states, DT_S)
+        return model.advance(states, DT_S)
 
     def ours() -> tuple[Gaussian, Update]:
         prediction = predict(case.start, step, noise, model.points, linear=True)
@@ -132,7 +132,7 @@ def compare(case: Problem, *, repeats: int, budget_s: float) -> list[Row]:
         dim_x=n,
         dim_z=m,
         dt=DT_S,
-        fx=lambda x, dt: model.step(x[None], dt)[0],
+        fx=lambda x, dt: model.advance(x[None], dt)[0],
         hx=lambda x: case.h(x[None, :k])[0],
         points=default_points(n),
     )

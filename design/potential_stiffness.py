@@ -16,9 +16,10 @@ from app.demo import measured_demo
 from app.gaps import interior_gaps, score
 from app.main_job import Stages
 from app.prepare import Prepared
-from app.tracking import Part, seen_part, track, tracked_motion, trunk_frames, without_potential
-from filters.learn import PoseSettings, learn_pose, unseen_potential, with_potential
+from app.tracking import Part, seen_part, track, tracked_motion, trunk_frames
+from filters.learn import PoseSettings, learn_pose, recorded_motion, unseen_potential, with_potential
 from filters.motion.base import MotionModel
+from filters.poses import pose_trial, shapes_of
 
 WEIGHTS = (1.0, 4.0, 16.0)
 LAMBDAS = (1e-4, 1e-3)
@@ -41,14 +42,16 @@ def main() -> None:
             part, settings = seen_part(prepared), PoseSettings()
             frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz)
             xyz = prepared.xyz_m[part.frames][:, part.markers]
-            pose, z, known = learn_pose(xyz, frames, dt_s=prepared.dt_s, settings=settings)
-            z = z[known > settings.certain]
-            row = [error_mm(prepared, part, without_potential(pose), truth)]
+            trial = pose_trial(prepared.name, prepared.t_s[part.frames], xyz, frames)
+            shapes = shapes_of([trial], ranks=settings.ranks)
+            motion = recorded_motion([trial], shapes, certain=settings.certain)
+            pose = learn_pose([trial], replace(settings, potential="none"), shapes=shapes)
+            row = [error_mm(prepared, part, pose, truth)]
             for lam in LAMBDAS:
                 for weight in WEIGHTS:
                     changed = replace(settings, weight=weight, lam=lam)
-                    row.append(error_mm(prepared, part, with_potential(pose, z, settings=changed), truth))
-            v = float(np.mean(unseen_potential(z, settings=settings)))
+                    row.append(error_mm(prepared, part, with_potential(pose, motion, changed), truth))
+            v = float(np.mean(unseen_potential(motion.z / motion.unit, settings)))
             values = "".join(f"{value:12.2f}" for value in row[1:])
             print(f"{animal} {seed:<6}{v:14.4f}{row[0]:14.2f}{values}", flush=True)
 

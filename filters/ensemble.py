@@ -176,8 +176,15 @@ def predict(
         points: Sigma-point parameters.
         linear: Whether ``step`` is affine (the second-order rows vanish).
     """
+    if linear:
+        moved = step(np.concatenate([state.mean[None], state.mean + state.factor.T]))
+        return predicted(moved[0], moved[1:] - moved[0], noise)
     c, gamma = scale(points)
-    mean, rows = ensemble(step(spread(state, c)), c, gamma, linear=linear)
+    return predicted(*ensemble(step(spread(state, c)), c, gamma), noise)
+
+
+def predicted(mean: Array, rows: Array, noise: Array) -> Prediction:
+    """The prediction of mean (n,), ensemble rows (k, n) and noise of lower factor (n, n)."""
     try:
         factor = cholesky(gram(rows.T, add=gram(noise)))
     except np.linalg.LinAlgError:

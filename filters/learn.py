@@ -1,17 +1,21 @@
-"""What the pose tracker learns from marker tracks: subspace, noise and empirical potential."""
+"""What the pose tracker learns from trials: subspace, mechanics, noise and empirical potential."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
 from filters.motion.constant_velocity import ConstantVelocity
-from filters.motion.pose import PoseMotion, rigid_modes
-from filters.subspace import bridge, fit_subspace
+from filters.motion.pose import PoseMotion, body_path
+from filters.motion.shape import ShapeMechanics
+from filters.poses import PoseTrial, Shapes, certain_shapes, shapes_of
+from filters.subspace import bridge
 from mocap.arrays import Array
-from mocap.body import BodyFrames, smooth_series
+from mocap.body import smooth_series
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +25,11 @@ class PoseSettings:
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
         body_hz: Faster motion of the trunk is left to the shape.
+        mechanics: Forces that are known: none, linear ones, or a field; identified from the trials.
+        ridge: Penalty of that identification.
+        excess: Factor on the process noise that follows from it.
+        potential: What holds the shape: V_z of the shape, V_z of shape and velocity, the quadratic potential of a
+            Gaussian (a control), or nothing.
         beta: Kernel width: beta over the median squared distance of the samples.
         lam: Spectral filtering parameter lambda.
         centres: Most samples that the potential is learned from.
@@ -31,6 +40,10 @@ class PoseSettings:
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
     body_hz: float = 3.0
+    mechanics: Literal["free", "linear", "field"] = "free"
+    ridge: float = 1e-3
+    excess: float = 1.0
+    potential: Literal["shape", "motion", "quadratic", "none"] = "shape"
     beta: float = 1.0
     lam: float = 1e-4
     centres: int = 400
@@ -59,94 +72,134 @@ def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
     return np.maximum(density, 1e-6 * max(density.max(), 1e-12))
 
 
+def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, certain: float) -> Motion:
+    """The motion of the shape where it is well known."""
+    parts = []
+    for z, rate, acceleration, keep in zip(
+        shapes.z, shapes.rate, shapes.acceleration, certain_shapes(shapes, certain), strict=True
+    ):
+        edges = np.flatnonzero(np.diff(keep.astype(int))) + 1
+        for stretch in np.split(np.arange(len(z)), edges):
+            if keep[stretch[0]]:
+                parts.append((z[stretch], rate[stretch], acceleration[stretch]))
+    return joined(parts, trials[0].dt_s)
+
+
+def learn_mechanics(motion: Motion, settings: PoseSettings) -> ShapeMechanics:
+    """The equation of motion that the settings name."""
+    if settings.mechanics == "free":
+        return free_shape(motion, excess=settings.excess)
+    if settings.mechanics == "linear":
+        return linear_shape(motion, ridge=settings.ridge, excess=settings.excess)
+    return field_shape(
+        motion, ridge=settings.ridge, beta=settings.beta, centres=settings.centres, excess=settings.excess
+    )
+
+
 def learn_pose(
-    xyz_m: Array, frames: BodyFrames, *, dt_s: float, settings: PoseSettings
-) -> tuple[PoseMotion, Array, Array]:
-    """Learn a pose model without a potential from one recording.
+    trials: Sequence[PoseTrial], settings: PoseSettings, *, shapes: Shapes | None = None, target: int = -1
+) -> PoseMotion:
+    """Learn a pose model from trials, for tracking one of them.
 
     Args:
-        xyz_m: (T, M, 3) markers in the world; NaN where not seen.
-        frames: Body frames of the recording.
-        dt_s: Time step.
+        trials: Trials of the same markers and rate; what is to be filled is NaN.
         settings: Choices.
-
-    Returns:
-        The model, the shapes z (T, r) of all frames, and (T,) how well each is known (``fit_subspace``).
+        shapes: Shapes of these trials where they are at hand (``shapes_of``).
+        target: Trial that is to be tracked: its path, its offset from the mean pose.
     """
-    y = frames.to_body(xyz_m).reshape(len(xyz_m), -1)
-    block = max(3, round(0.05 / dt_s))
-    subspace, z, known = fit_subspace(y, ranks=settings.ranks, block=block, rng=np.random.default_rng(0))
-    left = np.where(np.isfinite(y), y - subspace.mean - z @ subspace.basis.T, 0.0)
-    g = left @ rigid_modes(subspace.mean)
-    both = np.column_stack([z, g])
-    cutoff = min(30.0, 0.2 / dt_s)
-    density = acceleration_density(both, dt_s=dt_s, cutoff_hz=cutoff)
-    velocity = np.gradient(smooth_series(both, np.ones(len(both)), dt_s=dt_s, cutoff_hz=cutoff), dt_s, axis=0)
-    residual = smooth_series(left, np.ones(len(left)), dt_s=dt_s, cutoff_hz=cutoff)
-    rate = np.gradient(residual, dt_s, axis=0).std() / max(residual.std(), 1e-12)
-    start = np.concatenate([both.std(axis=0), velocity.std(axis=0)])
+    shapes = shapes_of(trials, ranks=settings.ranks) if shapes is None else shapes
+    motion = recorded_motion(trials, shapes, certain=settings.certain)
+    trial, subspace = trials[target], shapes.subspace
+    left = np.concatenate(
+        [smooth_series(np.nan_to_num(r), np.ones(len(r)), dt_s=trial.dt_s, cutoff_hz=30.0) for r in shapes.residual]
+    )
+    rate = np.gradient(left, trial.dt_s, axis=0).std() / max(left.std(), 1e-12)
+    density = np.median([body_density(t) for t in trials], axis=0)
+    own = replace(
+        subspace,
+        mean=subspace.mean + shapes.offset[target],
+        residual_sd=np.sqrt(subspace.residual_sd**2 + _across_markers(shapes.offset_sd[target]) ** 2),
+    )
+    spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
+    extent = float(np.sqrt(np.mean(np.nanvar(trial.y, axis=0))))
     model = PoseMotion(
-        frames=frames,
-        subspace=subspace,
-        density=density,
-        start_sd=2 * np.maximum(start, 1e-4 * start.max()),
+        path=body_path(trial.frames, trial.t_s),
+        subspace=own,
+        mechanics=learn_mechanics(motion, settings),
+        body_density=density,
+        shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
+        body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
         residual_rate_hz=float(rate),
         name="pose_constant_velocity",
     )
-    return model, z, known
+    return with_potential(model, motion, settings)
 
 
-def learn_potential(z: Array, *, settings: PoseSettings) -> tuple[EmpiricalPotential, float]:
-    """V_z of pose coordinates in units of the first coordinate's deviation.
-
-    Args:
-        z: (N, r) shapes.
-        settings: Choices.
-
-    Returns:
-        The potential, and that unit.
-    """
-    unit = float(z[:, 0].std())
-    samples = z[np.linspace(0, len(z) - 1, min(len(z), settings.centres)).astype(int)] / unit
-    beta = settings.beta / float(np.median(pdist(samples, "sqeuclidean")))
-    return fit_potential(samples, kernel=GaussianKernel(beta), lam=settings.lam), unit
+def body_density(trial: PoseTrial) -> Array:
+    """(6,) spectral density of the accelerations of a trial's body, of the frequencies that its frames follow."""
+    path = body_path(trial.frames, trial.t_s)
+    out = []
+    for velocity in (path.velocity_m_s, path.rate_rad_s):
+        acceleration = np.gradient(velocity, trial.dt_s, axis=0) if len(velocity) > 1 else np.zeros_like(velocity)
+        out.append(np.full(3, 2 * velocity.std() * acceleration.std()))
+    return np.maximum(np.concatenate(out), np.repeat([1e-6, 1e-4], 3))
 
 
-def with_potential(model: PoseMotion, z: Array, *, settings: PoseSettings) -> PoseMotion:
-    """The model with its shape held by the empirical potential of the shapes z (N, r), in the order of time.
+def _across_markers(sd: Array) -> Array:
+    """(3M,) root mean square over the three coordinates of each marker."""
+    return np.repeat(np.sqrt(np.mean(sd.reshape(-1, 3) ** 2, axis=1)), 3)
 
-    The stiffness 1/eps^2 follows from what the potential says of poses that it has not seen: learned without a fifth
-    of the recording it has the mean value v there, and 1/eps^2 = weight w / v a second, w the rate sd(zdot) / sd(z) of
-    the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
+
+def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) -> PoseMotion:
+    """The model with its shape held by a potential.
+
+    The stiffness 1/eps^2 of V_z follows from what the potential says of poses that it has not seen: learned without a
+    fifth of the motion it has the mean value v there, and 1/eps^2 = weight w / v a second, w the rate sd(zdot) / sd(z)
+    of the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
     cycles it is soft. ``design/potential_stiffness.py`` has the numbers.
-
-    Args:
-        model: The pose model.
-        z: (N, r) shapes to learn from.
-        settings: Choices.
     """
-    potential, unit = learn_potential(z, settings=settings)
-    rate = float(np.mean(model.start_sd[model.rank + 6 :][: model.rank]) / np.mean(model.start_sd[: model.rank]))
-    charged = float(np.mean(unseen_potential(z, settings=settings)))
-    return replace(model, gradient=penalty(potential, unit, settings.weight * rate / max(charged, 1e-9)), name="eal")
+    if settings.potential == "none":
+        return model
+    held = model.rank * (2 if settings.potential == "motion" else 1)
+    scale = np.repeat([1 / motion.unit, motion.tau_s / motion.unit], model.rank)[:held]
+    samples = np.column_stack([motion.z, motion.rate])[:, :held] * scale
+    turns = settings.weight / motion.tau_s
+    if settings.potential == "quadratic":
+        cov = np.cov(samples.T).reshape(held, held)
+        information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / held * np.eye(held))
+        centre, stiffness = samples.mean(axis=0), turns / held
+        return replace(
+            model,
+            gradient=lambda x: (x * scale - centre) @ information * (stiffness * scale),
+            held=held,
+            name="pose_quadratic",
+        )
+    potential = learn_potential(samples, settings)
+    charged = float(np.mean(unseen_potential(samples, settings)))
+    stiffness = turns / max(charged, 1e-9)
+    return replace(model, gradient=penalty(potential, scale, stiffness), held=held, name="eal")
 
 
-def unseen_potential(z: Array, *, settings: PoseSettings, folds: int = 5) -> Array:
-    """(N,) -log(1 - V) of each shape under a potential that was learned without its fifth of the recording."""
-    fold = np.arange(len(z)) * folds // len(z)
-    parts = []
-    for i in range(folds):
-        potential, unit = learn_potential(z[fold != i], settings=settings)
-        parts.append(potential.barrier_value(z[fold == i] / unit))
+def learn_potential(samples: Array, settings: PoseSettings) -> EmpiricalPotential:
+    """V_z of samples (N, k) in units of the first coordinate's deviation."""
+    chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), settings.centres)).astype(int)]
+    beta = settings.beta / float(np.median(pdist(chosen, "sqeuclidean")))
+    return fit_potential(chosen, kernel=GaussianKernel(beta), lam=settings.lam)
+
+
+def unseen_potential(samples: Array, settings: PoseSettings, *, folds: int = 5) -> Array:
+    """(N,) -log(1 - V) of each sample under a potential that was learned without its fifth of the motion."""
+    fold = np.arange(len(samples)) * folds // len(samples)
+    parts = [learn_potential(samples[fold != i], settings).barrier_value(samples[fold == i]) for i in range(folds)]
     return np.concatenate(parts)
 
 
-def penalty(potential: EmpiricalPotential, unit: float, stiffness: float) -> Callable[[Array], Array]:
-    """Gradient of -log(1 - V_z) / eps^2 in shape coordinates: as V_z near the data, but it pulls at any distance.
+def penalty(potential: EmpiricalPotential, scale: Array, stiffness: float) -> Callable[[Array], Array]:
+    """Gradient of -log(1 - V_z) / eps^2 in state coordinates: as V_z near the data, but it pulls at any distance.
 
-    ``stiffness`` is 1/eps^2 a second.
+    ``stiffness`` is 1/eps^2 a second; ``scale`` (k,) brings the state to the units of the samples.
     """
-    return lambda z: potential.barrier_gradient(z / unit) * (stiffness / unit)
+    return lambda x: potential.barrier_gradient(x * scale) * (stiffness * scale)
 
 
 def learn_constant_velocity(xyz_m: Array, *, dt_s: float) -> ConstantVelocity:

@@ -1,6 +1,10 @@
-"""What a tracker sees of the markers in each frame: pixels of all cameras, or positions."""
+"""What a tracker sees of the markers in each frame: pixels of all cameras, or positions.
 
-from collections.abc import Callable
+A ray depends on the three coordinates of its marker alone. Its unscented transform is taken over these three (seven
+points a ray, whatever the size of the state), which makes each observation a linear function of its marker with an
+error of known variance: statistical linearisation (Gelb 1974; Garcia-Fernandez et al. 2015).
+"""
+
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,35 +17,37 @@ WHOLE = -1
 """Camera number of a group that stands for all rays of a marker."""
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """The scalar observations of one frame, in groups that are believed or not as a whole.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sights:
+    """The observations of one frame, in groups of up to three rows that are believed or not as a whole.
 
     Attributes:
-        h: (S, M, 3) markers to (S, m) predicted observations.
-        y: (m,) observations.
-        sd: (m,) standard deviations.
-        group: (m,) the group of each row, 0 to g - 1.
         where: (g, 2) camera and marker of each group; the camera is ``WHOLE`` for a position.
+        size: (g,) number of rows; a group's arrays hold zeros (``sd``: ones) in the rows that it lacks.
+        innovation: (g, 3) observed minus predicted.
+        slope: (g, 3, 3) change of each row with the position of the marker, a metre.
+        sd: (g, 3) standard deviations, that of the linearisation included.
+        dof: (g,) degrees of freedom of Student's t that the errors follow; infinite where they are normal.
     """
 
-    h: Callable[[Array], Array]
-    y: Array
-    sd: Array
-    group: NDArray[np.int64]
     where: NDArray[np.int64]
+    size: NDArray[np.int64]
+    innovation: Array
+    slope: Array
+    sd: Array
+    dof: Array
 
 
 class Observations(Protocol):
-    """A source of rows."""
+    """A source of sights."""
 
     @property
     def n_frames(self) -> int:
         """Number of frames."""
         ...
 
-    def rows(self, frame: int, spread_m: Array) -> Rows:
-        """The rows of one frame for markers predicted with (M,) standard deviations; none where nothing is seen."""
+    def sights(self, frame: int, mean: Array, cov: Array) -> Sights:
+        """What is seen in a frame of markers predicted at (M, 3) with covariance (M, 3, 3)."""
         ...
 
 
@@ -56,10 +62,11 @@ class PixelObservations:
     Attributes:
         matrices: (C, 3, 4) projections.
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
-        sd_px: (C, T, M) standard deviation of a pixel coordinate.
+        sd_px: (C, T, M) standard deviation (with ``dof``: scale) of a pixel coordinate.
         xyz_m: (T, M, 3) points in which the rays meet; NaN where fewer than two are seen.
         cov_m2: (T, M, 3, 3) their covariance.
         wide_m: Standard deviation of a marker coordinate above which pixels are not used directly.
+        dof: (C,) degrees of freedom of Student's t; None: errors are normal.
     """
 
     matrices: Array
@@ -68,41 +75,63 @@ class PixelObservations:
     xyz_m: Array
     cov_m2: Array
     wide_m: float
+    dof: Array | None = None
 
     @property
     def n_frames(self) -> int:
         """Number of frames."""
         return self.uv_px.shape[1]
 
-    def rows(self, frame: int, spread_m: Array) -> Rows:
+    def sights(self, frame: int, mean: Array, cov: Array) -> Sights:
         """Two rows (u, v) for each ray, three for the point of a marker that is predicted vaguely."""
-        wide = spread_m > self.wide_m
-        uv = self.uv_px[:, frame]
-        camera, marker = np.nonzero(np.isfinite(uv[..., 0]) & ~wide)
-        matrices = self.matrices[camera]
+        wide = np.trace(cov, axis1=-2, axis2=-1) > 3 * self.wide_m**2
+        camera, marker = np.nonzero(np.isfinite(self.uv_px[:, frame, :, 0]) & ~wide)
         points = np.flatnonzero(wide & np.isfinite(self.xyz_m[frame, :, 0]))
-        whitening = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, points]))  # (p, 3, 3)
-
-        def h(markers: Array) -> Array:
-            seen = np.transpose(markers[:, marker], (1, 2, 0))  # (g, 3, S)
-            homogeneous = matrices[:, :, :3] @ seen + matrices[:, :, 3:]
-            pixels = (homogeneous[:, :2] / homogeneous[:, 2:]).reshape(2 * len(marker), len(markers))
-            if not len(points):
-                return pixels.T
-            white = whitening @ np.transpose(markers[:, points], (1, 2, 0))
-            return np.concatenate([pixels, white.reshape(3 * len(points), len(markers))]).T
-
-        white_y = (whitening @ self.xyz_m[frame, points, :, None]).ravel()
-        sizes = np.repeat([2, 3], [len(camera), len(points)])
-        return Rows(
-            h,
-            np.concatenate([uv[camera, marker].ravel(), white_y]),
-            np.concatenate([np.repeat(self.sd_px[camera, frame, marker], 2), np.ones(len(white_y))]),
-            np.repeat(np.arange(len(sizes)), sizes),
-            np.concatenate(
-                [np.stack([camera, marker], axis=1), np.stack([np.full_like(points, WHOLE), points], axis=1)]
-            ),
+        n, total = len(camera), len(camera) + len(points)
+        innovation, slope, sd = np.zeros((total, 3)), np.zeros((total, 3, 3)), np.ones((total, 3))
+        predicted, change, error = linearised_pixels(self.matrices, mean, cov, camera, marker)
+        innovation[:n, :2] = self.uv_px[camera, frame, marker] - predicted
+        slope[:n, :2] = change
+        sd[:n, :2] = np.sqrt(self.sd_px[camera, frame, marker, None] ** 2 + error)
+        whitening = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, points]))
+        slope[n:] = whitening
+        innovation[n:] = np.einsum("gij,gj->gi", whitening, self.xyz_m[frame, points] - mean[points])
+        return Sights(
+            where=np.stack([np.append(camera, np.full_like(points, WHOLE)), np.append(marker, points)], axis=1),
+            size=np.repeat([2, 3], [n, len(points)]),
+            innovation=innovation,
+            slope=slope,
+            sd=sd,
+            dof=np.append(np.full(n, np.inf) if self.dof is None else self.dof[camera], np.full(len(points), np.inf)),
         )
+
+
+def linearised_pixels(
+    matrices: Array, mean: Array, cov: Array, camera: NDArray[np.int64], marker: NDArray[np.int64]
+) -> tuple[Array, Array, Array]:
+    """Statistical linearisation of rays about N(mean, cov) of their markers, by the unscented transform with c = 3.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        mean: (M, 3) marker means.
+        cov: (M, 3, 3) their covariances.
+        camera: (g,) camera of each ray.
+        marker: (g,) marker of each ray.
+
+    Returns:
+        Mean pixel (g, 2), its change with the marker (g, 2, 3) in px/m, and the variance (g, 2) that is left.
+    """
+    floor = 1e-9 * np.trace(cov, axis1=-2, axis2=-1)[:, None, None] + 1e-16
+    factor = np.linalg.cholesky(cov + floor * np.eye(3))
+    steps = np.sqrt(3) * np.swapaxes(factor, 1, 2)
+    cloud = np.concatenate([mean[:, None], mean[:, None] + steps, mean[:, None] - steps], axis=1)  # (M, 7, 3)
+    homogeneous = cloud.reshape(-1, 3) @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]
+    pixels = (homogeneous[..., :2] / homogeneous[..., 2:]).reshape(len(matrices), len(mean), 7, 2)[camera, marker]
+    centre, plus, minus = pixels[:, 0], pixels[:, 1:4], pixels[:, 4:]
+    bend = plus + minus - 2 * centre[:, None]
+    inverse = np.linalg.inv(factor)[marker]
+    change = np.swapaxes(plus - minus, 1, 2) @ inverse / (2 * np.sqrt(3))
+    return centre + bend.sum(axis=1) / 6, change, np.sum(bend**2, axis=1) / 12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,18 +151,14 @@ class PositionObservations:
         """Number of frames."""
         return len(self.xyz_m)
 
-    def rows(self, frame: int, spread_m: Array) -> Rows:  # noqa: ARG002
+    def sights(self, frame: int, mean: Array, cov: Array) -> Sights:  # noqa: ARG002
         """Three rows for each marker that is seen."""
-        xyz = self.xyz_m[frame]
-        marker = np.flatnonzero(np.isfinite(xyz[:, 0]))
-
-        def h(markers: Array) -> Array:
-            return markers[:, marker].reshape(len(markers), -1)
-
-        return Rows(
-            h,
-            xyz[marker].ravel(),
-            np.repeat(self.sd_m[frame, marker], 3),
-            np.repeat(np.arange(len(marker)), 3),
-            np.stack([np.full_like(marker, WHOLE), marker], axis=1),
+        marker = np.flatnonzero(np.isfinite(self.xyz_m[frame, :, 0]))
+        return Sights(
+            where=np.stack([np.full_like(marker, WHOLE), marker], axis=1),
+            size=np.full(len(marker), 3),
+            innovation=self.xyz_m[frame, marker] - mean[marker],
+            slope=np.broadcast_to(np.eye(3), (len(marker), 3, 3)),
+            sd=np.repeat(self.sd_m[frame, marker, None], 3, axis=1),
+            dof=np.full(len(marker), np.inf),
         )

@@ -33,30 +33,36 @@ class PoseSubspace:
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """Principal components of poses with gaps.
+    """Principal components of poses with gaps, from one or several trials.
 
     Attributes:
         mean: (D,) offsets.
+        trial_offset: (G, D) what is added to the mean in each trial; zeros with one trial.
+        trial_sd: (D,) standard deviation of that over trials.
         loading: (D, r) loadings of unit scores.
-        scores: (T, r) scores.
-        score_cov: (T, r, r) their covariance given what the frame shows.
+        scores: (N, r) scores.
+        score_cov: (N, r, r) their covariance given what the frame shows.
         noise: Variance of an entry about the model.
+        trial: (N,) trial of each pose.
     """
 
     mean: Array
+    trial_offset: Array
+    trial_sd: Array
     loading: Array
     scores: Array
     score_cov: Array
     noise: float
+    trial: NDArray[np.int64]
 
     @property
     def poses(self) -> Array:
-        """(T, D) poses of the model."""
-        return self.mean + self.scores @ self.loading.T
+        """(N, D) poses of the model."""
+        return self.mean + self.trial_offset[self.trial] + self.scores @ self.loading.T
 
     @property
     def known(self) -> Array:
-        """(T,) 1 less the mean share of the scores' variance that is left when a frame is seen."""
+        """(N,) 1 less the mean share of the scores' variance that is left when a frame is seen."""
         return 1 - np.trace(self.score_cov, axis1=1, axis2=2) / self.loading.shape[1]
 
 
@@ -70,28 +76,39 @@ def bridge(y: Array) -> Array:
     return out
 
 
-def principal_components(y: Array, rank: int, *, iterations: int = 30) -> Components:
+def principal_components(
+    y: Array, rank: int, *, trial: NDArray[np.int64] | None = None, iterations: int = 30, independent: float = 0.1
+) -> Components:
     """Probabilistic principal components by expectation maximisation over the entries that are seen.
 
     Tipping & Bishop 1999; with missing entries Ilin & Raiko 2010. Each dimension has its own offset, all have one noise
-    variance; a weak prior keeps loadings small that little supports.
+    variance; a weak prior keeps loadings small that little supports. Trials differ by an offset in each dimension
+    (animal, marker placement), a random effect whose variance is estimated with the rest.
 
     Args:
-        y: (T, D) poses; NaN where not seen.
+        y: (N, D) poses; NaN where not seen.
         rank: Number of components.
+        trial: (N,) trial of each pose, 0 to G - 1; None: all are of one.
         iterations: Rounds.
+        independent: Neighbouring frames err alike: each counts as so many independent ones for a trial's offset.
     """
+    trial = np.zeros(len(y), dtype=np.int64) if trial is None else trial
+    member = (trial[:, None] == np.arange(trial.max() + 1)).astype(float)  # (N, G)
     seen = np.isfinite(y)
-    filled = bridge(y)
+    filled = np.concatenate([bridge(part) for part in np.split(y, np.flatnonzero(np.diff(trial)) + 1)])
+    weight, data = seen.astype(float), np.where(seen, y, 0.0)
+    count = member.T @ weight  # (G, D)
+    first = _first_mean(data, weight, filled)
+    filled = np.where(seen | (count > 0)[trial], filled, first)
     mean = filled.mean(axis=0)
     _, s, vt = np.linalg.svd(filled - mean, full_matrices=False)
     loading = vt[:rank].T * (s[:rank] / np.sqrt(len(y)))
     noise = max(float(np.mean((filled - mean - (filled - mean) @ vt[:rank].T @ vt[:rank]) ** 2)), 1e-14)
-    weight, data = seen.astype(float), np.where(seen, y, 0.0)
     z, cov = np.zeros((len(y), rank)), np.zeros((len(y), rank, rank))
+    offset, offset_var = np.zeros(count.shape), np.full(y.shape[1], 10 * noise)
     diagonal = np.arange(rank)
     for _ in range(iterations):
-        centred = np.where(seen, data - mean, 0.0)
+        centred = np.where(seen, data - mean - offset[trial], 0.0)
         outer = (loading[:, :, None] * loading[:, None, :]).reshape(len(mean), -1)
         cov = np.linalg.inv((weight @ outer).reshape(-1, rank, rank) / noise + np.eye(rank))
         z = np.einsum("tij,tj->ti", cov, centred @ loading) / noise
@@ -101,12 +118,26 @@ def principal_components(y: Array, rank: int, *, iterations: int = 30) -> Compon
         moment = (weight.T @ second.reshape(len(y), -1)).reshape(-1, rank + 1, rank + 1)
         moment[:, diagonal, diagonal] += noise / np.maximum(np.mean(loading**2, axis=0), 1e-14)
         moment[:, rank, rank] += 1e-9
-        solution = np.linalg.solve(moment, (data.T @ extended)[..., None])[..., 0]
+        shifted = np.where(seen, data - offset[trial], 0.0)
+        solution = np.linalg.solve(moment, (shifted.T @ extended)[..., None])[..., 0]
         loading, mean = solution[:, :rank], np.where(weight.any(axis=0), solution[:, rank], mean)
         misfit = np.where(seen, data - mean - z @ loading.T, 0.0)
+        if member.shape[1] > 1:
+            ridge = noise / (independent * offset_var)
+            offset = (member.T @ misfit) / (count + ridge)
+            left = noise / (independent * (count + ridge))
+            offset_var = np.mean(offset**2 + left, axis=0).clip(1e-12)
+            misfit = np.where(seen, misfit - offset[trial], 0.0)
         spread = ((loading[:, :, None] * loading[:, None, :]).reshape(len(mean), -1) @ cov.reshape(len(y), -1).T).T
         noise = max(float((misfit**2 + weight * spread).sum() / weight.sum()), 1e-14)
-    return Components(mean, loading, z, cov, noise)
+    trial_sd = np.sqrt(offset_var) if member.shape[1] > 1 else np.zeros(y.shape[1])
+    return Components(mean, offset, trial_sd, loading, z, cov, noise, trial)
+
+
+def _first_mean(data: Array, weight: Array, filled: Array) -> Array:
+    """(D,) mean of what is seen; of what is filled where nothing is."""
+    count = weight.sum(axis=0)
+    return np.where(count > 0, data.sum(axis=0) / np.maximum(count, 1), filled.mean(axis=0))
 
 
 def hide_blocks(seen: NDArray[np.bool_], rng: np.random.Generator, *, share: float, length: int) -> NDArray[np.bool_]:
@@ -120,37 +151,38 @@ def hide_blocks(seen: NDArray[np.bool_], rng: np.random.Generator, *, share: flo
 
 
 def fit_subspace(
-    y: Array, *, ranks: Sequence[int], block: int, rng: np.random.Generator
-) -> tuple[PoseSubspace, Array, Array]:
-    """The subspace of a recording, of the smallest rank that predicts hidden samples within 5 % of the best.
+    y: Array, *, ranks: Sequence[int], block: int, rng: np.random.Generator, trial: NDArray[np.int64] | None = None
+) -> tuple[PoseSubspace, Components, Array]:
+    """The subspace of poses, of the smallest rank that predicts hidden samples within 5 % of the best.
 
     Args:
-        y: (T, D) poses; NaN where not seen; three columns a marker.
+        y: (N, D) poses; NaN where not seen; three columns a marker.
         ranks: Ranks to choose from, increasing.
         block: Frames that a marker is hidden for.
         rng: Where to hide.
+        trial: (N,) trial of each pose; None: all are of one.
 
     Returns:
-        The subspace, the shapes z (T, r), and (T,) how well each is known (``Components.known``).
+        The subspace, the components that it rests on, and the shapes z (N, r).
     """
     markers = y.reshape(len(y), -1, 3)
     seen = np.isfinite(markers[..., 0])
     hidden = hide_blocks(seen, rng, share=0.1, length=block)
-    trial = np.where(hidden[..., None], np.nan, markers).reshape(y.shape)
+    shown = np.where(hidden[..., None], np.nan, markers).reshape(y.shape)
     errors, misfit = [], []
     limit = max(1, min(len(y) // 8, y.shape[1]))
     candidates = [r for r in ranks if r <= limit] or [limit]
     for rank in candidates:
-        poses = principal_components(trial, rank, iterations=12).poses.reshape(markers.shape)
+        poses = principal_components(shown, rank, trial=trial, iterations=12).poses.reshape(markers.shape)
         errors.append(np.where(hidden[..., None], markers - poses, np.nan))
         misfit.append(float(np.sqrt(np.nansum(errors[-1] ** 2))))
         if len(misfit) > 2 and min(misfit[-2:]) > min(misfit):
             break
     best = next(i for i, value in enumerate(misfit) if value <= 1.05 * min(misfit))
-    found = principal_components(y, candidates[best])
+    found = principal_components(y, candidates[best], trial=trial)
     basis, _, _ = np.linalg.svd(found.loading @ _root(found.scores), full_matrices=False)
     subspace = PoseSubspace(mean=found.mean, basis=basis, residual_sd=np.repeat(_marker_sd(errors[best]), 3))
-    return subspace, (found.poses - found.mean) @ basis, found.known
+    return subspace, found, found.scores @ found.loading.T @ basis
 
 
 def _root(scores: Array) -> Array:

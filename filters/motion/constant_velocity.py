@@ -56,7 +56,7 @@ class ConstantVelocity(MotionModel):
         sd = np.concatenate([np.full(k, self.start_sd_m), np.full(k, self.speed_sd_m_s)])
         return Gaussian(np.concatenate([self.start_m.ravel(), np.zeros(k)]), np.diag(sd))
 
-    def step(self, states: Array, dt_s: float) -> Array:
+    def advance(self, states: Array, dt_s: float) -> Array:
         """Positions move on with their velocities."""
         k = self.reads
         return np.concatenate([states[:, :k] + dt_s * states[:, k:], states[:, k:]], axis=1)

@@ -1,109 +1,181 @@
-"""Motion of the whole pose: a subspace of shapes, a trunk that moves, a potential that holds the shape."""
+"""Motion of the whole pose: a subspace of shapes, a body that moves, a potential that holds the shape."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian, SigmaPoints, default_points
-from filters.motion.base import MotionModel
+from filters.ensemble import Gaussian, Prediction, SigmaPoints, default_points, predicted
+from filters.motion.base import MotionModel, Step
 from filters.motion.constant_velocity import white_acceleration
 from filters.motion.enforce import enforce
+from filters.motion.shape import ShapeMechanics
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 from mocap.body import BodyFrames
 
 
-def rigid_modes(mean: Array) -> Array:
-    """(D, 6) unit directions of the pose under small translations and rotations of the whole body."""
-    points = mean.reshape(-1, 3) - mean.reshape(-1, 3).mean(axis=0)
-    modes = [np.broadcast_to(axis, points.shape) for axis in np.eye(3)] + [np.cross(axis, points) for axis in np.eye(3)]
-    columns = np.stack([m.ravel() for m in modes], axis=1)
-    return columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BodyPath:
+    """A path near which the body moves: the point about which its position and orientation are linearised.
+
+    Attributes:
+        frames: Body frame of every frame of the recording.
+        velocity_m_s: (T, 3) velocity of the origin.
+        rate_rad_s: (T, 3) angular velocity in body axes.
+    """
+
+    frames: BodyFrames
+    velocity_m_s: Array
+    rate_rad_s: Array
+
+
+def body_path(frames: BodyFrames, t_s: Array) -> BodyPath:
+    """The path through body frames, with central differences for its velocities."""
+    if len(t_s) < 2:
+        still = np.zeros((len(t_s), 3))
+        return BodyPath(frames=frames, velocity_m_s=still, rate_rad_s=still)
+    turn = Rotation.from_matrix(np.swapaxes(frames.rotation[:-1], 1, 2) @ frames.rotation[1:]).as_rotvec()
+    rate = turn / np.diff(t_s)[:, None]
+    rate = 0.5 * (np.concatenate([rate[:1], rate]) + np.concatenate([rate, rate[-1:]]))
+    return BodyPath(frames=frames, velocity_m_s=np.gradient(frames.position_m, t_s, axis=0), rate_rad_s=rate)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseMotion(MotionModel):
-    """State [z (r), g (6), e (3M)] and its velocities, about a frame that travels with the body.
+    """State [z (r), zdot (r), g (6), e (3M), gdot (6), edot (3M)].
 
-    Markers are R (mean + basis z + rigid g + e) + position. The shape z and the rigid correction g of the body frame
-    are driven by white acceleration; the residual e of each coordinate is a Matern-3/2 process, e'' + 2 a e' + a^2 e =
-    noise, with its own variance. With an empirical potential the shape is held by that (``enforce``), in place of the
-    constraints that nobody knows: the empirical-analytical Lagrangian of the paper with T = |zdot|^2 / 2 and no other
-    known force.
+    Markers are R exp(w) (mean + basis z + e) + c + p, where R, c is the body's path and g = [p, w] the body's own
+    deviation from it. The body moves with white acceleration and angular acceleration: the path is where it is
+    linearised, and drops out of what is predicted. The shape z has ``mechanics``; the residual e of each coordinate is
+    a Matern-3/2 process, e'' + 2 a e' + a^2 e = noise, with its own variance. With an empirical potential the shape is
+    held by that (``enforce``), in place of the constraints that nobody knows: together the empirical-analytical
+    Lagrangian of the paper.
 
     Attributes:
-        frames: Body frame of every frame of the recording.
+        path: Path of the body.
         subspace: Subspace of poses.
-        density: (r + 6,) spectral density of the accelerations of z and g.
-        start_sd: (2 (r + 6),) standard deviations of z, g and of their velocities before anything is seen.
+        mechanics: Equation of motion of the shape.
+        body_density: (6,) spectral density of the accelerations of the body: m^2/s^3, rad^2/s^3.
+        shape_sd: (2r,) standard deviations of z and zdot before anything is seen.
+        body_sd: (12,) the same of g and gdot.
         residual_rate_hz: The rate a of the residual, 1/s.
-        gradient: (S, r) shapes to (S, r) gradients of the potential over eps^2, a second; None: no potential.
+        gradient: (S, k) leading components to (S, k) gradients of the potential over eps^2, a second; None: no
+            potential.
+        held: The number k of components that the potential reads: r, or 2r if it is one of positions and velocities.
         name: For reports.
     """
 
-    frames: BodyFrames
+    path: BodyPath
     subspace: PoseSubspace
-    density: Array
-    start_sd: Array
+    mechanics: ShapeMechanics
+    body_density: Array
+    shape_sd: Array
+    body_sd: Array
     residual_rate_hz: float
     gradient: Callable[[Array], Array] | None = None
+    held: int = 0
     name: str = "eal"
     linear: bool = True
     reads: int = field(init=False)
     points: SigmaPoints = field(init=False)
     rank: int = field(init=False)
-    modes: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Sizes and modes."""
-        rank = self.subspace.basis.shape[1]
-        reads = rank + 6 + len(self.subspace.mean)
+        """Sizes."""
+        rank, size = self.subspace.basis.shape[1], len(self.subspace.mean)
         object.__setattr__(self, "rank", rank)
-        object.__setattr__(self, "reads", reads)
-        object.__setattr__(self, "points", default_points(2 * reads))
-        modes = np.column_stack([self.subspace.basis, rigid_modes(self.subspace.mean)])
-        object.__setattr__(self, "modes", modes)
+        object.__setattr__(self, "reads", 2 * rank + 6 + size)
+        object.__setattr__(self, "points", default_points(2 * rank + 12 + 2 * size))
+
+    @property
+    def parts(self) -> tuple[slice, slice, slice, slice, slice]:
+        """Where [z, zdot], g, e, gdot and edot are."""
+        r, d = 2 * self.rank, len(self.subspace.mean)
+        ends = np.cumsum([0, r, 6, d, 6, d])
+        shape, g, e, g_rate, e_rate = (slice(a, b) for a, b in itertools.pairwise(ends.tolist()))
+        return shape, g, e, g_rate, e_rate
 
     def initial(self) -> Gaussian:
         """The mean pose at rest, with the deviations of the samples."""
-        k, sd = self.rank + 6, self.subspace.residual_sd
-        start = np.concatenate([self.start_sd[:k], sd, self.start_sd[k:], self.residual_rate_hz * sd])
+        sd = self.subspace.residual_sd
+        start = np.concatenate([self.shape_sd, self.body_sd[:6], sd, self.body_sd[6:], self.residual_rate_hz * sd])
         return Gaussian(np.zeros(len(start)), np.diag(start))
 
-    def step(self, states: Array, dt_s: float) -> Array:
-        """Shape and frame move on with their velocities, the residual relaxes."""
-        k, reads = self.rank + 6, self.reads
+    def advance(self, states: Array, dt_s: float) -> Array:
+        """Body deviation and residual move on; the shape is left as it is (``predict`` moves it)."""
+        _, g, e, g_rate, e_rate = self.parts
         out = states.copy()
-        out[:, :k] += dt_s * states[:, reads : reads + k]
-        keep, a = np.exp(-self.residual_rate_hz * dt_s), self.residual_rate_hz
-        e, velocity = states[:, k:reads], states[:, reads + k :]
-        out[:, k:reads] = keep * ((1 + a * dt_s) * e + dt_s * velocity)
-        out[:, reads + k :] = keep * ((1 - a * dt_s) * velocity - a**2 * dt_s * e)
+        out[:, g] += dt_s * states[:, g_rate]
+        (keep, drift), (pull, slow) = self._matern(dt_s)
+        out[:, e] = keep * states[:, e] + drift * states[:, e_rate]
+        out[:, e_rate] = pull * states[:, e] + slow * states[:, e_rate]
         return out
 
+    def predict(self, state: Gaussian, step: Step) -> Prediction:
+        """The shape by its mechanics, linearised under the state's uncertainty; everything else is linear."""
+        shape, g, _, g_rate, _ = self.parts
+        r = 2 * self.rank
+        mean, transition, bent = self.mechanics.linearised(Gaussian(state.mean[:r], state.factor[:r, :r]), step.dt_s)
+        both = self.advance(np.concatenate([state.mean[None], state.factor.T]), step.dt_s)
+        ahead, rows = both[0], both[1:]
+        ahead[shape], rows[:, shape] = mean, state.factor[shape].T @ transition.T
+        shift, speed = self._path_input(step.frame, step.dt_s)
+        ahead[g] += shift
+        ahead[g_rate] += speed
+        if bent.shape[1]:
+            extra = np.zeros((bent.shape[1], len(ahead)))
+            extra[:, shape] = bent.T
+            rows = np.concatenate([rows, extra])
+        return predicted(ahead, rows, step.noise)
+
+    def _path_input(self, frame: int, dt_s: float) -> tuple[Array, Array]:
+        """What the path's own motion adds to the body's deviation from it, and to its rate."""
+        frames, before = self.path.frames, frame - 1
+        moved = frames.position_m[before] + dt_s * self.path.velocity_m_s[before] - frames.position_m[frame]
+        flown = frames.rotation[before] @ Rotation.from_rotvec(dt_s * self.path.rate_rad_s[before]).as_matrix()
+        turned = Rotation.from_matrix(frames.rotation[frame].T @ flown).as_rotvec()
+        slower = self.path.velocity_m_s[before] - self.path.velocity_m_s[frame]
+        return np.concatenate([moved, turned]), np.concatenate(
+            [slower, self.path.rate_rad_s[before] - self.path.rate_rad_s[frame]]
+        )
+
+    def _matern(self, dt_s: float) -> Array:
+        """(2, 2) transition of the residual and its rate."""
+        a = self.residual_rate_hz
+        return np.exp(-a * dt_s) * np.array([[1 + a * dt_s, dt_s], [-(a**2) * dt_s, 1 - a * dt_s]])
+
     def noise(self, dt_s: float) -> Array:
-        """White acceleration of shape and frame; for the residual what keeps its variance."""
-        reads, a = self.reads, self.residual_rate_hz
-        factor = np.zeros((2 * reads, 2 * reads))
-        i = np.arange(reads)
-        keep = np.exp(-a * dt_s)
-        transition = keep * np.array([[1 + a * dt_s, dt_s], [-(a**2) * dt_s, 1 - a * dt_s]])
-        stationary = np.diag([1.0, a**2])
+        """That of the mechanics; white acceleration of the body; for the residual what keeps its variance."""
+        shape, g, e, g_rate, e_rate = self.parts
+        factor = np.zeros((self.points.n, self.points.n))
+        factor[shape, shape] = self.mechanics.noise(dt_s)
+        transition, stationary = self._matern(dt_s), np.diag([1.0, self.residual_rate_hz**2])
         matern = np.linalg.cholesky(stationary - transition @ stationary @ transition.T)
-        white, sd = white_acceleration(self.density, dt_s), self.subspace.residual_sd
-        factor[i, i] = np.concatenate([white[0], matern[0, 0] * sd])
-        factor[reads + i, i] = np.concatenate([white[1], matern[1, 0] * sd])
-        factor[reads + i, reads + i] = np.concatenate([white[2], matern[1, 1] * sd])
+        sd = self.subspace.residual_sd
+        blocks = (
+            (g, g_rate, white_acceleration(self.body_density, dt_s)),
+            (e, e_rate, (matern[0, 0] * sd, matern[1, 0] * sd, matern[1, 1] * sd)),
+        )
+        index = np.arange(self.points.n)
+        for position, rate, (l11, l21, l22) in blocks:
+            factor[index[position], index[position]] = l11
+            factor[index[rate], index[position]] = l21
+            factor[index[rate], index[rate]] = l22
         return factor
 
     def markers(self, states: Array, frame: int) -> Array:
-        """Shape, rigid correction and residual in the body, then to the world."""
-        k = self.rank + 6
-        body = self.subspace.mean + states[:, :k] @ self.modes.T + states[:, k : self.reads]
-        return body.reshape(len(states), -1, 3) @ self.frames.rotation[frame].T + self.frames.position_m[frame]
+        """Shape and residual in the body, then to the world."""
+        _, g, e, _, _ = self.parts
+        frames = self.path.frames
+        body = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T + states[:, e]
+        turn = frames.rotation[frame] @ Rotation.from_rotvec(states[:, g][:, 3:]).as_matrix()
+        position = frames.position_m[frame] + states[:, g][:, :3]
+        return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
     def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:
         """Hold the shape by the potential, for the time of the step."""
         pull = self.gradient
-        return state if pull is None else enforce(state, lambda z: dt_s * pull(z), self.rank)
+        return state if pull is None else enforce(state, lambda x: dt_s * pull(x), self.held)

@@ -32,7 +32,7 @@ def test_smoother_keeps_its_digits_where_the_future_knows_much_more(widen, narro
     case = problem(24, 8, affine=True)
     start = Gaussian(case.start.mean, widen * case.start.factor)
     prediction = predict(
-        start, lambda x: case.model.step(x, DT_S), case.model.noise(DT_S), case.model.points, linear=True
+        start, lambda x: case.model.advance(x, DT_S), case.model.noise(DT_S), case.model.points, linear=True
     )
     future = Gaussian(prediction.state.mean + 0.01, narrow * case.start.factor)
     ours = smooth_step(start, prediction, future)

@@ -5,8 +5,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from datasets import make_bat
-from filters.learn import PoseSettings, learn_constant_velocity, learn_pose, with_potential
+from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
 from filters.observations import PixelObservations
+from filters.poses import pose_trial
 from filters.track import smooth
 from mocap.bias import ray_bias
 from mocap.body import body_frames
@@ -41,9 +42,8 @@ def filled():
     )
     trunk = [names.index(m) for m in recording.skeleton.trunk]
     frames = body_frames(xyz[:, trunk], dt_s=dt_s, cutoff_hz=SETTINGS.body_hz)
-    pose, z, known = learn_pose(xyz, frames, dt_s=dt_s, settings=SETTINGS)
     models = {
-        "eal": with_potential(pose, z[known > SETTINGS.certain], settings=SETTINGS),
+        "eal": learn_pose([pose_trial("bat", t_s, xyz, frames)], SETTINGS),
         "constant_velocity": learn_constant_velocity(xyz, dt_s=dt_s),
     }
     tracked = {name: smooth(model, seen, t_s) for name, model in models.items()}

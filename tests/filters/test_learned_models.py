@@ -1,5 +1,7 @@
 """What is learned from tracks: noise densities, potentials as forces, models that fit their data."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,10 @@ from filters.learn import (
     learn_pose,
     learn_potential,
     penalty,
+    recorded_motion,
     with_potential,
 )
+from filters.poses import pose_trial, shapes_of
 from mocap.body import body_frames
 
 DT_S = 0.005
@@ -34,8 +38,10 @@ def learned():
     xyz = xyz + np.random.default_rng(2).normal(0, 1e-4, xyz.shape)
     xyz[80:100, 5] = np.nan
     frames = body_frames(xyz[:, :4], dt_s=DT_S, cutoff_hz=3.0)
-    settings = PoseSettings(ranks=(1, 2, 3, 4))
-    return xyz, frames, settings, *learn_pose(xyz, frames, dt_s=DT_S, settings=settings)
+    trial = pose_trial("flap", np.arange(len(xyz)) * DT_S, xyz, frames)
+    settings = PoseSettings(ranks=(1, 2, 3, 4), potential="none")
+    shapes = shapes_of([trial], ranks=settings.ranks)
+    return xyz, settings, learn_pose([trial], settings, shapes=shapes), shapes, trial
 
 
 @pytest.mark.parametrize(("a", "hz"), [(1.0, 2.0), (0.3, 8.0)])
@@ -59,25 +65,25 @@ def test_the_penalty_is_a_gradient():
     """Central differences of -log(1 - V_z(z / unit)) / eps^2: their error is step^2 times a third derivative, 1e-6."""
     rng = np.random.default_rng(3)
     angle = rng.uniform(0, 2 * np.pi, 200)
-    z = 3e-2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    potential, unit = learn_potential(z, settings=PoseSettings())
-    assert unit == pytest.approx(z[:, 0].std())
-    force = penalty(potential, unit, 7.0)
-    at, step = 1.2 * z[:10], 1e-6 * unit
+    z = np.stack([3e-2 * np.cos(angle), 0.4 * np.sin(angle)], axis=1)
+    scale = 1 / z.std(axis=0)
+    potential = learn_potential(z * scale, PoseSettings())
+    force = penalty(potential, scale, 7.0)
+    at, step = 1.2 * z[:10], 1e-6 / scale
 
     def value(where):
-        return -7.0 * np.log(1 - potential.value(where / unit))
+        return -7.0 * np.log(1 - potential.value(where * scale))
 
-    expected = np.stack([(value(at + step * e) - value(at - step * e)) / (2 * step) for e in np.eye(2)], axis=-1)
-    np.testing.assert_allclose(force(at), expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+    slopes = [(value(at + e) - value(at - e)) / (2 * e.sum()) for e in np.diag(step)]
+    expected = np.stack(slopes, axis=-1) / scale
+    np.testing.assert_allclose(force(at) / scale, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
 
 
 def test_the_penalty_pulls_towards_the_data():
     """Outside a ring of samples the force points inwards, inside outwards, on it there is little."""
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    potential, unit = learn_potential(ring, settings=PoseSettings(beta=8.0))
-    force = penalty(potential, unit, 1.0)
+    force = penalty(learn_potential(ring, PoseSettings(beta=8.0)), np.ones(2), 1.0)
     radial = [np.sum(force(r * ring[::7]) * ring[::7], axis=1) for r in (0.7, 1.0, 1.4)]
     assert (radial[0] < 0).all()
     assert (radial[2] > 0).all()
@@ -86,7 +92,8 @@ def test_the_penalty_pulls_towards_the_data():
 
 def test_the_pose_model_holds_its_data(learned):
     """Two modes are found, and the model's markers at the learned shapes are the measured ones, to the noise."""
-    xyz, _, _, model, z, known = learned
+    xyz, _, model, shapes, _ = learned
+    z, known = shapes.z[0], shapes.known[0]
     assert z.shape == (len(xyz), 2)
     assert model.name == "pose_constant_velocity"
     assert (known > 0.9).all()
@@ -96,20 +103,28 @@ def test_the_pose_model_holds_its_data(learned):
         states[0, :2] = z[frame]
         error.append(model.markers(states, frame)[0] - xyz[frame])
     assert np.sqrt(np.nanmean(np.square(error))) < 1e-3
-    assert (model.density > 0).all()
-    assert model.density[2:].max() < 1e-2 * model.density[:2].max()  # the body's frame moves by noise only
-    assert (model.start_sd > 0).all()
+    density = np.diag(model.mechanics.density) ** 2
+    assert (density > 0).all()
+    assert (model.body_density > 0).all()
+    assert model.body_density[:3].max() < 1e-2 * density.max()  # the body's frame moves by noise only
+    assert (model.shape_sd > 0).all()
+    assert (model.body_sd > 0).all()
     assert model.residual_rate_hz > 0
 
 
-def test_the_potential_is_added_and_nothing_else(learned):
-    """``with_potential`` changes gradient and name."""
-    _, _, settings, model, z, _ = learned
-    held = with_potential(model, z, settings=settings)
-    assert held.name == "eal"
-    assert held.subspace is model.subspace
-    np.testing.assert_array_equal(held.density, model.density)
-    assert np.linalg.norm(held.gradient(3 * z[:5])) > 10 * np.linalg.norm(held.gradient(z[:5]))
+@pytest.mark.parametrize(("potential", "name"), [("shape", "eal"), ("motion", "eal"), ("quadratic", "pose_quadratic")])
+def test_the_potential_is_added_and_nothing_else(learned, potential, name):
+    """``with_potential`` changes gradient, what it reads, and name; unseen states are pulled, seen ones hardly."""
+    _, settings, model, shapes, trial = learned
+    motion = recorded_motion([trial], shapes, certain=settings.certain)
+    held = with_potential(model, motion, replace(settings, potential=potential))
+    states = np.column_stack([motion.z, motion.rate])[:, : held.held]
+    assert held.held == (4 if potential == "motion" else 2)
+    changed = {field.name for field in fields(held) if getattr(held, field.name) is not getattr(model, field.name)}
+    assert changed - {"points", "reads"} == {"gradient", "held", "name"}
+    assert held.name == name
+    far, near = (np.linalg.norm(held.gradient(size * states[:5])) for size in (3, 1))
+    assert far > (2.9 if potential == "quadratic" else 10) * near  # a parabola's force is proportional
 
 
 def test_constant_velocity_starts_where_each_marker_is_first_seen(learned):

@@ -62,14 +62,14 @@ def test_the_rank_is_found(rank):
     """Of ranks 1 to 11 the true one is chosen: less does not reach hidden samples, more does not gain 5 %."""
     rng = np.random.default_rng(10 + rank)
     y, _, basis = low_rank(rng, rank=rank, n_frames=250)
-    subspace, z, known = fit_subspace(y, ranks=(1, 2, 3, 4, 6, 8, 11), block=10, rng=rng)
+    subspace, found, z = fit_subspace(y, ranks=(1, 2, 3, 4, 6, 8, 11), block=10, rng=rng)
     assert subspace.basis.shape == (24, rank)
     assert principal_angle(subspace.basis, basis) < 0.02
     np.testing.assert_allclose(subspace.basis.T @ subspace.basis, np.eye(rank), atol=1e-12)
     assert (np.diff(z.std(axis=0)) <= 1e-9).all()
     poses = subspace.mean + z @ subspace.basis.T
     assert np.sqrt(np.mean((poses - y) ** 2)) < 1.5e-3
-    assert ((known > 0.9) & (known <= 1)).all()
+    assert ((found.known > 0.9) & (found.known <= 1)).all()
 
 
 def test_a_small_component_counts():
@@ -126,7 +126,7 @@ def test_very_short_recordings():
     """Few frames allow few components, and still give a subspace."""
     rng = np.random.default_rng(5)
     y, _, _ = low_rank(rng, n_frames=9)
-    subspace, z, _ = fit_subspace(y, ranks=(1, 2, 3, 4), block=3, rng=rng)
+    subspace, _, z = fit_subspace(y, ranks=(1, 2, 3, 4), block=3, rng=rng)
     assert subspace.basis.shape[1] == z.shape[1] == 1
     assert np.isfinite(subspace.residual_sd).all()
 

@@ -111,8 +111,9 @@ def test_tracked_positions_are_the_posterior_of_the_trajectory(even):
         np.testing.assert_allclose(found.cov_m2[:, marker], covs[:, here, here], atol=1e-9, rtol=1e-6)
     assert found.log_likelihood.sum() == pytest.approx(density, rel=1e-9)
     assert log_likelihood(model, observations, t, gate_sd=np.inf) == pytest.approx(density, rel=1e-9)
-    np.testing.assert_array_equal(found.n_rows, [len(y) for _, y, _ in frames])
-    np.testing.assert_array_equal(np.isnan(found.nis), found.n_rows == 0)
+    n_rows = np.array([seen.n_rows for seen in found.observed])
+    np.testing.assert_array_equal(n_rows, [len(y) for _, y, _ in frames])
+    np.testing.assert_array_equal(np.isnan([seen.nis for seen in found.observed]), n_rows == 0)
 
 
 def test_one_frame_and_no_data():

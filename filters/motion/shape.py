@@ -1,0 +1,116 @@
+"""Mechanics of the shape: how the pose coordinates z move, without and with what recordings say of their forces."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from filters.ensemble import Gaussian, default_points, ensemble, scale, spread
+from filters.motion.constant_velocity import white_acceleration
+from mocap.arrays import Array
+
+
+class ShapeMechanics(ABC):
+    """Equation of motion of the shape.
+
+    Attributes:
+        density: (r, r) lower factor of the spectral density of the acceleration that the equation leaves unexplained.
+    """
+
+    density: Array
+
+    @abstractmethod
+    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+        """Mean of [z, zdot] after a step, its transition matrix, and (2r, k) deviations that are not linear.
+
+        Args:
+            state: [z, zdot] with its (2r, 2r) factor.
+            dt_s: Step.
+        """
+
+    def noise(self, dt_s: float) -> Array:
+        """(2r, 2r) lower factor of the process noise of [z, zdot] in one step."""
+        l11, l21, l22 = white_acceleration(np.ones(1), dt_s)
+        zero = np.zeros_like(self.density)
+        return np.block([[l11 * self.density, zero], [l21 * self.density, l22 * self.density]])
+
+
+@dataclass(frozen=True, eq=False)
+class FreeShape(ShapeMechanics):
+    """No known force: zddot is white."""
+
+    density: Array
+
+    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+        """Velocities carry positions on."""
+        transition = np.eye(len(state.mean))
+        r = len(self.density)
+        transition[:r, r:] = dt_s * np.eye(r)
+        return transition @ state.mean, transition, np.zeros((2 * r, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearShape(ShapeMechanics):
+    """zddot = force - stiffness z - damping zdot: a Lagrangian of quadratic potential with Rayleigh's dissipation.
+
+    Attributes:
+        stiffness: (r, r) in 1/s^2, the mass being 1.
+        damping: (r, r) in 1/s.
+        force: (r,) constant force.
+        density: See ``ShapeMechanics``.
+    """
+
+    stiffness: Array
+    damping: Array
+    force: Array
+    density: Array
+
+    def acceleration(self, states: Array) -> Array:
+        """(S, 2r) states to (S, r) accelerations."""
+        r = len(self.force)
+        return self.force - states[:, :r] @ self.stiffness.T - states[:, r:] @ self.damping.T
+
+    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+        """The exact flow (matrix exponential)."""
+        r = len(self.force)
+        generator = np.zeros((2 * r + 1, 2 * r + 1))
+        generator[:r, r : 2 * r] = np.eye(r)
+        generator[r : 2 * r, :r], generator[r : 2 * r, r : 2 * r] = -self.stiffness, -self.damping
+        generator[r : 2 * r, -1] = self.force
+        flow = expm(dt_s * generator)
+        transition = flow[:-1, :-1]
+        return transition @ state.mean + flow[:-1, -1], transition, np.zeros((2 * r, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class FieldShape(ShapeMechanics):
+    """zddot = f(z, zdot), a field learned from recordings.
+
+    Attributes:
+        acceleration: (S, 2r) states to (S, r) accelerations.
+        density: See ``ShapeMechanics``.
+    """
+
+    acceleration: Callable[[Array], Array]
+    density: Array
+
+    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+        """Classical Runge-Kutta step of the unscented transform's points, read as a linear map."""
+        c, gamma = scale(default_points(len(state.mean)))
+        moved = self._flow(spread(state, c), dt_s)
+        mean, rows = ensemble(moved, c, gamma)
+        n = len(state.mean)
+        transition = np.linalg.solve(state.factor.T, rows[:n]).T
+        return mean, transition, rows[n:].T
+
+    def _flow(self, states: Array, dt_s: float) -> Array:
+        def rate(x: Array) -> Array:
+            return np.concatenate([x[:, x.shape[1] // 2 :], self.acceleration(x)], axis=1)
+
+        k1 = rate(states)
+        k2 = rate(states + 0.5 * dt_s * k1)
+        k3 = rate(states + 0.5 * dt_s * k2)
+        k4 = rate(states + dt_s * k3)
+        return states + dt_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)

@@ -1,0 +1,121 @@
+"""Conditioning a state on what a frame shows: gates, Student's t, and three rows a marker for any number of cameras."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.ensemble import Gaussian, cholesky, condition, gram
+from filters.observations import WHOLE, Sights
+from mocap.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What a tracker made of the observations of a frame.
+
+    Attributes:
+        sights: What was seen.
+        weight: (g,) share of its information with which each group took part; 0 where it was gated.
+        nis: Normalised innovation squared y^T S^-1 y of the used rows; NaN without rows.
+        n_rows: Rows that were used.
+        log_likelihood: Log density of the used rows.
+    """
+
+    sights: Sights
+    weight: Array
+    nis: float
+    n_rows: int
+    log_likelihood: float
+
+
+def gate_groups(far: NDArray[np.bool_], where: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(g,) groups to believe, of which some are ``far`` (g,) from their prediction.
+
+    A ray that is far from its prediction is not believed, unless another ray of its marker is far as well: as
+    triangulation found all of them to meet, the prediction was wrong, and rays that are near it merely look along the
+    way that the marker went.
+    """
+    if not far.any():
+        return ~far
+    marker = where[:, 1]
+    agreed = np.bincount(marker[far], minlength=marker.max() + 1) >= 2
+    return ~(far & ~agreed[marker] & (where[:, 0] != WHOLE))
+
+
+def observe(
+    state: Gaussian, sights: Sights, deviations: Array, *, reads: int, gate_sd: float = 6.0, rounds: int = 3
+) -> tuple[Gaussian, Observed]:
+    """Condition a state on the sights of a frame.
+
+    The whitened rows W_g of all groups of a marker act through J = sum W^T W = V diag(l) V^T alone: three rows
+    diag(l)^1/2 V^T with the innovation diag(l)^-1/2 V^T sum W^T y give the same posterior, and what is left of y^T y is
+    the misfit of the rays among themselves. The state is conditioned on these.
+
+    Errors that follow Student's t with nu degrees of freedom are normal ones whose precision is scaled by a weight;
+    its expectation given a residual r (d rows, scaled) is (nu + d) / (nu + E[r^2]) (Lange et al. 1989; with the
+    posterior's spread in E, as in Roth et al. 2013). It is found by ``rounds`` of reweighting from 1.
+
+    Args:
+        state: Predicted state.
+        sights: What is seen.
+        deviations: (k, M, 3) ensemble rows of the markers: their covariance is the sum of squares over k; the first
+            ``reads`` belong to the first columns of the factor.
+        reads: Number of columns of the factor that move the markers.
+        gate_sd: Groups with a row further off than this many standard deviations are not believed (``gate_groups``).
+        rounds: Reweightings of Student-t groups.
+    """
+    n_groups, marker = len(sights.size), sights.where[:, 1]
+    if not n_groups:
+        return state, Observed(sights, np.zeros(0), np.nan, 0, 0.0)
+    white, y = sights.slope / sights.sd[..., None], sights.innovation / sights.sd
+    cov = np.einsum("kmi,kmj->mij", deviations, deviations)
+    predicted = 1 + np.einsum("gri,gij,grj->gr", white, cov[marker], white)
+    used = gate_groups((np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1), sights.where)
+    if not used.any():
+        return state, Observed(sights, np.zeros(n_groups), np.nan, 0, 0.0)
+    weight = used.astype(float)
+    heavy = used & np.isfinite(sights.dof)
+    for _ in range(rounds if heavy.any() else 0):
+        a, target = _compress(white, y, weight, marker, deviations)
+        shift, left = _posterior_markers(a, target, deviations)
+        miss = y - np.einsum("gri,gi->gr", white, shift[marker])
+        spread = np.einsum("gri,gij,grj->gr", white, left[marker], white)
+        squared = np.sum(miss**2 + spread, axis=1)
+        weight[heavy] = ((sights.dof + sights.size) / (sights.dof + squared))[heavy]
+    a, target = _compress(white, y, weight, marker, deviations)
+    posterior, w, log_det = condition(state, a, target, reads)
+    n_rows = int(sights.size[used].sum())
+    nis = float(np.sum(weight[:, None] * y**2) - w @ w)
+    log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()
+    log_likelihood = -0.5 * (n_rows * np.log(2 * np.pi) + 2 * log_sd + log_det + nis)
+    return posterior, Observed(sights, weight, nis, n_rows, float(log_likelihood))
+
+
+def _compress(
+    white: Array, y: Array, weight: Array, marker: NDArray[np.int64], deviations: Array
+) -> tuple[Array, Array]:
+    """Ensemble rows (k, m), innovations (m,) of at most three rows for each marker that is seen."""
+    n_markers = deviations.shape[1]
+    scaled = weight[:, None, None] * white
+    information, pull = np.zeros((n_markers, 3, 3)), np.zeros((n_markers, 3))
+    np.add.at(information, marker, np.swapaxes(scaled, 1, 2) @ white)
+    np.add.at(pull, marker, np.einsum("gri,gr->gi", scaled, y))
+    seen = np.unique(marker[weight > 0])
+    values, vectors = np.linalg.eigh(information[seen])
+    known = values > 1e-12 * values[:, -1:]
+    root = np.sqrt(np.where(known, values, 1.0))
+    rows = np.einsum("kmi,mij->kmj", deviations[:, seen], vectors) * root
+    target = np.einsum("mi,mij->mj", pull[seen], vectors) / root
+    return np.ascontiguousarray(rows[:, known]), target[known]
+
+
+def _posterior_markers(a: Array, target: Array, deviations: Array) -> tuple[Array, Array]:
+    """Shift (M, 3) and covariance (M, 3, 3) of the markers given rows a (k, m) and innovations (m,)."""
+    c = gram(a)
+    c[np.diag_indices(len(a))] += 1
+    factor = cholesky(np.asfortranarray(c))
+    flat = deviations.reshape(len(a), -1)
+    solved = np.linalg.solve(factor, np.column_stack([a @ target, flat]))
+    rows = solved[:, 1:].reshape(deviations.shape)
+    return np.einsum("kmi,k->mi", rows, solved[:, 0]), np.einsum("kmi,kmj->mij", rows, rows)

@@ -1,0 +1,108 @@
+"""Poses of trials: what a pose model is learned from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.subspace import PoseSubspace, fit_subspace
+from mocap.arrays import Array
+from mocap.body import BodyFrames, smooth_series
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PoseTrial:
+    """One recording in the frame of the body.
+
+    Attributes:
+        name: Of the recording.
+        t_s: (T,) times, evenly spaced.
+        frames: Body frame of every frame.
+        y: (T, 3M) markers in the body frame, metres; NaN where not seen.
+    """
+
+    name: str
+    t_s: Array
+    frames: BodyFrames
+    y: Array
+
+    @property
+    def dt_s(self) -> float:
+        """Time step."""
+        return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+
+def pose_trial(name: str, t_s: Array, xyz_m: Array, frames: BodyFrames) -> PoseTrial:
+    """Markers (T, M, 3) of the world as poses."""
+    return PoseTrial(name=name, t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shapes:
+    """The shapes z of all poses of some trials, about one subspace.
+
+    Attributes:
+        subspace: Subspace of all trials.
+        z: (T, r) shapes of each trial.
+        rate: (T, r) their velocities, 1/s times their units; smoothed.
+        acceleration: (T, r) their accelerations; smoothed.
+        known: (T,) how well each pose is known from what its frame shows (``Components.known``).
+        offset: (G, 3M) what each trial adds to the mean pose.
+        offset_sd: (G, 3M) how uncertain that is.
+        residual: (T, 3M) what the subspace leaves of each pose; NaN where not seen.
+    """
+
+    subspace: PoseSubspace
+    z: list[Array]
+    rate: list[Array]
+    acceleration: list[Array]
+    known: list[Array]
+    offset: Array
+    offset_sd: Array
+    residual: list[Array]
+
+
+def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int], cutoff_hz: float = 30.0) -> Shapes:
+    """Fit one subspace to trials and read off the motion of the shape.
+
+    Args:
+        trials: Trials of the same markers and rate.
+        ranks: Ranks to choose from, on hidden samples (``fit_subspace``).
+        cutoff_hz: Faster motion of the shape is taken for noise; at most a fifth of the frame rate.
+    """
+    dt_s = trials[0].dt_s
+    cutoff = min(cutoff_hz, 0.2 / dt_s)
+    lengths = [len(trial.y) for trial in trials]
+    member = np.repeat(np.arange(len(trials)), lengths)
+    y = np.concatenate([trial.y for trial in trials])
+    block = max(3, round(0.05 / dt_s))
+    subspace, found, z = fit_subspace(y, ranks=ranks, block=block, rng=np.random.default_rng(0), trial=member)
+    cuts = np.cumsum(lengths)[:-1]
+    smooth = [smooth_series(part, np.ones(len(part)), dt_s=dt_s, cutoff_hz=cutoff) for part in np.split(z, cuts)]
+    rate = [_derivative(part, dt_s) for part in smooth]
+    left = np.where(np.isfinite(y), y - found.poses, np.nan)
+    count = np.array([np.isfinite(trial.y).sum(axis=0) for trial in trials])
+    certainty = 0.1 * count / max(found.noise, 1e-14) + 1 / np.maximum(found.trial_sd, 1e-7) ** 2
+    return Shapes(
+        subspace=subspace,
+        z=np.split(z, cuts),
+        rate=rate,
+        acceleration=[_derivative(part, dt_s) for part in rate],
+        known=np.split(found.known, cuts),
+        offset=found.trial_offset,
+        offset_sd=1 / np.sqrt(certainty),
+        residual=np.split(left, cuts),
+    )
+
+
+def _derivative(series: Array, dt_s: float) -> Array:
+    return np.gradient(series, dt_s, axis=0) if len(series) > 1 else np.zeros_like(series)
+
+
+def certain_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArray[np.bool_]]:
+    """(T,) masks of the poses that are known better than ``limit``; if there are too few, of the best known."""
+    known = np.concatenate(shapes.known)
+    if np.count_nonzero(known > limit) < least:
+        limit = float(np.sort(known)[-min(least, len(known))]) - 1e-12
+    return [part > limit for part in shapes.known]

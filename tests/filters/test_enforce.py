@@ -1,0 +1,78 @@
+"""A potential enforced implicitly: exact where it is quadratic, stable and never widening where it is not."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from filters.ensemble import Gaussian
+from filters.motion.enforce import enforce
+
+
+def gaussian(rng, n):
+    factor = np.tril(rng.normal(0, 0.4, (n, n)))
+    factor[np.diag_indices(n)] = rng.uniform(0.5, 1.5, n)
+    return Gaussian(rng.normal(size=n), factor)
+
+
+@given(seed=st.integers(0, 500), k=st.integers(1, 5), more=st.integers(0, 5), rounds=st.integers(1, 3))
+def test_a_quadratic_potential_is_the_product_of_gaussians(seed, k, more, rounds):
+    """For V = (x - m)^T H (x - m) / 2 of the first k components: information P^-1 + H, mean by its gradient: exactly.
+
+    However often it is linearised anew; components that V does not read move with those that it reads.
+    """
+    rng = np.random.default_rng(seed)
+    state = gaussian(rng, k + more)
+    root, centre = rng.normal(size=(k, k)), rng.normal(size=k)
+    hessian = root @ root.T
+    found = enforce(state, lambda z: (z - centre) @ hessian, k, iterations=rounds)
+    whole = np.zeros((k + more, k + more))
+    whole[:k, :k] = hessian
+    information = np.linalg.inv(state.cov) + whole
+    force = np.zeros(k + more)
+    force[:k] = hessian @ (centre - state.mean[:k])
+    np.testing.assert_allclose(found.cov, np.linalg.inv(information), rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(found.mean, state.mean + np.linalg.solve(information, force), rtol=1e-7, atol=1e-8)
+    assert not np.triu(found.factor, 1).any()
+
+
+def test_no_potential_changes_nothing():
+    """A zero gradient leaves the state, mean and covariance."""
+    state = gaussian(np.random.default_rng(6), 6)
+    found = enforce(state, np.zeros_like, 3)
+    np.testing.assert_allclose(found.mean, state.mean, atol=1e-14)
+    np.testing.assert_allclose(found.cov, state.cov, atol=1e-14)
+
+
+def test_a_hill_pushes_but_does_not_widen():
+    """Of a saddle, the valley contracts and the ridge pushes: no direction gets more variance than it had."""
+    state = gaussian(np.random.default_rng(7), 2)
+    hessian = np.diag([3.0, -0.5])
+    found = enforce(state, lambda z: z @ hessian, 2)
+    assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-12
+    ridge = enforce(Gaussian(np.array([0.0, 1.0]), np.eye(2)), lambda z: z @ np.diag([0.0, -0.5]), 2)
+    np.testing.assert_allclose(ridge.mean, [0.0, 1.5])  # P grad = 0.5, uphill avoided
+    np.testing.assert_allclose(ridge.cov, np.eye(2), atol=1e-12)
+
+
+def test_stiffness_does_not_blow_up():
+    """1e12 times the prior's information pins the coordinate to the valley, with a finite, positive factor."""
+    state = gaussian(np.random.default_rng(8), 5)
+    found = enforce(state, lambda z: 1e12 * (z - 0.3), 2)
+    np.testing.assert_allclose(found.mean[:2], 0.3, atol=1e-6)
+    assert np.isfinite(found.factor).all()
+    assert (np.diag(found.factor) > 0).all()
+    assert (np.sqrt(np.diag(found.cov)[:2]) < 1.1e-6).all()
+
+
+def test_enforcing_nears_the_minimum_of_a_bent_valley():
+    """Rounds of linearisation settle for a quartic valley, within the prior's reach, at the penalised minimum.
+
+    With a prior of 1e-3 the sigma points see the potential at one place: the implicit Euler step by a root finder.
+    """
+    sd, start, stiffness = 1e-3, 1.0, 1e5
+    state = Gaussian(np.array([start, 0.0]), np.diag([sd, 1.0]))
+    found = enforce(state, lambda z: stiffness * z**3, 1, iterations=20)
+    expected = brentq(lambda x: (x - start) / sd**2 + stiffness * x**3, 0, 2)
+    assert found.mean[0] == pytest.approx(expected, abs=1e-4 * abs(start - expected) + 3 * sd**2)

@@ -1,0 +1,155 @@
+"""Blending a pose model into what was measured before and after a gap.
+
+A pose model says where a missing marker is, from the markers that are seen in the same frame. At the edges of a gap it
+is off by some residual, which changes slowly. The model is therefore asked about a few frames before and after the gap
+as well, hiding from it what is hidden just inside, and the residual that shows there is carried into the gap by a
+Gaussian process in time: it joins the measured track without a kink, and dies with the correlation time.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.gaps.peers.coordinates import Placed
+from mocap.arrays import Array
+
+EDGE = (0, 1, 2, 3, 5, 8)
+"""Frames on each side of a gap, counted from its edge, at which the residual is taken."""
+
+Predict = Callable[[Array, NDArray[np.int64], NDArray[np.bool_]], tuple[Array, Array | None]]
+"""(T, M, 3) positions with NaN, (N,) frames and (N, M) markers that may be looked at there, to complete poses (N, M, 3)
+and the covariance (N, M, 3, 3) of the positions, None where the model has none."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Frames ``start`` to ``stop`` - 1 in which ``marker`` is not seen, and the edge frames asked on either side."""
+
+    marker: int
+    start: int
+    stop: int
+    before: tuple[int, ...]
+    after: tuple[int, ...]
+
+
+def gaps(seen: NDArray[np.bool_]) -> list[Gap]:
+    """All gaps of (T, M) sightings, those at the ends of the trial included."""
+    found = []
+    for marker in range(seen.shape[1]):
+        there = seen[:, marker]
+        change = np.flatnonzero(np.diff(np.r_[True, there, True].astype(int)))
+        for start, stop in zip(change[::2], change[1::2], strict=True):
+            before = tuple(int(start - 1 - k) for k in EDGE if start - 1 - k >= 0 and there[start - 1 - k])
+            after = tuple(int(stop + k) for k in EDGE if stop + k < len(seen) and there[stop + k])
+            found.append(Gap(marker, int(start), int(stop), before, after))
+    return found
+
+
+def matern(distance: Array, length: float) -> Array:
+    """Matern kernel of smoothness 3/2 (Rasmussen & Williams 2006, equation 4.17)."""
+    scaled = np.sqrt(3) * np.abs(distance) / length
+    return (1 + scaled) * np.exp(-scaled)
+
+
+def carry(frames: Array, residual: Array, inside: Array, *, length: float, noise: float) -> tuple[Array, Array]:
+    """Posterior mean (N, 3) and share of variance left (N,) of a residual inside a gap.
+
+    Args:
+        frames: (E,) edge frames.
+        residual: (E, 3) residual there.
+        inside: (N,) frames of the gap.
+        length: Correlation time in frames.
+        noise: Variance of a residual's noise over its own variance.
+    """
+    own = matern(frames[:, None] - frames, length) + noise * np.eye(len(frames))
+    cross = matern(inside[:, None] - frames, length)
+    weights = np.linalg.solve(own, cross.T).T
+    return weights @ residual, np.clip(1 - np.sum(weights * cross, axis=1), 0.0, 1.0)
+
+
+def shown(y: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> Array:
+    """(N, 3 M) poses of some frames, NaN where a mask (N, M) hides them."""
+    return np.where(masks[..., None], y[frames], np.nan).reshape(len(frames), -1)
+
+
+def fill_blended(placed: Placed, predict: Predict, *, length: float) -> tuple[Array, Array | None]:
+    """Fill all gaps of a trial with a pose model, blended at the edges.
+
+    Markers come and go while another is missing, and the model would jump with them. So it is asked twice: first frame
+    by frame with what the frame shows, then, gap by gap, with those markers that are seen in at least half of the gap,
+    completed by the first answer.
+
+    Args:
+        placed: The trial.
+        predict: The pose model.
+        length: Correlation time of its residual in frames.
+
+    Returns:
+        (T, M, 3) positions, measured ones as they are, and covariances (T, M, 3, 3) of a measurement, or None.
+    """
+    seen = np.isfinite(placed.y[..., 0])
+    found = gaps(seen)
+    if not found:
+        return placed.y.copy(), _noise(placed)
+    count = np.cumsum(np.vstack([np.zeros((1, seen.shape[1]), dtype=int), seen]), axis=0)
+    mostly = [2 * (count[g.stop] - count[g.start]) >= g.stop - g.start for g in found]
+    y, spread = _pass(placed, placed.y, found, [None] * len(found), predict, length)
+    if all(((m == seen[g.start : g.stop]).all()) for g, m in zip(found, mostly, strict=True)):
+        return y, spread
+    return _pass(placed, y, found, mostly, predict, length)
+
+
+def _pass(
+    placed: Placed,
+    values: Array,
+    found: Sequence[Gap],
+    allowed: Sequence[NDArray[np.bool_] | None],
+    predict: Predict,
+    length: float,
+) -> tuple[Array, Array | None]:
+    """Fill each gap from ``values``, looking at its allowed markers; None: at those that each frame shows."""
+    seen = np.isfinite(placed.y[..., 0])
+    questions: dict[tuple[int, bytes], int] = {}
+    frames, masks = [], []
+
+    def ask(frame: int, mask: NDArray[np.bool_]) -> int:
+        key = (frame, mask.tobytes())
+        if key not in questions:
+            questions[key] = len(frames)
+            frames.append(frame)
+            masks.append(mask)
+        return questions[key]
+
+    def asked(span: Sequence[int], inside: int, mask: NDArray[np.bool_] | None) -> list[int]:
+        return [ask(f, seen[f] & seen[inside] if mask is None else mask) for f in span]
+
+    rows = [
+        asked(range(g.start, g.stop), g.start, m)
+        if m is not None
+        else [ask(f, seen[f]) for f in range(g.start, g.stop)]
+        for g, m in zip(found, allowed, strict=True)
+    ]
+    edges = [asked(g.before, g.start, m) + asked(g.after, g.stop - 1, m) for g, m in zip(found, allowed, strict=True)]
+    mean, cov = predict(values, np.array(frames), np.array(masks))
+    y, spread = placed.y.copy(), None if cov is None else _noise(placed)
+    for gap, inside, edge in zip(found, rows, edges, strict=True):
+        m, span = gap.marker, np.arange(gap.start, gap.stop)
+        y[span, m] = mean[inside, m]
+        share = np.ones(len(span))
+        if edge:
+            at = np.array(gap.before + gap.after)
+            residual = placed.y[at, m] - mean[edge, m]
+            variance = np.mean(residual**2) if cov is None else np.trace(cov[edge, m], axis1=-2, axis2=-1).mean() / 3
+            ratio = placed.trial.sd_m[m] ** 2 / max(float(variance), 1e-12) + 1e-9
+            shift, share = carry(at, residual, span, length=length, noise=ratio)
+            y[span, m] += shift
+        if cov is not None and spread is not None:
+            spread[span, m] += share[:, None, None] * cov[inside, m]
+    return y, spread
+
+
+def _noise(placed: Placed) -> Array:
+    """(T, M, 3, 3) covariance of a measurement."""
+    return np.repeat((placed.trial.sd_m**2)[None, :, None, None] * np.eye(3), len(placed.y), axis=0)

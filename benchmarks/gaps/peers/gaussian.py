@@ -1,0 +1,247 @@
+"""The conditional mean of a Gaussian over poses, and over poses with their neighbours in time.
+
+The standard imputation of missing markers by the covariance of all markers (for motion capture: Liu & McMillan 2006 and
+Tits, Tilmanne & Dutoit 2018, who find regression of this kind the strongest single method). The Gaussian is fitted by
+expectation maximisation over samples with missing entries (Little & Rubin 2002, section 11.2), with a ridge; the trial
+itself counts with a weight. ``conditional_gaussian_delay`` does the same for a pose stacked with delayed and advanced
+copies of itself (as in singular spectrum analysis), which lets it use the motion and not only the pose.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.edges import fill_blended
+from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.poses import completed, patterns, usable
+from mocap.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Weighted sums over poses.
+
+    Attributes:
+        count: Total weight.
+        first: (D,) sum.
+        second: (D, D) sum of outer products.
+    """
+
+    count: float
+    first: Array
+    second: Array
+
+    def __add__(self, other: "Moments") -> "Moments":
+        """Moments of both sets."""
+        return Moments(self.count + other.count, self.first + other.first, self.second + other.second)
+
+    def normal(self, ridge: Array) -> "Normal":
+        """The Gaussian of these moments; (D,) ``ridge`` is added to the variances."""
+        mean = self.first / self.count
+        cov = self.second / self.count - np.outer(mean, mean)
+        return Normal(mean, 0.5 * (cov + cov.T) + np.diag(ridge))
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """A Gaussian over poses: mean (D,), covariance (D, D)."""
+
+    mean: Array
+    cov: Array
+
+    def condition(self, poses: Array, columns: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Some columns of (N, D) poses completed, and the covariance of what was missing of each of their markers.
+
+        Args:
+            poses: (N, D) poses; NaN where not seen.
+            columns: (3 M,) columns that are asked for, three a marker.
+
+        Returns:
+            (N, M, 3) positions and (N, M, 3, 3) covariances, zero where seen.
+        """
+        seen = np.isfinite(poses)
+        out = np.where(seen, poses, self.mean)[:, columns].reshape(len(poses), -1, 3)
+        spread = np.zeros((*out.shape, 3))
+        for pattern, rows in patterns(seen):
+            asked = columns[~pattern[columns]]
+            marker = np.flatnonzero(~pattern[columns[::3]])
+            cross = self.cov[np.ix_(pattern, asked)]
+            weights = self.regression(pattern, cross)
+            left = self.cov[np.ix_(asked, asked)] - cross.T @ weights
+            values = poses[np.ix_(rows, np.flatnonzero(pattern))] - self.mean[pattern]
+            out[np.ix_(rows, marker)] = (self.mean[asked] + values @ weights).reshape(len(rows), -1, 3)
+            spread[np.ix_(rows, marker)] = marker_blocks(0.5 * (left + left.T)[None])
+        return out, spread
+
+    def regression(self, seen: NDArray[np.bool_], cross: Array) -> Array:
+        """Weights (seen, k) of the regression of k entries on what is seen, from their covariance with it."""
+        if not seen.any():
+            return cross
+        return cho_solve(cho_factor(self.cov[np.ix_(seen, seen)], lower=True), cross)
+
+
+def moments(poses: Array, weight: float, normal: Normal | None = None) -> Moments:
+    """Expected moments of (N, D) poses under a Gaussian where they have NaN (the E step)."""
+    extra = np.zeros((poses.shape[1],) * 2)
+    if normal is not None and not np.isfinite(poses).all():
+        filled = np.empty_like(poses)
+        for seen, rows in patterns(np.isfinite(poses)):
+            cross = normal.cov[np.ix_(seen, ~seen)]
+            weights = normal.regression(seen, cross)
+            left = normal.cov[np.ix_(~seen, ~seen)] - cross.T @ weights
+            values = poses[np.ix_(rows, seen)]
+            filled[np.ix_(rows, seen)] = values
+            filled[np.ix_(rows, ~seen)] = normal.mean[~seen] + (values - normal.mean[seen]) @ weights
+            extra[np.ix_(~seen, ~seen)] += len(rows) * left
+        poses = filled
+    return Moments(weight * len(poses), weight * poses.sum(axis=0), weight * (poses.T @ poses + extra))
+
+
+def delayed(y: Array, lags: Sequence[int]) -> Array:
+    """Rows [y(t + lag) for every lag] of (T, D) poses; NaN beyond the ends."""
+    out = np.full((len(y), len(lags), y.shape[1]), np.nan)
+    for k, lag in enumerate(lags):
+        low, high = max(0, -lag), min(len(y), len(y) - lag)
+        if high > low:
+            out[low:high, k] = y[low + lag : high + lag]
+    return out.reshape(len(y), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianFiller:
+    """A Gaussian of the training poses, to which the trial at hand is added.
+
+    Attributes:
+        coordinates: Of the body.
+        learned: Moments of the training poses.
+        normal: Their Gaussian.
+        ridge: (D,) added to variances.
+        own: Weight of the trial's own poses.
+        lags: Frames stacked; (0,): the pose alone.
+        length: Correlation time of the residual in frames; None: the delays alone reach beyond the gap.
+    """
+
+    coordinates: Body
+    learned: Moments
+    normal: Normal
+    ridge: Array
+    own: float
+    lags: tuple[int, ...]
+    length: float | None
+
+    def __call__(self, trial: Trial) -> Filled:
+        """Condition every frame on what it shows."""
+        placed = self.coordinates.place(trial)
+        normal = self.normal
+        if self.own > 0:
+            own = usable(delayed(placed.poses, self.lags))
+            normal = (self.learned + moments(own, self.own, normal)).normal(self.ridge)
+        width, centre = placed.poses.shape[1], self.lags.index(0)
+        columns = np.arange(centre * width, (centre + 1) * width)
+        stacked = delayed(placed.poses, self.lags)
+        noise = np.repeat((trial.sd_m**2)[:, None], 3, axis=1)
+
+        def condition(rows: Array) -> tuple[Array, Array]:
+            mean, cov = normal.condition(rows, columns)
+            diagonal = np.diagonal(cov, axis1=-2, axis2=-1)
+            return mean, cov - np.minimum(noise, 0.99 * diagonal)[..., None] * np.eye(3)
+
+        def predict(values: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> tuple[Array, Array]:
+            allowed = np.tile(np.repeat(masks, 3, axis=1), (1, len(self.lags)))
+            rows = stacked if values is placed.y else delayed(values.reshape(len(values), -1), self.lags)
+            return condition(np.where(allowed, rows[frames], np.nan))
+
+        if self.length is not None:
+            y, spread = fill_blended(placed, predict, length=self.length)
+            return placed.leave(y, spread)
+        y = placed.y.copy()
+        spread = np.repeat((trial.sd_m**2)[None, :, None, None] * np.eye(3), len(y), axis=0)
+        rows = np.flatnonzero(np.isnan(y).any(axis=(1, 2)))
+        mean, cov = condition(stacked[rows])
+        missing = np.isnan(y[rows, :, 0])
+        at, marker = np.nonzero(missing)
+        y[rows[at], marker] = mean[at, marker]
+        spread[rows[at], marker] += cov[at, marker]
+        return placed.leave(y, spread)
+
+
+def marker_blocks(cov: Array) -> Array:
+    """(N, M, 3, 3) covariances of markers from those of poses (N, 3 M, 3 M)."""
+    n, d, _ = cov.shape
+    grid = cov.reshape(n, d // 3, 3, d // 3, 3)
+    return np.moveaxis(np.diagonal(grid, axis1=1, axis2=3), -1, 1).copy()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """Hyper-parameters; ``ridge`` is a share of the mean variance."""
+
+    ridge: float
+    own: float
+    lags: tuple[int, ...] = (0,)
+    length: float | None
+
+
+@dataclass(frozen=True)
+class ConditionalGaussian:
+    """A Gaussian over poses or delayed poses, the best of several choices."""
+
+    name: str
+    choices: tuple[Choice, ...]
+
+    def learn(self, training: Sequence[Trial]) -> Filler:
+        """Choose on hidden gaps."""
+
+        @cache
+        def learned(trials: tuple[Trial, ...], lags: tuple[int, ...]) -> tuple[Body, Moments, Array, Array]:
+            body = learn_body(trials)
+            placed = [body.place(trial) for trial in trials]
+            stacked = np.concatenate([usable(delayed(p.poses, lags)) for p in placed])
+            guess = moments(np.concatenate([_bridged(delayed(c, lags)) for c in completed(placed)]), 1.0)
+            return body, guess, stacked, np.isfinite(stacked).all(keepdims=True)
+
+        def fit(choice: Choice, trials: Sequence[Trial]) -> Filler:
+            body, total, stacked, whole = learned(tuple(trials), choice.lags)
+            scale = np.trace(total.second / total.count - np.outer(total.first, total.first) / total.count**2)
+            ridge = np.full(len(total.first), choice.ridge * scale / len(total.first) + 1e-14)
+            normal = total.normal(ridge)
+            for _ in range(0 if whole.all() else 3):
+                total = moments(stacked, 1.0, normal)
+                normal = total.normal(ridge)
+            return GaussianFiller(body, total, normal, ridge, choice.own, choice.lags, choice.length)
+
+        return tune(self.choices, training, fit)
+
+
+def _bridged(stacked: Array) -> Array:
+    """Rows that are complete; delays reach beyond the ends of a trial."""
+    keep = np.isfinite(stacked).all(axis=1)
+    return stacked[keep] if keep.any() else np.nan_to_num(stacked)
+
+
+def peers() -> list[Method]:
+    """The pose alone, and with its neighbours in time."""
+    plain = [Choice(ridge=r, own=w, length=ell) for r in (1e-5, 1e-3) for w in (0.3, 3.0) for ell in (10.0, 40.0)]
+    near, far = (-8, -4, 0, 4, 8), (-24, -8, 0, 8, 24)
+    delay = [
+        Choice(ridge=r, own=1.0, lags=s, length=ell)
+        for r, s, ell in (
+            (1e-4, near, 10.0),
+            (1e-4, near, 40.0),
+            (1e-4, far, 10.0),
+            (1e-4, far, 40.0),
+            (1e-4, (-32, -8, -2, 0, 2, 8, 32), None),
+            (1e-2, far, 20.0),
+            (1e-3, near, 20.0),
+        )
+    ]
+    return [
+        ConditionalGaussian("conditional_gaussian", tuple(plain)),
+        ConditionalGaussian("conditional_gaussian_delay", tuple(delay)),
+    ]

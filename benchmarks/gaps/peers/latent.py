@@ -1,0 +1,166 @@
+"""Poses as a smooth map of a few latent coordinates, followed in time by the unscented Kalman filter."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, eigh
+from threadpoolctl import threadpool_limits
+
+from filters.ensemble import Gaussian, default_points, predict, update
+from filters.smoother import smooth_step
+from mocap.arrays import Array
+
+
+def squared_distances(a: Array, b: Array) -> Array:
+    """(N, P) squared distances of (N, q) and (P, q) points."""
+    return np.maximum((a**2).sum(axis=1)[:, None] - 2 * a @ b.T + (b**2).sum(axis=1), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Gaussian-process regression with kernel exp(-|z - z'|^2 / (2 length^2)), the same for all outputs.
+
+    Attributes:
+        inputs: (P, q) latent points.
+        weights: (P, D) kernel weights.
+        mean: (D,) mean of the outputs.
+        length: Of the kernel.
+        noise_sd: (D,) standard deviation of a training output about the map, left out one at a time.
+    """
+
+    inputs: Array
+    weights: Array
+    mean: Array
+    length: float
+    noise_sd: Array
+
+    def __call__(self, z: Array) -> Array:
+        """(S, D) outputs at (S, q) points."""
+        return self.mean + np.exp(-0.5 * squared_distances(z, self.inputs) / self.length**2) @ self.weights
+
+
+def regress(inputs: Array, outputs: Array, *, lengths: Array | None = None) -> Regression:
+    """Length and noise of largest marginal likelihood on a grid (Rasmussen & Williams 2006, equation 5.8).
+
+    The amplitude has its closed-form optimum; left-out residuals are equation 5.12.
+
+    Args:
+        inputs: (P, q) points.
+        outputs: (P, D) values.
+        lengths: Kernel lengths to choose from; None: multiples of the median distance.
+    """
+    mean = outputs.mean(axis=0)
+    centred = outputs - mean
+    squares = squared_distances(inputs, inputs)
+    if lengths is None:
+        lengths = np.sqrt(np.median(squares)) * np.array([0.25, 0.5, 1.0, 2.0])
+    best = (np.inf, float(lengths[0]), 1e-3)
+    for length in lengths:
+        values, vectors = eigh(np.exp(-0.5 * squares / length**2))
+        power = ((vectors.T @ centred) ** 2).sum(axis=1)
+        for noise in 10.0 ** np.arange(-6.0, 0.1):
+            spectrum = np.maximum(values, 0.0) + noise
+            score = np.log(np.mean(power / spectrum)) + np.log(spectrum).mean()
+            best = min(best, (float(score), float(length), float(noise)))
+    _, length, noise = best
+    kernel = np.exp(-0.5 * squares / length**2) + noise * np.eye(len(inputs))
+    inverse = cho_solve(cho_factor(kernel, lower=True), np.eye(len(inputs)))
+    weights = inverse @ centred
+    left_out = weights / np.diag(inverse)[:, None]
+    return Regression(inputs, weights, mean, length, np.sqrt(np.mean(left_out**2, axis=0)) + 1e-9)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LatentModel:
+    """Poses y = decode(z) + noise; the state begins with z.
+
+    Attributes:
+        decode: (S, q) latent points to (S, D) poses.
+        size: q.
+        step: (S, n) states to states a frame later.
+        linear: Whether ``step`` is.
+        noise: (n, n) lower factor of the process noise.
+        start: State before the first frame.
+        sd: (D,) standard deviation of an observation about the map.
+    """
+
+    decode: Callable[[Array], Array]
+    size: int
+    step: Callable[[Array], Array]
+    linear: bool
+    noise: Array
+    start: Gaussian
+    sd: Array
+
+
+def follow(model: LatentModel, y: Array) -> tuple[Array, Array]:
+    """Unscented filter and smoother over (T, D) poses with NaN: smoothed states (T, n), and poses (T, D) decoded."""
+    points = default_points(len(model.start.mean))
+    seen = np.isfinite(y)
+    filtered, predictions = [], []
+    state = model.start
+    with threadpool_limits(1):
+        for t in range(len(y)):
+            if t:
+                predictions.append(predict(state, model.step, model.noise, points, linear=model.linear))
+                state = predictions[-1].state
+            use = seen[t]
+            if use.any():
+                state = update(
+                    state,
+                    lambda z, use=use: model.decode(z)[:, use],
+                    y[t, use],
+                    model.sd[use],
+                    points,
+                    reads=model.size,
+                ).state
+            filtered.append(state)
+        for t in range(len(y) - 2, -1, -1):
+            filtered[t] = smooth_step(filtered[t], predictions[t], filtered[t + 1])
+    means = np.array([state.mean for state in filtered])
+    return means, model.decode(means[:, : model.size])
+
+
+def linear_dynamics(decode: Callable[[Array], Array], z: list[Array], sd: Array, *, ridge: float | None) -> LatentModel:
+    """Latent points whose next position is linear in the last two, learned from how training points move.
+
+    The state is [z_t, z_t - z_(t-1)], and the velocity has v' = A z + B v + noise by ridge regression, shrunk towards
+    constant velocity (A = 0, B = 1). If it grew without bound it is damped until it does not.
+
+    Args:
+        decode: The map.
+        z: (T, q) latent points of the training trials, frame by frame.
+        sd: (D,) of an observation.
+        ridge: Share of the mean square of [z, v] that is added to it; None: constant velocity.
+    """
+    q = z[0].shape[1]
+    spread = np.concatenate(z)
+    centre = spread.mean(axis=0)
+    long = [part for part in z if len(part) > 2]
+    state = np.concatenate([np.column_stack([p[1:-1] - centre, np.diff(p, axis=0)[:-1]]) for p in long])
+    change = np.concatenate([np.diff(p, 2, axis=0) for p in long])
+    gain = np.zeros((2 * q, q))
+    if ridge is not None:
+        scale = np.sqrt(np.mean(state**2, axis=0)) + 1e-12
+        unit = state / scale
+        gain = np.linalg.solve(unit.T @ unit + ridge * len(unit) * np.eye(2 * q), unit.T @ change) / scale[:, None]
+    eye = np.eye(q)
+    matrix = np.block([[eye + gain[:q].T, eye + gain[q:].T], [gain[:q].T, eye + gain[q:].T]])
+    if ridge is not None:
+        matrix /= max(1.0, float(np.abs(np.linalg.eigvals(matrix)).max()))
+    left = change - state @ gain
+    acceleration = left.T @ left / len(left) + 1e-9 * np.diag(change.var(axis=0) + 1e-12)
+    noise = np.kron([[1 / 3, 1 / 2], [1 / 2, 1]], acceleration)
+    noise[np.diag_indices(2 * q)] *= 1 + 1e-9
+    middle = np.concatenate([centre, np.zeros(q)])
+    start = np.concatenate([spread.std(axis=0), np.sqrt(np.mean(state[:, q:] ** 2, axis=0))]) + 1e-9
+    return LatentModel(
+        decode=decode,
+        size=q,
+        step=lambda x: middle + (x - middle) @ matrix.T,
+        linear=True,
+        noise=np.linalg.cholesky(noise),
+        start=Gaussian(middle, np.diag(start)),
+        sd=sd,
+    )

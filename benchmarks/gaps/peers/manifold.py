@@ -1,0 +1,101 @@
+"""Isomap and locally linear embedding as latent spaces of an unscented Kalman smoother.
+
+Isomap (Tenenbaum, de Silva & Langford 2000) or LLE (Roweis & Saul 2000), both scikit-learn's, embed the training poses;
+a Gaussian process maps back to poses; the latent point moves by constant velocity or learned linear dynamics and is
+filtered and smoothed on the markers that are seen (tracking on embedded poses: Elgammal & Lee 2004; Rahimi, Recht &
+Darrell 2007). The residual at the edges is carried into the gap.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.manifold import Isomap, LocallyLinearEmbedding
+
+from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.peers.coordinates import Body, Placed, learn_body
+from benchmarks.gaps.peers.edges import fill_blended
+from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.latent import LatentModel, Regression, follow, linear_dynamics, regress
+from benchmarks.gaps.peers.poses import completed
+from mocap.arrays import Array
+
+POSES = 400
+"""Training poses that are embedded."""
+
+
+@dataclass(frozen=True, eq=False)
+class LatentFiller:
+    """A latent model in body coordinates, and the correlation time of its residual in frames."""
+
+    coordinates: Body
+    model: LatentModel
+    length: float
+
+    def __call__(self, trial: Trial) -> Filled:
+        """Follow the latent point and blend what it says into the gaps."""
+        placed = self.coordinates.place(trial)
+        return placed.leave(blended(placed, follow(self.model, placed.poses)[1], self.length))
+
+
+def blended(placed: Placed, poses: Array, length: float) -> Array:
+    """(T, M, 3) positions: measured ones, and (T, 3 M) ``poses`` in the gaps, the residual at the edges carried."""
+    model = poses.reshape(placed.y.shape)
+
+    def predict(_values: Array, frames: NDArray[np.int64], _masks: NDArray[np.bool_]) -> tuple[Array, None]:
+        return model[frames], None
+
+    return fill_blended(placed, predict, length=length)[0]
+
+
+@dataclass(frozen=True)
+class Embedding:
+    """One of the two embeddings."""
+
+    name: str
+    isomap: bool
+
+    def learn(self, training: Sequence[Trial]) -> Filler:
+        """Choose the dimension, the neighbours and the process noise."""
+
+        @cache
+        def learned(trials: tuple[Trial, ...]) -> tuple[Body, list[Array]]:
+            body = learn_body(trials)
+            return body, completed([body.place(trial) for trial in trials])
+
+        @cache
+        def embedded(
+            size: int, neighbours: int, trials: tuple[Trial, ...]
+        ) -> tuple[Body, Regression, list[Array], Array]:
+            body, poses = learned(trials)
+            stacked = np.concatenate(poses)
+            chosen = stacked[np.linspace(0, len(stacked) - 1, min(POSES, len(stacked))).astype(int)]
+            chosen = np.unique(chosen, axis=0)
+            neighbours = min(neighbours, len(chosen) - 1)
+            size = min(size, chosen.shape[1], neighbours - 1)
+            make = (
+                Isomap(n_neighbors=neighbours, n_components=size)
+                if self.isomap
+                else LocallyLinearEmbedding(n_neighbors=neighbours, n_components=size, random_state=0)
+            )
+            points = make.fit_transform(chosen)
+            scale = points.std(axis=0) + 1e-12
+            z = [make.transform(p) / scale for p in poses]
+            decode = regress(points / scale, chosen)
+            sd = np.hypot(decode.noise_sd, np.repeat(trials[0].sd_m, 3))
+            return body, decode, z, sd
+
+        def fit(candidate: tuple[int, int, float | None, float], trials: Sequence[Trial]) -> Filler:
+            size, neighbours, ridge, length = candidate
+            body, decode, z, sd = embedded(size, neighbours, tuple(trials))
+            return LatentFiller(body, linear_dynamics(decode, z, sd, ridge=ridge), length)
+
+        candidates = [(s, 12, ridge, length) for s in (3, 6) for ridge in (None, 1e-2) for length in (10.0, 40.0)]
+        return tune(candidates, training, fit)
+
+
+def peers() -> list[Method]:
+    """Both."""
+    return [Embedding("isomap_ukf", isomap=True), Embedding("lle_ukf", isomap=False)]

@@ -9,7 +9,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.gaps import plots
 from benchmarks.gaps.hide import GAPS, SCENARIOS, cells, excerpt
 from benchmarks.gaps.method import Trial
-from benchmarks.gaps.protocol import TEST_FRAMES, run_fold, shown_trials
+from benchmarks.gaps.protocol import FULL, TEST_FRAMES, Plan, plan, run_fold, shown_trials
 from benchmarks.gaps.registry import methods
 from benchmarks.gaps.sets import SETS, load
 from benchmarks.gaps.table import FOLDS, as_text, pooled, ratios, summary
@@ -56,7 +56,8 @@ class Extent:
         return self.training < 100
 
 
-QUICK = Extent(seeds=(0,), scenarios=("single", "limb"), lengths=(10, 50), folds=1, training=2, frames=240)
+QUICK = Extent(seeds=(0,), scenarios=("single", "limb"), lengths=(10, 50), folds=1, training=2, frames=160)
+QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
 QUICK_SETS = ("bat", "mouse", "snake_glide", "twin_lizard")
 
 
@@ -85,6 +86,7 @@ def run(task: Task) -> tuple[list[dict], str | None]:
     trials, left_out = fold_trials(task.name, task.trial, task.extent)
     wanted = cells(scenarios=task.extent.scenarios, lengths=task.extent.lengths)
     method = next(method for method in methods() if method.name == task.method)
+    token = plan.set(QUICK_PLAN if task.extent.short else FULL)
     try:
         with threadpool_limits(1):
             outcomes = run_fold(
@@ -92,6 +94,8 @@ def run(task: Task) -> tuple[list[dict], str | None]:
             )
     except Exception as error:  # a method may fail in any way; the others go on
         return empty_rows(task), f"{type(error).__name__}: {error}"
+    finally:
+        plan.reset(token)
     return [
         row(task, seed, trials[left_out].name, score.__dict__ | {"seconds": outcome.seconds, "frames": outcome.frames})
         for seed, outcome in zip(task.extent.seeds, outcomes, strict=True)
@@ -132,7 +136,8 @@ def results(tasks: Sequence[Task], jobs: int, deadline: float) -> Iterator[tuple
         return
     for task in tasks:
         late = time.perf_counter() > deadline
-        yield task, *((empty_rows(task), "out of time") if late else run(task))
+        rows, trouble = (empty_rows(task), "out of time") if late else run(task)
+        yield task, rows, trouble
 
 
 def main() -> int:
@@ -155,9 +160,9 @@ def main() -> int:
     chosen = [name for name in known if not args.methods or name in args.methods]
     extent = QUICK if args.quick else Extent()
     if args.seeds:
-        extent = Extent(**extent.__dict__ | {"seeds": tuple(range(args.seeds))})
+        extent = replace(extent, seeds=tuple(range(args.seeds)))
     if args.folds:
-        extent = Extent(**extent.__dict__ | {"folds": args.folds})
+        extent = replace(extent, folds=args.folds)
     tasks = []
     for name in args.sets or (QUICK_SETS if args.quick else tuple(SETS)):
         try:
@@ -172,7 +177,7 @@ def main() -> int:
         return 1
     args.out.mkdir(parents=True, exist_ok=True)
     rows = _collect(tasks, args, begin + (QUICK_SECONDS if args.quick else np.inf))
-    folds = pd.DataFrame(rows)[FOLDS]
+    folds = pd.DataFrame(rows, columns=FOLDS)
     _write(folds, args.out, final=True)
     print(as_text(summary(folds)))
     print(f"{time.perf_counter() - begin:.0f} s; {args.out}", file=sys.stderr)
@@ -204,7 +209,7 @@ def _collect(tasks: Sequence[Task], args: argparse.Namespace, deadline: float) -
         )
         before = now
         if now - written > 30:
-            _write(pd.DataFrame(rows)[FOLDS], args.out, final=False)
+            _write(pd.DataFrame(rows, columns=FOLDS), args.out, final=False)
             written = now
     return rows
 

@@ -1,6 +1,7 @@
 """Pictures of the table: error and coverage by gap length."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -8,6 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.gaps.hide import SCENARIOS
 from benchmarks.gaps.table import by_cell, summary
 
 SHOWN = 10
@@ -31,7 +33,7 @@ def _save(figure: Figure, path: Path) -> Path:
 
 def _errors(logs: pd.DataFrame, names: list[str], colours: dict) -> Figure:
     sets = list(dict.fromkeys(logs.index.get_level_values("set")))
-    scenarios = list(dict.fromkeys(logs.index.get_level_values("scenario")))
+    scenarios = sorted(set(logs.index.get_level_values("scenario")), key=SCENARIOS.index)
     figure = Figure(figsize=(2.6 * len(scenarios) + 2.4, 2.0 * len(sets) + 0.8), layout="constrained")
     axes = figure.subplots(len(sets), len(scenarios), sharex=True, sharey="row", squeeze=False)
     for row, name in zip(axes, sets, strict=True):
@@ -65,9 +67,9 @@ def _coverage(table: pd.DataFrame, names: list[str], colours: dict) -> Figure:
         ax.axhspan(92, 98, color="0.9")
         for method in names:
             part = table[(table["set"] == name) & (table["method"] == method)]
-            shares = 100 * part.groupby("gap")["coverage95"].mean()
-            if shares.notna().any():
-                ax.plot(shares.index, shares, ".-", color=colours[method], label=method, linewidth=1.2)
+            shares: Any = 100 * part.groupby("gap")["coverage95"].mean().to_numpy()
+            if np.isfinite(shares).any():
+                ax.plot(sorted(set(part["gap"])), shares, ".-", color=colours[method], label=method, linewidth=1.2)
         ticks = sorted(set(table["gap"]))
         ax.set(xscale="log", title=name, xlabel="gap, frames", ylim=(0, 101))
         ax.set_xticks(ticks, [str(tick) for tick in ticks])

@@ -8,6 +8,7 @@ trials only.
 import time
 import zlib
 from collections.abc import Callable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -19,11 +20,29 @@ from mocap.arrays import Array
 
 TEST_FRAMES = 500
 """Longer trials are tested on an excerpt, another one for each seed."""
-VALIDATION_TRIALS = 2
-VALIDATION_FRAMES = 300
 _Z95 = 1.959964
 
 Candidate = TypeVar("Candidate")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """How much ``validation`` does.
+
+    Attributes:
+        trials: Training trials that are folds of it, at most.
+        frames: Of such a trial, at most.
+        lengths: Of gaps; one may be named several times.
+    """
+
+    trials: int = 2
+    frames: int = 300
+    lengths: tuple[int, ...] = (*GAPS, *GAPS[1::2], *GAPS)
+
+
+FULL = Plan()
+plan: ContextVar[Plan] = ContextVar("plan", default=FULL)
+"""The plan that ``validation`` follows: the same for all methods of a run, so that all are tuned alike."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +72,7 @@ class Outcome:
 
     Attributes:
         scores: One for each kind of gap.
-        seconds: Time of filling.
+        seconds: Processor time of filling, all threads together.
         frames: That were filled in that time.
     """
 
@@ -82,9 +101,9 @@ def evaluate(filler: Filler, shown: Sequence[Shown]) -> Outcome:
     seconds = 0.0
     for copy in shown:
         trial = copy.trial
-        begin = time.perf_counter()
+        begin = time.process_time()
         filled = filler(trial)
-        seconds += time.perf_counter() - begin
+        seconds += time.process_time() - begin
         for gap in copy.gaps:
             found.setdefault((gap.scenario, gap.length), []).append(errors(filled, copy.truth, gap))
     scores = []
@@ -158,16 +177,17 @@ class Validation:
 
 
 def validation(training: Sequence[Trial]) -> list[Validation]:
-    """Folds over the first two training trials: gaps of every length, each scenario as often as there is room.
+    """Folds over the first two training trials (see ``Plan``): gaps of every length, with the scenarios in turn.
 
     With one training trial its own gaps are filled by what was learned from the rest of it.
     """
     out = []
-    for k, trial in enumerate(training[:VALIDATION_TRIALS]):
+    now = plan.get()
+    for k, trial in enumerate(training[: now.trials]):
         rng = np.random.default_rng([k, zlib.crc32(trial.name.encode()), 1])
-        # every length once, with the scenarios in turn; other trials begin with another scenario
-        wanted = [(SCENARIOS[(i + k) % len(SCENARIOS)], length) for i, length in enumerate((*GAPS, *GAPS[1::2], *GAPS))]
-        shown = hide(excerpt(trial, VALIDATION_FRAMES, rng), wanted, rng)
+        # other trials begin with another scenario
+        wanted = [(SCENARIOS[(i + k) % len(SCENARIOS)], length) for i, length in enumerate(now.lengths)]
+        shown = hide(excerpt(trial, now.frames, rng), wanted, rng)
         rest = [other for i, other in enumerate(training) if i != k]
         if not rest:
             out += [Validation(rest=(copy.trial,), shown=(copy,)) for copy in shown]
@@ -224,12 +244,15 @@ def choose(
 
 
 __all__ = [
+    "FULL",
     "Outcome",
+    "Plan",
     "Score",
     "Validation",
     "cells",
     "choose",
     "evaluate",
+    "plan",
     "run_fold",
     "shown_trials",
     "tune",

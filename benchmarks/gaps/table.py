@@ -1,8 +1,9 @@
 """From scores of folds to tables: pooled cells, ratios to the best, one line a method.
 
-A row of ``folds`` is one method on one trial with one seed in one kind of gap. Trials are pooled into a
-cell of ``table.csv``: RMSE as the root of the mean squared distance over all their samples, coverage and NLL as means
-over samples, milliseconds over all frames that were filled. A method that failed on a trial has no number in that cell.
+A row of ``folds`` is one method on one trial with one seed in one kind of gap. Trials are pooled into a cell of
+``table.csv``: RMSE as the root of the mean squared distance over all their samples, coverage and NLL as means over
+samples, milliseconds of the processor over all frames that were filled. A method that failed on a trial has no number
+in that cell.
 """
 
 import numpy as np

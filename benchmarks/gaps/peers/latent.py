@@ -76,7 +76,7 @@ class LatentModel:
     """Poses y = decode(z) + noise; the state begins with z.
 
     Attributes:
-        decode: (S, q) latent points to (S, D) poses.
+        decode: Latent points to poses.
         size: q.
         step: (S, n) states to states a frame later.
         linear: Whether ``step`` is.
@@ -85,7 +85,7 @@ class LatentModel:
         sd: (D,) standard deviation of an observation about the map.
     """
 
-    decode: Callable[[Array], Array]
+    decode: Regression
     size: int
     step: Callable[[Array], Array]
     linear: bool
@@ -99,7 +99,7 @@ def follow(model: LatentModel, y: Array) -> tuple[Array, Array]:
     points = default_points(len(model.start.mean))
     seen = np.isfinite(y)
     filtered, predictions = [], []
-    state = model.start
+    state = first_state(model, y)
     with threadpool_limits(1):
         for t in range(len(y)):
             if t:
@@ -122,7 +122,20 @@ def follow(model: LatentModel, y: Array) -> tuple[Array, Array]:
     return means, model.decode(means[:, : model.size])
 
 
-def linear_dynamics(decode: Callable[[Array], Array], z: list[Array], sd: Array, *, ridge: float | None) -> LatentModel:
+def first_state(model: LatentModel, y: Array) -> Gaussian:
+    """The start, moved to the training pose that is most like the first frame that shows something."""
+    seen = np.isfinite(y)
+    if not seen.any():
+        return model.start
+    frame = int(np.argmax(seen.any(axis=1)))
+    known = model.decode(model.decode.inputs)
+    misfit = np.where(seen[frame], (known - np.nan_to_num(y[frame])) ** 2, 0.0).sum(axis=1)
+    mean = model.start.mean.copy()
+    mean[: model.size] = model.decode.inputs[int(np.argmin(misfit))]
+    return Gaussian(mean, model.start.factor)
+
+
+def linear_dynamics(decode: Regression, z: list[Array], sd: Array, *, ridge: float | None) -> LatentModel:
     """Latent points whose next position is linear in the last two, learned from how training points move.
 
     The state is [z_t, z_t - z_(t-1)], and the velocity has v' = A z + B v + noise by ridge regression, shrunk towards

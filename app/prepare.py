@@ -11,6 +11,7 @@ from filters.observations import Observations, PixelObservations, PositionObserv
 from mocap import audit, triangulate
 from mocap.arrays import Array
 from mocap.bias import ray_bias
+from mocap.camera_health import BadTime, camera_health, describe
 from mocap.careless import student_t
 from mocap.clean import REASONS, Cleaning, clean
 from mocap.errors import CalibrationError, FormatError
@@ -45,6 +46,9 @@ class Prepared:
         rays_rejected: (C, T, M) rays that miss.
         max_speed_m_s: (M,) speed limits that jumps were judged by.
         findings: Sentences for the report.
+        camera_factor: (C, T) 1 or more: how much worse a camera is than in its good time (``mocap.camera_health``);
+            contained in ``ray_sd_px``.
+        bad_cameras: Runs of frames in which a camera was bad.
         swaps: Runs of frames in which two markers bore each other's names; undone in all that is above.
         stale: Stored points that do not follow from the pixels; None where there was no file to compare.
     """
@@ -64,7 +68,9 @@ class Prepared:
     rejected: dict[str, NDArray[np.bool_]]
     rays_rejected: NDArray[np.bool_]
     max_speed_m_s: Array
+    camera_factor: Array
     findings: tuple[str, ...] = ()
+    bad_cameras: tuple[BadTime, ...] = ()
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
 
@@ -122,8 +128,10 @@ def prepare(source: Source) -> Prepared:
     filmed = load_filmed(source, source.coefficients, iterations=None)
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
-    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd)
-    filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names)
+    health = camera_health(filmed.matrices, filmed.ideal_px)
+    worse = health.factor
+    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd, relative=worse[..., None])
+    filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names, worse)
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     t_s = filmed.pixels.t_s
     cleaning = clean(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
@@ -134,10 +142,11 @@ def prepare(source: Source) -> Prepared:
             "and pixels belong together"
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
-    bias = ray_bias(filmed.matrices, uv, dt_s=dt)
+    bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     jitter = source.pixel_sd or bias.jitter_px
     uv = uv - bias.bias_px
-    xyz, cov, ray_sd = student_t(filmed.matrices, uv, triangulate.linear(filmed.matrices, uv), sd_px=jitter)
+    start = triangulate.linear(filmed.matrices, uv, relative=worse[..., None])
+    xyz, cov, ray_sd = student_t(filmed.matrices, uv, start, sd_px=jitter, relative=worse)
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
     findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *findings]
@@ -162,8 +171,11 @@ def prepare(source: Source) -> Prepared:
         rejected={"rays_miss": lost, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
         rays_rejected=found.rejected,
         max_speed_m_s=cleaning.max_speed_m_s,
+        camera_factor=worse,
+        bad_cameras=health.bad,
         findings=(
             *findings,
+            *describe(health, [c.name for c in filmed.cameras]),
             *_exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
             *([f"{lost.sum()} samples rejected, {REASONS['rays_miss']}"] if lost.any() else []),
             *_cleaning_findings(cleaning, names),
@@ -209,6 +221,7 @@ def _prepare_points(source: Source) -> Prepared:
         },
         rays_rejected=np.zeros(shape, dtype=bool),
         max_speed_m_s=cleaning.max_speed_m_s,
+        camera_factor=np.zeros((0, len(xyz))),
         findings=(
             f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
             *_exchange_findings(named.swaps, named.unsure, names, ()),
@@ -226,14 +239,14 @@ def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
 
 
 def _names_put_right(
-    filmed: Filmed, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str]
+    filmed: Filmed, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
 ) -> tuple[Filmed, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_]]:
     """Pixels and points with exchanged names undone; the runs, and (T, M) samples that may be of either marker."""
-    rays = exchanged_rays(filmed.matrices, filmed.ideal_px, found)
+    rays = exchanged_rays(filmed.matrices, filmed.ideal_px, found, relative=relative)
     uv = filmed.ideal_px
     if rays:
         uv = exchange_rays(uv, rays)
-        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px)
+        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px, relative=relative[..., None])
     points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
     if points.swaps:
         uv = exchange_rays(uv, points.swaps)

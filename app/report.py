@@ -60,6 +60,7 @@ def make_report(
             "reasons": {**REASONS, **DOUBTFUL, "rays": "rays dropped from points that the others still fix"},
             "samples": _rejected_samples(prepared),
         },
+        "bad_cameras": _bad_cameras(prepared),
         "repaired": {
             "counts": {reason: int(mask.sum()) for reason, mask in prepared.repaired.items()},
             "reasons": REPAIRS,
@@ -94,6 +95,22 @@ def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
         {"frame": int(t) + 1, "marker": prepared.names[m], "reason": reason}
         for reason, mask in prepared.rejected.items()
         for t, m in np.argwhere(mask)
+    ]
+
+
+def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
+    """Runs of frames, from 1, in which a camera was worse than in its good time."""
+    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    return [
+        {
+            "camera": cameras[bad.camera],
+            "frames": [bad.start + 1, bad.stop],
+            "level_px": bad.level_px,
+            "good_px": bad.good_px,
+            "offset_px": bad.offset_px.tolist(),
+            "moved": bad.moved,
+        }
+        for bad in prepared.bad_cameras
     ]
 
 

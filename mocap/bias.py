@@ -21,7 +21,8 @@ class RayBias:
 
     Attributes:
         bias_px: (C, T, M, 2) to subtract from ideal pixels; 0 where nothing is known or nothing was found.
-        sd_px: Standard deviation of the bias over all rays; 0 where none was found.
+        sd_px: Standard deviation of the bias over all rays (of a camera that went bad: relative to its noise); 0 where
+            none was found.
         jitter_px: Standard deviation of a pixel coordinate once the bias is subtracted.
     """
 
@@ -30,7 +31,15 @@ class RayBias:
     jitter_px: float
 
 
-def ray_bias(matrices: Array, uv_px: Array, *, dt_s: float, cutoff_hz: float = 8.0, iterations: int = 8) -> RayBias:
+def ray_bias(
+    matrices: Array,
+    uv_px: Array,
+    *,
+    dt_s: float,
+    cutoff_hz: float = 8.0,
+    iterations: int = 8,
+    relative: Array | None = None,
+) -> RayBias:
     """Slow errors of rays, from the residuals of triangulation.
 
     Alternates between points (least squares on corrected pixels) and biases (residuals of each camera and marker,
@@ -44,32 +53,35 @@ def ray_bias(matrices: Array, uv_px: Array, *, dt_s: float, cutoff_hz: float = 8
         dt_s: Time step.
         cutoff_hz: Faster errors count as jitter; at most a twentieth of the frame rate is taken.
         iterations: Rounds.
+        relative: (C, T) deviations of rays, relative to a good camera's; None: 1.
     """
     cutoff_hz = min(cutoff_hz, 0.05 / dt_s)
     seen = np.isfinite(uv_px[..., 0])
     count = seen.sum(axis=0)
     none = np.zeros_like(uv_px)
-    xyz = linear(matrices, uv_px)
-    total = pixel_sd(residual_px(matrices, uv_px, xyz), count)
+    spread = np.ones(seen.shape) if relative is None else np.broadcast_to(relative[..., None], seen.shape)
+    xyz = linear(matrices, uv_px, relative=spread)
+    total = pixel_sd(residual_px(matrices, uv_px, xyz, relative=spread), count)
     if len(xyz) < 3:
         return RayBias(bias_px=none, sd_px=0.0, jitter_px=total)
     redundant = count >= 2
     bias = none
     for _ in range(iterations):
         corrected = uv_px - bias
-        xyz, _ = refine(matrices, corrected, linear(matrices, corrected), sd_px=1.0, iterations=3)
+        xyz, _ = refine(matrices, corrected, linear(matrices, corrected, relative=spread), sd_px=spread, iterations=3)
         residual = uv_px - project(matrices, xyz)
         bias = none.copy()
         for camera in range(len(matrices)):
             for marker in range(uv_px.shape[2]):
-                weight = (seen[camera, :, marker] & redundant[:, marker]) * 1.0
-                if weight.sum() >= 3:
+                weight = (seen[camera, :, marker] & redundant[:, marker]) / spread[camera, :, marker] ** 2
+                if np.count_nonzero(weight) >= 3:
                     series = residual[camera, :, marker]
                     smooth = smooth_series(series, weight, dt_s=dt_s, cutoff_hz=cutoff_hz)
                     bias[camera, :, marker] = np.where(seen[camera, :, marker, None], smooth, 0.0)
     corrected = uv_px - bias
-    jitter = pixel_sd(residual_px(matrices, corrected, linear(matrices, corrected)), count)
-    sd = float(np.sqrt(np.mean(bias[seen & redundant] ** 2)))
+    points = linear(matrices, corrected, relative=spread)
+    jitter = pixel_sd(residual_px(matrices, corrected, points, relative=spread), count)
+    sd = float(np.sqrt(np.mean((bias / spread[..., None])[seen & redundant] ** 2)))
     white = jitter**2 * 2 * cutoff_hz * dt_s  # variance of white noise after a low pass of that cutoff
     if sd**2 < 3 * white:
         return RayBias(bias_px=none, sd_px=0.0, jitter_px=total)

@@ -11,7 +11,7 @@ DOF = 4.0
 
 
 def student_t(
-    matrices: Array, uv_px: Array, xyz_m: Array, *, sd_px: float, rounds: int = 6
+    matrices: Array, uv_px: Array, xyz_m: Array, *, sd_px: float, rounds: int = 6, relative: Array | None = None
 ) -> tuple[Array, Array, Array]:
     """Points under errors that follow Student's t distribution, by iteratively reweighted least squares.
 
@@ -25,6 +25,7 @@ def student_t(
         xyz_m: (T, M, 3) starting points; NaN stays NaN.
         sd_px: Standard deviation of a pixel coordinate over all rays, to start from.
         rounds: Rounds of reweighting.
+        relative: (C, T) scales of rays relative to s; None: 1.
 
     Returns:
         (T, M, 3) points, their (T, M, 3, 3) covariance, and (C, T, M) the standard deviation of a pixel coordinate of
@@ -35,14 +36,15 @@ def student_t(
     has_point = np.isfinite(xyz_m[..., 0])
     dof = np.where(has_point, np.maximum(2 * count - 3, 0), 0).sum()
     scale = sd_px * np.sqrt((DOF - 2) / DOF)
+    spread = np.ones(seen.shape) if relative is None else np.broadcast_to(relative[..., None], seen.shape)
     weight = np.ones(seen.shape)
     xyz, cov = xyz_m, np.full((*xyz_m.shape, 3), np.nan)
-    spread = np.sqrt((DOF + 4) / (DOF + 2))
+    own = np.sqrt((DOF + 4) / (DOF + 2)) * spread
     for _ in range(rounds):
-        xyz, cov = refine(matrices, uv_px, xyz, sd_px=spread * scale / np.sqrt(weight), iterations=2)
-        squares = np.sum((uv_px - project(matrices, xyz)) ** 2, axis=-1)
+        xyz, cov = refine(matrices, uv_px, xyz, sd_px=own * scale / np.sqrt(weight), iterations=2)
+        squares = np.sum((uv_px - project(matrices, xyz)) ** 2, axis=-1) / spread**2
         inside = seen & np.isfinite(squares)
         weight = np.where(inside, (DOF + 2) / (DOF + np.nan_to_num(squares) / scale**2), 1.0)
         if dof:
             scale = max(float(np.sqrt(np.sum((weight * squares)[inside]) / dof)), 1e-9)
-    return xyz, cov, np.where(seen & has_point, spread * scale / np.sqrt(weight), sd_px)
+    return xyz, cov, np.where(seen & has_point, own * scale / np.sqrt(weight), sd_px * spread)

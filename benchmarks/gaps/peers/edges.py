@@ -3,7 +3,9 @@
 A pose model says where a missing marker is, from the markers that are seen in the same frame. At the edges of a gap it
 is off by some residual, which changes slowly. The model is therefore asked about a few frames before and after the gap
 as well, hiding from it what is hidden just inside, and the residual that shows there is carried into the gap by a
-Gaussian process in time: it joins the measured track without a kink, and dies with the correlation time.
+Gaussian process in time: it joins the measured track, and dies with the correlation time. Then the track through the
+gap and its edges is smoothed (Whittaker), which holds on to the measured edges and trusts the model only for what is
+slower than a cutoff: a gap shorter than its period is bridged by a cubic.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,9 +16,30 @@ from numpy.typing import NDArray
 
 from benchmarks.gaps.peers.coordinates import Placed
 from mocap.arrays import Array
+from mocap.body import smooth_series
 
 EDGE = (0, 1, 2, 3, 5, 8)
 """Frames on each side of a gap, counted from its edge, at which the residual is taken."""
+
+
+@dataclass(frozen=True)
+class Blend:
+    """How a model's answer is blended in.
+
+    Attributes:
+        length: Correlation time of the residual in frames.
+        cutoff: Of the smoothing, in cycles a frame; None: no smoothing.
+    """
+
+    length: float = 20.0
+    cutoff: float | None = 0.05
+
+
+BLENDS = (*tuple(Blend(length, cutoff) for length in (10.0, 40.0) for cutoff in (0.02, 0.07)), Blend(10.0, None))
+"""To choose from."""
+
+HOLD = 1e4
+"""Weight of a measured sample beside one of the model."""
 
 Predict = Callable[[Array, NDArray[np.int64], NDArray[np.bool_]], tuple[Array, Array | None]]
 """(T, M, 3) positions with NaN, (N,) frames and (N, M) markers that may be looked at there, to complete poses (N, M, 3)
@@ -74,7 +97,7 @@ def shown(y: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> Arra
     return np.where(masks[..., None], y[frames], np.nan).reshape(len(frames), -1)
 
 
-def fill_blended(placed: Placed, predict: Predict, *, length: float) -> tuple[Array, Array | None]:
+def fill_blended(placed: Placed, predict: Predict, blend: Blend) -> tuple[Array, Array | None]:
     """Fill all gaps of a trial with a pose model, blended at the edges.
 
     Markers come and go while another is missing, and the model would jump with them. So it is asked twice: first frame
@@ -84,7 +107,7 @@ def fill_blended(placed: Placed, predict: Predict, *, length: float) -> tuple[Ar
     Args:
         placed: The trial.
         predict: The pose model.
-        length: Correlation time of its residual in frames.
+        blend: How its answer is blended in.
 
     Returns:
         (T, M, 3) positions, measured ones as they are, and covariances (T, M, 3, 3) of a measurement, or None.
@@ -95,10 +118,10 @@ def fill_blended(placed: Placed, predict: Predict, *, length: float) -> tuple[Ar
         return placed.y.copy(), _noise(placed)
     count = np.cumsum(np.vstack([np.zeros((1, seen.shape[1]), dtype=int), seen]), axis=0)
     mostly = [2 * (count[g.stop] - count[g.start]) >= g.stop - g.start for g in found]
-    y, spread = _pass(placed, placed.y, found, [None] * len(found), predict, length)
+    y, spread = _pass(placed, placed.y, found, [None] * len(found), predict, blend)
     if all(((m == seen[g.start : g.stop]).all()) for g, m in zip(found, mostly, strict=True)):
         return y, spread
-    return _pass(placed, y, found, mostly, predict, length)
+    return _pass(placed, y, found, mostly, predict, blend)
 
 
 def _pass(
@@ -107,7 +130,7 @@ def _pass(
     found: Sequence[Gap],
     allowed: Sequence[NDArray[np.bool_] | None],
     predict: Predict,
-    length: float,
+    blend: Blend,
 ) -> tuple[Array, Array | None]:
     """Fill each gap from ``values``, looking at its allowed markers; None: at those that each frame shows."""
     seen = np.isfinite(placed.y[..., 0])
@@ -143,11 +166,22 @@ def _pass(
             residual = placed.y[at, m] - mean[edge, m]
             variance = np.mean(residual**2) if cov is None else np.trace(cov[edge, m], axis1=-2, axis2=-1).mean() / 3
             ratio = placed.trial.sd_m[m] ** 2 / max(float(variance), 1e-12) + 1e-9
-            shift, share = carry(at, residual, span, length=length, noise=ratio)
+            shift, share = carry(at, residual, span, length=blend.length, noise=ratio)
             y[span, m] += shift
+        if edge and blend.cutoff is not None:
+            y[span, m] = _smoothed(y[:, m], seen[:, m], gap, blend.cutoff)
         if cov is not None and spread is not None:
             spread[span, m] += share[:, None, None] * cov[inside, m]
     return y, spread
+
+
+def _smoothed(track: Array, seen: NDArray[np.bool_], gap: Gap, cutoff: float) -> Array:
+    """(N, 3) a gap of a track (T, 3) that is filled there, smoothed with the measured samples near it held."""
+    window = slice(max(0, gap.start - 10), gap.stop + 10)
+    inside = np.zeros(len(track), dtype=bool)
+    inside[gap.start : gap.stop] = True
+    weight = np.where(seen, HOLD, inside * 1.0)[window]
+    return smooth_series(track[window], weight, dt_s=1.0, cutoff_hz=cutoff)[inside[window]]
 
 
 def _noise(placed: Placed) -> Array:

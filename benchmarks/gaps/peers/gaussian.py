@@ -17,8 +17,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
-from benchmarks.gaps.peers.edges import fill_blended
-from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.edges import Blend, fill_blended
+from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed, patterns, usable
 from mocap.arrays import Array
 
@@ -124,7 +124,8 @@ class GaussianFiller:
         ridge: (D,) added to variances.
         own: Weight of the trial's own poses.
         lags: Frames stacked; (0,): the pose alone.
-        length: Correlation time of the residual in frames; None: the delays alone reach beyond the gap.
+        blend: At the edges; the delayed Gaussian of ``reach`` needs none.
+        reach: Whether the markers' own past and future are looked at, where seen; else the residual carries them.
     """
 
     coordinates: Body
@@ -133,7 +134,8 @@ class GaussianFiller:
     ridge: Array
     own: float
     lags: tuple[int, ...]
-    length: float | None
+    blend: Blend
+    reach: bool
 
     def __call__(self, trial: Trial) -> Filled:
         """Condition every frame on what it shows."""
@@ -157,8 +159,8 @@ class GaussianFiller:
             rows = stacked if values is placed.y else delayed(values.reshape(len(values), -1), self.lags)
             return condition(np.where(allowed, rows[frames], np.nan))
 
-        if self.length is not None:
-            y, spread = fill_blended(placed, predict, length=self.length)
+        if not self.reach:
+            y, spread = fill_blended(placed, predict, self.blend)
             return placed.leave(y, spread)
         y = placed.y.copy()
         spread = np.repeat((trial.sd_m**2)[None, :, None, None] * np.eye(3), len(y), axis=0)
@@ -185,7 +187,7 @@ class Choice:
     ridge: float
     own: float
     lags: tuple[int, ...] = (0,)
-    length: float | None
+    reach: bool = False
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,7 @@ class ConditionalGaussian:
             guess = moments(np.concatenate([_bridged(delayed(c, lags)) for c in completed(placed)]), 1.0)
             return body, guess, stacked, np.isfinite(stacked).all(keepdims=True)
 
-        def fit(choice: Choice, trials: Sequence[Trial]) -> Filler:
+        def fit(choice: Choice, blend: Blend, trials: Sequence[Trial]) -> Filler:
             body, total, stacked, whole = learned(tuple(trials), choice.lags)
             scale = np.trace(total.second / total.count - np.outer(total.first, total.first) / total.count**2)
             ridge = np.full(len(total.first), choice.ridge * scale / len(total.first) + 1e-14)
@@ -214,9 +216,9 @@ class ConditionalGaussian:
             for _ in range(0 if whole.all() else 3):
                 total = moments(stacked, 1.0, normal)
                 normal = total.normal(ridge)
-            return GaussianFiller(body, total, normal, ridge, choice.own, choice.lags, choice.length)
+            return GaussianFiller(body, total, normal, ridge, choice.own, choice.lags, blend, choice.reach)
 
-        return tune(self.choices, training, fit)
+        return tune_blended(self.choices, training, fit)
 
 
 def _bridged(stacked: Array) -> Array:
@@ -227,21 +229,15 @@ def _bridged(stacked: Array) -> Array:
 
 def peers() -> list[Method]:
     """The pose alone, and with its neighbours in time."""
-    plain = [Choice(ridge=r, own=w, length=ell) for r in (1e-5, 1e-3) for w in (0.3, 3.0) for ell in (10.0, 40.0)]
-    near, far = (-8, -4, 0, 4, 8), (-24, -8, 0, 8, 24)
-    delay = [
-        Choice(ridge=r, own=1.0, lags=s, length=ell)
-        for r, s, ell in (
-            (1e-4, near, 10.0),
-            (1e-4, near, 40.0),
-            (1e-4, far, 10.0),
-            (1e-4, far, 40.0),
-            (1e-4, (-32, -8, -2, 0, 2, 8, 32), None),
-            (1e-2, far, 20.0),
-            (1e-3, near, 20.0),
-        )
-    ]
+    plain = tuple(Choice(ridge=ridge, own=own) for ridge in (1e-4, 1e-2) for own in (0.3, 3.0))
+    near, far, wide = (-8, -4, 0, 4, 8), (-24, -8, 0, 8, 24), (-32, -8, -2, 0, 2, 8, 32)
+    delay = (
+        Choice(ridge=1e-4, own=1.0, lags=near),
+        Choice(ridge=1e-4, own=1.0, lags=far),
+        Choice(ridge=1e-2, own=1.0, lags=far),
+        Choice(ridge=1e-4, own=1.0, lags=wide, reach=True),
+    )
     return [
-        ConditionalGaussian("conditional_gaussian", tuple(plain)),
-        ConditionalGaussian("conditional_gaussian_delay", tuple(delay)),
+        ConditionalGaussian("conditional_gaussian", plain),
+        ConditionalGaussian("conditional_gaussian_delay", delay),
     ]

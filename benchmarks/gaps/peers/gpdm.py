@@ -17,8 +17,9 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.gaps.method import Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.edges import Blend
 from benchmarks.gaps.peers.gplvm import LatentPoses, fit_latent
-from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentModel, linear_dynamics, regress
 from benchmarks.gaps.peers.manifold import LatentFiller
 from benchmarks.gaps.peers.poses import completed
@@ -40,7 +41,7 @@ def stride(poses: Sequence[Array], *, share: float = 0.1) -> int:
 
 
 def stretches(poses: Sequence[Array], known: Sequence[Array], step: int) -> list[Array]:
-    """Of each trial the best known stretch, every ``step`` frames, up to ``POSES`` in all; ``known`` has shares (T,)."""
+    """Of each trial the best known stretch, every ``step`` frames, ``POSES`` in all; ``known`` has shares (T,)."""
     count = max(8, POSES // len(poses))
     out = []
     for p, share in zip(poses, known, strict=True):
@@ -58,7 +59,7 @@ def between(points: Array, lengths: Sequence[int], step: int) -> list[Array]:
 
 
 def process_dynamics(learned: LatentPoses, z: list[Array], sd: Array, *, factor: float) -> LatentModel:
-    """Points that move to z + v(z) + noise, v a Gaussian process of ``POSES`` steps, ``factor`` on the noise variance."""
+    """Points move to z + v(z) + noise, v a Gaussian process of ``POSES`` steps; ``factor`` on the noise variance."""
     here, change = np.concatenate([p[:-1] for p in z]), np.concatenate([np.diff(p, axis=0) for p in z])
     chosen = np.linspace(0, len(here) - 1, min(POSES, len(here))).astype(int)
     velocity = regress(here[chosen], change[chosen])
@@ -82,7 +83,7 @@ class GaussianProcessLatent:
     dynamics: bool
 
     def learn(self, training: Sequence[Trial]) -> Filler:
-        """Choose the dimension, the noise of the dynamics and, for the GPDM, whether they are balanced."""
+        """Choose the dimension, the noises and, for the GPDM, whether its dynamics are balanced."""
 
         @cache
         def prepared(trials: tuple[Trial, ...]) -> tuple[Body, list[Array], int]:
@@ -99,21 +100,34 @@ class GaussianProcessLatent:
             weight = sequences[0].shape[1] / size if balanced else 1.0
             return fit_latent(sequences, size, dynamics=weight if self.dynamics else None)
 
-        def fit(candidate: tuple[int, bool, float, float], trials: Sequence[Trial]) -> Filler:
-            size, balanced, noise, length = candidate
+        def fit(candidate: tuple[int, bool, float, float], blend: Blend, trials: Sequence[Trial]) -> Filler:
+            size, balanced, noise, trust = candidate
             body, sequences, step = prepared(tuple(trials))
             model = learned(size, balanced, tuple(trials))
-            sd = np.hypot(model.decode.noise_sd, np.repeat(trials[0].sd_m, 3))
+            sd = trust * np.hypot(model.decode.noise_sd, np.repeat(trials[0].sd_m, 3))
             z = between(model.points, [len(s) for s in sequences], step)
             if self.dynamics:
-                return LatentFiller(body, process_dynamics(model, z, sd, factor=noise), length)
-            return LatentFiller(body, linear_dynamics(model.decode, z, sd, ridge=noise or None), length)
+                return LatentFiller(body, process_dynamics(model, z, sd, factor=noise), blend)
+            return LatentFiller(body, linear_dynamics(model.decode, z, sd, ridge=noise or None), blend)
 
         if self.dynamics:
-            candidates = [(3, True, 10.0, 20.0), (3, False, 10.0, 20.0), (5, True, 10.0, 20.0), (5, True, 100.0, 20.0)]
+            candidates = [
+                (3, True, 10, 3),
+                (5, True, 10, 3),
+                (5, False, 10, 3),
+                (5, True, 10, 10),
+                (5, True, 100, 3),
+                (8, True, 10, 3),
+            ]
         else:
-            candidates = [(3, False, 1e-2, 20.0), (5, False, 1e-2, 20.0), (5, False, 0.0, 20.0)]
-        return tune(candidates, training, fit)
+            candidates = [
+                (3, False, 0.01, 3),
+                (5, False, 0.01, 3),
+                (5, False, 0.01, 10),
+                (5, False, 0, 3),
+                (8, False, 0.01, 3),
+            ]
+        return tune_blended(candidates, training, fit)
 
 
 def peers() -> list[Method]:

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.gaps.method import Filled, Filler, Trial
-from benchmarks.gaps.peers.edges import gaps
+from benchmarks.gaps.peers.edges import BLENDS, Blend, gaps
 from benchmarks.gaps.protocol import choose, validation
 from mocap.arrays import Array
 
@@ -71,6 +71,18 @@ def tune(
     lengths = sorted(found)
     factors = [np.sqrt(_factor(found[length]) * every) for length in lengths]
     return Calibrated(filler, np.array(lengths, dtype=float), np.array(factors))
+
+
+def tune_blended(
+    candidates: Sequence[Candidate],
+    training: Sequence[Trial],
+    learn: Callable[[Candidate, Blend, Sequence[Trial]], Filler],
+) -> Filler:
+    """``tune`` of a pose model in two rounds: the model with the usual blend, then the blend."""
+    best = candidates[0]
+    if len(candidates) > 1:
+        best = choose(candidates, training, lambda candidate, trials: learn(candidate, Blend(), trials))
+    return tune(BLENDS, training, lambda blend, trials: learn(best, blend, trials))
 
 
 def _factor(parts: Sequence[Array]) -> float:

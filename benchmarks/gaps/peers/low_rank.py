@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
-from benchmarks.gaps.peers.edges import fill_blended
-from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.edges import Blend, fill_blended
+from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed, patterns
 from mocap.arrays import Array
 
@@ -96,13 +96,13 @@ class WalkFiller:
         coordinates: Of the body.
         walk: The model.
         left: (D,) variance that the components leave.
-        length: Correlation time of what they leave, in frames.
+        blend: Of what they leave at the edges.
     """
 
     coordinates: Body
     walk: RandomWalk
     left: Array
-    length: float
+    blend: Blend
 
     def __call__(self, trial: Trial) -> Filled:
         """Smooth the components and map them back."""
@@ -115,7 +115,7 @@ class WalkFiller:
         def predict(_values: Array, frames: NDArray[np.int64], _masks: NDArray[np.bool_]) -> tuple[Array, Array]:
             return model[frames], np.repeat(left[None], len(frames), axis=0)
 
-        y, spread = fill_blended(placed, predict, length=self.length)
+        y, spread = fill_blended(placed, predict, self.blend)
         loading = self.walk.loading.reshape(n_markers, 3, -1)
         return placed.leave(y, spread + loading @ cov[:, None] @ loading.swapaxes(-1, -2))
 
@@ -141,7 +141,7 @@ class LowRank:
             values, vectors = np.linalg.eigh(np.cov(stacked.T))
             return body, poses, mean, vectors[:, ::-1], values[::-1]
 
-        def fit(candidate: tuple[int, float, float], trials: Sequence[Trial]) -> Filler:
+        def fit(candidate: tuple[int, float], blend: Blend, trials: Sequence[Trial]) -> Filler:
             body, poses, mean, vectors, values = learned(tuple(trials))
             rank = min(candidate[0], len(mean))
             loading = vectors[:, :rank]
@@ -153,10 +153,10 @@ class LowRank:
             step_cov = steps.T @ steps / len(steps) + tiny
             start = np.diag(values[:rank]) + tiny
             walk = RandomWalk(mean, loading, noise, candidate[1] * step_cov, 4 * start)
-            return WalkFiller(body, walk, left, candidate[2])
+            return WalkFiller(body, walk, left, blend)
 
-        candidates = [(rank, f, length) for rank in self.ranks for f in self.factors for length in (10.0, 40.0)]
-        return tune(candidates, training, fit)
+        candidates = [(rank, factor) for rank in self.ranks for factor in self.factors]
+        return tune_blended(candidates, training, fit)
 
 
 def peers() -> list[Method]:

@@ -16,11 +16,12 @@ from sklearn.manifold import Isomap, LocallyLinearEmbedding
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, Placed, learn_body
-from benchmarks.gaps.peers.edges import fill_blended
-from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.edges import Blend, fill_blended
+from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentModel, Regression, follow, linear_dynamics, regress
 from benchmarks.gaps.peers.poses import completed
 from mocap.arrays import Array
+from mocap.body import smooth_series
 
 POSES = 400
 """Training poses that are embedded."""
@@ -28,26 +29,31 @@ POSES = 400
 
 @dataclass(frozen=True, eq=False)
 class LatentFiller:
-    """A latent model in body coordinates, and the correlation time of its residual in frames."""
+    """A latent model in body coordinates, and how what it says is blended in."""
 
     coordinates: Body
     model: LatentModel
-    length: float
+    blend: Blend
 
     def __call__(self, trial: Trial) -> Filled:
         """Follow the latent point and blend what it says into the gaps."""
         placed = self.coordinates.place(trial)
-        return placed.leave(blended(placed, follow(self.model, placed.poses)[1], self.length))
+        return placed.leave(blended(placed, follow(self.model, placed.poses)[1], self.blend))
 
 
-def blended(placed: Placed, poses: Array, length: float) -> Array:
+def blended(placed: Placed, poses: Array, blend: Blend) -> Array:
     """(T, M, 3) positions: measured ones, and (T, 3 M) ``poses`` in the gaps, the residual at the edges carried."""
     model = poses.reshape(placed.y.shape)
 
     def predict(_values: Array, frames: NDArray[np.int64], _masks: NDArray[np.bool_]) -> tuple[Array, None]:
         return model[frames], None
 
-    return fill_blended(placed, predict, length=length)[0]
+    return fill_blended(placed, predict, blend)[0]
+
+
+def slow(z: Array) -> Array:
+    """Latent points (T, q) without what is faster than a cycle in 20 frames: embedded noise is no motion."""
+    return smooth_series(z, np.ones(len(z)), dt_s=1.0, cutoff_hz=0.05)
 
 
 @dataclass(frozen=True)
@@ -58,7 +64,7 @@ class Embedding:
     isomap: bool
 
     def learn(self, training: Sequence[Trial]) -> Filler:
-        """Choose the dimension, the neighbours and the process noise."""
+        """Choose the dimension, the dynamics and the factor on the deviation of an observation, then the blend."""
 
         @cache
         def learned(trials: tuple[Trial, ...]) -> tuple[Body, list[Array]]:
@@ -82,18 +88,18 @@ class Embedding:
             )
             points = make.fit_transform(chosen)
             scale = points.std(axis=0) + 1e-12
-            z = [make.transform(p) / scale for p in poses]
+            z = [slow(make.transform(p) / scale) for p in poses]
             decode = regress(points / scale, chosen)
             sd = np.hypot(decode.noise_sd, np.repeat(trials[0].sd_m, 3))
             return body, decode, z, sd
 
-        def fit(candidate: tuple[int, int, float | None, float], trials: Sequence[Trial]) -> Filler:
-            size, neighbours, ridge, length = candidate
-            body, decode, z, sd = embedded(size, neighbours, tuple(trials))
-            return LatentFiller(body, linear_dynamics(decode, z, sd, ridge=ridge), length)
+        def fit(candidate: tuple[int, float | None, float], blend: Blend, trials: Sequence[Trial]) -> Filler:
+            size, ridge, trust = candidate
+            body, decode, z, sd = embedded(size, 12, tuple(trials))
+            return LatentFiller(body, linear_dynamics(decode, z, trust * sd, ridge=ridge), blend)
 
-        candidates = [(s, 12, ridge, length) for s in (3, 6) for ridge in (None, 1e-2) for length in (10.0, 40.0)]
-        return tune(candidates, training, fit)
+        candidates = [(3, 1e-2, 3.0), (6, 1e-2, 3.0), (6, 1e-2, 10.0), (6, None, 3.0), (10, 1e-2, 3.0)]
+        return tune_blended(candidates, training, fit)
 
 
 def peers() -> list[Method]:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
-from benchmarks.gaps.peers.edges import fill_blended, shown
-from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.edges import Blend, fill_blended, shown
+from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed
 from mocap.arrays import Array
 
@@ -41,12 +41,12 @@ def nearest_mean(poses: Array, pool: Array, k: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class NeighbourFiller:
-    """A pool of poses, how many of them count, and the correlation time of the residual in frames."""
+    """A pool of poses, how many of them count, and how their answer is blended in."""
 
     coordinates: Body
     pool: Array
     k: int
-    length: float
+    blend: Blend
 
     def __call__(self, trial: Trial) -> Filled:
         """Look up every frame."""
@@ -57,7 +57,7 @@ class NeighbourFiller:
         def predict(values: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> tuple[Array, None]:
             return nearest_mean(shown(values, frames, masks), pool, self.k).reshape(len(frames), -1, 3), None
 
-        y, _ = fill_blended(placed, predict, length=self.length)
+        y, _ = fill_blended(placed, predict, self.blend)
         return placed.leave(y)
 
 
@@ -68,7 +68,7 @@ class NearestNeighbours:
     name: str = "knn"
 
     def learn(self, training: Sequence[Trial]) -> Filler:
-        """Choose k and the correlation time."""
+        """Choose k and the blend."""
 
         @cache
         def learned(trials: tuple[Trial, ...]) -> tuple[Body, Array]:
@@ -76,10 +76,10 @@ class NearestNeighbours:
             pool = np.concatenate(completed([body.place(trial) for trial in trials]))
             return body, pool[np.linspace(0, len(pool) - 1, min(POOL, len(pool))).astype(int)]
 
-        def fit(candidate: tuple[int, float], trials: Sequence[Trial]) -> Filler:
-            return NeighbourFiller(*learned(tuple(trials)), *candidate)
+        def fit(k: int, blend: Blend, trials: Sequence[Trial]) -> Filler:
+            return NeighbourFiller(*learned(tuple(trials)), k, blend)
 
-        return tune([(k, length) for k in (3, 10, 30) for length in (10.0, 40.0)], training, fit)
+        return tune_blended((3, 10, 30, 100), training, fit)
 
 
 def peers() -> list[Method]:

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
-from benchmarks.gaps.peers.edges import fill_blended, shown
+from benchmarks.gaps.peers.edges import Blend, fill_blended, shown
 from benchmarks.gaps.peers.gaussian import Moments, moments
-from benchmarks.gaps.peers.intervals import tune
+from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed, patterns
 from mocap.arrays import Array
 
@@ -69,14 +69,14 @@ class PcaFiller:
         learned: Moments of the training poses.
         share: Of the singular values that is kept.
         reach: sigma of the weights over the mean distance of all markers; None: no weights (Federolf 2013).
-        length: Correlation time of the residual in frames.
+        blend: At the edges.
     """
 
     coordinates: Body
     learned: Moments
     share: float
     reach: float | None
-    length: float
+    blend: Blend
 
     def __call__(self, trial: Trial) -> Filled:
         """Rebuild every frame that misses a marker."""
@@ -106,7 +106,7 @@ class PcaFiller:
                     out[np.ix_(rows, columns)] = rebuilt[:, columns]
             return (out * sd + mean).reshape(len(frames), -1, 3), None
 
-        y, _ = fill_blended(placed, predict, length=self.length)
+        y, _ = fill_blended(placed, predict, self.blend)
         return placed.leave(y)
 
     def weights(self, distance: Array, group: NDArray[np.int64], missing: NDArray[np.int64]) -> Array:
@@ -128,18 +128,18 @@ class PcaReconstruction:
     reaches: tuple[float | None, ...]
 
     def learn(self, training: Sequence[Trial]) -> Filler:
-        """Choose weights, components and correlation time."""
+        """Choose weights, components and blend."""
 
         @cache
         def learned(trials: tuple[Trial, ...]) -> tuple[Body, Moments]:
             body = learn_body(trials)
             return body, moments(np.concatenate(completed([body.place(trial) for trial in trials])), 1.0)
 
-        def fit(candidate: tuple[float, float | None, float], trials: Sequence[Trial]) -> Filler:
-            return PcaFiller(*learned(tuple(trials)), *candidate)
+        def fit(candidate: tuple[float, float | None], blend: Blend, trials: Sequence[Trial]) -> Filler:
+            return PcaFiller(*learned(tuple(trials)), *candidate, blend)
 
-        candidates = [(s, r, ell) for s, ell in ((0.99, 10.0), (0.99, 40.0), (0.95, 20.0)) for r in self.reaches]
-        return tune(candidates, training, fit)
+        candidates = [(share, reach) for share in (0.99, 0.95) for reach in self.reaches]
+        return tune_blended(candidates, training, fit)
 
 
 def peers() -> list[Method]:

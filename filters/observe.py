@@ -82,7 +82,8 @@ def observe(
         miss = y - np.einsum("gri,gi->gr", white, shift[marker])
         spread = np.einsum("gri,gij,grj->gr", white, left[marker], white)
         squared = np.sum(miss**2 + spread, axis=1)
-        weight[heavy] = ((sights.dof + sights.size) / (sights.dof + squared))[heavy]
+        dof = sights.dof[heavy]
+        weight[heavy] = (dof + sights.size[heavy]) / (dof + squared[heavy])
     a, target = _compress(white, y, weight, marker, deviations)
     posterior, w, log_det = condition(state, a, target, reads)
     n_rows = int(sights.size[used].sum())

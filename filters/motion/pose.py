@@ -48,11 +48,11 @@ class PoseMotion(MotionModel):
     """State [z (r), zdot (r), g (6), e (3M), gdot (6), edot (3M)].
 
     Markers are R exp(w) (mean + basis z + e) + c + p, where R, c is the body's path and g = [p, w] the body's own
-    deviation from it. The body moves with white acceleration and angular acceleration: the path is where it is
-    linearised, and drops out of what is predicted. The shape z has ``mechanics``; the residual e of each coordinate is
-    a Matern-3/2 process, e'' + 2 a e' + a^2 e = noise, with its own variance. With an empirical potential the shape is
-    held by that (``enforce``), in place of the constraints that nobody knows: together the empirical-analytical
-    Lagrangian of the paper.
+    deviation from it, gdot its velocity less the path's (angular: in body axes). The body moves with white acceleration
+    and angular acceleration: the path is where it is linearised, and drops out of what is predicted. The shape z has
+    ``mechanics``; the residual e of each coordinate is a Matern-3/2 process, e'' + 2 a e' + a^2 e = noise, with its own
+    variance. With an empirical potential the shape is held by that (``enforce``), in place of the constraints that
+    nobody knows: together the empirical-analytical Lagrangian of the paper.
 
     Attributes:
         path: Path of the body.
@@ -119,7 +119,11 @@ class PoseMotion(MotionModel):
         shape, g, _, g_rate, _ = self.parts
         r = 2 * self.rank
         mean, transition, bent = self.mechanics.linearised(Gaussian(state.mean[:r], state.factor[:r, :r]), step.dt_s)
-        both = self.advance(np.concatenate([state.mean[None], state.factor.T]), step.dt_s)
+        states = np.concatenate([state.mean[None], state.factor.T])
+        both = self.advance(states, step.dt_s)
+        turn, spin = slice(g.start + 3, g.stop), slice(g_rate.start + 3, g_rate.stop)
+        half = Rotation.from_rotvec(0.5 * step.dt_s * self.path.rate_rad_s[step.frame - 1]).as_matrix()
+        both[:, turn] = (states[:, turn] @ half + step.dt_s * states[:, spin]) @ half  # in axes that turn with the path
         ahead, rows = both[0], both[1:]
         ahead[shape], rows[:, shape] = mean, state.factor[shape].T @ transition.T
         shift, speed = self._path_input(step.frame, step.dt_s)

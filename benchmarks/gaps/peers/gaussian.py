@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]  # made at run time
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
@@ -83,7 +83,12 @@ class Normal:
         """Weights (seen, k) of the regression of k entries on what is seen, from their covariance with it."""
         if not seen.any():
             return cross
-        return cho_solve(cho_factor(self.cov[np.ix_(seen, seen)], lower=True), cross)
+        _, weights, info = dposv(self.cov[np.ix_(seen, seen)], cross, lower=1, overwrite_a=1)
+        if info != 0:
+            raise np.linalg.LinAlgError(
+                f"covariance of {int(seen.sum())} entries is not positive definite: raise the ridge"
+            )
+        return weights
 
 
 def moments(poses: Array, weight: float, normal: Normal | None = None) -> Moments:
@@ -142,8 +147,9 @@ class GaussianFiller:
         placed = self.coordinates.place(trial)
         normal = self.normal
         if self.own > 0:
-            own = usable(delayed(placed.poses, self.lags))
-            normal = (self.learned + moments(own, self.own, normal)).normal(self.ridge)
+            own = usable(delayed(placed.poses, self.lags)[:: thinned(self.lags)])
+            weight = self.own * thinned(self.lags)
+            normal = (self.learned + moments(own, weight, normal)).normal(self.ridge)
         width, centre = placed.poses.shape[1], self.lags.index(0)
         columns = np.arange(centre * width, (centre + 1) * width)
         stacked = delayed(placed.poses, self.lags)
@@ -171,6 +177,11 @@ class GaussianFiller:
         y[rows[at], marker] = mean[at, marker]
         spread[rows[at], marker] += cov[at, marker]
         return placed.leave(y, spread)
+
+
+def thinned(lags: Sequence[int]) -> int:
+    """Every how many frames a row of delayed poses is taken for the moments: neighbours say nearly the same."""
+    return 1 if len(lags) == 1 else 3
 
 
 def marker_blocks(cov: Array) -> Array:
@@ -204,19 +215,23 @@ class ConditionalGaussian:
         def learned(trials: tuple[Trial, ...], lags: tuple[int, ...]) -> tuple[Body, Moments, Array, Array]:
             body = learn_body(trials)
             placed = [body.place(trial) for trial in trials]
-            stacked = np.concatenate([usable(delayed(p.poses, lags)) for p in placed])
+            stacked = np.concatenate([usable(delayed(p.poses, lags)[:: thinned(lags)]) for p in placed])
             guess = moments(np.concatenate([_bridged(delayed(c, lags)) for c in completed(placed)]), 1.0)
             return body, guess, stacked, np.isfinite(stacked).all(keepdims=True)
 
-        def fit(choice: Choice, blend: Blend, trials: Sequence[Trial]) -> Filler:
-            body, total, stacked, whole = learned(tuple(trials), choice.lags)
+        @cache
+        def fitted(choice: Choice, trials: tuple[Trial, ...]) -> tuple[Body, Moments, Normal, Array]:
+            body, total, stacked, whole = learned(trials, choice.lags)
             scale = np.trace(total.second / total.count - np.outer(total.first, total.first) / total.count**2)
             ridge = np.full(len(total.first), choice.ridge * scale / len(total.first) + 1e-14)
             normal = total.normal(ridge)
             for _ in range(0 if whole.all() else 3):
-                total = moments(stacked, 1.0, normal)
+                total = moments(stacked, float(thinned(choice.lags)), normal)
                 normal = total.normal(ridge)
-            return GaussianFiller(body, total, normal, ridge, choice.own, choice.lags, blend, choice.reach)
+            return body, total, normal, ridge
+
+        def fit(choice: Choice, blend: Blend, trials: Sequence[Trial]) -> Filler:
+            return GaussianFiller(*fitted(choice, tuple(trials)), choice.own, choice.lags, blend, choice.reach)
 
         return tune_blended(self.choices, training, fit)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.likeness import CHANGE, MARGIN, bone_lengths, pair_evidence, steady_pairs, stretched_pairs, student_log
+from mocap.ways import belonging, bend_scales, crossing_pairs, jumped, unbroken
 
 Mask = NDArray[np.bool_]
 Bones = NDArray[np.int64]
@@ -28,8 +29,8 @@ DOUBTFUL = {"doubtful_name": "beside a run of exchanged names, and may be of eit
 """Why a sample was rejected here, by the key that reports use."""
 UNBROKEN = 30.0
 """Negative log probability that two markers change names while one of them goes on straight in full view."""
-STEP = 3
-"""Frames over which a marker that was not seen in between may be recognised by its straight way."""
+JUMPED = 11.0
+"""By how much less improbable a change of names is where one of the two, alone in view, jumps to the other's way."""
 RARE = 0.02
 """Negative log probability a frame of being exchanged: of two states that nothing tells apart the longer is right."""
 
@@ -123,56 +124,6 @@ def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchange
     return Exchanged(swaps=tuple(swaps), unsure=unsure)
 
 
-def bend_scales(xyz_m: Array) -> Array:
-    """(M,) standard deviation of a coordinate of the second difference of each marker's way, in metres a frame squared.
-
-    From its 90 % quantile over frames (2.5 deviations for three coordinates), which rare errors do not move; inf where
-    unknown.
-    """
-    size = np.linalg.norm(np.diff(xyz_m, n=2, axis=0), axis=-1)
-    out = np.full(xyz_m.shape[1], np.inf)
-    for marker, column in enumerate(size.T):
-        known = column[np.isfinite(column)]
-        if len(known) >= 10:
-            out[marker] = max(float(np.quantile(known, 0.9)) / 2.5, 1e-9)
-    return out
-
-
-def crossing_pairs(xyz_m: Array, bend_m: Array) -> set[Pair]:
-    """Pairs of markers each of which goes on where the other one was going, at least once.
-
-    The way of each marker is continued straight from the two samples before; a pair is suspected where both land more
-    than five deviations off their own continuation, and three times as near to the other's.
-    """
-    n_frames, n_markers = xyz_m.shape[:2]
-    index = np.arange(n_frames)[:, None]
-    seen = np.isfinite(xyz_m[..., 0])
-    last = _before(np.where(seen, index, -1))
-    columns = np.arange(n_markers)
-    earlier = np.where(last >= 0, last[np.maximum(last, 0), columns], -1)
-    frames, ok = np.maximum(last, 0), seen & (earlier >= 0)
-    gap, step = index - last, np.maximum(last - earlier, 1)
-    velocity = (xyz_m[frames, columns] - xyz_m[np.maximum(earlier, 0), columns]) / step[..., None]
-    ahead = np.where(ok[..., None], xyz_m[frames, columns] + gap[..., None] * velocity, np.nan)
-    limit = 5 * np.sqrt(3) * bend_m * gap * (gap + step) / 2
-    pairs: set[Pair] = set()
-    own = np.linalg.norm(xyz_m - ahead, axis=-1)
-    off = own > limit
-    for frame in np.flatnonzero(np.count_nonzero(off, axis=1) >= 2):
-        who = np.flatnonzero(off[frame])
-        here, there, miss = xyz_m[frame, who], ahead[frame, who], own[frame, who]
-        crossed = np.linalg.norm(here[:, None] - there, axis=-1) < miss[:, None] / 3
-        near = crossed & crossed.T
-        pairs |= {(int(who[i]), int(who[j])) for i, j in np.argwhere(np.triu(near, 1))}
-    return pairs
-
-
-def _before(index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(T, M) largest entry of the rows before each row; -1 where there is none."""
-    last = np.maximum.accumulate(index, axis=0)
-    return np.concatenate([np.full((1, index.shape[1]), -1), last[:-1]])
-
-
 def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tuple[list[Swap], Mask]:
     """Runs of frames in which a pair was exchanged, and (T, M) samples beside them that may be of either marker.
 
@@ -194,7 +145,8 @@ def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tup
     bends = _bends(xyz_m[frames][:, [a, b]], frames, float(max(bend_m[a], bend_m[b])))
     nearest = np.searchsorted((frames[1:] + frames[:-1]) / 2, np.arange(len(xyz_m)))
     own = np.bincount(nearest, for_exchange, len(frames)) - RARE
-    change = CHANGE + UNBROKEN * unbroken(xyz_m[:, [a, b]], frames, bend_m[[a, b]])
+    two, bend = xyz_m[:, [a, b]], bend_m[[a, b]]
+    change = CHANGE + UNBROKEN * unbroken(two, frames, bend) - JUMPED * jumped(two, frames, bend)
     state = _most_likely(bends, own, change)
     score = _score(bends, own, change, state)
     runs, kept = [], np.zeros_like(state)
@@ -215,7 +167,7 @@ def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tup
     changes = [k for run in runs for k in run[:2] if 0 < k < len(frames)]
     right = exchange(xyz_m, swaps)[:, [a, b]]
     for k in changes:
-        belongs = _alone(right, frames[k - 1 : k + 1], kept[k - 1 : k + 1], bend_m[[a, b]])
+        belongs = belonging(right, frames[k - 1 : k + 1], kept[k - 1 : k + 1], bend_m[[a, b]])
         for j, marker in enumerate(pair):
             unsure[belongs[j] < 0, marker] = True
         more = np.flatnonzero((belongs == 1).any(axis=0))
@@ -225,73 +177,6 @@ def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tup
             frames_of = np.union1d(swaps[run].frames, more)
             swaps[run] = replace(swaps[run], frames=frames_of)
     return swaps, unsure
-
-
-def unbroken(xyz_m: Array, frames: NDArray[np.int64], bend_m: Array) -> Mask:
-    """(K,) whether one of two markers was seen alone between frames k - 1 and k, and went on straight all the way.
-
-    Where it did its name has not changed, whatever the other one does when it is seen again.
-
-    Args:
-        xyz_m: (T, 2, 3) positions.
-        frames: (K,) frames in which both are seen.
-        bend_m: (2,) usual bend of each way.
-    """
-    out = np.zeros(len(frames), dtype=bool)
-    apart = np.linalg.norm(xyz_m[frames, 0] - xyz_m[frames, 1], axis=-1)
-    for j in (0, 1):
-        seen = np.flatnonzero(np.isfinite(xyz_m[:, j, 0]))
-        x, (g, h) = xyz_m[seen, j], (np.diff(seen)[:-1], np.diff(seen)[1:])
-        off = np.linalg.norm(x[2:] - x[1:-1] - (x[1:-1] - x[:-2]) * (h / g)[:, None], axis=-1)
-        limit = 5 * np.sqrt(3) * bend_m[j] * h * (g + h) / 2
-        goes_on = np.concatenate([[False, False], (off <= limit) & (h <= STEP)])
-        breaks = np.concatenate([[0], np.cumsum(~goes_on)])
-        at = np.searchsorted(seen, frames)
-        near = np.concatenate([[np.inf, np.inf], limit])[at] < 0.5 * apart
-        out[1:] |= (np.diff(at) > 1) & (breaks[at[1:] + 1] == breaks[at[:-1] + 1]) & near[1:]
-    return out
-
-
-def _alone(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], bend_m: Array) -> NDArray[np.int64]:
-    """Samples between two frames of different states, where one of two markers is seen at a time.
-
-    From both ends each way is continued straight, sample by sample, as long as these lie where its bend may bring it
-    within ``STEP`` frames, and nearer than half of the distance that the two usually have.
-
-    Args:
-        xyz_m: (T, 2, 3) positions, right outside and at both ends.
-        ends: The frame before and the frame after.
-        state: The states there: whether names are exchanged.
-        bend_m: (2,) usual bend of each way.
-
-    Returns:
-        (2, T) by name: 1 where exchanged, 0 where not or not between, -1 where both ends claim it, or none.
-    """
-    reached = np.zeros((2, 2, len(xyz_m)), dtype=bool)  # end, name, frame
-    half = 0.5 * float(np.nanmedian(np.linalg.norm(xyz_m[:, 0] - xyz_m[:, 1], axis=-1)))
-    between = np.arange(ends[0] + 1, ends[1])
-    seen = np.isfinite(xyz_m[..., 0]).T
-    for end, order in enumerate((between, between[::-1])):
-        outside = np.arange(ends[0] + 1) if end == 0 else np.arange(len(xyz_m) - 1, ends[1] - 1, -1)
-        for name in (0, 1):
-            way = name ^ int(state[end])
-            known = [int(t) for t in outside[seen[way, outside]][-2:]]
-            at = [xyz_m[t, way] for t in known]
-            for t in order[seen[name, order]]:
-                if len(known) < 2:
-                    break
-                g, h = abs(known[-1] - known[-2]), abs(int(t) - known[-1])
-                off = xyz_m[t, name] - at[-1] - (at[-1] - at[-2]) * h / g
-                limit = min(5 * np.sqrt(3) * bend_m[way] * h * (g + h) / 2, half)
-                if h > STEP or np.linalg.norm(off) > limit:
-                    break
-                reached[end, name, t] = True
-                known, at = [known[-1], int(t)], [at[-1], xyz_m[t, name]]
-    out = np.zeros((2, len(xyz_m)), dtype=np.int64)
-    out[:, between] = np.where(
-        seen[:, between], np.where(reached[1] == reached[0], -1, reached[state[1]])[:, between], 0
-    )
-    return out
 
 
 def _bends(xyz_m: Array, frames: NDArray[np.int64], bend_m: float) -> Array:

@@ -113,6 +113,16 @@ def test_markers_that_cross_are_not_exchanged():
     assert [s.frames.tolist() for s in found] == [list(range(40, 70))]
 
 
+def test_a_change_while_one_is_hidden(bat):
+    """The names of the ears, whose bones are alike, change while one ear is hidden: where the other's name jumps."""
+    a, b = bat.pair("ear")
+    xyz = bat.truth + 2e-4 * np.random.default_rng(2).standard_normal(bat.truth.shape)
+    xyz[90:105, a] = np.nan
+    given = exchange(xyz, [swap(a, b, range(100, 150))])
+    (run,) = exchanged_markers(given, bat.bones).swaps
+    assert run.frames.tolist() == list(range(100, 150))
+
+
 def test_the_longer_of_two_stretches_keeps_its_names():
     """Names that change once without a bone to tell: the stretch that is longer is believed."""
     t = np.arange(100.0)

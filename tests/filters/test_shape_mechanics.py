@@ -128,6 +128,17 @@ def test_a_bent_field_spreads_a_state_as_monte_carlo_does():
     assert np.abs((ours - cov) / np.outer(sd, sd)).max() < 0.02
 
 
+def test_a_force_that_is_even_pushes_and_blurs():
+    """Of zddot = k z^2 about z = 0 of variance v: speed k v dt, and its variance 2 (k v dt)^2, all of it bend."""
+    k, sd, dt_s = 1000.0, 0.05, 1e-4
+    field = FieldShape(lambda x: k * x[:, :1] ** 2, np.eye(1))
+    mean, transition, bent = field.linearised(Gaussian(np.zeros(2), np.diag([sd, 1e-6])), dt_s)
+    push = k * sd**2 * dt_s
+    assert mean[1] == pytest.approx(push, rel=1e-3)
+    assert (bent @ bent.T)[1, 1] == pytest.approx(2 * push**2, rel=1e-3)
+    np.testing.assert_allclose(transition, [[1, dt_s], [0, 1]], atol=1e-3 * push / sd)
+
+
 @pytest.mark.parametrize("dt_s", [1e-4, 1 / 240, 0.1])
 def test_noise_is_the_integral(dt_s):
     """Q = int exp(A s) B S B^T exp(A s)^T ds by quadrature, A the free motion: exactly, at any step."""

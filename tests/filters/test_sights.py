@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from filters.observations import WHOLE, PixelObservations, PositionObservations
+from filters.observations import WHOLE, PixelObservations, PositionObservations, linearised_pixels
 from mocap.cameras import project
 from tests.filters.filmed import hide, pixels
 
@@ -33,6 +33,20 @@ def test_a_ray_is_the_cameras_projection():
         assert not sights.innovation[:, 2].any()
         assert not sights.slope[:, 2].any()
         np.testing.assert_array_equal(sights.sd[:, 2], 1)
+
+
+def test_the_bend_of_a_ray_is_part_of_its_error():
+    """Of a marker known to 10 cm the innovation is from the mean pixel, and what linearising leaves adds to sd^2."""
+    rng = np.random.default_rng(8)
+    seen, _ = pixels(rng)
+    mean, cov = rng.uniform(-0.3, 0.3, (5, 3)), np.tile(0.01 * np.eye(3) + 0.005, (5, 1, 1))
+    sights = seen.sights(0, mean, cov)
+    camera, marker = sights.where.T
+    pixel, slope, left = linearised_pixels(seen.matrices, mean, cov, camera, marker)
+    np.testing.assert_array_equal(sights.innovation[:, :2], seen.uv_px[camera, 0, marker] - pixel)
+    np.testing.assert_array_equal(sights.slope[:, :2], slope)
+    np.testing.assert_allclose(sights.sd[:, :2] ** 2, seen.sd_px[camera, 0, marker, None] ** 2 + left, rtol=1e-12)
+    assert left.max() > 1
 
 
 def test_a_heavy_tailed_camera_says_so_of_its_rays():

@@ -8,136 +8,22 @@ against the best of each cell, with standard errors), ``summary.csv``, ``error.p
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from benchmarks.gaps import plots
-from benchmarks.gaps.hide import GAPS, SCENARIOS, cells, excerpt
-from benchmarks.gaps.method import Trial
-from benchmarks.gaps.protocol import FULL, TEST_FRAMES, Plan, plan, run_fold, shown_trials
 from benchmarks.gaps.registry import methods
+from benchmarks.gaps.run import QUICK, QUICK_SETS, Extent, Task, results
 from benchmarks.gaps.sets import SETS, load
 from benchmarks.gaps.table import FOLDS, as_text, pooled, ratios, summary
 from mocap.errors import MocapError
 
 QUICK_SECONDS = 165
 """``--quick`` starts no method later than that."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Extent:
-    """How much of the protocol is run.
-
-    Attributes:
-        seeds: Seeds of the gaps.
-        scenarios: Of gaps.
-        lengths: Of gaps.
-        folds: Trials that are left out, at most.
-        training: Trials to learn from, at most.
-        frames: Of a trial, at most, in tests and (``--quick``) in training.
-    """
-
-    seeds: tuple[int, ...] = (0, 1, 2)
-    scenarios: tuple[str, ...] = SCENARIOS
-    lengths: tuple[int, ...] = GAPS
-    folds: int = 100
-    training: int = 100
-    frames: int = TEST_FRAMES
-
-    @property
-    def short(self) -> bool:
-        """Whether training trials are cut as well."""
-        return self.training < 100
-
-
-QUICK = Extent(seeds=(0,), scenarios=("single", "limb"), lengths=(10, 50), folds=1, training=2, frames=160)
-QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
-QUICK_SETS = ("bat", "mouse", "snake_glide", "twin_lizard")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Task:
-    """One method on one fold of a set."""
-
-    name: str
-    trial: int
-    method: str
-    extent: Extent
-
-
-def fold_trials(name: str, left_out: int, extent: Extent) -> tuple[list[Trial], int]:
-    """The trials of a fold, as many and as long as wanted, and the place of the one that is left out."""
-    trials = load(name)
-    if not extent.short:
-        return trials, left_out
-    others = [trial for i, trial in enumerate(trials) if i != left_out][: extent.training]
-    rng = np.random.default_rng(0)
-    return [excerpt(trial, extent.frames, rng) for trial in others] + [trials[left_out]], len(others)
-
-
-def run(task: Task) -> tuple[list[dict], str | None]:
-    """Rows of ``folds.csv``, and what went wrong if it did (the numbers are NaN then)."""
-    trials, left_out = fold_trials(task.name, task.trial, task.extent)
-    wanted = cells(scenarios=task.extent.scenarios, lengths=task.extent.lengths)
-    method = next(method for method in methods() if method.name == task.method)
-    token = plan.set(QUICK_PLAN if task.extent.short else FULL)
-    try:
-        with threadpool_limits(1):
-            outcomes = run_fold(
-                method, trials, left_out, seeds=task.extent.seeds, wanted=wanted, frames=task.extent.frames
-            )
-    except Exception as error:  # a method may fail in any way; the others go on
-        return empty_rows(task), f"{type(error).__name__}: {error}"
-    finally:
-        plan.reset(token)
-    return [
-        row(task, seed, trials[left_out].name, score.__dict__ | {"seconds": outcome.seconds, "frames": outcome.frames})
-        for seed, outcome in zip(task.extent.seeds, outcomes, strict=True)
-        for score in outcome.scores
-    ], None
-
-
-def row(task: Task, seed: int, trial: str, values: dict) -> dict:
-    """A row of ``folds.csv``."""
-    return {"set": task.name, "method": task.method, "seed": seed, "trial": trial} | values
-
-
-def empty_rows(task: Task) -> list[dict]:
-    """Rows without numbers, for the kinds of gaps that the trial holds."""
-    trials, left_out = fold_trials(task.name, task.trial, task.extent)
-    wanted = cells(scenarios=task.extent.scenarios, lengths=task.extent.lengths)
-    nothing = dict.fromkeys(("rmse_mm", "coverage95", "nll", "seconds", "frames"), np.nan)
-    out = []
-    for seed in task.extent.seeds:
-        shown = shown_trials(trials[left_out], seed, wanted, frames=task.extent.frames)
-        held: dict[tuple[str, int], int] = {}
-        for gap in (gap for copy in shown for gap in copy.gaps):
-            held[gap.scenario, gap.length] = (
-                held.get((gap.scenario, gap.length), 0) + int(gap.scored.sum()) * gap.length
-            )
-        for (scenario, length), samples in sorted(held.items()):
-            values = {"scenario": scenario, "gap": length, "samples": samples} | nothing
-            out.append(row(task, seed, trials[left_out].name, values))
-    return out
-
-
-def results(tasks: Sequence[Task], jobs: int, deadline: float) -> Iterator[tuple[Task, list[dict], str | None]]:
-    """Run tasks in order, or by processes; after the deadline rows are empty."""
-    if jobs > 1:
-        with get_context("spawn").Pool(jobs) as pool:
-            for task, (rows, trouble) in zip(tasks, pool.imap(run, tasks), strict=True):
-                yield task, rows, trouble
-        return
-    for task in tasks:
-        late = time.perf_counter() > deadline
-        rows, trouble = (empty_rows(task), "out of time") if late else run(task)
-        yield task, rows, trouble
 
 
 def main() -> int:
@@ -191,6 +77,7 @@ def _collect(tasks: Sequence[Task], args: argparse.Namespace, deadline: float) -
     if args.resume and path.exists():
         rows = pd.read_csv(path).to_dict("records")
         done = {(r["set"], r["trial"], r["method"]) for r in rows if np.isfinite(r["rmse_mm"])}
+        done -= {(r["set"], r["trial"], r["method"]) for r in rows[-1:]}  # it may have been cut off in the middle
         rows = [r for r in rows if (r["set"], r["trial"], r["method"]) in done]
         tasks = [t for t in tasks if (t.name, load(t.name)[t.trial].name, t.method) not in done]
     pd.DataFrame(rows, columns=FOLDS).to_csv(path, index=False)

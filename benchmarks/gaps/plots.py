@@ -66,8 +66,8 @@ def _coverage(table: pd.DataFrame, names: list[str], colours: dict) -> Figure:
     for ax, name in zip(axes, sets, strict=True):
         ax.axhspan(92, 98, color="0.9")
         for method in names:
-            part = table[(table["set"] == name) & (table["method"] == method)]
-            shares: Any = 100 * part.groupby("gap")["coverage95"].mean().to_numpy()
+            part: Any = table[(table["set"] == name) & (table["method"] == method)]
+            shares = 100 * part.groupby("gap")["coverage95"].mean().to_numpy()
             if np.isfinite(shares).any():
                 ax.plot(sorted(set(part["gap"])), shares, ".-", color=colours[method], label=method, linewidth=1.2)
         ticks = sorted(set(table["gap"]))

@@ -1,15 +1,21 @@
 """C3D files, through ezc3d."""
 
+import json
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
-import ezc3d
 import numpy as np
 
 from mocap.errors import FormatError
+from mocap.formats.c3d_process import REFUSED
 from mocap.formats.optical import marker_tracks, metres, rate
 from mocap.records import MarkerTracks, Origin
 
+SECONDS = 20.0
+"""After so long (and a second for each megabyte) a file is given up."""
 _NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Groups of points (parameter POINT) that are modelled quantities, not places."""
 
@@ -30,17 +36,8 @@ def read_c3d(path: Path, *, unit: str | None = None) -> MarkerTracks:
     """
     if not path.is_file():
         raise FormatError(f"{path}: cannot be read: no such file")
-    try:
-        table = ezc3d.c3d(str(path))
-        header, parameters = table["header"]["points"], table["parameters"]["POINT"]
-        data = np.asarray(table["data"]["points"], dtype=np.float64)
-        residual = np.asarray(table["data"]["meta_points"]["residuals"], dtype=np.float64)[0]
-        first = int(header["first_frame"])
-    except Exception as error:  # ezc3d hands on whatever its C++ code throws
-        raise FormatError(
-            f"{path.name}: cannot be read as C3D ({str(error).strip() or type(error).__name__}): export it again, "
-            "little-endian (Intel) if the program asks"
-        ) from None
+    table = _read(path)
+    data, residual, parameters = table["points"], table["residuals"], json.loads(str(table["parameters"]))
     if not data.size:
         raise FormatError(f"{path.name}: holds no points: export the trajectories, not only analog channels")
     _check_whole(path, data.shape[2])
@@ -58,8 +55,34 @@ def read_c3d(path: Path, *, unit: str | None = None) -> MarkerTracks:
     xyz[~seen] = np.nan
     filled = Origin.INTERPOLATED if (residual > 0).any() else Origin.MEASURED
     origin = np.where(seen, np.where(residual > 0, Origin.MEASURED, filled), Origin.MISSING)
-    t_s = (first + np.arange(len(xyz))) / rate(path, header["frame_rate"])
+    t_s = (int(table["first_frame"]) + np.arange(len(xyz))) / rate(path, float(table["rate_hz"]))
     return marker_tracks(path, [name for name, kept in zip(names, keep, strict=True) if kept], t_s, xyz, origin)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """What ``c3d_process`` finds.
+
+    Raises:
+        FormatError: ezc3d refuses the file, crashes on it, or does not come to an end.
+    """
+    seconds = SECONDS + path.stat().st_size / 1e6
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "points.npz"
+        script = Path(__file__).with_name("c3d_process.py")
+        command = [sys.executable, "-P", str(script), str(path.absolute()), str(out)]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False)
+        except subprocess.TimeoutExpired:
+            raise FormatError(f"{path.name}: the head of this C3D file is damaged: copy or export it again") from None
+        if done.returncode == REFUSED:
+            raise FormatError(
+                f"{path.name}: cannot be read as C3D ({done.stdout}): export it again, little-endian (Intel) if the "
+                "program asks"
+            )
+        if done.returncode != 0 or not out.exists():
+            raise FormatError(f"{path.name}: the head of this C3D file is damaged: copy or export it again")
+        with np.load(out) as table:
+            return dict(table)
 
 
 def _check_whole(path: Path, frames: int) -> None:
@@ -74,12 +97,12 @@ def _check_whole(path: Path, frames: int) -> None:
     announced = last - first + 1
     if last < 0xFFFF and frames < announced:  # 16 bits: longer recordings announce too few, or the largest number
         raise FormatError(
-            f"{path.name}: {announced} frames are announced, {frames} are there: the file is cut; copy or export it again"
+            f"{path.name}: {announced} frames are announced, {frames} are there: the file is cut; export it again"
         )
 
 
 def _values(parameters: dict[str, Any], key: str) -> list[str]:
-    return list(parameters[key]["value"]) if key in parameters else []
+    return [str(value) for value in parameters.get(key, [])]
 
 
 def _labels(path: Path, parameters: dict[str, Any], count: int) -> list[str]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mocap.errors import FormatError
+from mocap.formats import c3d
 from mocap.formats.c3d import read_c3d
 from mocap.formats.qualisys import read_mat, read_tsv
 from mocap.formats.vicon import read_csv
@@ -218,3 +219,19 @@ def test_cut_binaries_are_refused(tmp_path, read, parts, keep):
     with pytest.raises(FormatError, match=r"cut\.bin: ") as caught:
         read(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value"),
+    [("sample_03/gait-raw", 5058, 186), ("sample_02/pc_real", 4311, 109)],
+    ids=["crash", "loop"],
+)
+def test_a_head_that_brings_ezc3d_down_is_a_damaged_file(tmp_path, monkeypatch, name, at, value):
+    """One wrong byte makes ezc3d 1.7 write where it must not, or never end: here it is an error like others."""
+    monkeypatch.setattr(c3d, "SECONDS", 2.0)
+    data = bytearray(real("c3d_samples", f"{name}.c3d").read_bytes())
+    data[at] = value
+    path = tmp_path / "damaged.c3d"
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match=r"damaged\.c3d: the head of this C3D file is damaged"):
+        read_c3d(path)

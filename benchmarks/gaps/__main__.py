@@ -64,8 +64,8 @@ def main() -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     rows = _collect(tasks, args, begin + (QUICK_SECONDS if args.quick else np.inf))
     folds = pd.DataFrame(rows, columns=FOLDS)
+    print(as_text(summary(folds)), flush=True)
     _write(folds, args.out, final=True)
-    print(as_text(summary(folds)))
     print(f"{time.perf_counter() - begin:.0f} s; {args.out}", file=sys.stderr)
     return 0
 

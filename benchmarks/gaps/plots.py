@@ -53,7 +53,9 @@ def _lines(ax: Axes, logs: pd.DataFrame, name: str, scenario: str, names: list[s
     gaps = part.index.get_level_values("gap")
     for method in names:
         ax.plot(gaps, np.exp(part[method]), ".-", color=colours[method], label=method, linewidth=1.2)
-    ax.set(xscale="log", yscale="log", title=scenario)
+    ax.set(xscale="log", title=scenario)
+    if np.isfinite(part[names].to_numpy()).any():
+        ax.set_yscale("log")
     ticks = sorted(set(logs.index.get_level_values("gap")))
     ax.set_xticks(ticks, [str(tick) for tick in ticks])
     ax.minorticks_off()

@@ -14,6 +14,7 @@ from mocap.bias import ray_bias
 from mocap.camera_health import BadTime, camera_health, describe
 from mocap.careless import student_t
 from mocap.clean import REASONS, Cleaning, clean
+from mocap.click_noise import ClickNoise, click_noise
 from mocap.errors import CalibrationError, FormatError
 from mocap.formats import dltdv
 from mocap.records import MarkerTracks
@@ -49,6 +50,8 @@ class Prepared:
         camera_factor: (C, T) 1 or more: how much worse a camera is than in its good time (``mocap.camera_health``);
             contained in ``ray_sd_px``.
         bad_cameras: Runs of frames in which a camera was bad.
+        noise: Relative scales of cameras and markers, and degrees of freedom of cameras, by which rays were weighed;
+            None without cameras.
         swaps: Runs of frames in which two markers bore each other's names; undone in all that is above.
         stale: Stored points that do not follow from the pixels; None where there was no file to compare.
     """
@@ -71,6 +74,7 @@ class Prepared:
     camera_factor: Array
     findings: tuple[str, ...] = ()
     bad_cameras: tuple[BadTime, ...] = ()
+    noise: ClickNoise | None = None
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
 
@@ -78,6 +82,26 @@ class Prepared:
     def dt_s(self) -> float:
         """Time step."""
         return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+    @property
+    def camera_sd_px(self) -> Array:
+        """(C,) standard deviation of a coordinate that informs as much as the mean ray of each camera; NaN: no ray."""
+        seen = np.isfinite(self.uv_px[..., 0])
+        total = np.where(seen, 1 / self.ray_sd_px**2, 0.0).sum(axis=(1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
+
+    @property
+    def expected_nis(self) -> float:
+        """Normalised innovation squared a row of a filter that knows its uncertainty, with rays weighed by Student's t.
+
+        The mean of (nu + 2) / (nu + 4) over rays: ``ray_sd_px`` holds their information, which is less than that of
+        normal errors of the same variance.
+        """
+        if self.noise is None:
+            return 1.0
+        rays = np.isfinite(self.uv_px[..., 0]).sum(axis=(1, 2))
+        return float(np.average((self.noise.dof + 2) / (self.noise.dof + 4), weights=np.maximum(rays, 1)))
 
     @property
     def repaired(self) -> dict[str, NDArray[np.bool_]]:
@@ -146,7 +170,8 @@ def prepare(source: Source) -> Prepared:
     jitter = source.pixel_sd or bias.jitter_px
     uv = uv - bias.bias_px
     start = triangulate.linear(filmed.matrices, uv, relative=worse[..., None])
-    xyz, cov, ray_sd = student_t(filmed.matrices, uv, start, sd_px=jitter, relative=worse)
+    noise = click_noise(filmed.matrices, uv, start, relative=worse)
+    xyz, cov, ray_sd = student_t(filmed.matrices, uv, start, sd_px=jitter, relative=worse, noise=noise)
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
     findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *findings]
@@ -173,6 +198,7 @@ def prepare(source: Source) -> Prepared:
         max_speed_m_s=cleaning.max_speed_m_s,
         camera_factor=worse,
         bad_cameras=health.bad,
+        noise=noise,
         findings=(
             *findings,
             *describe(health, [c.name for c in filmed.cameras]),

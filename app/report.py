@@ -51,6 +51,7 @@ def make_report(
         },
         "residual_px": _quantiles(prepared.residual_px),
         "pixel_noise_px": {"jitter": _number(prepared.jitter_px), "slow": prepared.bias_px},
+        "cameras_and_markers": _noise(prepared),
         "rejected": {
             "counts": {
                 **{reason: int(mask.sum()) for reason, mask in prepared.rejected.items()},
@@ -67,7 +68,7 @@ def make_report(
             "runs": _exchanged(prepared),
         },
         "stale_points": None if prepared.stale is None else [vars(s) for s in prepared.stale],
-        "innovation": _consistency(tracked),
+        "innovation": {**_consistency(tracked), "expected_per_row": prepared.expected_nis},
         "log_likelihood": float(tracked.log_likelihood.sum()),
         "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
         "joints": {name: _joint(p) for name, p in potentials.items()},
@@ -96,6 +97,18 @@ def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
         for reason, mask in prepared.rejected.items()
         for t, m in np.argwhere(mask)
     ]
+
+
+def _noise(prepared: Prepared) -> dict[str, object]:
+    """What a ray of each camera is worth, its degrees of freedom, and how much worse than the typical a marker is."""
+    if prepared.filmed is None or prepared.noise is None:
+        return {"sd_px": {}, "dof": {}, "marker_scale": {}}
+    cameras = [camera.name for camera in prepared.filmed.cameras]
+    return {
+        "sd_px": dict(zip(cameras, map(_number, prepared.camera_sd_px), strict=True)),
+        "dof": dict(zip(cameras, map(_number, prepared.noise.dof), strict=True)),
+        "marker_scale": dict(zip(prepared.names, map(_number, prepared.noise.marker), strict=True)),
+    }
 
 
 def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
@@ -131,8 +144,7 @@ def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
 def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
     """Mean NIS a row, and the share of frames inside the 95 % band of chi-square.
 
-    A filter that knows its uncertainty has 1 a row; with rays whose deviations were widened by Student's t weights
-    (``mocap.careless``) it has (nu + 2) / (nu + 4) = 0.75.
+    A filter that knows its uncertainty has ``Prepared.expected_nis`` a row.
     """
     ok = np.isfinite(tracked.nis) & (tracked.n_rows > 0)
     if not ok.any():
@@ -148,7 +160,7 @@ def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
 def _too_narrow(prepared: Prepared, tracked: TrackedMotion) -> list[str]:
     """A finding where innovations are much larger than the filter expects them."""
     nis = _consistency(tracked)["nis_per_row"]
-    expected = 1.0 if prepared.filmed is None else 0.75
+    expected = prepared.expected_nis
     if nis is None or nis < 2 * expected:
         return []
     return [
@@ -209,9 +221,21 @@ def readable(report: Mapping, *, title: str) -> str:
             f"- triangulation residual {residual['50%']:.2f} px (median), {residual['90%']:.2f} px (90 %); "
             f"pixel noise {noise['jitter']:.2f} px, slow ray errors {noise['slow']:.2f} px"
         )
+    by_camera = {name: sd for name, sd in report["cameras_and_markers"]["sd_px"].items() if sd is not None}
+    if by_camera:
+        dof = report["cameras_and_markers"]["dof"]
+        worst = sorted(report["cameras_and_markers"]["marker_scale"].items(), key=lambda item: -item[1])[:3]
+        lines.append(
+            "- a ray is worth, in px (degrees of freedom): "
+            + ", ".join(f"{name} {sd:.2f} ({dof[name]:.1f})" for name, sd in by_camera.items())
+            + "; markers worst to digitise: "
+            + ", ".join(f"{name} x {scale:.2f}" for name, scale in worst)
+        )
     nis = report["innovation"]
     if nis["nis_per_row"] is not None:
-        expected = "0.75 is expected of rays weighted by Student's t" if report["cameras"] else "1 is expected"
+        expected = f"{nis['expected_per_row']:.2f} is expected" + (
+            " of rays weighed by Student's t" if report["cameras"] else ""
+        )
         lines.append(f"- innovations: NIS {nis['nis_per_row']:.2f} a row ({expected})")
     counts = ", ".join(f"{reason} {count}" for reason, count in rejected.items() if count) or "none"
     repaired = (

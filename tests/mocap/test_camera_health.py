@@ -134,7 +134,7 @@ def test_a_bad_camera_is_no_worse_than_none(tmp_path, n_cameras):
     rms = {name: np.sqrt(np.mean(value[both] ** 2)) for name, value in error.items()}
     assert rms["bumped"] < 1.03 * rms["without"]
     assert any("camera cam3 from frame 10" in finding for finding in with_it.findings)
-    assert (with_it.ray_sd_px[2, 105:][np.isfinite(with_it.uv_px[2, 105:, :, 0])] > 3).all()
+    assert np.median(with_it.ray_sd_px[2, 105:][np.isfinite(with_it.uv_px[2, 105:, :, 0])]) > 4
 
 
 def test_real_bats_have_healthy_cameras():

@@ -190,7 +190,7 @@ class KalmanSmoother:
             coordinates, density = likeliest(candidate[0], tuple(trials))
             return KalmanFiller(coordinates, self.order, candidate[1] * density)
 
-        candidates = [(body, factor) for body in (True, False) for factor in (0.1, 1.0, 10.0)]
+        candidates = [(body, factor) for body in (True, False) for factor in (1.0, 10.0, 0.03, 1e-3)]
         return tune(candidates, training, fit)
 
 

@@ -23,8 +23,11 @@ from benchmarks.gaps.peers.poses import completed
 from mocap.arrays import Array
 from mocap.body import smooth_series
 
-POSES = 400
+POSES = 300
 """Training poses that are embedded."""
+
+FRAMES = 600
+"""Frames of a trial from which the motion is learned."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,17 @@ def blended(placed: Placed, poses: Array, blend: Blend) -> Array:
         return model[frames], None
 
     return fill_blended(placed, predict, blend)[0]
+
+
+def spread_out(poses: Array, count: int) -> Array:
+    """Up to ``count`` of (N, D) poses, each the farthest from those before: repeated ones would be their neighbours."""
+    chosen, distance = [0], np.full(len(poses), np.inf)
+    for _ in range(min(count, len(poses)) - 1):
+        distance = np.minimum(distance, ((poses - poses[chosen[-1]]) ** 2).sum(axis=1))
+        if distance.max() <= 0:
+            break
+        chosen.append(int(np.argmax(distance)))
+    return poses[np.sort(chosen)]
 
 
 def slow(z: Array) -> Array:
@@ -77,8 +91,7 @@ class Embedding:
         ) -> tuple[Body, Regression, list[Array], Array]:
             body, poses = learned(trials)
             stacked = np.concatenate(poses)
-            chosen = stacked[np.linspace(0, len(stacked) - 1, min(POSES, len(stacked))).astype(int)]
-            chosen = np.unique(chosen, axis=0)
+            chosen = spread_out(stacked, POSES)
             neighbours = min(neighbours, len(chosen) - 1)
             size = min(size, chosen.shape[1], neighbours - 1)
             make = (
@@ -88,14 +101,14 @@ class Embedding:
             )
             points = make.fit_transform(chosen)
             scale = points.std(axis=0) + 1e-12
-            z = [slow(make.transform(p) / scale) for p in poses]
+            z = [slow(make.transform(p[:FRAMES]) / scale) for p in poses]
             decode = regress(points / scale, chosen)
             sd = np.hypot(decode.noise_sd, np.repeat(trials[0].sd_m, 3))
             return body, decode, z, sd
 
         def fit(candidate: tuple[int, float | None, float], blend: Blend, trials: Sequence[Trial]) -> Filler:
             size, ridge, trust = candidate
-            body, decode, z, sd = embedded(size, 12, tuple(trials))
+            body, decode, z, sd = embedded(size, 12 if self.isomap else 30, tuple(trials))
             return LatentFiller(body, linear_dynamics(decode, z, trust * sd, ridge=ridge), blend)
 
         candidates = [(3, 1e-2, 3.0), (6, 1e-2, 3.0), (6, 1e-2, 10.0), (6, None, 3.0), (10, 1e-2, 3.0)]

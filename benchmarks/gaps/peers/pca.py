@@ -86,7 +86,7 @@ class PcaFiller:
         mean = total.first / total.count
         second = total.second / total.count
         cov = second - np.outer(mean, mean)
-        sd = np.sqrt(np.diag(cov))
+        sd = np.sqrt(np.maximum(np.diag(cov), 0.0))
         sd = np.where(sd > 1e-9 * sd.max(), sd, 1.0)
         inner = second.reshape(len(mean) // 3, 3, -1, 3).trace(axis1=1, axis2=3)
         distance = marker_distances(np.diag(inner), inner)

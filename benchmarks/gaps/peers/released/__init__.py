@@ -14,6 +14,8 @@ Everything installs with pip; pose2sim only without its dependencies, its filter
 interpolation, before. EKS wants the variance of an ensemble of networks; it is given that of the measurement, and a
 metre where a sample is hidden. aniposelib optimises points under smoothness and bone lengths against pixels; it is
 given what three virtual cameras, a pixel a standard deviation, see of the measured points.
+
+The tools compute in another process: the time a frame that the benchmark takes is that of handing over.
 """
 
 import sys

@@ -36,7 +36,7 @@ class Worker:
     def close(self) -> None:
         """End it."""
         self.process.kill()
-        self.process.wait()
+        self.process.communicate()
         self.folder.cleanup()
 
     def run(self, tool: str, xyz_mm: Array, sd_mm: Array, options: dict, **arrays: Array) -> tuple[Array, Array | None]:

@@ -21,8 +21,7 @@ class RayBias:
 
     Attributes:
         bias_px: (C, T, M, 2) to subtract from ideal pixels; 0 where nothing is known or nothing was found.
-        sd_px: Standard deviation of the bias over all rays (of a camera that went bad: relative to its noise); 0 where
-            none was found.
+        sd_px: Standard deviation of the bias over all rays but those of cameras that went bad; 0 where none was found.
         jitter_px: Standard deviation of a pixel coordinate once the bias is subtracted.
     """
 
@@ -79,9 +78,13 @@ def ray_bias(
                     smooth = smooth_series(series, weight, dt_s=dt_s, cutoff_hz=cutoff_hz)
                     bias[camera, :, marker] = np.where(seen[camera, :, marker, None], smooth, 0.0)
     corrected = uv_px - bias
-    points = linear(matrices, corrected, relative=spread)
-    jitter = pixel_sd(residual_px(matrices, corrected, points, relative=spread), count)
-    sd = float(np.sqrt(np.mean((bias / spread[..., None])[seen & redundant] ** 2)))
+    good = seen & redundant & (spread <= 1.0)  # a camera that went bad is no measure of the others
+    if (good.sum(axis=0) >= 2).any():
+        corrected, count = np.where(good[..., None], corrected, np.nan), good.sum(axis=0)
+    else:
+        good = seen & redundant
+    jitter = pixel_sd(residual_px(matrices, corrected, linear(matrices, corrected)), count)
+    sd = float(np.sqrt(np.mean(bias[good] ** 2)))
     white = jitter**2 * 2 * cutoff_hz * dt_s  # variance of white noise after a low pass of that cutoff
     if sd**2 < 3 * white:
         return RayBias(bias_px=none, sd_px=0.0, jitter_px=total)

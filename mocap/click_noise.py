@@ -64,7 +64,7 @@ def click_noise(
         matrices: (C, 3, 4) projections.
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
         xyz_m: (T, M, 3) points near which to linearise; NaN where unknown.
-        relative: (C, T) scales of rays relative to what is estimated; None: 1.
+        relative: (C, T) scales of rays relative to what is estimated; None: 1. Where above 1 rays say nothing of it.
         rounds: Rounds.
         most: At most about so many points are looked at, spread over the recording.
 
@@ -82,7 +82,8 @@ def click_noise(
     problem = linearise(matrices, uv_px[:, known], xyz_m[known])
     found = fit(problem, 1 / worse**2)
     rays = problem.seen > 0
-    well = rays & (count[known] >= CAMERAS)
+    usual = rays & (worse <= 1.0)
+    well = usual & (count[known] >= CAMERAS)
     camera_factor, marker_factor = np.ones(n_cameras), np.ones(n_markers)
     dof = np.full(n_cameras, USUAL_DOF)
     squares = np.sum(found.residual**2, axis=-1) / worse**2
@@ -93,13 +94,14 @@ def click_noise(
         distance = 2 * np.sum(found.residual**2, axis=-1) / (np.maximum(found.redundancy, 0.05) * spread**2)
         weight = np.where(rays, (dof[:, None] + 2) / (dof[:, None] + distance), 0.0)
         found = fit(problem, weight / spread**2)
-        squares = weight * np.sum(found.residual**2, axis=-1) / spread**2
-        scale = max(scale * float(np.sqrt(squares.sum() / max(found.redundancy.sum(), 1e-9))), 1e-9)
-        camera_factor = _shrunk(camera_factor, squares.sum(axis=1), found.redundancy.sum(axis=1))
+        squares = usual * weight * np.sum(found.residual**2, axis=-1) / spread**2
+        redundancy = usual * found.redundancy
+        scale = max(scale * float(np.sqrt(squares.sum() / max(redundancy.sum(), 1e-9))), 1e-9)
+        camera_factor = _shrunk(camera_factor, squares.sum(axis=1), redundancy.sum(axis=1))
         marker_factor = _shrunk(
             marker_factor,
             np.bincount(marker, squares.sum(axis=0), n_markers).astype(np.float64),
-            np.bincount(marker, found.redundancy.sum(axis=0), n_markers).astype(np.float64),
+            np.bincount(marker, redundancy.sum(axis=0), n_markers).astype(np.float64),
         )
         spread = scale * camera_factor[:, None] * marker_factor[marker] * worse
         distance = 2 * np.sum(found.residual**2, axis=-1) / (np.maximum(found.redundancy, 0.05) * spread**2)

@@ -164,7 +164,9 @@ def _pass(
         if edge:
             at = np.array(gap.before + gap.after)
             residual = placed.y[at, m] - mean[edge, m]
-            variance = np.mean(residual**2) if cov is None else np.trace(cov[edge, m], axis1=-2, axis2=-1).mean() / 3
+            variance = np.mean(residual**2)
+            if cov is not None:
+                variance = max(variance, np.trace(cov[edge, m], axis1=-2, axis2=-1).mean() / 3)
             ratio = placed.trial.sd_m[m] ** 2 / max(float(variance), 1e-12) + 1e-9
             shift, share = carry(at, residual, span, length=blend.length, noise=ratio)
             y[span, m] += shift

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]  # made at run time
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, learn_body
+from benchmarks.gaps.peers.coordinates import Body, Placed, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed, patterns, usable
@@ -212,11 +212,16 @@ class ConditionalGaussian:
         """Choose on hidden gaps."""
 
         @cache
-        def learned(trials: tuple[Trial, ...], lags: tuple[int, ...]) -> tuple[Body, Moments, Array, Array]:
+        def prepared(trials: tuple[Trial, ...]) -> tuple[Body, list[Placed], list[Array]]:
             body = learn_body(trials)
             placed = [body.place(trial) for trial in trials]
+            return body, placed, completed(placed)
+
+        @cache
+        def learned(trials: tuple[Trial, ...], lags: tuple[int, ...]) -> tuple[Body, Moments, Array, Array]:
+            body, placed, whole = prepared(trials)
             stacked = np.concatenate([usable(delayed(p.poses, lags)[:: thinned(lags)]) for p in placed])
-            guess = moments(np.concatenate([_bridged(delayed(c, lags)) for c in completed(placed)]), 1.0)
+            guess = moments(np.concatenate([_bridged(delayed(poses, lags)) for poses in whole]), 1.0)
             return body, guess, stacked, np.isfinite(stacked).all(keepdims=True)
 
         @cache

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, eigh
 from threadpoolctl import threadpool_limits
 
-from filters.ensemble import Gaussian, default_points, predict, update
+from filters.ensemble import Gaussian, default_points, ensemble, predict, scale, update
+from filters.ensemble import spread as spread_points
 from filters.smoother import smooth_step
 from mocap.arrays import Array
 
@@ -95,7 +96,16 @@ class LatentModel:
 
 
 def follow(model: LatentModel, y: Array) -> tuple[Array, Array]:
-    """Unscented filter and smoother over (T, D) poses with NaN: smoothed states (T, n), and poses (T, D) decoded."""
+    """Unscented filter and smoother over poses with NaN.
+
+    Args:
+        model: The model.
+        y: (T, 3 M) poses.
+
+    Returns:
+        (T, 3 M) decoded poses, and (T, M, 3, 3) how far the uncertainty of the state spreads each marker (zero in
+        frames that are complete).
+    """
     points = default_points(len(model.start.mean))
     seen = np.isfinite(y)
     filtered, predictions = [], []
@@ -118,8 +128,14 @@ def follow(model: LatentModel, y: Array) -> tuple[Array, Array]:
             filtered.append(state)
         for t in range(len(y) - 2, -1, -1):
             filtered[t] = smooth_step(filtered[t], predictions[t], filtered[t + 1])
-    means = np.array([state.mean for state in filtered])
-    return means, model.decode(means[:, : model.size])
+    means = np.array([state.mean[: model.size] for state in filtered])
+    spread = np.zeros((len(y), y.shape[1] // 3, 3, 3))
+    c, gamma = scale(points)
+    for t in np.flatnonzero(~seen.all(axis=1)):
+        sigma = spread_points(filtered[t], c, columns=model.size, rows=model.size)
+        rows = ensemble(model.decode(sigma), c, gamma)[1].reshape(-1, y.shape[1] // 3, 3)
+        spread[t] = np.einsum("kmi,kmj->mij", rows, rows)
+    return model.decode(means), spread
 
 
 def first_state(model: LatentModel, y: Array) -> Gaussian:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sklearn.manifold import Isomap, LocallyLinearEmbedding
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
-from benchmarks.gaps.peers.coordinates import Body, Placed, learn_body
+from benchmarks.gaps.peers.coordinates import Body, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentModel, Regression, follow, linear_dynamics, regress
@@ -39,19 +39,17 @@ class LatentFiller:
     blend: Blend
 
     def __call__(self, trial: Trial) -> Filled:
-        """Follow the latent point and blend what it says into the gaps."""
+        """Follow the latent point and blend what it says into the gaps; the map's error is carried from the edges."""
         placed = self.coordinates.place(trial)
-        return placed.leave(blended(placed, follow(self.model, placed.poses)[1], self.blend))
+        poses, latent = follow(self.model, placed.poses)
+        model = poses.reshape(placed.y.shape)
+        error = (self.model.decode.noise_sd.reshape(-1, 3) ** 2)[..., None] * np.eye(3)
 
+        def predict(_values: Array, frames: NDArray[np.int64], _masks: NDArray[np.bool_]) -> tuple[Array, Array]:
+            return model[frames], np.repeat(error[None], len(frames), axis=0)
 
-def blended(placed: Placed, poses: Array, blend: Blend) -> Array:
-    """(T, M, 3) positions: measured ones, and (T, 3 M) ``poses`` in the gaps, the residual at the edges carried."""
-    model = poses.reshape(placed.y.shape)
-
-    def predict(_values: Array, frames: NDArray[np.int64], _masks: NDArray[np.bool_]) -> tuple[Array, None]:
-        return model[frames], None
-
-    return fill_blended(placed, predict, blend)[0]
+        y, spread = fill_blended(placed, predict, self.blend)
+        return placed.leave(y, spread + latent)
 
 
 def spread_out(poses: Array, count: int) -> Array:

@@ -106,3 +106,24 @@ def test_wrong_usage_is_told(benchmark, capsys):
         benchmark("--methods", "magic")
     assert caught.value.code == 2
     assert "no method magic; there are zero, broken" in capsys.readouterr().err
+
+
+def test_a_deadline_leaves_out_whole_sets(benchmark, monkeypatch, capsys):
+    """A set that was cut by the deadline is not in the table if another was done; alone it is, with failures."""
+    monkeypatch.setattr(command, "QUICK_SECONDS", -1)
+    table, _ = benchmark("--quick", "--methods", "zero", "--sets", "bat")
+    assert "out of time" in capsys.readouterr().err
+    assert table["rmse_mm"].isna().all()
+
+    late = [False]
+
+    def results(tasks, jobs, deadline):
+        del jobs, deadline
+        for task in tasks:
+            yield task, *((run.empty_rows(task), run.LATE) if late[0] else run.run(task))
+            late[0] = True
+
+    monkeypatch.setattr(command, "results", results)
+    table, _ = benchmark("--quick", "--methods", "zero", "--sets", "bat", "mouse")
+    assert set(table["set"]) == {"bat"}
+    assert "mouse: left out: no time for all methods" in capsys.readouterr().err

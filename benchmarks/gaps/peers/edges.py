@@ -116,12 +116,26 @@ def fill_blended(placed: Placed, predict: Predict, blend: Blend) -> tuple[Array,
     found = gaps(seen)
     if not found:
         return placed.y.copy(), _noise(placed)
-    count = np.cumsum(np.vstack([np.zeros((1, seen.shape[1]), dtype=int), seen]), axis=0)
-    mostly = [2 * (count[g.stop] - count[g.start]) >= g.stop - g.start for g in found]
     y, spread = _pass(placed, placed.y, found, [None] * len(found), predict, blend)
+    mostly = _mostly(seen, found)
     if all(((m == seen[g.start : g.stop]).all()) for g, m in zip(found, mostly, strict=True)):
         return y, spread
     return _pass(placed, y, found, mostly, predict, blend)
+
+
+def refill(placed: Placed, values: Array, predict: Predict, blend: Blend) -> tuple[Array, Array | None]:
+    """The second question of ``fill_blended`` alone, with another answer (T, M, 3) to the first."""
+    seen = np.isfinite(placed.y[..., 0])
+    found = gaps(seen)
+    if not found:
+        return placed.y.copy(), _noise(placed)
+    return _pass(placed, values, found, _mostly(seen, found), predict, blend)
+
+
+def _mostly(seen: NDArray[np.bool_], found: Sequence[Gap]) -> list[NDArray[np.bool_]]:
+    """Of each gap the markers (M,) that are seen in at least half of its frames."""
+    count = np.cumsum(np.vstack([np.zeros((1, seen.shape[1]), dtype=int), seen]), axis=0)
+    return [2 * (count[g.stop] - count[g.start]) >= g.stop - g.start for g in found]
 
 
 def _pass(

@@ -135,7 +135,7 @@ def results(tasks: Sequence[Task], jobs: int, deadline: float) -> Iterator[tuple
     took = 0.0
     for name, group in groupby(tasks, key=lambda task: task.name):
         begin = time.perf_counter()
-        if begin + took > deadline:
+        if took and begin + took > deadline:
             print(f"{name}: left out: no time", file=sys.stderr)
             continue
         for task in group:

@@ -97,7 +97,9 @@ def shown(y: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> Arra
     return np.where(masks[..., None], y[frames], np.nan).reshape(len(frames), -1)
 
 
-def fill_blended(placed: Placed, predict: Predict, blend: Blend) -> tuple[Array, Array | None]:
+def fill_blended(
+    placed: Placed, predict: Predict, blend: Blend, *, then: Predict | None = None
+) -> tuple[Array, Array | None]:
     """Fill all gaps of a trial with a pose model, blended at the edges.
 
     Markers come and go while another is missing, and the model would jump with them. So it is asked twice: first frame
@@ -108,6 +110,7 @@ def fill_blended(placed: Placed, predict: Predict, blend: Blend) -> tuple[Array,
         placed: The trial.
         predict: The pose model.
         blend: How its answer is blended in.
+        then: Another model for the second question; None: the same.
 
     Returns:
         (T, M, 3) positions, measured ones as they are, and covariances (T, M, 3, 3) of a measurement, or None.
@@ -118,9 +121,9 @@ def fill_blended(placed: Placed, predict: Predict, blend: Blend) -> tuple[Array,
         return placed.y.copy(), _noise(placed)
     y, spread = _pass(placed, placed.y, found, [None] * len(found), predict, blend)
     mostly = _mostly(seen, found)
-    if all(((m == seen[g.start : g.stop]).all()) for g, m in zip(found, mostly, strict=True)):
+    if then is None and all((m == seen[g.start : g.stop]).all() for g, m in zip(found, mostly, strict=True)):
         return y, spread
-    return _pass(placed, y, found, mostly, predict, blend)
+    return _pass(placed, y, found, mostly, then or predict, blend)
 
 
 def refill(placed: Placed, values: Array, predict: Predict, blend: Blend) -> tuple[Array, Array | None]:

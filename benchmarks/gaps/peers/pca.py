@@ -6,12 +6,13 @@ weighted, and projected on principal components twice: with the missing markers 
 
     y = z Z Z^T P P^T  (undone of weights and standardisation).
 
-Federolf 2013 has no weights. Gloersen & Federolf rebuild each missing marker on its own (their strategy R2), the others
-weighted by exp(-d^2 / (2 sigma^2)) of their mean distance d from it, itself and other missing ones by 0.02: that makes
-the missing entries nearly free. Components are kept up to a share of the sum of singular values (0.99 in the paper).
-Their program multiplies by the transpose of Z^T P, which is the same where the two bases differ by signs only; here the
-formula of the text is used. They take the recording's own complete frames, here those of the training trials count as
-well, and the residual at the edges is carried into the gap, which theirs leaves as a step.
+Federolf 2013 has no weights. Gloersen & Federolf weigh markers by exp(-d^2 / (2 sigma^2)) of their mean distance d from
+the missing one, and missing ones by 0.02, which makes their entries nearly free. Strategy R1 rebuilds all missing
+markers together, by the nearest; R2, the better one, each on its own. R1 answers ``edges`` first, R2 then. Components
+are kept up to a share of the sum of singular values (0.99 in the paper). Their program multiplies by the transpose of
+Z^T P, which is the same where the bases differ by signs only; here one basis is mapped to the other. They take the
+recording's own complete frames, here those of the training trials count as well, and the residual at the edges is
+carried into the gap, which theirs leaves as a step.
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
-from benchmarks.gaps.peers.edges import Blend, fill_blended, shown
+from benchmarks.gaps.peers.edges import Blend, Predict, fill_blended, shown
 from benchmarks.gaps.peers.gaussian import Moments, moments
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed, patterns
@@ -91,22 +92,27 @@ class PcaFiller:
         inner = second.reshape(len(mean) // 3, 3, -1, 3).trace(axis1=1, axis2=3)
         distance = marker_distances(np.diag(inner), inner)
 
-        def predict(values: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> tuple[Array, None]:
-            standard = (shown(values, frames, masks) - mean) / sd
+        def rebuilt(rows: Array, masks: NDArray[np.bool_], *, together: bool) -> Array:
+            standard = (rows - mean) / sd
             out = standard.copy()
-            for seen, rows in patterns(masks):
+            for seen, at in patterns(masks):
                 missing = np.flatnonzero(~seen)
-                z = np.nan_to_num(standard[rows])
-                for group in [missing] if self.reach is None else missing[:, None]:
+                z = np.nan_to_num(standard[at])
+                for group in [missing] if together else missing[:, None]:
                     weight = np.repeat(self.weights(distance, group, missing), 3)
-                    entries = np.repeat(~seen, 3)
                     scatter = cov / np.outer(sd, sd) * np.outer(weight, weight)
-                    rebuilt = rebuild(z * weight, scatter, entries, self.share) / weight
                     columns = (3 * group[:, None] + np.arange(3)).ravel()
-                    out[np.ix_(rows, columns)] = rebuilt[:, columns]
-            return (out * sd + mean).reshape(len(frames), -1, 3), None
+                    found = rebuild(z * weight, scatter, np.repeat(~seen, 3), self.share) / weight
+                    out[np.ix_(at, columns)] = found[:, columns]
+            return (out * sd + mean).reshape(len(rows), -1, 3)
 
-        y, _ = fill_blended(placed, predict, self.blend)
+        def strategy(together: bool) -> Predict:
+            def predict(values: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> tuple[Array, None]:
+                return rebuilt(shown(values, frames, masks), masks, together=together), None
+
+            return predict
+
+        y, _ = fill_blended(placed, strategy(True), self.blend, then=None if self.reach is None else strategy(False))
         return placed.leave(y)
 
     def weights(self, distance: Array, group: NDArray[np.int64], missing: NDArray[np.int64]) -> Array:

@@ -97,9 +97,7 @@ def shown(y: Array, frames: NDArray[np.int64], masks: NDArray[np.bool_]) -> Arra
     return np.where(masks[..., None], y[frames], np.nan).reshape(len(frames), -1)
 
 
-def fill_blended(
-    placed: Placed, predict: Predict, blend: Blend, *, then: Predict | None = None
-) -> tuple[Array, Array | None]:
+def fill_blended(placed: Placed, predict: Predict, blend: Blend, *, then: Predict | None = None) -> tuple[Array, Array]:
     """Fill all gaps of a trial with a pose model, blended at the edges.
 
     Markers come and go while another is missing, and the model would jump with them. So it is asked twice: first frame
@@ -113,7 +111,8 @@ def fill_blended(
         then: Another model for the second question; None: the same.
 
     Returns:
-        (T, M, 3) positions, measured ones as they are, and covariances (T, M, 3, 3) of a measurement, or None.
+        (T, M, 3) positions, measured ones as they are, and covariances (T, M, 3, 3) of a measurement
+        (of the noise alone, where the model has none).
     """
     seen = np.isfinite(placed.y[..., 0])
     found = gaps(seen)
@@ -126,7 +125,7 @@ def fill_blended(
     return _pass(placed, y, found, mostly, then or predict, blend)
 
 
-def refill(placed: Placed, values: Array, predict: Predict, blend: Blend) -> tuple[Array, Array | None]:
+def refill(placed: Placed, values: Array, predict: Predict, blend: Blend) -> tuple[Array, Array]:
     """The second question of ``fill_blended`` alone, with another answer (T, M, 3) to the first."""
     seen = np.isfinite(placed.y[..., 0])
     found = gaps(seen)
@@ -148,7 +147,7 @@ def _pass(
     allowed: Sequence[NDArray[np.bool_] | None],
     predict: Predict,
     blend: Blend,
-) -> tuple[Array, Array | None]:
+) -> tuple[Array, Array]:
     """Fill each gap from ``values``, looking at its allowed markers; None: at those that each frame shows."""
     seen = np.isfinite(placed.y[..., 0])
     questions: dict[tuple[int, bytes], int] = {}
@@ -173,7 +172,7 @@ def _pass(
     ]
     edges = [asked(g.before, g.start, m) + asked(g.after, g.stop - 1, m) for g, m in zip(found, allowed, strict=True)]
     mean, cov = predict(values, np.array(frames), np.array(masks))
-    y, spread = placed.y.copy(), None if cov is None else _noise(placed)
+    y, spread = placed.y.copy(), _noise(placed)
     for gap, inside, edge in zip(found, rows, edges, strict=True):
         m, span = gap.marker, np.arange(gap.start, gap.stop)
         y[span, m] = mean[inside, m]
@@ -185,11 +184,11 @@ def _pass(
             if cov is not None:
                 variance = max(variance, np.trace(cov[edge, m], axis1=-2, axis2=-1).mean() / 3)
             ratio = placed.trial.sd_m[m] ** 2 / max(float(variance), 1e-12) + 1e-9
-            shift, share = carry(at, residual, span, length=blend.length, noise=ratio)
+            shift, share = carry(at * 1.0, residual, span * 1.0, length=blend.length, noise=ratio)
             y[span, m] += shift
         if edge and blend.cutoff is not None:
             y[span, m] = _smoothed(y[:, m], seen[:, m], gap, blend.cutoff)
-        if cov is not None and spread is not None:
+        if cov is not None:
             spread[span, m] += share[:, None, None] * cov[inside, m]
     return y, spread
 

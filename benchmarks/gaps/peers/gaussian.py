@@ -217,11 +217,11 @@ class ConditionalGaussian:
             return body, placed, completed(placed)
 
         @cache
-        def learned(trials: tuple[Trial, ...], lags: tuple[int, ...]) -> tuple[Body, Moments, Array, Array]:
+        def learned(trials: tuple[Trial, ...], lags: tuple[int, ...]) -> tuple[Body, Moments, Array, bool]:
             body, placed, whole = prepared(trials)
             stacked = np.concatenate([usable(delayed(p.poses, lags)[:: thinned(lags)]) for p in placed])
             guess = moments(np.concatenate([_bridged(delayed(poses, lags)) for poses in whole]), 1.0)
-            return body, guess, stacked, np.isfinite(stacked).all(keepdims=True)
+            return body, guess, stacked, bool(np.isfinite(stacked).all())
 
         @cache
         def fitted(choice: Choice, trials: tuple[Trial, ...]) -> tuple[Body, Moments, Normal, Array]:
@@ -229,7 +229,7 @@ class ConditionalGaussian:
             scale = np.trace(total.second / total.count - np.outer(total.first, total.first) / total.count**2)
             ridge = np.full(len(total.first), choice.ridge * scale / len(total.first) + 1e-14)
             normal = total.normal(ridge)
-            for _ in range(0 if whole.all() else 3):
+            for _ in range(0 if whole else 3):
                 total = moments(stacked, float(thinned(choice.lags)), normal)
                 normal = total.normal(ridge)
             return body, total, normal, ridge

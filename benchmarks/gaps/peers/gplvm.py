@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
@@ -115,7 +116,7 @@ def _reconstruction(x: Array, gram: Array, width: int, log_hyper: Array) -> tupl
     return float(value), _pull(sensitivity, kernel, x, np.exp(log_hyper[1])), np.array(by_hyper)
 
 
-def _dynamics(x: Array, before: Array, log_hyper: Array) -> tuple[float, Array, Array]:
+def _dynamics(x: Array, before: NDArray[np.int64], log_hyper: Array) -> tuple[float, Array, Array]:
     """q/2 log|K_X| + tr(K_X^-1 X_out X_out^T)/2 of steps from ``before`` to the point after (equation 7)."""
     past, ahead = x[before], x[before + 1]
     size = x.shape[1]

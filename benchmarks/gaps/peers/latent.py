@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
 from filters.ensemble import Gaussian, default_points, ensemble, predict, scale, update
@@ -54,17 +54,15 @@ def regress(inputs: Array, outputs: Array, *, lengths: Array | None = None) -> R
     mean = outputs.mean(axis=0)
     centred = outputs - mean
     squares = squared_distances(inputs, inputs)
-    if lengths is None:
-        lengths = np.sqrt(np.median(squares)) * np.array([0.25, 0.5, 1.0, 2.0])
-    best = (np.inf, float(lengths[0]), 1e-3)
-    for length in lengths:
-        values, vectors = eigh(np.exp(-0.5 * squares / length**2))
+    grid = np.sqrt(np.median(squares)) * np.array([0.25, 0.5, 1.0, 2.0]) if lengths is None else lengths
+    choices: list[tuple[float, float, float]] = []
+    for length in grid.tolist():
+        values, vectors = np.linalg.eigh(np.exp(-0.5 * squares / length**2))
         power = ((vectors.T @ centred) ** 2).sum(axis=1)
-        for noise in 10.0 ** np.arange(-6.0, 0.1):
+        for noise in (10.0 ** np.arange(-6.0, 0.1)).tolist():
             spectrum = np.maximum(values, 0.0) + noise
-            score = np.log(np.mean(power / spectrum)) + np.log(spectrum).mean()
-            best = min(best, (float(score), float(length), float(noise)))
-    _, length, noise = best
+            choices.append((float(np.log(np.mean(power / spectrum)) + np.log(spectrum).mean()), length, noise))
+    _, length, noise = min(choices)
     kernel = np.exp(-0.5 * squares / length**2) + noise * np.eye(len(inputs))
     inverse = cho_solve(cho_factor(kernel, lower=True), np.eye(len(inputs)))
     weights = inverse @ centred

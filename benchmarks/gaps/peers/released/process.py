@@ -46,7 +46,7 @@ class Worker:
             ArithmeticError: the tool failed; the message is its own.
         """
         source, target = (str(Path(self.folder.name) / name) for name in ("job.npz", "answer.npz"))
-        np.savez(source, xyz=xyz_mm, sd=sd_mm, **arrays)
+        np.savez(source, allow_pickle=False, xyz=xyz_mm, sd=sd_mm, **arrays)
         stdin, stdout = self.process.stdin, self.process.stdout
         if stdin is None or stdout is None:
             raise ArithmeticError(f"{tool}: the worker has no pipes")

@@ -4,6 +4,8 @@ A line ``{"tool": ..., "input": npz, "output": npz, "options": {...}}`` a job on
 stdout. Positions come and go in millimetres: the tools' constants are made for pixels or millimetres.
 """
 
+# pyright: reportMissingImports=false
+
 import json
 import logging
 import os

@@ -6,6 +6,7 @@ filtered and smoothed on the markers that are seen (tracking on embedded poses: 
 Darrell 2007). The residual at the edges is carried into the gap.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -97,7 +98,10 @@ class Embedding:
                 if self.isomap
                 else LocallyLinearEmbedding(n_neighbors=neighbours, n_components=size, random_state=0)
             )
-            points = make.fit_transform(chosen)
+            with warnings.catch_warnings():  # far poses leave the graph in parts, which scikit-learn joins
+                warnings.filterwarnings("ignore", message="The number of connected components")
+                warnings.filterwarnings("ignore", message="Changing the sparsity structure")
+                points = make.fit_transform(chosen)
             scale = points.std(axis=0) + 1e-12
             z = [slow(make.transform(p[:FRAMES]) / scale) for p in poses]
             decode = regress(points / scale, chosen)

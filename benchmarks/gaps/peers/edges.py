@@ -35,7 +35,11 @@ class Blend:
     cutoff: float | None = 0.05
 
 
-BLENDS = (*tuple(Blend(length, cutoff) for length in (10.0, 40.0) for cutoff in (0.07, 0.02)), Blend(10.0, None))
+BLENDS = (
+    *(Blend(length, cutoff) for length in (10.0, 40.0) for cutoff in (0.07, 0.02)),
+    Blend(40.0, 0.006),
+    Blend(10.0, None),
+)
 """To choose from."""
 
 HOLD = 1e4

@@ -11,7 +11,7 @@ from filters.observations import Observations, PixelObservations, PositionObserv
 from mocap import audit, triangulate
 from mocap.arrays import Array
 from mocap.bias import ray_bias
-from mocap.camera_health import BadTime, camera_health, describe
+from mocap.camera_health import BadTime, camera_health, describe, shifted_back
 from mocap.careless import student_t
 from mocap.clean import REASONS, Cleaning, clean
 from mocap.click_noise import ClickNoise, click_noise
@@ -154,6 +154,7 @@ def prepare(source: Source) -> Prepared:
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     health = camera_health(filmed.matrices, filmed.ideal_px)
     worse = health.factor
+    filmed = replace(filmed, ideal_px=shifted_back(filmed.ideal_px, health))
     found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd, relative=worse[..., None])
     filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names, worse)
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)

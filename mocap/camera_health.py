@@ -269,6 +269,18 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
+def shifted_back(uv_px: Array, health: CameraHealth) -> Array:
+    """(C, T, M, 2) pixels without the offsets of cameras that were moved.
+
+    However little it is believed, an error that all frames share does not average out over them.
+    """
+    out = uv_px.copy()
+    for bad in health.bad:
+        if bad.moved:
+            out[bad.camera, bad.start : bad.stop] -= bad.offset_px
+    return out
+
+
 def describe(health: CameraHealth, names: Sequence[str]) -> list[str]:
     """Sentences for a report, frames from 1."""
     n_frames = health.factor.shape[1]
@@ -281,7 +293,9 @@ def describe(health: CameraHealth, names: Sequence[str]) -> list[str]:
             f"against {bad.good_px:.1f} px: weighted down by {times:.3g}"
         )
         if bad.moved:
-            sentence += f", as if it had been moved by ({bad.offset_px[0]:+.1f}, {bad.offset_px[1]:+.1f}) px"
+            sentence += (
+                f", as if it had been moved by ({bad.offset_px[0]:+.1f}, {bad.offset_px[1]:+.1f}) px, shifted back"
+            )
         if len(names) == 3:
             sentence += " (of three cameras it may be another one: the others are never checked against each other)"
         out.append(sentence)

@@ -13,8 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
-from mocap.likeness import CHANGE, MARGIN, bone_lengths, pair_evidence, steady_pairs, stretched_pairs, student_log
-from mocap.ways import belonging, bend_scales, crossing_pairs, jumped, unbroken
+from mocap.likeness import (
+    CHANGE,
+    MARGIN,
+    BoneLength,
+    bone_lengths,
+    pair_evidence,
+    steady_pairs,
+    stretched_pairs,
+    student_log,
+)
+from mocap.ways import STEP, belonging, bend_scales, crossing_pairs, jumped, straight_on, unbroken
 
 Mask = NDArray[np.bool_]
 Bones = NDArray[np.int64]
@@ -121,7 +130,61 @@ def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchange
         unsure |= doubtful
         swaps += runs
         done.add(best)
-    return Exchanged(swaps=tuple(swaps), unsure=unsure)
+    return Exchanged(swaps=(*swaps, *lone_runs(xyz, bend, bone_lengths(xyz, bones))), unsure=unsure)
+
+
+def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> list[Swap]:
+    """Runs in which a marker bore the name of another one that was hidden all the while.
+
+    A stretch of one name, unbroken and straight, is given to another marker where its ends lie on the way of that one
+    rather than on its own: log densities of both ends about both straight continuations, whose deviations grow with the
+    frames that they bridge, and what bones say, less two changes. Rigid bones must speak for it clearly by themselves:
+    markers that hide each other for a few frames come and go near to each other.
+
+    Args:
+        xyz_m: (T, M, 3) positions.
+        bend_m: (M,) usual bend of each way.
+        lengths: Rigid bones.
+    """
+    seen = np.isfinite(xyz_m[..., 0])
+    ways = [straight_on(xyz_m, bend_m)[:2], tuple(v[::-1] for v in straight_on(xyz_m[::-1], bend_m)[:2])]
+    found = []
+    for j in np.flatnonzero(seen.any(axis=0) & np.isfinite(bend_m)):
+        frames = np.flatnonzero(seen[:, j])
+        off = np.linalg.norm(xyz_m[frames, j] - ways[0][0][frames, j], axis=-1) > ways[0][1][frames, j]
+        for part in np.split(frames, np.flatnonzero((np.diff(frames) > STEP) | off[1:]) + 1):
+            ends = (part[0], part[-1])
+            hidden = ~seen[ends[0] : ends[1] + 1].any(axis=0) & np.isfinite(bend_m)
+            near = np.zeros(len(hidden), dtype=bool)
+            for (ahead, limit), end in zip(ways, ends, strict=True):
+                near |= np.linalg.norm(xyz_m[end, j] - ahead[end], axis=-1) <= limit[end]
+            for i in np.flatnonzero(hidden & near):
+                pair = (int(min(i, j)), int(max(i, j)))
+                inside = slice(ends[0], ends[1] + 1)
+                by_bones = float(pair_evidence(xyz_m[inside], lengths, pair, set()).sum())
+                if by_bones < MARGIN:
+                    continue
+                apart = np.linalg.norm(xyz_m[:, i] - xyz_m[:, j], axis=-1)
+                if not np.isfinite(apart).any():
+                    continue
+                widest, score = float(np.nanmedian(apart)), by_bones - 2 * CHANGE
+                for (ahead, limit), end in zip(ways, ends, strict=True):
+                    for marker, sign in ((i, 1), (j, -1)):
+                        sd = float(
+                            np.clip(np.nan_to_num(limit[end, marker] / (5 * np.sqrt(3)), nan=widest), 1e-9, widest)
+                        )
+                        miss = np.linalg.norm(xyz_m[end, j] - ahead[end, marker]) if sd < widest else widest
+                        score += sign * (float(student_log(np.array((miss / sd) ** 2), 3)) - 3 * np.log(sd))
+                if score > MARGIN:
+                    found.append(Swap(a=pair[0], b=pair[1], frames=part, camera=None, gain=score))
+    taken = np.zeros(seen.shape, dtype=bool)
+    chosen = []
+    for run in sorted(found, key=lambda run: -run.gain):
+        where = np.ix_(run.frames, np.array([run.a, run.b]))
+        if not taken[where].any():
+            taken[where] = True
+            chosen.append(run)
+    return chosen
 
 
 def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tuple[list[Swap], Mask]:

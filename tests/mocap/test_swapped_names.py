@@ -123,6 +123,17 @@ def test_a_change_while_one_is_hidden(bat):
     assert run.frames.tolist() == list(range(100, 150))
 
 
+def test_the_name_of_a_hidden_marker(bat):
+    """The right elbow bears the name of the left one, hidden all the while: bones tell; without them it stays."""
+    a, b = bat.pair("elbow")
+    xyz = bat.truth + 2e-4 * np.random.default_rng(3).standard_normal(bat.truth.shape)
+    xyz[95:150, a] = np.nan
+    given = exchange(xyz, [swap(a, b, range(100, 150))])
+    (run,) = exchanged_markers(given, bat.bones).swaps
+    assert run.frames.tolist() == list(range(100, 150))
+    assert not exchanged_markers(given, NO_BONES).swaps
+
+
 def test_the_longer_of_two_stretches_keeps_its_names():
     """Names that change once without a bone to tell: the stretch that is longer is believed."""
     t = np.arange(100.0)

@@ -1,0 +1,164 @@
+"""Fixed-lag smoothing: what a recording that ends a little later would have said, in memory that does not grow."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from filters.live import live, looks
+from filters.motion.constant_velocity import ConstantVelocity
+from filters.observations import PositionObservations
+from filters.track import filter_forward, marker_moments, smooth
+from tests.filters.filmed import pixels, still
+
+
+def flight(rng, n_frames, *, n_markers=2, gaps=0.3):
+    """Markers that move as constant velocity with white acceleration has it, seen with noise and with gaps."""
+    t_s = np.cumsum(rng.uniform(0.005, 0.015, n_frames))
+    model = ConstantVelocity(
+        start_m=rng.normal(size=(n_markers, 3)),
+        start_sd_m=0.1,
+        speed_sd_m_s=1.0,
+        density=rng.uniform(5, 20, n_markers),
+    )
+    start, k = model.initial(), model.reads
+    x = [start.mean + start.factor @ rng.normal(size=2 * k)]
+    for dt in np.diff(t_s):
+        x.append(model.advance(x[-1][None], dt)[0] + model.noise(dt) @ rng.normal(size=2 * k))
+    truth = np.array(x)[:, :k].reshape(n_frames, n_markers, 3)
+    sd = rng.uniform(2e-3, 6e-3, truth.shape[:2])
+    xyz = truth + sd[..., None] * rng.normal(size=truth.shape)
+    xyz[rng.random(sd.shape) < gaps] = np.nan
+    return model, PositionObservations(xyz_m=xyz, sd_m=sd), t_s, truth
+
+
+def run(model, seen, t_s, **options):
+    """All estimates, which come in the order of the frames, each once."""
+    out = list(live(model, looks(seen, t_s), **options))
+    assert [e.frame for e in out] == list(range(len(t_s)))
+    np.testing.assert_array_equal([e.t_s for e in out], t_s)
+    return np.array([e.xyz_m for e in out]), np.array([e.cov_m2 for e in out]), out
+
+
+@pytest.mark.parametrize("lag", [59, 60, 1000])
+def test_all_the_hindsight_is_the_smoother(lag):
+    """With a lag of the recording nothing comes before its end, and then what ``smooth`` says, to the last digit."""
+    model, seen, t_s, _ = flight(np.random.default_rng(1), 60)
+    whole = smooth(model, seen, t_s)
+    xyz, cov, out = run(model, seen, t_s, lag=lag)
+    np.testing.assert_array_equal(xyz, whole.xyz_m)
+    np.testing.assert_array_equal(cov, whole.cov_m2)
+    for ours, theirs in zip(out, whole.observed, strict=True):
+        assert ours.observed.log_likelihood == theirs.log_likelihood
+
+
+@pytest.mark.parametrize(("lag", "every"), [(0, 1), (1, 1), (4, 1), (4, 3), (0, 5), (3, 50)])
+def test_a_frame_is_smoothed_as_if_the_recording_ended(lag, every):
+    """Of frame k with j later ones the estimate is that of ``smooth`` on frames 0 to k + j, to the last digit.
+
+    j is ``lag``, up to every - 1 more, and less in the last frames alone.
+    """
+    model, seen, t_s, _ = flight(np.random.default_rng(2), 23)
+    xyz, cov, out = run(model, seen, t_s, lag=lag, every=every)
+    for e in out:
+        end = e.frame + e.ahead + 1
+        short = smooth(model, PositionObservations(xyz_m=seen.xyz_m[:end], sd_m=seen.sd_m[:end]), t_s[:end])
+        np.testing.assert_array_equal(xyz[e.frame], short.xyz_m[e.frame])
+        np.testing.assert_array_equal(cov[e.frame], short.cov_m2[e.frame])
+        assert e.ahead <= lag + every - 1
+        assert e.ahead >= min(lag, len(t_s) - 1 - e.frame)
+
+
+def test_no_lag_is_the_filter():
+    """Each estimate is there before the next frame is looked at, and is the filtered one."""
+    model, seen, t_s, _ = flight(np.random.default_rng(3), 12)
+    filtered = filter_forward(model, seen, t_s)
+    looked = []
+
+    def watched():
+        for number, frame in enumerate(looks(seen, t_s)):
+            looked.append(number)
+            yield frame
+
+    for e in live(model, watched(), lag=0):
+        assert looked[-1] == e.frame
+        mean, cov = marker_moments(model, filtered.states[e.frame], e.frame)
+        np.testing.assert_array_equal(e.xyz_m, mean)
+        np.testing.assert_array_equal(e.cov_m2, cov)
+
+
+def test_pixels_too():
+    """Rays are linearised about the same predictions as in ``smooth``."""
+    seen, _ = pixels(np.random.default_rng(4), n_frames=6)
+    model, t_s = still(seen), 0.01 * np.arange(6)
+    xyz, _, _ = run(model, seen, t_s, lag=5)
+    np.testing.assert_array_equal(xyz, smooth(model, seen, t_s).xyz_m)
+
+
+def test_hindsight_helps():
+    """On data of the model the error falls with the lag, is as large as stated, and what is stated falls in each frame.
+
+    3 components x 2 markers x 600 frames: the error's deviation over its expectation has sampling error below
+    1/sqrt(2 x 600) = 3 % even if only one component a frame were independent; asked to 4 of these.
+    """
+    model, seen, t_s, truth = flight(np.random.default_rng(5), 600)
+    rms, before = [], np.full((600, 2), np.inf)
+    for lag in (0, 1, 2, 4, 8, 16):
+        xyz, cov, _ = run(model, seen, t_s, lag=lag)
+        inside = slice(0, 600 - 16)
+        stated = np.trace(cov, axis1=-2, axis2=-1)
+        assert (stated[inside] <= before[inside] * (1 + 1e-9)).all()
+        rms.append(np.sqrt(np.mean(np.sum((xyz - truth)[inside] ** 2, axis=-1))))
+        assert rms[-1] == pytest.approx(np.sqrt(stated[inside].mean()), rel=0.12)
+        before = stated
+    assert (np.diff(rms) < 0).all()
+    assert rms[-1] < 0.8 * rms[0]
+
+
+def test_memory_is_flat():
+    """The peak of 400 frames is that of 100, and a state more raises it: with 12 markers a state has 41 kB.
+
+    A kept frame has two factors, rows, the noise of its own time step and small change: 4 to 6 states.
+    """
+    rng = np.random.default_rng(6)
+    model, seen, t_s, _ = flight(rng, 400, n_markers=12)
+
+    def peak(n_frames, lag):
+        frames = looks(PositionObservations(xyz_m=seen.xyz_m[:n_frames], sd_m=seen.sd_m[:n_frames]), t_s[:n_frames])
+        tracemalloc.start()
+        for _ in live(model, frames, lag=lag):
+            pass
+        size = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return size
+
+    state = 8 * 72**2
+    assert peak(400, 5) < peak(100, 5) + state
+    assert 40 * state < peak(100, 15) - peak(100, 5) < 60 * state
+
+
+def test_one_frame_and_none():
+    """A recording of one frame has one estimate, one of none has none."""
+    model, seen, t_s, _ = flight(np.random.default_rng(7), 1)
+    xyz, _, out = run(model, seen, t_s, lag=3)
+    np.testing.assert_array_equal(xyz, smooth(model, seen, t_s).xyz_m)
+    assert out[0].ahead == 0
+    assert list(live(model, iter(()), lag=3)) == []
+
+
+def test_wrong_use():
+    """Errors say what was expected."""
+    model, seen, t_s, _ = flight(np.random.default_rng(8), 3)
+    with pytest.raises(ValueError, match="frame 2 at"):
+        list(live(model, looks(seen, t_s[[0, 1, 1]]), lag=1))
+    for lag, every in ((-1, 1), (0, 0)):
+        with pytest.raises(ValueError, match="lag must be 0 or more"):
+            list(live(model, looks(seen, t_s), lag=lag, every=every))
+
+
+def test_the_smoothed_state_does_not_enter_the_filter():
+    """Filtered states behind a lag are those without one: the last frame's estimate does not depend on the lag."""
+    model, seen, t_s, _ = flight(np.random.default_rng(9), 30)
+    last = [run(model, seen, t_s, lag=lag)[0][-1] for lag in (0, 3, 29)]
+    np.testing.assert_array_equal(last[0], last[1])
+    np.testing.assert_array_equal(last[0], last[2])

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast, get_args
 
 import typer
 from rich.console import Console
@@ -34,14 +34,6 @@ class PixelOrigin(StrEnum):
 
     upper_left = "upper-left"
     lower_left = "lower-left"
-
-
-class ModelName(StrEnum):
-    """Motion models."""
-
-    auto = "auto"
-    eal = "eal"
-    constant_velocity = "constant_velocity"
 
 
 class Animal(StrEnum):
@@ -89,7 +81,7 @@ def triangulate(
     """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
     from app.triangulate import triangulate_file
 
-    if dlt is None:
+    if dlt is None and tracks.suffix != ".mat":
         raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
     source = Source(
         tracks=tracks,
@@ -101,7 +93,7 @@ def triangulate(
         image_height_px=image_height,
         pixel_sd=pixel_sd,
     )
-    summary = triangulate_file(source, dlt, out, refine=refine, force=force)
+    summary = triangulate_file(source, out, refine=refine, force=force)
     if as_json:
         print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201
         return
@@ -127,17 +119,21 @@ def track(
     image_height: ImageHeight = None,
     stored: Annotated[Path | None, typer.Option(help="xyzpts to audit; if not given, the one beside xypts.")] = None,
     pixel_sd: PixelSd = None,
-    model: Annotated[ModelName, typer.Option(help="Motion model; auto takes what fills hidden samples better.")] = (
-        ModelName.auto
-    ),
+    model: Annotated[
+        str,
+        typer.Option(
+            help="File that mocap learn wrote; or eal, constant_velocity, or auto: what fills hidden samples better."
+        ),
+    ] = "auto",
     validate: Annotated[bool, typer.Option(help="Hide samples and measure how they are filled.")] = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
-    from app.main_job import run_job
+    from app.main_job import Model, run_job
     from app.tables import check_target, write_run
     from app.view.record import write_recording
+    from filters.model import load_model
 
     if fps is None:
         raise MocapError(f"{tracks.name}: frames per second are not in the file: give --fps")
@@ -153,12 +149,82 @@ def track(
         stored_points=stored,
         pixel_sd=pixel_sd,
     )
-    check_target(out, force=force, inputs=source.inputs)
+    learned = None if model in get_args(Model) else load_model(existing_model(model))
+    check_target(out, force=force, inputs=[*source.inputs, None if learned is None else Path(model)])
+    name = cast(Model, model) if learned is None else "auto"
     with progress() as stages:
-        run, _ = run_job(source, model=model.value, stages=stages, validated=validate)
+        run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate)
         with stages.stage("write"):
             write_run(run, out, write_recording=write_recording, force=force)
     finish(run.report, run.report_text, out, as_json)
+
+
+@app.command()
+def learn(
+    trials: Annotated[list[Path], typer.Argument(help="Recordings: xypts or xyzpts files, or DLTdv8 projects (.mat).")],
+    out: Annotated[Path, typer.Option(help="Model to write (.npz).")],
+    dlt: Dlt = None,
+    fps: Fps = None,
+    profile: Profile = None,
+    skeleton: SkeletonFile = None,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    pixel_sd: PixelSd = None,
+    seed: Annotated[int, typer.Option(min=0, help="Which samples are hidden to choose and to calibrate.")] = 0,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Learn a motion model from several recordings, to track others with: mocap track FILE --model MODEL.
+
+    Cameras, profile and skeleton are those of all the recordings. How the model fills gaps is measured on samples that
+    were hidden from it, and printed.
+    """
+    from app.learning import learn_from, readable_scores
+    from app.tables import check_target
+    from filters.model import save_model
+
+    if fps is None:
+        raise MocapError("frames per second are not in the files: give --fps")
+    sources = [
+        Source(
+            tracks=tracks,
+            fps=fps,
+            coefficients=dlt if tracks.suffix != ".mat" and "xyz" not in tracks.name else None,
+            profile=profile,
+            skeleton=skeleton,
+            pixel_origin=origin.value if origin else None,
+            coefficient_origin=dlt_origin.value if dlt_origin else None,
+            image_height_px=image_height,
+            pixel_sd=pixel_sd,
+        )
+        for tracks in trials
+    ]
+    inputs = [path for source in sources for path in source.inputs]
+    check_target(out, force=force, inputs=inputs, folder=False)
+    learned = learn_from(
+        sources, seed=seed, tell=lambda line: errors.print(line, highlight=False, soft_wrap=True, markup=False)
+    )
+    save_model(learned, out)
+    if as_json:
+        print(json.dumps({"out": str(out), "scores": learned.scores}))  # noqa: T201
+        return
+    Console().print(Markdown(readable_scores(learned)))
+    errors.print(
+        f"\nWrote {out}. Track another recording with it: {program()} track FILE ... --model {out}", highlight=False
+    )
+
+
+def existing_model(model: str) -> Path:
+    """The file of a learned model.
+
+    Raises:
+        MocapError: there is none.
+    """
+    path = Path(model)
+    if not path.is_file():
+        raise MocapError(f"--model {model}: give auto, eal, constant_velocity, or a file that mocap learn wrote")
+    return path
 
 
 @app.command()

@@ -54,7 +54,7 @@ def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
         model = learn_constant_velocity(prepared.xyz_m[part.frames][:, part.markers], dt_s=prepared.dt_s)
-        other = tracked_motion(prepared, part, model, track(prepared, part, model, progress=progress))
+        other = tracked_motion(prepared, part, model.name, track(prepared, part, model, progress=progress))
         methods = {"eal": run.tracked.markers, "constant_velocity": other.markers}
         gaps = {name: score(m.xyz_m, m.cov_m2, truth, where) for name, m in methods.items()}
         for kind in ("cubic", "linear"):

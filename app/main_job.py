@@ -18,12 +18,14 @@ from app.tracking import (
     learn_models,
     seen_part,
     track,
+    track_learned,
     tracked_motion,
     trunk_frames,
     validate,
     why_no_pose,
 )
 from filters.learn import PoseSettings
+from filters.model import LearnedModel
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.joints import joint_tracks
@@ -60,6 +62,7 @@ def run_job(
     source: Source,
     *,
     model: Model = "auto",
+    learned: LearnedModel | None = None,
     stages: Stages | None = None,
     settings: PoseSettings | None = None,
     validated: bool = True,
@@ -70,6 +73,7 @@ def run_job(
     Args:
         source: Its files.
         model: ``eal``, ``constant_velocity``, or whichever fills hidden samples of this recording better.
+        learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         settings: Choices of the pose model.
         validated: Whether to hide samples and measure how they are filled.
@@ -82,11 +86,17 @@ def run_job(
         MocapError: what makes it impossible, with what to do.
     """
     with threadpool_limits(1):  # at these sizes two BLAS threads only wait for each other
-        return _run_job(source, model, stages or Stages(), settings or PoseSettings(), validated, seed)
+        return _run_job(source, model, learned, stages or Stages(), settings or PoseSettings(), validated, seed)
 
 
 def _run_job(
-    source: Source, model: Model, stages: Stages, settings: PoseSettings, validated: bool, seed: int
+    source: Source,
+    model: Model,
+    learned: LearnedModel | None,
+    stages: Stages,
+    settings: PoseSettings,
+    validated: bool,
+    seed: int,
 ) -> tuple[Run, Prepared]:
     with stages.stage("read, triangulate, clean"):
         prepared = prepare(source)
@@ -99,13 +109,21 @@ def _run_job(
         with stages.stage("validate on hidden samples") as progress:
             methods = {"eal": model != "constant_velocity", "constant_velocity": model != "eal" or reason is not None}
             rng = np.random.default_rng(seed)
-            scores, hidden = validate(prepared, part, settings=settings, methods=methods, rng=rng, progress=progress)
-    chosen, why = _choose(model, reason, scores)
-    with stages.stage("learn"):
-        learned = learn_models(prepared, part, settings=settings)[chosen]
-    with stages.stage("track") as progress:
-        smoothed = track(prepared, part, learned, progress=progress)
-        tracked = tracked_motion(prepared, part, learned, smoothed)
+            scores, hidden = validate(
+                prepared, part, settings=settings, methods=methods, learned=learned, rng=rng, progress=progress
+            )
+    if learned is not None:
+        name, why = "learned", f"learned from {', '.join(trial.name for trial in learned.trials)}"
+        with stages.stage("track") as progress:
+            smoothed = track_learned(prepared, part, learned, progress=progress)
+    else:
+        chosen, why = _choose(model, reason, scores)
+        with stages.stage("learn"):
+            own = learn_models(prepared, part, settings=settings)[chosen]
+        with stages.stage("track") as progress:
+            smoothed = track(prepared, part, own, progress=progress)
+        name = own.name
+    tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
         joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
         potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)

@@ -147,9 +147,9 @@ def prepare(source: Source) -> Prepared:
     Raises:
         MocapError: whatever makes that impossible, with what to do.
     """
-    if source.coefficients is None:
+    if not source.filmed:
         return _prepare_points(source)
-    filmed = load_filmed(source, source.coefficients, iterations=None)
+    filmed = load_filmed(source, iterations=None)
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     health = camera_health(filmed.matrices, filmed.ideal_px)

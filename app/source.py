@@ -11,6 +11,7 @@ from mocap.arrays import Array, unique
 from mocap.cameras import Camera, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.formats import dltdv
+from mocap.formats.dvproject import read_project
 from mocap.formats.profile import with_profile
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
@@ -21,7 +22,7 @@ class Source:
     """The files of one recording, and what their user states about them.
 
     Attributes:
-        tracks: xypts, or xyzpts where there are no cameras.
+        tracks: xypts, or xyzpts where there are no cameras; or a DLTdv8 project (.mat), which holds its cameras.
         fps: Frames a second.
         coefficients: DLT coefficients; None: ``tracks`` holds positions.
         profile: Camera profile.
@@ -52,8 +53,18 @@ class Source:
                 raise MocapError(f"--{name} must be a number above 0, but is {value}: correct it")
         cameras = {"profile": self.profile, "origin": self.pixel_origin, "dlt-origin": self.coefficient_origin}
         for name, value in cameras.items():
-            if value is not None and self.coefficients is None:
+            if value is not None and not self.filmed:
                 raise MocapError(f"--{name} says something of cameras, but there are no coefficients: give --dlt")
+
+    @property
+    def is_project(self) -> bool:
+        """Whether pixels and cameras come in one file."""
+        return self.tracks.suffix == ".mat"
+
+    @property
+    def filmed(self) -> bool:
+        """Whether there are cameras."""
+        return self.is_project or self.coefficients is not None
 
     @property
     def inputs(self) -> tuple[Path | None, ...]:
@@ -105,27 +116,36 @@ def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tu
     return skeleton.for_markers(renamed, source="the recording"), renamed
 
 
-def load_filmed(source: Source, coefficients: Path, *, iterations: int | None) -> Filmed:
+def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...], str]:
+    """Pixels, cameras, and where these are from."""
+    if source.coefficients is not None:
+        pixels = dltdv.read_pixels(source.tracks, fps=source.fps)
+        return pixels, dltdv.read_coefficients(source.coefficients), source.coefficients.name
+    project = read_project(source.tracks, fps=source.fps)
+    if not project.cameras:
+        raise CalibrationError(f"{source.tracks.name}: a project without DLT coefficients: calibrate, or give --dlt")
+    return project.pixels, project.cameras, "the project"
+
+
+def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
     """Read pixels and cameras, decide the pixel origin, undistort.
 
     Args:
-        source: Files.
-        coefficients: DLT coefficients.
+        source: Files, with cameras.
         iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
 
     Raises:
         FormatError: a file cannot be read.
         CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
     """
-    pixels = dltdv.read_pixels(source.tracks, fps=source.fps)
-    cameras = dltdv.read_coefficients(coefficients)
+    pixels, cameras, where = _pixels_and_cameras(source)
     if len(pixels.cameras) < 2:
         raise CalibrationError(
             f"{source.tracks.name}: holds one camera: points in space need two or more views in one file"
         )
     if len(cameras) != len(pixels.cameras):
         raise CalibrationError(
-            f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {coefficients.name} has coefficients for "
+            f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
             f"{len(cameras)}: give the coefficients of this recording (a column a camera)"
         )
     if source.profile is not None:
@@ -165,10 +185,10 @@ def stored_points(source: Source) -> Path | None:
 
 def audit_points(source: Source, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
-    path = stored_points(source)
+    path = source.tracks if source.is_project else stored_points(source)
     if path is None:
         return None, []
-    stored = dltdv.read_points(path, fps=source.fps)
+    stored = read_project(path, fps=source.fps).stored if source.is_project else dltdv.read_points(path, fps=source.fps)
     decision = filmed.pixel_origin
     ideal = origin.ideal_pixels(
         filmed.cameras,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 from app.gaps import hide_gaps, interpolated, score
 from app.prepare import Prepared
 from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
+from filters.model import LearnedModel, track_with
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
 from filters.observations import WHOLE
-from filters.poses import pose_trial
+from filters.poses import MarkerTrial, pose_trial
 from filters.records import TrackedMotion
 from filters.track import Smoothed, smooth
 from mocap.arrays import Array
@@ -82,9 +84,33 @@ def learn_models(
     models: dict[str, MotionModel] = {"constant_velocity": learn_constant_velocity(xyz, dt_s=prepared.dt_s)}
     if why_no_pose(prepared, part) is None:
         frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz, hidden=hidden)
-        trial = pose_trial(prepared.name, prepared.t_s[part.frames], xyz, frames)
-        models["eal"] = learn_pose([trial], settings)
+        models["eal"] = learn_pose([pose_trial(prepared.t_s[part.frames], xyz, frames)], settings)
     return models
+
+
+def marker_trial(prepared: Prepared, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
+    """The seen part as models learn from it."""
+    return MarkerTrial(
+        name=prepared.name,
+        t_s=prepared.t_s[part.frames],
+        xyz_m=_visible(prepared, part, hidden, part.markers),
+        sd_m=np.sqrt(np.trace(prepared.cov_m2[part.frames][:, part.markers], axis1=-2, axis2=-1) / 3),
+    )
+
+
+def track_learned(
+    prepared: Prepared,
+    part: Part,
+    learned: LearnedModel,
+    *,
+    hidden: Mask | None = None,
+    progress: Progress | None = None,
+) -> Smoothed:
+    """Filter and smooth the seen part with a model that was learned from other trials."""
+    names = [prepared.names[int(m)] for m in part.markers]
+    observations = prepared.observations(part.frames, part.markers, hidden=hidden)
+    own = marker_trial(prepared, part, hidden=hidden)
+    return track_with(learned, names, own, observations, progress=progress)
 
 
 def track(
@@ -95,7 +121,7 @@ def track(
     return smooth(model, observations, prepared.t_s[part.frames], progress=progress)
 
 
-def tracked_motion(prepared: Prepared, part: Part, model: MotionModel, smoothed: Smoothed) -> TrackedMotion:
+def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Smoothed) -> TrackedMotion:
     """The smoothed part in the frames and markers of the recording, every sample with its origin.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
@@ -131,7 +157,7 @@ def tracked_motion(prepared: Prepared, part: Part, model: MotionModel, smoothed:
     if prepared.filmed is not None:
         reprojected = project(prepared.filmed.matrices, xyz)
     return TrackedMotion(
-        model=model.name,
+        model=name,
         markers=MarkerTracks(names=prepared.names, t_s=prepared.t_s, xyz_m=xyz, cov_m2=cov, origin=origin),
         reprojected_px=reprojected,
         innovation_px=innovation,
@@ -180,6 +206,7 @@ def validate(
     settings: PoseSettings,
     methods: Mapping[str, bool],
     rng: np.random.Generator,
+    learned: LearnedModel | None = None,
     most_frames: int = 300,
     progress: Progress | None = None,
 ) -> tuple[dict[str, dict[str, float | None]], int]:
@@ -191,6 +218,7 @@ def validate(
         settings: Choices of the pose model.
         methods: Models to measure (``eal``, ``constant_velocity``); False leaves one out.
         rng: Where to hide.
+        learned: A model of other trials to measure as well, as ``learned``.
         most_frames: At most so many frames, where most is seen.
         progress: Called with the share done.
 
@@ -213,10 +241,14 @@ def validate(
         for name in ("linear", "cubic")
     }
     models = learn_models(prepared, part, settings=settings, hidden=hidden)
-    wanted = [name for name in models if methods.get(name, False)]
-    for i, name in enumerate(wanted):
-        step = None if progress is None else (lambda share, i=i: progress((i + share) / len(wanted)))
-        smoothed = track(prepared, part, models[name], hidden=hidden, progress=step)
+    trackers = {
+        name: partial(track, prepared, part, models[name], hidden=hidden) for name in models if methods.get(name, False)
+    }
+    if learned is not None:
+        trackers["learned"] = partial(track_learned, prepared, part, learned, hidden=hidden)
+    for i, (name, tracker) in enumerate(trackers.items()):
+        step = None if progress is None else (lambda share, i=i: progress((i + share) / len(trackers)))
+        smoothed = tracker(progress=step)
         scores[name] = score(smoothed.xyz_m, smoothed.cov_m2 + _jitter(prepared, part), truth, where)
     return scores, count
 

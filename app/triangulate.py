@@ -29,14 +29,11 @@ class TriangulationSummary:
     findings: tuple[str, ...]
 
 
-def triangulate_file(
-    source: Source, coefficients: Path, out: Path, *, refine: bool, force: bool
-) -> TriangulationSummary:
+def triangulate_file(source: Source, out: Path, *, refine: bool, force: bool) -> TriangulationSummary:
     """Write a DLTdv xyzpts file.
 
     Args:
-        source: Files.
-        coefficients: DLT coefficients.
+        source: Files, with cameras.
         out: File to write.
         refine: False: DLTdv's linear least squares, with its three iterations of undistortion, nothing cleaned. True:
             the smallest reprojection error, rays that miss rejected, with columns ``<name>_sd``.
@@ -46,7 +43,7 @@ def triangulate_file(
         MocapError: whatever makes that impossible.
     """
     check_target(out, force=force, inputs=source.inputs, folder=False)
-    filmed = load_filmed(source, coefficients, iterations=None if refine else 3)
+    filmed = load_filmed(source, iterations=None if refine else 3)
     _, names = load_skeleton(source.skeleton, filmed.pixels.names)
     if refine:
         found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd)

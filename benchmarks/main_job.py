@@ -34,7 +34,7 @@ def control(prepared: Prepared, truth_m: np.ndarray) -> dict[str, float | None]:
     """The pose model without its potential, inside gaps."""
     part = seen_part(prepared)
     model = without_potential(learn_models(prepared, part, settings=PoseSettings())["eal"])
-    markers = tracked_motion(prepared, part, model, track(prepared, part, model)).markers
+    markers = tracked_motion(prepared, part, model.name, track(prepared, part, model)).markers
     seen = np.isfinite(prepared.xyz_m[..., 0])
     return score(markers.xyz_m, markers.cov_m2, truth_m, interior_gaps(seen))
 

@@ -1,7 +1,7 @@
 """How stiff should the potential be? Error in gaps of the built-in recordings over the weight of unseen poses.
 
-Settled: weight 4, lambda 1e-4. The bat (20 wing beats) gains 3 to 8 % over the same model without a potential. The
-lizard (3 strides) is the same on three seeds and 14 % worse on one, where a gap is long and its pose has no like in the
+Settled: weight 4, lambda 1e-4. The bat (20 wing beats) gains 4 to 8 % over the same model without a potential. The
+lizard (3 strides) is the same on three seeds and 12 % worse on one, where a gap is long and its pose has no like in the
 rest of the recording: with few cycles the potential mistakes what it has not seen for what cannot be. What it says of
 unseen poses (column v, ten times as large on the lizard) tells the two apart.
 
@@ -27,7 +27,7 @@ LAMBDAS = (1e-4, 1e-3)
 
 def error_mm(prepared: Prepared, part: Part, model: MotionModel, truth_m: np.ndarray) -> float:
     """Root mean square error inside the recording's gaps."""
-    markers = tracked_motion(prepared, part, model, track(prepared, part, model)).markers
+    markers = tracked_motion(prepared, part, model.name, track(prepared, part, model)).markers
     where = interior_gaps(np.isfinite(prepared.xyz_m[..., 0]))
     return score(markers.xyz_m, None, truth_m, where)["rmse_mm"] or np.nan
 
@@ -42,7 +42,7 @@ def main() -> None:
             part, settings = seen_part(prepared), PoseSettings()
             frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz)
             xyz = prepared.xyz_m[part.frames][:, part.markers]
-            trial = pose_trial(prepared.name, prepared.t_s[part.frames], xyz, frames)
+            trial = pose_trial(prepared.t_s[part.frames], xyz, frames)
             shapes = shapes_of([trial], ranks=settings.ranks)
             motion = recorded_motion([trial], shapes, certain=settings.certain)
             pose = learn_pose([trial], replace(settings, potential="none"), shapes=shapes)

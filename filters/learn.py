@@ -12,10 +12,13 @@ from filters.mechanics import Motion, field_shape, free_shape, joined, linear_sh
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.motion.pose import PoseMotion, body_path
 from filters.motion.shape import ShapeMechanics
-from filters.poses import PoseTrial, Shapes, certain_shapes, shapes_of
+from filters.poses import PoseTrial, Shapes, certain_shapes, residual_rate, shapes_of
 from filters.subspace import bridge
 from mocap.arrays import Array
 from mocap.body import smooth_series
+
+Mechanics = Literal["free", "linear", "field"]
+Potential = Literal["shape", "motion", "quadratic", "none"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,9 +28,13 @@ class PoseSettings:
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
         body_hz: Faster motion of the trunk is left to the shape.
+        turns: Whether the body's axes follow its rotation.
         mechanics: Forces that are known: none, linear ones, or a field; identified from the trials.
         ridge: Penalty of that identification.
         excess: Factor on the process noise that follows from it.
+        residual: Factor on the deviation of what the subspace leaves, found on hidden samples.
+        residual_rate: Factor on the rate at which that changes.
+        body: Factor on the density of the body's accelerations.
         potential: What holds the shape: V_z of the shape, V_z of shape and velocity, the quadratic potential of a
             Gaussian (a control), or nothing.
         beta: Kernel width: beta over the median squared distance of the samples.
@@ -40,10 +47,14 @@ class PoseSettings:
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
     body_hz: float = 3.0
-    mechanics: Literal["free", "linear", "field"] = "free"
+    turns: bool = True
+    mechanics: Mechanics = "free"
     ridge: float = 1e-3
     excess: float = 1.0
-    potential: Literal["shape", "motion", "quadratic", "none"] = "shape"
+    residual: float = 1.0
+    residual_rate: float = 1.0
+    body: float = 1.0
+    potential: Potential = "shape"
     beta: float = 1.0
     lam: float = 1e-4
     centres: int = 400
@@ -110,26 +121,23 @@ def learn_pose(
     shapes = shapes_of(trials, ranks=settings.ranks) if shapes is None else shapes
     motion = recorded_motion(trials, shapes, certain=settings.certain)
     trial, subspace = trials[target], shapes.subspace
-    left = np.concatenate(
-        [smooth_series(np.nan_to_num(r), np.ones(len(r)), dt_s=trial.dt_s, cutoff_hz=30.0) for r in shapes.residual]
-    )
-    rate = np.gradient(left, trial.dt_s, axis=0).std() / max(left.std(), 1e-12)
     density = np.median([body_density(t) for t in trials], axis=0)
     own = replace(
         subspace,
         mean=subspace.mean + shapes.offset[target],
-        residual_sd=np.sqrt(subspace.residual_sd**2 + _across_markers(shapes.offset_sd[target]) ** 2),
+        residual_sd=settings.residual
+        * np.sqrt(subspace.residual_sd**2 + _across_markers(shapes.offset_sd[target]) ** 2),
     )
     spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
-    extent = float(np.sqrt(np.mean(np.nanvar(trial.y, axis=0))))
+    extent = float(np.sqrt(np.nanmean((trial.y - np.nan_to_num(own.mean)) ** 2)))
     model = PoseMotion(
         path=body_path(trial.frames, trial.t_s),
         subspace=own,
         mechanics=learn_mechanics(motion, settings),
-        body_density=density,
+        body_density=settings.body * density,
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
-        residual_rate_hz=float(rate),
+        residual_rate_hz=settings.residual_rate * residual_rate(shapes.residual, trial.dt_s),
         name="pose_constant_velocity",
     )
     return with_potential(model, motion, settings)
@@ -206,11 +214,12 @@ def learn_constant_velocity(xyz_m: Array, *, dt_s: float) -> ConstantVelocity:
     """Constant velocity for each marker, with the acceleration that the recording shows.
 
     Args:
-        xyz_m: (T, M, 3) markers in the world; NaN where not seen; every marker seen at least once.
+        xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
         dt_s: Time step.
     """
     seen = np.isfinite(xyz_m[..., 0])
     start = xyz_m[np.argmax(seen, axis=0), np.arange(xyz_m.shape[1])]
+    start = np.where(np.isfinite(start), start, np.nanmean(xyz_m.reshape(-1, 3), axis=0))
     density = np.full(xyz_m.shape[1], np.nan)
     for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
         frames = np.flatnonzero(seen[:, marker])

@@ -1,4 +1,4 @@
-"""Poses of trials: what a pose model is learned from."""
+"""Trials, and their poses in the frame of the body: what a pose model is learned from."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,34 @@ from numpy.typing import NDArray
 
 from filters.subspace import PoseSubspace, fit_subspace
 from mocap.arrays import Array
-from mocap.body import BodyFrames, smooth_series
+from mocap.body import BodyFrames, body_frames, smooth_series, trunk_shape
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MarkerTrial:
+    """One recording as it was measured.
+
+    Attributes:
+        name: Of the recording.
+        t_s: (T,) times, evenly spaced.
+        xyz_m: (T, M, 3) markers in the world; NaN where not seen.
+        sd_m: (T, M) standard deviation of a measured coordinate.
+    """
+
+    name: str
+    t_s: Array
+    xyz_m: Array
+    sd_m: Array
+
+    @property
+    def dt_s(self) -> float:
+        """Time step."""
+        return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(T, M) True where measured."""
+        return np.isfinite(self.xyz_m[..., 0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -16,13 +43,11 @@ class PoseTrial:
     """One recording in the frame of the body.
 
     Attributes:
-        name: Of the recording.
         t_s: (T,) times, evenly spaced.
         frames: Body frame of every frame.
         y: (T, 3M) markers in the body frame, metres; NaN where not seen.
     """
 
-    name: str
     t_s: Array
     frames: BodyFrames
     y: Array
@@ -33,9 +58,31 @@ class PoseTrial:
         return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
 
 
-def pose_trial(name: str, t_s: Array, xyz_m: Array, frames: BodyFrames) -> PoseTrial:
+def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames) -> PoseTrial:
     """Markers (T, M, 3) of the world as poses."""
-    return PoseTrial(name=name, t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1))
+    return PoseTrial(t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1))
+
+
+def poses_of(
+    trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float, turns: bool = True
+) -> list[PoseTrial]:
+    """Poses of trials about one body: its axes are those of the mean shape of all their trunks.
+
+    Args:
+        trials: Trials of the same markers.
+        trunk: Indices of the trunk's markers; in a trial that shows none of them all markers are taken.
+        body_hz: Faster motion of the trunk is left to the shape.
+        turns: Whether the axes follow the body's rotation, or only its mean in each trial.
+    """
+    chosen = list(trunk)
+    if not all(trial.seen[:, chosen].any() for trial in trials):
+        chosen = list(range(trials[0].xyz_m.shape[1]))
+    shape = trunk_shape(np.concatenate([trial.xyz_m[:, chosen] for trial in trials]))
+    out = []
+    for trial in trials:
+        options = {"dt_s": trial.dt_s, "cutoff_hz": body_hz, "shape": shape, "turns": turns}
+        out.append(pose_trial(trial.t_s, trial.xyz_m, body_frames(trial.xyz_m[:, chosen], **options)))
+    return out
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,8 +92,8 @@ class Shapes:
     Attributes:
         subspace: Subspace of all trials.
         z: (T, r) shapes of each trial.
-        rate: (T, r) their velocities, 1/s times their units; smoothed.
-        acceleration: (T, r) their accelerations; smoothed.
+        rate: (T, r) their velocities, smoothed, a second.
+        acceleration: (T, r) their accelerations.
         known: (T,) how well each pose is known from what its frame shows (``Components.known``).
         offset: (G, 3M) what each trial adds to the mean pose.
         offset_sd: (G, 3M) how uncertain that is.
@@ -98,6 +145,32 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int], cutoff_hz: f
 
 def _derivative(series: Array, dt_s: float) -> Array:
     return np.gradient(series, dt_s, axis=0) if len(series) > 1 else np.zeros_like(series)
+
+
+def residual_rate(residual: Sequence[Array], dt_s: float) -> float:
+    """Rate a of a Matern-3/2 process, 1/s, that loses its memory as residuals do.
+
+    Its structure function is E (e(t + s) - e(t))^2 = 2 var (1 - (1 + a s) exp(-a s)): half of 2 var at a s = 1.678.
+    It begins as a parabola: what remains of two lags at s = 0 is twice the variance of measurement noise.
+
+    Args:
+        residual: (T, 3M) residuals of each trial; NaN where not seen.
+        dt_s: Time step.
+    """
+
+    def structure(lag: int) -> float:
+        steps = np.concatenate([(part[lag:] - part[:-lag]).ravel() for part in residual])
+        known = steps[np.isfinite(steps)]
+        return float(np.mean(known**2)) if len(known) else np.nan
+
+    variance = float(np.nanmean(np.concatenate(residual) ** 2))
+    noise = float(np.clip(np.nan_to_num((4 * structure(1) - structure(2)) / 3), 0.0, 1.8 * variance))
+    longest = max(2, max(len(part) for part in residual) // 2)
+    lags = np.unique(np.geomspace(1, longest, 40).astype(int))
+    for lag in lags:
+        if structure(int(lag)) - noise >= variance - 0.5 * noise:
+            return 1.678 / (lag * dt_s)
+    return 1.678 / (float(lags[-1]) * dt_s)
 
 
 def certain_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArray[np.bool_]]:

@@ -89,7 +89,7 @@ def principal_components(
         y: (N, D) poses; NaN where not seen.
         rank: Number of components.
         trial: (N,) trial of each pose, 0 to G - 1; None: all are of one.
-        iterations: Rounds.
+        iterations: Most rounds; it ends when the noise changes by less than 1e-4 of it.
         independent: Neighbouring frames err alike: each counts as so many independent ones for a trial's offset.
     """
     trial = np.zeros(len(y), dtype=np.int64) if trial is None else trial
@@ -129,7 +129,9 @@ def principal_components(
             offset_var = np.mean(offset**2 + left, axis=0).clip(1e-12)
             misfit = np.where(seen, misfit - offset[trial], 0.0)
         spread = ((loading[:, :, None] * loading[:, None, :]).reshape(len(mean), -1) @ cov.reshape(len(y), -1).T).T
-        noise = max(float((misfit**2 + weight * spread).sum() / weight.sum()), 1e-14)
+        before, noise = noise, max(float((misfit**2 + weight * spread).sum() / weight.sum()), 1e-14)
+        if abs(noise - before) < 1e-4 * noise:
+            break
     trial_sd = np.sqrt(offset_var) if member.shape[1] > 1 else np.zeros(y.shape[1])
     return Components(mean, offset, trial_sd, loading, z, cov, noise, trial)
 

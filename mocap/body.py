@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
+from scipy.ndimage import gaussian_filter1d
 
 from mocap.arrays import Array, frozen
 
@@ -65,59 +66,94 @@ def smooth_series(y: Array, weight: Array, *, dt_s: float, cutoff_hz: float) -> 
     return solveh_banded(bands, weight[:, None] * np.where(weight[:, None] > 0, y, 0.0))
 
 
-def body_frames(xyz_m: Array, *, dt_s: float, cutoff_hz: float, iterations: int = 10) -> BodyFrames:
-    """The frame of a set of markers: generalised Procrustes alignment with gaps, then smoothed in time.
+def trunk_shape(xyz_m: Array, *, iterations: int = 10) -> Array:
+    """(K, 3) mean shape of trunk markers by generalised Procrustes analysis with gaps (Gower 1975), about its centre.
 
     In each frame the rotation is the one that brings the mean shape nearest to the markers that are seen (Kabsch 1976);
-    the mean shape is that of all aligned frames (Gower 1975). Frames that see fewer than three markers take their
-    rotation, frames that see none also their position, from the smoothing.
+    the mean shape is that of all aligned frames. Its axes are those of the world in the frame that sees most markers.
+    Markers that are never seen are at the centre.
 
     Args:
-        xyz_m: (T, K, 3) trunk markers in the world; NaN where not seen.
-        dt_s: Time step.
-        cutoff_hz: Faster motion of the trunk is left in the body coordinates.
+        xyz_m: (T, K, 3) trunk markers in the world, of one recording or of several on end; NaN where not seen.
         iterations: Rounds of alignment.
-
-    Returns:
-        The frames. The mean shape's axes are those of the world in the frame that sees most markers. With fewer than
-        three markers ever seen together the rotation is the identity.
 
     Raises:
         ValueError: no marker is ever seen.
     """
     seen = np.isfinite(xyz_m[..., 0])
-    count = seen.sum(axis=1)
-    if not count.any():
+    if not seen.any():
         raise ValueError("no trunk marker is ever seen: name other markers as the trunk")
     points = np.where(seen[..., None], xyz_m, 0.0)
-    ever = seen.any(axis=0)
-    reference = int(np.argmax(count))
-    n_frames = len(xyz_m)
-    rotation = np.repeat(np.eye(3)[None], n_frames, axis=0)
-    shape = _first_shape(points, seen, reference)
-    oriented = count >= 3
-    position = np.zeros((n_frames, 3))
+    ever = np.asarray(seen.any(axis=0))
+    shape = _first_shape(points, seen, int(np.argmax(seen.sum(axis=1))))
     for _ in range(iterations):
-        weight = seen / np.maximum(count, 1)[:, None]
-        shape_mean = weight @ shape
-        point_mean = np.einsum("tk,tkj->tj", weight, points)
-        local = np.where(seen[..., None], points - point_mean[:, None], 0.0)
-        if oriented.any():
-            target = shape[None] - shape_mean[:, None]
-            covariance = np.einsum("tki,tkj->tij", local[oriented], np.where(seen[..., None], target, 0.0)[oriented])
-            rotation[oriented] = _nearest_rotation(covariance)
-        position = point_mean - np.einsum("tij,tj->ti", rotation, shape_mean)
+        rotation, position, oriented = _aligned(points, seen, shape)
         aligned = np.einsum("tji,tkj->tki", rotation, points - position[:, None])
         use = (seen & oriented[:, None]) if oriented.any() else seen
         total = use.sum(axis=0)
         mean = np.einsum("tk,tkj->kj", use, aligned) / np.maximum(total, 1)[:, None]
         shape = np.where(total[:, None] > 0, mean, shape)
         shape = shape - shape[ever].mean(axis=0)
-    rotation = _smooth_rotations(rotation, oriented * 1.0, dt_s, cutoff_hz)
+    return np.where(ever[:, None], shape, 0.0)
+
+
+def body_frames(
+    xyz_m: Array,
+    *,
+    dt_s: float,
+    cutoff_hz: float,
+    shape: Array | None = None,
+    loose_rad: float = 0.3,
+    turns: bool = True,
+) -> BodyFrames:
+    """The frame of a set of markers: aligned with their mean shape, smoothed in time.
+
+    In each frame the rotation R maximises trace(R^T (C + s^2 / loose_rad^2 R_slow)), C the covariance of markers and
+    shape (Kabsch 1976), s the misfit of the two, R_slow the rotation of the covariances' moving average: about an axis
+    that the trunk hardly determines (markers in a line, a trunk that bends) the body turns slowly.
+
+    Args:
+        xyz_m: (T, K, 3) trunk markers in the world; NaN where not seen.
+        dt_s: Time step.
+        cutoff_hz: Faster motion of the trunk is left in the body coordinates.
+        shape: (K, 3) mean shape, which defines the body's axes; None: that of this recording (``trunk_shape``).
+        loose_rad: Deviation of the body's rotation from its slow part.
+        turns: False: the axes keep the mean rotation of the recording, only the position is followed.
+
+    Returns:
+        The frames. Frames that see fewer than three markers take their rotation, frames that see none also their
+        position, from the smoothing.
+
+    Raises:
+        ValueError: no marker is ever seen.
+    """
+    seen = np.isfinite(xyz_m[..., 0])
+    count = seen.sum(axis=1)
+    shape = trunk_shape(xyz_m) if shape is None else shape
+    if not count.any():
+        raise ValueError("no trunk marker is ever seen: name other markers as the trunk")
+    points = np.where(seen[..., None], xyz_m, 0.0)
+    if turns:
+        rotation = _followed(points, seen, shape, dt_s, cutoff_hz, loose_rad)
+    else:
+        mean = _nearest_rotation(_covariance(points, seen, shape).sum(axis=0, keepdims=True))
+        rotation = np.repeat(mean, len(points), axis=0)
     weight = seen / np.maximum(count, 1)[:, None]
     position = np.einsum("tk,tkj->tj", weight, points) - np.einsum("tij,tj->ti", rotation, weight @ shape)
     position = smooth_series(position, count / max(count.max(), 1), dt_s=dt_s, cutoff_hz=cutoff_hz)
     return BodyFrames(rotation=rotation, position_m=position)
+
+
+def _aligned(points: Array, seen: NDArray[np.bool_], shape: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Rotation and position of each frame that bring ``shape`` nearest to its points, and whether it has three."""
+    count = seen.sum(axis=1)
+    oriented = count >= 3
+    weight = seen / np.maximum(count, 1)[:, None]
+    shape_mean, point_mean = weight @ shape, np.einsum("tk,tkj->tj", weight, points)
+    rotation = np.repeat(np.eye(3)[None], len(points), axis=0)
+    if oriented.any():
+        rotation[oriented] = _nearest_rotation(_covariance(points, seen, shape)[oriented])
+    return rotation, point_mean - np.einsum("tij,tj->ti", rotation, shape_mean), oriented
 
 
 def _first_shape(points: Array, seen: NDArray[np.bool_], reference: int) -> Array:
@@ -138,6 +174,32 @@ def _nearest_rotation(covariance: Array) -> Array:
     sign = np.sign(np.linalg.det(u @ vt))
     u[..., -1] *= sign[:, None]
     return u @ vt
+
+
+def _followed(
+    points: Array, seen: NDArray[np.bool_], shape: Array, dt_s: float, cutoff_hz: float, loose_rad: float
+) -> Array:
+    """(T, 3, 3) rotations that follow the trunk as well as it determines them; see ``body_frames``."""
+    rotation, position, oriented = _aligned(points, seen, shape)
+    if not oriented.any():
+        return rotation
+    misfit = np.einsum("tji,tkj->tki", rotation, points - position[:, None]) - shape
+    squares = np.sum(np.where(seen[..., None], misfit, 0.0)[oriented] ** 2)
+    prior = squares / (3 * seen[oriented].sum()) / loose_rad**2
+    covariance = _covariance(points, seen, shape)
+    slow = gaussian_filter1d(covariance, 10 / (2 * np.pi * cutoff_hz * dt_s), axis=0, mode="constant")
+    slow = _nearest_rotation(slow + 1e-6 * covariance.mean(axis=0))
+    known = np.linalg.svd(covariance, compute_uv=False)[:, 1:].sum(axis=1)
+    weight = oriented * known / (known + prior + 1e-30)
+    return _smooth_rotations(_nearest_rotation(covariance + prior * slow), weight, dt_s, cutoff_hz)
+
+
+def _covariance(points: Array, seen: NDArray[np.bool_], shape: Array) -> Array:
+    """(T, 3, 3) sum over the seen markers of (point - mean) (shape - mean)^T."""
+    weight = seen / np.maximum(seen.sum(axis=1), 1)[:, None]
+    local = np.where(seen[..., None], points - np.einsum("tk,tkj->tj", weight, points)[:, None], 0.0)
+    target = np.where(seen[..., None], shape - (weight @ shape)[:, None], 0.0)
+    return np.einsum("tki,tkj->tij", local, target)
 
 
 def _smooth_rotations(rotation: Array, weight: Array, dt_s: float, cutoff_hz: float) -> Array:

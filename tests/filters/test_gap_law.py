@@ -43,7 +43,7 @@ def filled():
     trunk = [names.index(m) for m in recording.skeleton.trunk]
     frames = body_frames(xyz[:, trunk], dt_s=dt_s, cutoff_hz=SETTINGS.body_hz)
     models = {
-        "eal": learn_pose([pose_trial("bat", t_s, xyz, frames)], SETTINGS),
+        "eal": learn_pose([pose_trial(t_s, xyz, frames)], SETTINGS),
         "constant_velocity": learn_constant_velocity(xyz, dt_s=dt_s),
     }
     tracked = {name: smooth(model, seen, t_s) for name, model in models.items()}

@@ -38,7 +38,7 @@ def learned():
     xyz = xyz + np.random.default_rng(2).normal(0, 1e-4, xyz.shape)
     xyz[80:100, 5] = np.nan
     frames = body_frames(xyz[:, :4], dt_s=DT_S, cutoff_hz=3.0)
-    trial = pose_trial("flap", np.arange(len(xyz)) * DT_S, xyz, frames)
+    trial = pose_trial(np.arange(len(xyz)) * DT_S, xyz, frames)
     settings = PoseSettings(ranks=(1, 2, 3, 4), potential="none")
     shapes = shapes_of([trial], ranks=settings.ranks)
     return xyz, settings, learn_pose([trial], settings, shapes=shapes), shapes, trial

@@ -1,0 +1,71 @@
+"""``mocap learn``: a model from several recordings of the same kind of animal."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.prepare import Prepared, prepare
+from app.source import Source
+from app.tracking import marker_trial, seen_part
+from filters.model import LearnedModel, learn_model
+from filters.poses import MarkerTrial
+from mocap.errors import MocapError
+
+
+def learn_from(
+    sources: Sequence[Source], *, seed: int = 0, tell: Callable[[str], None] = lambda _line: None
+) -> LearnedModel:
+    """Prepare recordings as ``track`` does, and learn from all of them.
+
+    Args:
+        sources: Recordings of one frame rate; markers of the same name are the same.
+        seed: Which samples are hidden to choose and to calibrate.
+        tell: Called with a line for each recording and each candidate.
+
+    Raises:
+        MocapError: a recording cannot be read, or they cannot be learned from together.
+    """
+    recordings = []
+    for source in sources:
+        recordings.append(prepare(source))
+        seen = np.isfinite(recordings[-1].xyz_m[..., 0])
+        tell(f"{recordings[-1].name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
+    names = list(dict.fromkeys(name for recording in recordings for name in recording.names))
+    trunk = [name for name in recordings[0].skeleton.trunk if name in names]
+    trials = [_with_markers(recording, names) for recording in recordings]
+    seen = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
+    if seen.sum() < 4:
+        raise MocapError(f"only {seen.sum()} markers are ever seen in these recordings: a model needs 4")
+    kept = [name for name, ever in zip(names, seen, strict=True) if ever]
+    trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
+    return learn_model(kept, [n for n in trunk if n in kept], trials, np.random.default_rng(seed), tell=tell)
+
+
+def _with_markers(recording: Prepared, names: Sequence[str]) -> MarkerTrial:
+    """The seen frames of a recording, with all markers of the model in its order."""
+    part = seen_part(recording)
+    trial = marker_trial(recording, replace(part, markers=np.arange(len(recording.names))))
+    xyz = np.full((len(trial.t_s), len(names), 3), np.nan)
+    sd = np.full(xyz.shape[:2], np.nan)
+    index = [names.index(name) for name in recording.names]
+    xyz[:, index], sd[:, index] = trial.xyz_m, trial.sd_m
+    return replace(trial, xyz_m=xyz, sd_m=sd)
+
+
+def readable_scores(learned: LearnedModel) -> str:
+    """What was learned, as markdown."""
+    lengths = next(iter(learned.scores.values()))["gap_frames"]
+    lines = [
+        f"# A model of {len(learned.trials)} recordings",
+        "",
+        f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Errors in gaps that were hidden while "
+        "learning, root mean square in mm (per cent inside 95 % intervals):",
+        "",
+        "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
+        "|---" * (len(lengths) + 1) + "|",
+    ]
+    for name, rows in learned.scores.items():
+        cells = [f"{e:.3g} ({c:.0f} %)" for e, c in zip(rows["rmse_mm"], rows["coverage95"], strict=True)]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,148 @@
+"""Several motion models as one: weights and widths learned on hidden gaps."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from filters.hidden import Fill
+from mocap.arrays import Array, frozen
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mixture:
+    """How K models are mixed, sample by sample.
+
+    Model k has the weight w_k ~ exp(offset_k + slope_k log(n / 30)) / variance_k^power in a gap of n frames, where
+    variance_k is what it states itself times ``scale_k`` squared: near the edges of a gap others are right than in its
+    middle.
+
+    Attributes:
+        offset: (K,) see above.
+        slope: (K,) see above.
+        power: See above.
+        length: (L,) lengths of gaps in frames, increasing.
+        scale: (L, K) factor on the standard deviation that each model states in gaps of these lengths.
+        widen: (L,) factor on the mixture's standard deviation.
+    """
+
+    offset: Array
+    slope: Array
+    power: float
+    length: Array
+    scale: Array
+    widen: Array
+
+    def __post_init__(self) -> None:
+        """Copy and freeze."""
+        object.__setattr__(self, "offset", frozen("offset", self.offset, (None,)))
+        object.__setattr__(self, "slope", frozen("slope", self.slope, (len(self.offset),)))
+        object.__setattr__(self, "length", frozen("length", self.length, (None,)))
+        object.__setattr__(self, "scale", frozen("scale", self.scale, (len(self.length), len(self.offset))))
+        object.__setattr__(self, "widen", frozen("widen", self.widen, (len(self.length),)))
+
+    def scaling(self, length: NDArray[np.int64]) -> Array:
+        """(K, ...) factors on stated deviations, linear in the logarithms of both; 1 where nothing is missing."""
+        place, known = np.log(np.maximum(length, 1)), np.log(self.length)
+        scale = np.exp(np.stack([np.interp(place, known, np.log(column)) for column in self.scale.T]))
+        return np.where(np.asarray(length) > 0, scale, 1.0)
+
+    def weights(self, variance: Array, length: NDArray[np.int64]) -> Array:
+        """(K, ...) weights of samples with scaled variances (K, ...) in gaps of given lengths (...)."""
+        place = np.log(np.maximum(length, 1) / 30.0)
+        pad = (slice(None), *[None] * place.ndim)
+        logit = self.offset[pad] + self.slope[pad] * place - self.power * np.log(variance)
+        weight = np.exp(logit - logit.max(axis=0))
+        return weight / weight.sum(axis=0)
+
+    def widening(self, length: NDArray[np.int64]) -> Array:
+        """Factor on the deviation, linear in the logarithms of both; 1 where nothing is missing (length 0)."""
+        place = np.log(np.maximum(length, 1))
+        widen = np.exp(np.interp(place, np.log(self.length), np.log(self.widen)))
+        return np.where(np.asarray(length) > 0, widen, 1.0)
+
+    def combine(
+        self, xyz_m: Sequence[Array], cov_m2: Sequence[Array], length: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Mean and covariance of the mixture of K normal densities.
+
+        Args:
+            xyz_m: K arrays (T, M, 3).
+            cov_m2: K arrays (T, M, 3, 3).
+            length: (T, M) length of the gap that a sample lies in; 0 where it was measured.
+        """
+        means, covs = np.array(xyz_m), np.array(cov_m2) * (self.scaling(length) ** 2)[..., None, None]
+        weight = self.weights(np.trace(covs, axis1=-2, axis2=-1) / 3, length)
+        mean = np.einsum("ktm,ktmi->tmi", weight, means)
+        cov = np.einsum("ktm,ktmij->tmij", weight, covs)
+        cov += np.einsum("ktm,ktmi,ktmj->tmij", weight, means - mean, means - mean)
+        return mean, cov * (self.widening(length) ** 2)[..., None, None]
+
+
+def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(T, M) length in frames of the run of unseen frames that each sample lies in; 0 where seen."""
+    edges = np.diff(np.pad((~seen).astype(np.int8), ((1, 1), (0, 0))), axis=0).T
+    marker, start = np.nonzero(edges == 1)
+    _, stop = np.nonzero(edges == -1)
+    out = np.zeros(seen.shape, dtype=np.int64)
+    for m, a, b in zip(marker, start, stop, strict=True):
+        out[a:b, m] = b - a
+    return out
+
+
+def learn_mixture(fills: Sequence[Fill], *, power: float = 2.0, strength: float = 0.1, prior: float = 6.0) -> Mixture:
+    """The mixture of K models that fills hidden gaps with the least error: the mean over lengths of log rmse.
+
+    A generalisation of stacking (Wolpert 1992). Each model's scale is the root mean square of its errors in units of
+    what it states in gaps of a length, the mixture's widening the 95 % quantile of its own in units of 1.96 deviations;
+    both are drawn to those of all lengths as if ``prior`` gaps more had shown them.
+
+    Args:
+        fills: What each model said of the same hidden samples.
+        power: Power of the stated variances; ``design/mixture.py`` settled it.
+        strength: Penalty on squared offsets and slopes.
+        prior: See above.
+    """
+    k, length = len(fills), fills[0].length
+    lengths = np.unique(length).astype(float)
+    share = {n: _share(fills[0].gap[length == n], prior) for n in lengths}
+    miss = np.stack([f.miss_m for f in fills])
+    variance = np.stack([f.variance for f in fills])
+    scale = np.ones((len(lengths), k))
+    for i, squared in enumerate(miss**2 / variance):
+        overall = np.log(np.mean(squared))
+        for j, n in enumerate(lengths):
+            here = np.log(np.mean(squared[length == n]))
+            scale[j, i] = np.exp(0.5 * (share[n] * here + (1 - share[n]) * overall))
+
+    def mixture(x: Array) -> Mixture:
+        offset, slope = np.append(0.0, x[: k - 1]), np.append(0.0, x[k - 1 :])
+        ones = np.ones(len(lengths))
+        return Mixture(offset=offset, slope=slope, power=power, length=lengths, scale=scale, widen=ones)
+
+    start = mixture(np.zeros(2 * k - 2))
+    variance *= start.scaling(length)[..., None] ** 2
+    stated = variance.mean(axis=2)
+
+    def cost(x: Array) -> float:
+        weight = mixture(x).weights(stated, length)
+        squared = np.sum(np.einsum("kn,kni->ni", weight, miss) ** 2, axis=1)
+        level = np.mean([0.5 * np.log(squared[length == n].mean()) for n in lengths])
+        return float(level + strength * np.sum(x**2))
+
+    chosen = mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
+    weight = chosen.weights(stated, length)
+    mean = np.einsum("kn,kni->ni", weight, miss)
+    total = np.einsum("kn,kni->ni", weight, variance + (miss - mean) ** 2)
+    ratio = np.abs(mean) / np.sqrt(total) / 1.959964
+    overall = np.quantile(ratio, 0.95)
+    widen = [np.quantile(ratio[length == n], 0.95) ** share[n] * overall ** (1 - share[n]) for n in lengths]
+    return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
+
+
+def _share(gap: NDArray[np.int64], prior: float) -> float:
+    """How far what so many gaps show is believed."""
+    count = len(np.unique(gap))
+    return count / (count + prior)

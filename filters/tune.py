@@ -1,0 +1,157 @@
+"""Choosing pose models on hidden gaps of their own training trials, and how to mix them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from filters.hidden import Fill, Hidden, fill_of, hide_groups, joined_fills
+from filters.learn import PoseSettings, Potential, learn_constant_velocity, learn_pose
+from filters.mixture import Mixture, learn_mixture
+from filters.motion.base import MotionModel
+from filters.observations import PositionObservations
+from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
+from filters.track import smooth
+
+Kind = PoseSettings | None
+"""A pose model with its settings, or None: constant velocity, each marker for itself."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Search:
+    """Candidates tried on hidden gaps.
+
+    Attributes:
+        trials: Training trials.
+        trunk: Indices of the trunk's markers.
+        hidden: Those of them that are validated on, by index, with what is hidden.
+        tried: Every candidate with how it filled all gaps.
+        tell: Called with a line for each candidate.
+    """
+
+    trials: Sequence[MarkerTrial]
+    trunk: Sequence[int]
+    hidden: dict[int, Hidden]
+    tell: Callable[[str], None] = lambda _line: None
+    tried: list[tuple[Kind, Fill]] = field(default_factory=list)
+    _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
+    _shapes: dict[tuple, Shapes] = field(default_factory=dict)
+
+    def fill(self, kind: Kind) -> Fill:
+        """Fill all hidden gaps with one candidate, learned without them."""
+        for before, fill in self.tried:
+            if before == kind:
+                return fill
+        fills = []
+        for index, hidden in self.hidden.items():
+            shown = hidden.shown
+            seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
+            with threadpool_limits(1):
+                found = smooth(self._model(kind, index, shown), seen, shown.t_s)
+            fills.append(fill_of(hidden, found.xyz_m, found.cov_m2))
+        fill = joined_fills(fills)
+        self.tried.append((kind, fill))
+        self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm: {kind or 'constant velocity'}")
+        return fill
+
+    def _model(self, kind: Kind, index: int, shown: MarkerTrial) -> MotionModel:
+        if kind is None:
+            return learn_constant_velocity(shown.xyz_m, dt_s=shown.dt_s)
+        about = (index, kind.body_hz, kind.turns)
+        if about not in self._poses:
+            trials = [*(t for i, t in enumerate(self.trials) if i != index), shown]
+            self._poses[about] = poses_of(trials, self.trunk, body_hz=kind.body_hz, turns=kind.turns)
+        if (about, kind.ranks) not in self._shapes:
+            self._shapes[about, kind.ranks] = shapes_of(self._poses[about], ranks=kind.ranks)
+        return learn_pose(self._poses[about], kind, shapes=self._shapes[about, kind.ranks])
+
+    def improve(self, start: PoseSettings, choices: Sequence[dict], *, least: float = 0.01) -> PoseSettings:
+        """The start with those changes, tried one after the other, that lower the cost by ``least`` or more."""
+        best = start
+        for change in choices:
+            candidate = replace(best, **change)
+            if self.fill(candidate).cost < self.fill(best).cost - least:
+                best = candidate
+        return best
+
+
+def search_on(
+    trials: Sequence[MarkerTrial],
+    trunk: Sequence[int],
+    rng: np.random.Generator,
+    *,
+    validated: int = 2,
+    most_frames: int = 500,
+    tell: Callable[[str], None] = lambda _line: None,
+) -> Search:
+    """A search that validates on the trials of which most is seen.
+
+    Args:
+        trials: Training trials of the same markers.
+        trunk: Indices of the trunk's markers.
+        rng: What to hide.
+        validated: Number of trials to hide gaps in.
+        most_frames: Of such a trial, the stretch of so many frames of which most is seen.
+        tell: Called with a line for each candidate.
+    """
+    cut = [_excerpt(trial, most_frames) for trial in trials]
+    order = np.argsort([-trial.seen.sum() for trial in cut], kind="stable")[:validated]
+    hidden = {int(i): hide_groups(cut[i], rng) for i in order}
+    hidden = {i: h for i, h in hidden.items() if h.mask.any()}
+    return Search(trials=trials, trunk=trunk, hidden=hidden, tell=tell)
+
+
+def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
+    if len(trial.t_s) <= most:
+        return trial
+    total = np.concatenate([[0], np.cumsum(trial.seen.sum(axis=1))])
+    start = int(np.argmax(total[most:] - total[:-most]))
+    inside = slice(start, start + most)
+    return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
+
+
+SHARP = PoseSettings(excess=0.3, residual=0.6, residual_rate=0.5)
+"""Where a search starts: less noise than a single recording shows, as a mixture's widths are learned afterwards."""
+
+
+def pose_kinds(search: Search, base: PoseSettings = SHARP) -> tuple[PoseSettings, PoseSettings, PoseSettings]:
+    """Pose models of one subspace and body: without forces, with identified mechanics, and these held by V_z.
+
+    Chosen one after the other on the hidden gaps: the rank, whether the body's axes turn, linear mechanics or a field,
+    V_z of shapes or of shapes and velocities, its stiffness. Widths of the noise keep their defaults, which
+    ``design/mixture.py`` settled: to search them, too, fits the hidden gaps and not the next trial.
+    """
+    free = replace(base, mechanics="free", potential="none")
+    free = search.improve(free, [{"ranks": (rank,)} for rank in (16, 8, 26)] + [{"turns": not base.turns}])
+    bare = search.improve(replace(free, mechanics="linear"), [{"mechanics": "field"}])
+    return free, bare, held_pose(search, bare, ("motion", "shape"))
+
+
+def held_pose(search: Search, bare: PoseSettings, potentials: Sequence[Potential]) -> PoseSettings:
+    """The same model held by a potential: by which, and how stiffly."""
+    first = search.improve(replace(bare, potential=potentials[0]), [{"potential": p} for p in potentials[1:]])
+    return search.improve(first, [{"weight": 0.25 * first.weight}, {"weight": 4 * first.weight}])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tuned:
+    """Models and how they are mixed.
+
+    Attributes:
+        kinds: The K models.
+        mixture: Their weights.
+        fills: What each said of the hidden samples.
+    """
+
+    kinds: tuple[Kind, ...]
+    mixture: Mixture
+    fills: tuple[Fill, ...]
+
+
+def tuned(search: Search) -> Tuned:
+    """The default tracker: constant velocity a marker, that of the pose, and mechanics held by V_z, mixed."""
+    free, _, held = pose_kinds(search)
+    kinds: tuple[Kind, ...] = (None, free, held)
+    fills = tuple(search.fill(kind) for kind in kinds)
+    return Tuned(kinds=kinds, mixture=learn_mixture(fills), fills=fills)

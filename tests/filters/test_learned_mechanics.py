@@ -1,0 +1,119 @@
+"""Mechanics and offsets that a pose model learns from recorded trials."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from filters.ensemble import Gaussian
+from filters.learn import PoseSettings, learn_mechanics, learn_pose, recorded_motion
+from filters.poses import pose_trial, residual_rate, shapes_of
+from mocap.body import BodyFrames
+from tests.filters.test_learned_models import DT_S, flapping
+
+SETTINGS = PoseSettings(ranks=(2,), potential="none")
+
+
+def trial_of(xyz):
+    """A trial in a frame that moves as the animal does."""
+    n_frames = len(xyz)
+    centre = xyz[:, :4].mean(axis=1)
+    frames = BodyFrames(rotation=np.repeat(np.eye(3)[None], n_frames, axis=0), position_m=centre)
+    return pose_trial(np.arange(n_frames) * DT_S, xyz, frames)
+
+
+@pytest.fixture(scope="module")
+def two():
+    """Two trials of one animal, whose markers were placed 1 cm apart, with noise of 0.1 mm."""
+    rng = np.random.default_rng(2)
+    trials = []
+    for _ in range(2):
+        xyz = flapping(np.random.default_rng(1), n_frames=280)  # 280 frames: 12.6 beats
+        placed = np.zeros((8, 3))
+        placed[4:] = 0.01 * rng.normal(size=(4, 3))
+        trials.append(trial_of(xyz + placed + rng.normal(0, 1e-4, xyz.shape)))
+    return trials, shapes_of(trials, ranks=SETTINGS.ranks)
+
+
+@pytest.mark.parametrize("mechanics", ["linear", "field"])
+def test_learned_mechanics_carry_a_beat_on(two, mechanics):
+    """A beat (22 frames) after a recorded state the shape is where it was recorded; flying on it would be far off.
+
+    Each difference of a step costs (w dt)^2 / 6 = 1.3 % of a velocity, two of an acceleration: 1.3 % of the frequency,
+    8 % of a radian in a beat, and as much again for the smoothing at 30 Hz.
+    """
+    trials, shapes = two
+    motion = recorded_motion(trials, shapes, certain=SETTINGS.certain)
+    states = np.column_stack([motion.z, motion.rate])
+    misses = {}
+    for name in ("free", mechanics):
+        learned = learn_mechanics(motion, replace(SETTINGS, mechanics=name))
+        miss = []
+        for frame in range(40, 200, 16):
+            state = states[frame]
+            for _ in range(22):
+                state, _, _ = learned.linearised(Gaussian(state, 1e-6 * np.eye(len(state))), DT_S)
+            miss.append(state[:2] - motion.z[frame + 22])
+        misses[name] = np.sqrt(np.mean(np.square(miss))) / motion.z.std()
+    assert misses[mechanics] < 0.2
+    assert misses["free"] > 1
+
+
+def test_each_trial_is_tracked_about_its_own_mean(two):
+    """The model of either trial puts its markers where that trial has them, to the noise, not where the other has."""
+    trials, shapes = two
+    for target in (0, 1):
+        model = learn_pose(trials, SETTINGS, shapes=shapes, target=target)
+        errors = []
+        for other in (target, 1 - target):
+            states = np.zeros((len(trials[0].y), model.reads))
+            states[:, :2] = shapes.z[other]
+            frames = range(0, len(states), 20)
+            found = np.array([model.markers(states[f : f + 1], f)[0] for f in frames])
+            xyz = trials[other].frames.position_m[:, None] + trials[other].y.reshape(len(states), -1, 3)
+            errors.append(np.sqrt(np.mean((found - xyz[::20]) ** 2)))
+        assert errors[0] < 2e-4
+        assert errors[1] > 2e-3
+
+
+def test_motion_is_recorded_where_poses_are_known(two):
+    """Poses known less than the limit are left out, and what is on either side of them are stretches of their own."""
+    trials, shapes = two
+    known = [part.copy() for part in shapes.known]
+    known[0][:] = known[1][:] = 0.95
+    known[0][100:120] = known[1][:5] = 0.5
+    motion = recorded_motion(trials, replace(shapes, known=known), certain=0.8)
+    np.testing.assert_array_equal(motion.trial, np.repeat([0, 1, 2], [100, 160, 275]))
+    first, second = shapes.z
+    np.testing.assert_array_equal(motion.z, np.concatenate([first[:100], first[120:], second[5:]]))
+    np.testing.assert_array_equal(motion.rate[100:260], shapes.rate[0][120:])
+    np.testing.assert_array_equal(motion.acceleration[260:], shapes.acceleration[1][5:])
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 2.0])
+@pytest.mark.parametrize("rate_hz", [10.0, 40.0])
+def test_the_residuals_rate_is_told_from_its_noise(rate_hz, noise):
+    """Matern-3/2 processes of a known rate, with gaps and with white noise of up to twice their deviation.
+
+    Lags are a fifth apart, those of a few frames more; the parabola at the beginning is a tenth of the variance off.
+    """
+    rng = np.random.default_rng(4)
+    a = rate_hz * DT_S
+    transition = np.exp(-a) * np.array([[1 + a, 1], [-(a**2), 1 - a]])  # of e and of its change in a step
+    stationary = np.diag([1, a**2])
+    kick = np.linalg.cholesky(stationary - transition @ stationary @ transition.T)
+    state, residual = np.array([[1.0], [a]]) * rng.normal(size=(2, 24)), []
+    for _ in range(2000):
+        state = transition @ state + kick @ rng.normal(size=(2, 24))
+        residual.append(state[0] + noise * rng.normal(size=24))
+    residual = np.array(residual)
+    residual[rng.random(residual.shape) < 0.2] = np.nan
+    assert residual_rate([residual[:800], residual[800:]], DT_S) == pytest.approx(rate_hz, rel=0.35)
+
+
+@pytest.mark.parametrize("n_frames", [1, 2, 3])
+def test_residuals_of_few_frames_have_a_rate(n_frames):
+    """A positive number, whatever is seen."""
+    rng = np.random.default_rng(5)
+    assert 0 < residual_rate([rng.normal(size=(n_frames, 6))], DT_S) < np.inf
+    assert 0 < residual_rate([np.zeros((n_frames, 6))], DT_S) < np.inf

@@ -69,7 +69,13 @@ def looks(observations: Observations, t_s: Array) -> Iterator[tuple[float, Look]
 
 
 def live(
-    model: MotionModel, frames: Iterable[tuple[float, Look]], *, lag: int, every: int = 1, gate_sd: float = 6.0
+    model: MotionModel,
+    frames: Iterable[tuple[float, Look]],
+    *,
+    lag: int,
+    every: int = 1,
+    gate_sd: float = 6.0,
+    linearisations: int = 1,
 ) -> Iterator[Estimate]:
     """Fixed-lag smoothing (Anderson & Moore 1979, chapter 7): every frame once, with ``lag`` frames of hindsight.
 
@@ -88,6 +94,7 @@ def live(
         lag: Least number of later frames that an estimate rests on (but at the end).
         every: Number of frames that are smoothed back together.
         gate_sd: Groups further off are not believed (``gate_groups``).
+        linearisations: Times that rays are linearised (``filter_frame``).
 
     Raises:
         ValueError: a negative lag, ``every`` below 1, or a time that does not increase.
@@ -105,7 +112,9 @@ def live(
                 noise = step.noise if step is not None and step.dt_s == dt else model.noise(dt)
                 step = Step(frame, dt, noise)
             last_s = time
-            prediction, state, seen = filter_frame(model, _Now(look), frame, state, step, gate_sd)
+            prediction, state, seen = filter_frame(
+                model, _Now(look), frame, state, step, gate_sd, linearisations=linearisations
+            )
             kept.append(_Kept(frame, time, prediction, state, seen))
             done = _smoothed(model, kept, every) if len(kept) == lag + every else []
         for estimate in done:

@@ -5,7 +5,7 @@ points a ray, whatever the size of the state), which makes each observation a li
 error of known variance: statistical linearisation (Gelb 1974; Garcia-Fernandez et al. 2015).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -36,6 +36,17 @@ class Sights:
     slope: Array
     sd: Array
     dof: Array
+
+
+def seen_from(sights: Sights, shift: Array) -> Sights:
+    """Sights that were linearised about other means, as innovations of the predicted ones.
+
+    Args:
+        sights: Rows that are linear functions of their markers.
+        shift: (M, 3) the means that they are linearised about minus those that are predicted.
+    """
+    innovation = sights.innovation + np.einsum("gri,gi->gr", sights.slope, shift[sights.where[:, 1]])
+    return replace(sights, innovation=innovation)
 
 
 class Observations(Protocol):

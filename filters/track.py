@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from filters.ensemble import Gaussian, Prediction, ensemble, scale, spread
 from filters.motion.base import MotionModel, Step
-from filters.observations import Observations
+from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
 from filters.smoother import smooth_step
 from mocap.arrays import Array
@@ -54,16 +55,34 @@ class Filtered:
 
 
 def filter_frame(
-    model: MotionModel, observations: Observations, frame: int, before: Gaussian, step: Step | None, gate_sd: float
+    model: MotionModel,
+    observations: Observations,
+    frame: int,
+    before: Gaussian,
+    step: Step | None,
+    gate_sd: float,
+    *,
+    linearisations: int = 1,
 ) -> tuple[Prediction | None, Gaussian, Observed]:
-    """Predict one frame and condition on what it shows; without a ``step`` (at the first frame) only the latter."""
+    """Predict one frame and condition on what it shows; without a ``step`` (at the first frame) only the latter.
+
+    Rays are linearised about the prediction. With more ``linearisations`` they are so again about the markers as they
+    were found, and the prediction is conditioned anew (iterated posterior linearisation, Garcia-Fernandez et al. 2015).
+    Three cameras 2 m from a marker that is predicted to 1 cm, 5 cm: the mean is off by 0.05, 0.9 posterior deviations
+    after one, by less than 0.001 after two.
+    """
     prediction, state = None, before
     if step is not None:
         prediction = model.predict(before, step)
         state = model.constrain(prediction.state, step.dt_s)
     mean, deviations = marker_deviations(model, state, frame)
     sights = observations.sights(frame, mean, np.einsum("kmi,kmj->mij", deviations, deviations))
-    return prediction, *observe(state, sights, deviations, reads=model.reads, gate_sd=gate_sd)
+    found, seen = observe(state, sights, deviations, reads=model.reads, gate_sd=gate_sd)
+    for _ in range(linearisations - 1 if len(sights.size) else 0):
+        about, cov = marker_moments(model, found, frame)
+        sights = seen_from(observations.sights(frame, about, cov), about - mean)
+        found, seen = observe(state, sights, deviations, reads=model.reads, gate_sd=gate_sd)
+    return prediction, found, seen
 
 
 def filter_forward(
@@ -75,6 +94,7 @@ def filter_forward(
     before: Gaussian | None = None,
     gate_sd: float = 6.0,
     keep: bool = True,
+    linearisations: int = 1,
     progress: Progress | None = None,
 ) -> Filtered:
     """Filter frames.
@@ -87,6 +107,7 @@ def filter_forward(
         before: Filtered state of the frame before them; not read at frame 0.
         gate_sd: Groups further off are not believed (``gate_groups``).
         keep: Whether to keep states and predictions for smoothing.
+        linearisations: Times that rays are linearised (``filter_frame``).
         progress: Called with the share of all frames done.
     """
     frames = range(observations.n_frames) if frames is None else frames
@@ -102,7 +123,9 @@ def filter_forward(
             if dt not in noise_of:
                 noise_of[dt] = model.noise(dt)
             step = Step(frame, dt, noise_of[dt])
-        prediction, state, seen = filter_frame(model, observations, frame, state, step, gate_sd)
+        prediction, state, seen = filter_frame(
+            model, observations, frame, state, step, gate_sd, linearisations=linearisations
+        )
         if keep:
             states.append(state)
             predictions.append(prediction)
@@ -126,6 +149,7 @@ def smooth(
     *,
     gate_sd: float = 6.0,
     most_bytes: float = 1e9,
+    linearisations: int = 1,
     progress: Progress | None = None,
 ) -> Smoothed:
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
@@ -135,6 +159,7 @@ def smooth(
     frames, for a third more time.
     """
     n_frames, size = observations.n_frames, model.points.n
+    options: dict[str, Any] = {"gate_sd": gate_sd, "linearisations": linearisations}
     length = max(2, int(most_bytes / (3 * 8 * size**2)))
     blocks = [range(start, min(start + length, n_frames)) for start in range(0, n_frames, length)]
     with threadpool_limits(1):
@@ -145,7 +170,7 @@ def smooth(
         for block in blocks:
             keep = block is blocks[-1]
             filtered = filter_forward(
-                model, observations, t_s, frames=block, before=before[-1], gate_sd=gate_sd, keep=keep, progress=half
+                model, observations, t_s, frames=block, before=before[-1], keep=keep, progress=half, **options
             )
             before.append(filtered.last)
             observed.extend(filtered.observed)
@@ -153,7 +178,7 @@ def smooth(
         state, ahead = before[-1], None
         for i in range(len(blocks) - 1, -1, -1):
             if filtered is None or i < len(blocks) - 1:
-                filtered = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], gate_sd=gate_sd)
+                filtered = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], **options)
             for frame in reversed(blocks[i]):
                 here = filtered.states.pop()
                 state = here if ahead is None or state is None else smooth_step(here, ahead, state)

@@ -14,7 +14,7 @@ from mocap.bias import ray_bias
 from mocap.camera_health import BadTime, camera_health, describe, shifted_back
 from mocap.careless import student_t
 from mocap.clean import REASONS, Cleaning, clean
-from mocap.click_noise import ClickNoise, click_noise
+from mocap.click_noise import USUAL_DOF, ClickNoise, click_noise
 from mocap.errors import CalibrationError, FormatError
 from mocap.formats import dltdv
 from mocap.records import MarkerTracks
@@ -39,7 +39,9 @@ class Prepared:
         cov_m2: (T, M, 3, 3) covariance of their jitter.
         filmed: Pixels and cameras; None where positions were given.
         uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras.
-        ray_sd_px: (C, T, M) standard deviation of a coordinate of each corrected pixel.
+        ray_sd_px: (C, T, M) standard deviation of a coordinate of each corrected pixel, weighed by how the rays of its
+            marker meet.
+        ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
         jitter_px: The same over all rays; NaN without cameras.
         bias_px: Standard deviation of the slow ray errors that were removed.
         residual_px: (T, M) residuals of triangulation before correction; NaN without.
@@ -65,6 +67,7 @@ class Prepared:
     filmed: Filmed | None
     uv_px: Array
     ray_sd_px: Array
+    ray_scale_px: Array
     jitter_px: float
     bias_px: float
     residual_px: Array
@@ -90,18 +93,6 @@ class Prepared:
         total = np.where(seen, 1 / self.ray_sd_px**2, 0.0).sum(axis=(1, 2))
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
-
-    @property
-    def expected_nis(self) -> float:
-        """Normalised innovation squared a row of a filter that knows its uncertainty, with rays weighed by Student's t.
-
-        The mean of (nu + 2) / (nu + 4) over rays: ``ray_sd_px`` holds their information, which is less than that of
-        normal errors of the same variance.
-        """
-        if self.noise is None:
-            return 1.0
-        rays = np.isfinite(self.uv_px[..., 0]).sum(axis=(1, 2))
-        return float(np.average((self.noise.dof + 2) / (self.noise.dof + 4), weights=np.maximum(rays, 1)))
 
     @property
     def repaired(self) -> dict[str, NDArray[np.bool_]]:
@@ -130,7 +121,8 @@ class Prepared:
         return PixelObservations(
             matrices=self.filmed.matrices,
             uv_px=uv,
-            sd_px=self.ray_sd_px[:, frames][:, :, markers],
+            sd_px=self.ray_scale_px[:, frames][:, :, markers],
+            dof=np.full(len(uv), USUAL_DOF) if self.noise is None else self.noise.dof,
             xyz_m=xyz,
             cov_m2=cov,
             wide_m=WIDE * float(depth),
@@ -172,7 +164,7 @@ def prepare(source: Source) -> Prepared:
     uv = uv - bias.bias_px
     start = triangulate.linear(filmed.matrices, uv, relative=worse[..., None])
     noise = click_noise(filmed.matrices, uv, start, relative=worse)
-    xyz, cov, ray_sd = student_t(filmed.matrices, uv, start, sd_px=jitter, relative=worse, noise=noise)
+    xyz, cov, ray_sd, ray_scale = student_t(filmed.matrices, uv, start, sd_px=jitter, relative=worse, noise=noise)
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
     findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *findings]
@@ -191,6 +183,7 @@ def prepare(source: Source) -> Prepared:
         filmed=filmed,
         uv_px=uv,
         ray_sd_px=ray_sd,
+        ray_scale_px=ray_scale,
         jitter_px=jitter,
         bias_px=bias.sd_px,
         residual_px=found.residual_px,
@@ -238,6 +231,7 @@ def _prepare_points(source: Source) -> Prepared:
         filmed=None,
         uv_px=np.zeros((*shape, 2)),
         ray_sd_px=np.zeros(shape),
+        ray_scale_px=np.zeros(shape),
         jitter_px=np.nan,
         bias_px=0.0,
         residual_px=np.full(xyz.shape[:2], np.nan),

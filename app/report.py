@@ -68,11 +68,11 @@ def make_report(
             "runs": _exchanged(prepared),
         },
         "stale_points": None if prepared.stale is None else [vars(s) for s in prepared.stale],
-        "innovation": {**_consistency(tracked), "expected_per_row": prepared.expected_nis},
+        "innovation": _consistency(tracked),
         "log_likelihood": float(tracked.log_likelihood.sum()),
         "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
         "joints": {name: _joint(p) for name, p in potentials.items()},
-        "findings": [*prepared.findings, *_too_narrow(prepared, tracked)],
+        "findings": [*prepared.findings, *_too_narrow(tracked)],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
 
@@ -144,7 +144,7 @@ def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
 def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
     """Mean NIS a row, and the share of frames inside the 95 % band of chi-square.
 
-    A filter that knows its uncertainty has ``Prepared.expected_nis`` a row.
+    A filter that knows its uncertainty has 1 a row; rays whose errors follow Student's t count by their weights.
     """
     ok = np.isfinite(tracked.nis) & (tracked.n_rows > 0)
     if not ok.any():
@@ -157,15 +157,12 @@ def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
     }
 
 
-def _too_narrow(prepared: Prepared, tracked: TrackedMotion) -> list[str]:
+def _too_narrow(tracked: TrackedMotion) -> list[str]:
     """A finding where innovations are much larger than the filter expects them."""
     nis = _consistency(tracked)["nis_per_row"]
-    expected = prepared.expected_nis
-    if nis is None or nis < 2 * expected:
+    if nis is None or nis < 2:
         return []
-    return [
-        f"innovations are {np.sqrt(nis / expected):.1f} times as large as expected: intervals are too narrow by that"
-    ]
+    return [f"innovations are {np.sqrt(nis):.1f} times as large as expected: intervals are too narrow by that"]
 
 
 def _joint(potential: JointPotential) -> dict[str, object]:
@@ -233,10 +230,7 @@ def readable(report: Mapping, *, title: str) -> str:
         )
     nis = report["innovation"]
     if nis["nis_per_row"] is not None:
-        expected = f"{nis['expected_per_row']:.2f} is expected" + (
-            " of rays weighed by Student's t" if report["cameras"] else ""
-        )
-        lines.append(f"- innovations: NIS {nis['nis_per_row']:.2f} a row ({expected})")
+        lines.append(f"- innovations: NIS {nis['nis_per_row']:.2f} a row (1 is expected)")
     counts = ", ".join(f"{reason} {count}" for reason, count in rejected.items() if count) or "none"
     repaired = (
         ", ".join(f"{reason} {count}" for reason, count in report["repaired"]["counts"].items() if count) or "none"

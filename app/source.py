@@ -117,14 +117,14 @@ def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tu
 
 
 def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...], str]:
-    """Pixels, cameras, and where these are from."""
+    """Pixels, cameras, and where these are from; coefficients that are given go before those of a project."""
+    project = read_project(source.tracks, fps=source.fps) if source.is_project else None
+    pixels = dltdv.read_pixels(source.tracks, fps=source.fps) if project is None else project.pixels
     if source.coefficients is not None:
-        pixels = dltdv.read_pixels(source.tracks, fps=source.fps)
         return pixels, dltdv.read_coefficients(source.coefficients), source.coefficients.name
-    project = read_project(source.tracks, fps=source.fps)
-    if not project.cameras:
+    if project is None or not project.cameras:
         raise CalibrationError(f"{source.tracks.name}: a project without DLT coefficients: calibrate, or give --dlt")
-    return project.pixels, project.cameras, "the project"
+    return pixels, project.cameras, "the project"
 
 
 def load_filmed(source: Source, *, iterations: int | None) -> Filmed:

@@ -8,8 +8,10 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
 from filters.motion.constant_velocity import ConstantVelocity
+from filters.motion.literal import LiteralShape
 from filters.motion.pose import PoseMotion, body_path
 from filters.motion.shape import ShapeMechanics
 from filters.poses import PoseTrial, Shapes, certain_shapes, residual_rate, shapes_of
@@ -17,7 +19,7 @@ from filters.subspace import bridge
 from mocap.arrays import Array
 from mocap.body import smooth_series
 
-Mechanics = Literal["free", "linear", "field"]
+Mechanics = Literal["free", "linear", "field", "literal"]
 Potential = Literal["shape", "motion", "quadratic", "none"]
 
 
@@ -29,7 +31,8 @@ class PoseSettings:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
         body_hz: Faster motion of the trunk is left to the shape.
         turns: Whether the body's axes follow its rotation.
-        mechanics: Forces that are known: none, linear ones, or a field; identified from the trials.
+        mechanics: Forces that are known: none, linear ones, or a field; identified from the trials. Or "literal": none
+            but V_z's own as an explicit force, as the paper has it (``LiteralShape``), in place of ``potential``.
         ridge: Penalty of that identification.
         excess: Factor on the process noise that follows from it.
         residual: Factor on the deviation of what the subspace leaves, found on hidden samples.
@@ -102,6 +105,8 @@ def learn_mechanics(motion: Motion, settings: PoseSettings) -> ShapeMechanics:
         return free_shape(motion, excess=settings.excess)
     if settings.mechanics == "linear":
         return linear_shape(motion, ridge=settings.ridge, excess=settings.excess)
+    if settings.mechanics == "literal":
+        return literal_shape(motion, settings)
     return field_shape(
         motion, ridge=settings.ridge, beta=settings.beta, centres=settings.centres, excess=settings.excess
     )
@@ -138,9 +143,19 @@ def learn_pose(
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
         residual_rate_hz=settings.residual_rate * residual_rate(shapes.residual, trial.dt_s),
+        usual=usual_motion(motion),
         name="pose_constant_velocity",
     )
     return with_potential(model, motion, settings)
+
+
+def usual_motion(motion: Motion) -> Gaussian:
+    """Mean and covariance of the recorded [z, zdot]."""
+    states = np.column_stack([motion.z, motion.rate])
+    cov = np.cov(states.T)
+    return Gaussian(
+        states.mean(axis=0), np.linalg.cholesky(cov + 1e-6 * np.diag(np.diag(cov)) + 1e-18 * np.eye(len(cov)))
+    )
 
 
 def body_density(trial: PoseTrial) -> Array:
@@ -166,6 +181,8 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     of the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
     cycles it is soft. ``design/potential_stiffness.py`` has the numbers.
     """
+    if settings.mechanics == "literal":
+        return replace(model, name="eal_literal")
     if settings.potential == "none":
         return model
     held = model.rank * (2 if settings.potential == "motion" else 1)
@@ -186,6 +203,23 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     charged = float(np.mean(unseen_potential(samples, settings)))
     stiffness = turns / max(charged, 1e-9)
     return replace(model, gradient=penalty(potential, scale, stiffness), held=held, name="eal")
+
+
+def literal_shape(motion: Motion, settings: PoseSettings) -> LiteralShape:
+    """V_z of the shape as an explicit force, as stiff as ``with_potential`` has it.
+
+    There an unseen pose of mean potential v is charged the weight in units of the log density; here in units of the
+    mean kinetic energy T: 1/eps^2 = weight T / v, so that the motion's own energy carries it no higher than v / weight.
+    """
+    samples = motion.z / motion.unit
+    unseen = float(np.mean(-np.expm1(-unseen_potential(samples, settings))))
+    kinetic = 0.5 * float(np.sum(motion.rate.var(axis=0)))
+    return LiteralShape(
+        potential=learn_potential(samples, settings),
+        unit=motion.unit,
+        strength=settings.weight * kinetic / max(unseen, 1e-9),
+        density=free_shape(motion, excess=settings.excess).density,
+    )
 
 
 def learn_potential(samples: Array, settings: PoseSettings) -> EmpiricalPotential:

@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
@@ -25,6 +26,18 @@ from mocap.arrays import Array
 from mocap.errors import FormatError, MocapError
 
 FORMAT = "eal-mocap model 1"
+_DAMAGE = (
+    OSError,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy and zipfile raise on files that are cut, changed, or something else."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,9 +115,9 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
     Raises:
         MocapError: they differ by more than 1 %.
     """
-    rates = {trial.name: 1 / trial.dt_s for trial in trials}
-    if max(rates.values()) > 1.01 * min(rates.values()):
-        listed = ", ".join(f"{name} {rate:.6g}" for name, rate in rates.items())
+    rates = [1 / trial.dt_s for trial in trials]
+    if max(rates) > 1.01 * min(rates):
+        listed = ", ".join(f"{trial.name} {rate:.6g}" for trial, rate in zip(trials, rates, strict=True))
         raise MocapError(f"trials of one model need one frame rate, but have frames a second: {listed}")
 
 
@@ -307,6 +320,12 @@ def load_model(path: Path) -> LearnedModel:
                 None if kind is None else PoseSettings(**{**kind, "ranks": tuple(kind["ranks"])})
                 for kind in header["kinds"]
             )
+            for trial in trials:
+                shape = (len(trial.t_s), len(header["names"]))
+                if trial.xyz_m.shape != (*shape, 3) or trial.sd_m.shape != shape:
+                    raise ValueError(f"trial {trial.name} has positions of shape {trial.xyz_m.shape}")
+            if not trials or len(kinds) != len(parts["offset"]):
+                raise ValueError(f"{len(trials)} trials, {len(kinds)} motion models, {len(parts['offset'])} weights")
             return LearnedModel(
                 names=tuple(header["names"]),
                 trunk=tuple(header["trunk"]),
@@ -315,5 +334,7 @@ def load_model(path: Path) -> LearnedModel:
                 mixture=Mixture(power=header["power"], **parts),
                 scores=header["scores"],
             )
-    except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile, EOFError) as error:
+    except FormatError:
+        raise
+    except _DAMAGE as error:
         raise FormatError(f"{path}: not a model that mocap learn wrote ({error}): give its --out") from None

@@ -77,6 +77,8 @@ def filter_frame(
         state = model.constrain(prediction.state, step.dt_s)
     mean, deviations = marker_deviations(model, state, frame)
     sights = observations.sights(frame, mean, np.einsum("kmi,kmj->mij", deviations, deviations))
+    if prediction is not None and not len(sights.size):
+        state = prediction.state  # a potential would hold a shape whose phase nobody knows, and be sure of it
     found, seen = observe(state, sights, deviations, reads=model.reads, gate_sd=gate_sd)
     for _ in range(linearisations - 1 if len(sights.size) else 0):
         about, cov = marker_moments(model, found, frame)
@@ -183,7 +185,8 @@ def smooth(
                 here = filtered.states.pop()
                 state = here if ahead is None or state is None else smooth_step(here, ahead, state)
                 ahead = filtered.predictions.pop()
-                mean, covariance = marker_moments(model, state, frame)
+                dark = not len(observed[frame].sights.size)
+                mean, covariance = marker_moments(model, model.informed(state) if dark else state, frame)
                 xyz.append(mean)
                 cov.append(covariance)
                 if progress is not None:

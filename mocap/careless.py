@@ -20,7 +20,7 @@ def student_t(
     rounds: int = 6,
     relative: Array | None = None,
     noise: ClickNoise | None = None,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Points under errors that follow Student's t distribution, by iteratively reweighted least squares.
 
     Each ray has the weight w = (nu + 2) / (nu + r^2 / s^2), r its residual and s the scale of the distribution (Lange,
@@ -38,8 +38,9 @@ def student_t(
         noise: Factors of cameras and markers, and degrees of freedom; None: 1, and ``DOF``.
 
     Returns:
-        (T, M, 3) points, their (T, M, 3, 3) covariance, and (C, T, M) the standard deviation of a pixel coordinate of
-        each ray; ``sd_px`` times its factors for rays whose marker has no point.
+        (T, M, 3) points, their (T, M, 3, 3) covariance; (C, T, M) the standard deviation of a pixel coordinate of each
+        ray, ``sd_px`` times its factors for rays whose marker has no point; and (C, T, M) the scale s of each ray
+        before it was weighed.
     """
     seen = np.isfinite(uv_px[..., 0])
     count = seen.sum(axis=0)
@@ -60,4 +61,4 @@ def student_t(
         weight = np.where(inside, (nu + 2) / (nu + np.nan_to_num(squares) / scale**2), 1.0)
         if free:
             scale = max(float(np.sqrt(np.sum((weight * squares)[inside]) / free)), 1e-9)
-    return xyz, cov, np.where(seen & has_point, own * scale / np.sqrt(weight), sd_px * spread)
+    return xyz, cov, np.where(seen & has_point, own * scale / np.sqrt(weight), sd_px * spread), scale * spread

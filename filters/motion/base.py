@@ -61,3 +61,7 @@ class MotionModel(ABC):
     def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:  # noqa: ARG002
         """Apply what is known of the state beside its dynamics, once a frame; here nothing."""
         return state
+
+    def informed(self, state: Gaussian) -> Gaussian:
+        """A smoothed state of a frame in which nothing is seen, with what is known of any frame; here nothing."""
+        return state

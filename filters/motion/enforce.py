@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from filters.ensemble import Gaussian, condition, default_points, scale, spread
 from mocap.arrays import Array
@@ -44,3 +45,12 @@ def enforce(state: Gaussian, gradient: Callable[[Array], Array], k: int, *, iter
         inner = np.linalg.solve(factor, columns[:k])  # posterior factor in units of the prior one
         result = Gaussian(state.mean + columns @ (inner.T @ target), posterior.factor)
     return result
+
+
+def informed(state: Gaussian, known: Gaussian) -> Gaussian:
+    """A state that knows nothing of ``known``, (k,) mean and factor of its first k components, conditioned on it."""
+    k = len(known.mean)
+    rows = solve_triangular(known.factor, state.factor[:k, :k], lower=True).T  # of the components in units of known
+    offset = solve_triangular(known.factor, known.mean - state.mean[:k], lower=True)
+    posterior, _, _ = condition(state, np.ascontiguousarray(rows), offset, k)
+    return posterior

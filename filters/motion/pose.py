@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from filters.ensemble import Gaussian, Prediction, SigmaPoints, default_points, predicted
 from filters.motion.base import MotionModel, Step
 from filters.motion.constant_velocity import white_acceleration
-from filters.motion.enforce import enforce
+from filters.motion.enforce import enforce, informed
 from filters.motion.shape import ShapeMechanics
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
@@ -62,6 +62,7 @@ class PoseMotion(MotionModel):
         shape_sd: (2r,) standard deviations of z and zdot before anything is seen.
         body_sd: (12,) the same of g and gdot.
         residual_rate_hz: The rate a of the residual, 1/s.
+        usual: Recorded z and zdot: what they are when nothing is seen.
         gradient: (S, k) leading components to (S, k) gradients of the potential over eps^2, a second; None: no
             potential.
         held: The number k of components that the potential reads: r, or 2r if it is one of positions and velocities.
@@ -75,6 +76,7 @@ class PoseMotion(MotionModel):
     shape_sd: Array
     body_sd: Array
     residual_rate_hz: float
+    usual: Gaussian | None = None
     gradient: Callable[[Array], Array] | None = None
     held: int = 0
     name: str = "eal"
@@ -183,3 +185,7 @@ class PoseMotion(MotionModel):
         """Hold the shape by the potential, for the time of the step."""
         pull = self.gradient
         return state if pull is None else enforce(state, lambda x: dt_s * pull(x), self.held)
+
+    def informed(self, state: Gaussian) -> Gaussian:
+        """The shape and its velocity are some that were recorded."""
+        return state if self.usual is None else informed(state, self.usual)

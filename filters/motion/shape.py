@@ -98,12 +98,7 @@ class FieldShape(ShapeMechanics):
 
     def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
         """Classical Runge-Kutta step of the unscented transform's points, read as a linear map."""
-        c, gamma = scale(default_points(len(state.mean)))
-        moved = self._flow(spread(state, c), dt_s)
-        mean, rows = ensemble(moved, c, gamma)
-        n = len(state.mean)
-        transition = np.linalg.solve(state.factor.T, rows[:n]).T
-        return mean, transition, rows[n:].T
+        return unscented_flow(state, lambda x: self._flow(x, dt_s))
 
     def _flow(self, states: Array, dt_s: float) -> Array:
         def rate(x: Array) -> Array:
@@ -114,3 +109,11 @@ class FieldShape(ShapeMechanics):
         k3 = rate(states + 0.5 * dt_s * k2)
         k4 = rate(states + dt_s * k3)
         return states + dt_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def unscented_flow(state: Gaussian, flow: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
+    """A flow of points (S, n) to (S, n), read as a linear map: mean, transition, deviations that are not linear."""
+    c, gamma = scale(default_points(len(state.mean)))
+    mean, rows = ensemble(flow(spread(state, c)), c, gamma)
+    n = len(state.mean)
+    return mean, np.linalg.solve(state.factor.T, rows[:n]).T, rows[n:].T

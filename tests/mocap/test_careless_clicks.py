@@ -20,7 +20,7 @@ def scene():
 def test_exact_pixels_give_the_truth(scene):
     """Without errors the weights do not matter."""
     xyz, uv, matrices = scene
-    found, _, _ = student_t(matrices, uv, linear(matrices, uv), sd_px=1.0)
+    found, _, _, _ = student_t(matrices, uv, linear(matrices, uv), sd_px=1.0)
     np.testing.assert_allclose(found, xyz, atol=1e-9)  # linear itself reaches 1e-11 m; six rounds of rounding
 
 
@@ -31,7 +31,7 @@ def test_covariance_and_ray_deviations_hold_for_student_errors(scene):
     scale = 0.5
     mixing = rng.chisquare(DOF, uv.shape[:-1]) / DOF
     noisy = uv + scale * rng.standard_normal(uv.shape) / np.sqrt(mixing)[..., None]
-    found, cov, ray_sd = student_t(matrices, noisy, linear(matrices, noisy), sd_px=3 * scale * np.sqrt(2.0))
+    found, cov, ray_sd, _ = student_t(matrices, noisy, linear(matrices, noisy), sd_px=3 * scale * np.sqrt(2.0))
     error = found - xyz
     nees = np.einsum("tmi,tmij,tmj->tm", error, np.linalg.inv(cov), error)
     # 2040 points: the mean of chi-square with 3 degrees has deviation sqrt(6 / 2040) = 0.05; the asymptotic
@@ -49,7 +49,7 @@ def test_a_careless_ray_is_trusted_less(scene):
     rng = np.random.default_rng(1)
     noisy = uv + 0.5 * rng.standard_normal(uv.shape)
     noisy[2, :, 5] += 30.0
-    found, _, ray_sd = student_t(matrices, noisy, linear(matrices, noisy), sd_px=1.0)
+    found, _, ray_sd, _ = student_t(matrices, noisy, linear(matrices, noisy), sd_px=1.0)
     plain, _ = refine(matrices, noisy, linear(matrices, noisy), sd_px=1.0)
     off, plain_off = (np.linalg.norm(p[:, 5] - xyz[:, 5], axis=-1) for p in (found, plain))
     assert np.median(off) < 0.1 * np.median(plain_off)
@@ -61,7 +61,7 @@ def test_rays_without_a_point_keep_the_deviation_of_all(scene):
     _, uv, matrices = scene
     few = np.full_like(uv, np.nan)
     few[0] = uv[0]
-    found, cov, ray_sd = student_t(matrices, few, linear(matrices, few), sd_px=0.7)
+    found, cov, ray_sd, _ = student_t(matrices, few, linear(matrices, few), sd_px=0.7)
     assert np.isnan(found).all()
     assert np.isnan(cov).all()
     assert (ray_sd == 0.7).all()

@@ -108,7 +108,7 @@ def test_known_scales_make_better_points(scene):
     noise = click_noise(matrices, uv, start)
     median = {}
     for name, given in (("one", None), ("each", noise)):
-        found, cov, _ = student_t(matrices, uv, start, sd_px=1.0, noise=given)
+        found, cov, _, _ = student_t(matrices, uv, start, sd_px=1.0, noise=given)
         error = (found - xyz)[np.isfinite(found[..., 0])]
         median[name] = np.median(np.linalg.norm(error, axis=-1))
         sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))[np.isfinite(found[..., 0])]

@@ -1,0 +1,126 @@
+"""Our tracker and its controls, as methods of the gap benchmark.
+
+All share one search on hidden gaps of the training trials, so that they differ in what they are named after alone.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.protocol import plan
+from filters.learn import learn_constant_velocity, learn_pose
+from filters.mixture import Mixture, gap_lengths, learn_mixture
+from filters.observations import PositionObservations
+from filters.poses import MarkerTrial, poses_of, shapes_of
+from filters.track import smooth
+from filters.tune import Kind, Search, held_pose, pose_kinds, search_on
+from mocap.arrays import Array
+
+LEAST_SD_M = 5e-5
+"""Recordings that were smoothed before show less noise than their markers have."""
+
+
+def marker_trial(trial: Trial) -> MarkerTrial:
+    """A trial as the tracker takes it."""
+    sd = np.broadcast_to(np.maximum(trial.sd_m, LEAST_SD_M), trial.xyz_m.shape[:2])
+    return MarkerTrial(name=trial.name, t_s=trial.t_s, xyz_m=trial.xyz_m, sd_m=sd)
+
+
+@dataclass(eq=False)
+class Lesson:
+    """What all our methods learned from one set of training trials; estimates of the last trial are kept."""
+
+    search: Search
+    kinds: dict[str, Kind]
+    done: dict = field(default_factory=dict)
+
+    def estimate(self, name: str, trial: MarkerTrial) -> tuple[Array, Array]:
+        """Positions and covariance by one model."""
+        key = trial.xyz_m.tobytes()
+        if self.done.get("trial") != key:
+            self.done = {"trial": key}
+        if name not in self.done:
+            model = self._model(self.kinds[name], trial)
+            seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+            with threadpool_limits(1):
+                found = smooth(model, seen, trial.t_s)
+            self.done[name] = found.xyz_m, found.cov_m2
+        return self.done[name]
+
+    def _model(self, kind: Kind, trial: MarkerTrial):
+        if kind is None:
+            return learn_constant_velocity(trial.xyz_m, dt_s=trial.dt_s)
+        about = (kind.body_hz, kind.turns)
+        if about not in self.done:
+            trials = [*self.search.trials, trial]
+            self.done[about] = poses_of(trials, self.search.trunk, body_hz=kind.body_hz, turns=kind.turns)
+        if (about, kind.ranks) not in self.done:
+            self.done[about, kind.ranks] = shapes_of(self.done[about], ranks=kind.ranks)
+        return learn_pose(self.done[about], kind, shapes=self.done[about, kind.ranks])
+
+
+_lessons: dict[tuple[str, ...], Lesson] = {}
+
+
+def lesson(training: Sequence[Trial]) -> Lesson:
+    """The search on training trials, done once for all methods."""
+    key = tuple(trial.name for trial in training)
+    if key not in _lessons:
+        _lessons.clear()
+        trunk = [training[0].names.index(name) for name in training[0].trunk]
+        much = plan.get()
+        search = search_on(
+            [marker_trial(trial) for trial in training],
+            trunk,
+            np.random.default_rng(0),
+            validated=much.trials,
+            most_frames=max(much.frames, 500) if much.trials > 1 else much.frames,
+        )
+        free, bare, held = pose_kinds(search)
+        kinds: dict[str, Kind] = {
+            "marker": None,
+            "free pose": free,
+            "mechanics": bare,
+            "mechanics + V_z": held,
+            "mechanics + quadratic": held_pose(search, bare, ("quadratic",)),
+        }
+        _lessons[key] = Lesson(search, kinds)
+    return _lessons[key]
+
+
+@dataclass(frozen=True)
+class Ours:
+    """A mixture of some of our models; of one alone, its widths are learned."""
+
+    name: str
+    members: tuple[str, ...]
+
+    def learn(self, training: Sequence[Trial]) -> Filler:
+        """Search, then learn the mixture's weights and widths on the same hidden gaps."""
+        learned = lesson(training)
+        mixture = learn_mixture([learned.search.fill(learned.kinds[member]) for member in self.members])
+        return _filler(learned, self.members, mixture)
+
+
+def _filler(learned: Lesson, members: Sequence[str], mixture: Mixture) -> Callable[[Trial], Filled]:
+    def fill(trial: Trial) -> Filled:
+        own = marker_trial(trial)
+        found = [learned.estimate(member, own) for member in members]
+        length = gap_lengths(own.seen)
+        xyz, cov = mixture.combine([x for x, _ in found], [c for _, c in found], length)
+        return Filled(xyz, cov + (own.sd_m**2)[..., None, None] * np.eye(3))
+
+    return fill
+
+
+def ours() -> list[Method]:
+    """The default, the same with other potentials (controls), and its parts alone."""
+    return [
+        Ours("EAL", ("marker", "free pose", "mechanics + V_z")),
+        Ours("EAL, no potential", ("marker", "free pose", "mechanics")),
+        Ours("EAL, quadratic potential", ("marker", "free pose", "mechanics + quadratic")),
+        Ours("mechanics + V_z alone", ("mechanics + V_z",)),
+    ]

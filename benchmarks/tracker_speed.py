@@ -1,0 +1,205 @@
+"""How fast the tracker is, and what memory it takes.
+
+``python -m benchmarks.tracker_speed [--quick]``. 34 markers in 30 cameras, every ray seen: 2040 rows a frame. Times are
+of one BLAS thread, for every frame: on the wall, and of the processor alone, which a busy machine changes less; the
+best of ``ROUNDS`` runs that take turns. Frames a second are those of the wall. "memory" is by how much the peak of a
+process of its own grows, beyond what it held with the recording in it; ``smooth`` is given 200 MB for states. What was
+seen of each ray, 0.16 MB a frame, is returned by ``filter`` and ``smooth``, and given away by ``live``.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from datasets import make_bat
+from datasets.rig import tunnel_cameras
+from eal.threads import one_blas_thread
+from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
+from filters.live import live, looks
+from filters.motion.base import MotionModel
+from filters.motion.pose import PoseMotion
+from filters.observations import Observations, PixelObservations, PositionObservations
+from filters.poses import MarkerTrial, poses_of
+from filters.track import filter_forward, smooth
+from mocap import triangulate
+from mocap.arrays import Array
+from mocap.cameras import project, stacked
+from mocap.formats.qualisys import read_mat
+from mocap.records import Origin
+
+N_CAMERAS, N_MARKERS, SD_PX, FPS = 30, 34, 1.0, 240.0
+ROUNDS = 3
+DATA = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+MOUSE = DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat"
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A model, and what it is to track."""
+
+    model: MotionModel
+    seen: Observations
+    t_s: Array
+
+    def filtered(self, linearisations: int = 1) -> None:
+        """Forward only; of a frame what was seen is kept."""
+        with one_blas_thread():
+            filter_forward(self.model, self.seen, self.t_s, keep=False, linearisations=linearisations)
+
+    def smoothed(self, most_bytes: float = 1e9) -> None:
+        """Forward and back."""
+        smooth(self.model, self.seen, self.t_s, most_bytes=most_bytes)
+
+    def lagged(self, lag: int, every: int) -> None:
+        """Live."""
+        for _ in live(self.model, looks(self.seen, self.t_s), lag=lag, every=every):
+            pass
+
+
+def filmed(xyz: Array, t_s: Array) -> PixelObservations:
+    """Every pixel of markers (T, M, 3), with noise, and the points that follow."""
+    matrices = stacked(tunnel_cameras(N_CAMERAS))
+    uv = project(matrices, xyz)
+    uv += np.random.default_rng(0).normal(0, SD_PX, uv.shape)
+    sd = np.full(uv.shape[:3], SD_PX)
+    points, cov = triangulate.refine(matrices, uv, triangulate.linear(matrices, uv), sd_px=sd)
+    assert len(t_s) == len(points)
+    return PixelObservations(matrices=matrices, uv_px=uv, sd_px=sd, xyz_m=points, cov_m2=cov, wide_m=0.1)
+
+
+def markers(n_frames: int) -> Case:
+    """Markers that swing at 2 to 9 Hz, constant velocity each: n = 204."""
+    rng = np.random.default_rng(0)
+    t_s = np.arange(n_frames) / FPS
+    phase = 2 * np.pi * (rng.uniform(2, 9, N_MARKERS) * t_s[:, None] + rng.random(N_MARKERS))
+    size = rng.uniform(0.005, 0.03, (N_MARKERS, 3))
+    xyz = rng.uniform(-0.1, 0.1, (N_MARKERS, 3)) + size * np.stack([np.sin(phase), np.cos(phase), np.sin(2 * phase)], 2)
+    seen = filmed(xyz, t_s)
+    return Case(learn_constant_velocity(seen.xyz_m, dt_s=1 / FPS), seen, t_s)
+
+
+def twin(n_frames: int, settings: PoseSettings) -> Case:
+    """The bat, its pose model learned from the same recording."""
+    truth = make_bat(n_frames=max(n_frames, 240), n_cameras=N_CAMERAS)
+    t_s = truth.truth.t_s[:n_frames]
+    seen = filmed(truth.truth.xyz_m[:n_frames], t_s)
+    trunk = [truth.truth.names.index(name) for name in truth.skeleton.trunk]
+    own = MarkerTrial(name="bat", t_s=t_s, xyz_m=seen.xyz_m, sd_m=np.full(seen.xyz_m.shape[:2], 1e-3))
+    return Case(learn_pose(poses_of([own], trunk, body_hz=settings.body_hz), settings), seen, t_s)
+
+
+def best(calls: dict[str, Callable[[], None]], rounds: int) -> dict[str, tuple[float, float]]:
+    """Least wall time and least processor time of each call, in seconds; they take turns."""
+    found = {name: (np.inf, np.inf) for name in calls}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            call()
+            spent = time.perf_counter() - wall, time.process_time() - cpu
+            found[name] = min(found[name][0], spent[0]), min(found[name][1], spent[1])
+    return found
+
+
+def show(title: str, case: Case, calls: dict[str, Callable[[], None]], rounds: int) -> None:
+    """Print a line for each call."""
+    n_frames = len(case.t_s)
+    for name, (wall, cpu) in best(calls, rounds).items():
+        print(
+            f"{title:36}{case.model.points.n:4}  {name:22}{1e3 * wall / n_frames:9.2f}{1e3 * cpu / n_frames:9.2f}"
+            f"{n_frames / wall:10.0f}",
+            flush=True,
+        )
+
+
+def memory(what: str, n_frames: int) -> float:
+    """Growth of this process' peak in MB, by Linux' counters."""
+    case = markers(n_frames)
+    calls = {
+        "filter": case.filtered,
+        "live, lag 10": partial(case.lagged, 10, 1),
+        "smooth": partial(case.smoothed, 2e8),
+    }
+    Case(case.model, case.seen, case.t_s[:3]).lagged(1, 1)  # what is allocated once
+    Path("/proc/self/clear_refs").write_text("5")  # the peak starts anew from here
+    before = _resident_mb("VmRSS")
+    calls[what]()
+    return _resident_mb("VmHWM") - before
+
+
+def _resident_mb(which: str) -> float:
+    status = Path("/proc/self/status").read_text().splitlines()
+    return float(next(line for line in status if line.startswith(which)).split()[1]) / 1024
+
+
+def apart(what: str, n_frames: int) -> float:
+    """``memory`` in a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.tracker_speed", "--memory", what, "--frames", str(n_frames)]
+    return float(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
+
+
+def mouse() -> None:
+    """10,500 frames of 11 positions: the time to learn a pose model from them, and to smooth them."""
+    tracks = read_mat(MOUSE)
+    xyz = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
+    trunk = [tracks.names.index(n) for n in ("left_coord", "right_coord", "left_back", "right_back", "miniscope")]
+    own = MarkerTrial(name="mouse", t_s=tracks.t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 1e-4))
+    settings, start = PoseSettings(), time.perf_counter()
+    with one_blas_thread():
+        model = learn_pose(poses_of([own], trunk, body_hz=settings.body_hz), settings)
+    learned = time.perf_counter() - start
+    case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), tracks.t_s)
+    (wall, cpu) = best({"smooth": case.smoothed}, 1)["smooth"]
+    print(
+        f"mouse, {len(xyz)} x {xyz.shape[1]} positions, V_z, n = {model.points.n}: learned in {learned:.1f} s, "
+        f"filtered and smoothed in {wall:.1f} s ({cpu:.1f} s of the processor)"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="a third of the frames, one round, no mouse")
+    parser.add_argument("--memory", help=argparse.SUPPRESS)
+    parser.add_argument("--frames", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.memory:
+        print(memory(options.memory, options.frames))
+        return
+    n_frames, rounds = (100, 1) if options.quick else (300, ROUNDS)
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
+    print(f"{'34 markers x 30 cameras':36}{'n':>4}  {'':22}{'wall ms':>9}{'cpu ms':>9}{'frames/s':>10}")
+    case = markers(n_frames)
+    lines = {"filter": case.filtered, "filter + smooth": case.smoothed}
+    lines["filter, rays twice"] = partial(case.filtered, 2)
+    lags = {"live, lag 10": partial(case.lagged, 10, 1), "live, lag 10, by tens": partial(case.lagged, 10, 10)}
+    show("constant velocity a marker", case, lines | lags, rounds)
+    for title, settings in {
+        "pose, no forces": PoseSettings(potential="none"),
+        "pose, V_z": PoseSettings(),
+        "pose, field + V_z of motion": PoseSettings(mechanics="field", potential="motion"),
+    }.items():
+        case = twin(n_frames, settings)
+        assert isinstance(case.model, PoseMotion)
+        show(
+            f"{title}, rank {case.model.rank}",
+            case,
+            {"filter": case.filtered, "filter + smooth": case.smoothed},
+            rounds,
+        )
+    print(f"\n{'memory, MB: constant velocity':34}{'500 frames':>12}{'2000 frames':>12}")
+    for what in ("filter", "live, lag 10", "smooth"):
+        print(f"{what:34}" + "".join(f"{apart(what, n):12.0f}" for n in ((100, 400) if options.quick else (500, 2000))))
+    if MOUSE.exists() and not options.quick:
+        mouse()
+
+
+if __name__ == "__main__":
+    main()

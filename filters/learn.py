@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.motion.literal import LiteralShape
@@ -142,9 +143,19 @@ def learn_pose(
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
         residual_rate_hz=settings.residual_rate * residual_rate(shapes.residual, trial.dt_s),
+        usual=usual_motion(motion),
         name="pose_constant_velocity",
     )
     return with_potential(model, motion, settings)
+
+
+def usual_motion(motion: Motion) -> Gaussian:
+    """Mean and covariance of the recorded [z, zdot]."""
+    states = np.column_stack([motion.z, motion.rate])
+    cov = np.cov(states.T)
+    return Gaussian(
+        states.mean(axis=0), np.linalg.cholesky(cov + 1e-6 * np.diag(np.diag(cov)) + 1e-18 * np.eye(len(cov)))
+    )
 
 
 def body_density(trial: PoseTrial) -> Array:

@@ -133,7 +133,8 @@ def _smoothed(model: MotionModel, kept: deque[_Kept], n: int) -> list[Estimate]:
         state = here.state if ahead is None or state is None else smooth_step(here.state, ahead, state)
         ahead = here.prediction
         if i < n:
-            xyz, cov = marker_moments(model, state, here.frame)
+            dark = not len(here.observed.sights.size)
+            xyz, cov = marker_moments(model, model.informed(state) if dark else state, here.frame)
             later = len(kept) - 1 - i
             out.append(
                 Estimate(frame=here.frame, t_s=here.t_s, ahead=later, xyz_m=xyz, cov_m2=cov, observed=here.observed)

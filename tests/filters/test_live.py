@@ -5,11 +5,15 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from filters.learn import PoseSettings, learn_pose
 from filters.live import live, looks
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PositionObservations
+from filters.poses import pose_trial
 from filters.track import filter_forward, marker_moments, smooth
+from mocap.body import body_frames
 from tests.filters.filmed import pixels, still
+from tests.filters.test_learned_models import flapping
 
 
 def flight(rng, n_frames, *, n_markers=2, gaps=0.3):
@@ -93,6 +97,21 @@ def test_pixels_too():
     model, t_s = still(seen), 0.01 * np.arange(6)
     xyz, _, _ = run(model, seen, t_s, lag=5)
     np.testing.assert_array_equal(xyz, smooth(model, seen, t_s).xyz_m)
+
+
+def test_poses_too():
+    """A pose held by V_z, learned from the recording: what ``smooth`` says to the last digit, dark frames included."""
+    rng = np.random.default_rng(10)
+    xyz = flapping(rng) + rng.normal(0, 1e-4, (300, 8, 3))
+    xyz[100:130, 4:], xyz[200:215] = np.nan, np.nan
+    t_s = 0.005 * np.arange(300)
+    trial = pose_trial(t_s, xyz, body_frames(xyz[:, :4], dt_s=0.005, cutoff_hz=3.0))
+    model = learn_pose([trial], PoseSettings(ranks=(1, 2, 3)))
+    seen = PositionObservations(xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 1e-4))
+    whole = smooth(model, seen, t_s)
+    found, cov, _ = run(model, seen, t_s, lag=300)
+    np.testing.assert_array_equal(found, whole.xyz_m)
+    np.testing.assert_array_equal(cov, whole.cov_m2)
 
 
 def test_hindsight_helps():

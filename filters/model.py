@@ -307,7 +307,7 @@ def load_model(path: Path) -> LearnedModel:
         FormatError: the file is no such model.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             header = json.loads(str(file["header"]))
             if header.get("format") != FORMAT:
                 raise FormatError(f"{path}: expected '{FORMAT}', but it says '{header.get('format')}': learn it again")

@@ -1,0 +1,182 @@
+"""Gaps made on purpose: what may be hidden, and what is said of how it was filled."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from filters.hidden import GAP_FRAMES, Fill, fill_of, hide_groups, joined_fills
+from filters.poses import MarkerTrial
+
+
+def recorded(rng, n_frames, n_markers, lost=0.0):
+    """Markers that drift; stretches of some of them are not seen."""
+    xyz = np.cumsum(rng.normal(0, 1e-3, (n_frames, n_markers, 3)), axis=0) + rng.normal(0, 0.1, (n_markers, 3))
+    for _ in range(round(lost * n_frames * n_markers / 10)):
+        start = rng.integers(n_frames)
+        xyz[start : start + 10, rng.integers(n_markers)] = np.nan
+    sd = np.where(np.isfinite(xyz[..., 0]), rng.uniform(1e-4, 1e-3, xyz.shape[:2]), np.nan)
+    return MarkerTrial(name="drift", t_s=np.arange(n_frames) / 100, xyz_m=xyz, sd_m=sd)
+
+
+@given(
+    seed=st.integers(0, 1000),
+    n_frames=st.integers(20, 320),
+    n_markers=st.integers(1, 9),
+    lost=st.sampled_from([0, 0.3]),
+)
+def test_hidden_samples_were_measured_and_have_their_flanks(seed, n_frames, n_markers, lost):
+    """What is hidden was seen, gap by gap of one stated length, with three seen frames before and after each.
+
+    Half of a gap's length was measured for every marker in it, and two gaps never overlap in time.
+    """
+    rng = np.random.default_rng(seed)
+    trial = recorded(rng, n_frames, n_markers, lost)
+    hidden = hide_groups(trial, rng)
+    assert not (hidden.mask & ~trial.seen).any()
+    np.testing.assert_array_equal(hidden.mask, hidden.gap >= 0)
+    np.testing.assert_array_equal(hidden.mask, hidden.length > 0)
+    spans = []
+    for number in np.unique(hidden.gap[hidden.mask]):
+        frames, markers = np.nonzero(hidden.gap == number)
+        (length,) = set(hidden.length[hidden.gap == number])
+        assert length in GAP_FRAMES or length == n_frames // 4
+        assert frames.max() - frames.min() < length
+        spans.append((frames.min(), frames.max()))
+        for marker in np.unique(markers):
+            own = frames[markers == marker]
+            assert 2 * len(own) >= length
+            # the gap starts at most so much earlier than its first measured frame
+            starts = range(max(own.max() - length + 1, 3), own.min() + 1)
+            assert any(
+                trial.seen[s - 3 : s, marker].all() and trial.seen[s + length : s + length + 3, marker].sum() == 3
+                for s in starts
+            )
+    spans.sort()
+    assert all(a[1] < b[0] for a, b in pairwise(spans))
+
+
+def test_neighbours_are_hidden_together():
+    """Two clusters of four markers a metre apart: a gap of two to four markers lies in one of them."""
+    rng = np.random.default_rng(1)
+    trial = recorded(rng, 400, 8)
+    trial = replace(trial, xyz_m=0.1 * trial.xyz_m + np.repeat([0.0, 1.0], 4)[:, None])
+    hidden = hide_groups(trial, rng)
+    sizes = set()
+    for number in np.unique(hidden.gap[hidden.mask]):
+        group = np.unique(np.nonzero(hidden.gap == number)[1])
+        sizes.add(len(group))
+        assert len(group) > 4 or len(set(group // 4)) == 1
+    assert sizes == {1, 2, 4, 6}  # one, a quarter, half, three quarters of eight
+
+
+def test_what_is_shown_holds_the_rest_and_nothing_hidden():
+    """Shown samples are those of the trial to the last bit, hidden ones NaN; the trial itself is as it was."""
+    rng = np.random.default_rng(2)
+    trial = recorded(rng, 120, 5, lost=0.2)
+    before = trial.xyz_m.copy()
+    hidden = hide_groups(trial, rng)
+    assert hidden.mask.sum() > 50
+    assert np.isnan(hidden.shown.xyz_m[hidden.mask]).all()
+    np.testing.assert_array_equal(hidden.shown.xyz_m[~hidden.mask], trial.xyz_m[~hidden.mask])
+    np.testing.assert_array_equal(trial.xyz_m, before)
+
+
+def test_a_seed_says_where_to_hide():
+    """The same seed hides the same; another seed hides something else."""
+    trial = recorded(np.random.default_rng(3), 200, 6)
+    one, again, other = (hide_groups(trial, np.random.default_rng(seed)).mask for seed in (5, 5, 6))
+    np.testing.assert_array_equal(one, again)
+    assert (one != other).any()
+
+
+@pytest.mark.parametrize("n_frames", [*range(1, 12), 15, 19])
+@pytest.mark.parametrize("n_markers", [1, 4])
+def test_short_trials_hide_what_they_have_room_for(n_frames, n_markers):
+    """Three frames on each side of a gap of a quarter of the trial: nothing below seven frames, then as before."""
+    trial = recorded(np.random.default_rng(4), n_frames, n_markers)
+    mask = hide_groups(trial, np.random.default_rng(0)).mask
+    assert mask.any() == (n_frames >= 7)
+    assert not mask[:3].any()
+    assert not mask[-3:].any()
+
+
+def test_a_trial_that_shows_nothing_hides_nothing():
+    """All NaN, or a marker that is never seen: no gap there, and no warning."""
+    trial = recorded(np.random.default_rng(5), 80, 5)
+    none = replace(trial, xyz_m=np.full_like(trial.xyz_m, np.nan))
+    assert not hide_groups(none, np.random.default_rng(0)).mask.any()
+    xyz = trial.xyz_m.copy()
+    xyz[:, 2] = np.nan
+    mask = hide_groups(replace(trial, xyz_m=xyz), np.random.default_rng(0)).mask
+    assert mask.any()
+    assert not mask[:, 2].any()
+
+
+@pytest.fixture
+def filled():
+    """Estimates of hidden samples that err by a known noise, and state it."""
+    rng = np.random.default_rng(6)
+    trial = recorded(rng, 600, 8)
+    hidden = hide_groups(trial, rng)
+    sd = np.where(hidden.length >= 50, 2e-2, 3e-3)
+    truth = trial.xyz_m - trial.sd_m[..., None] * rng.normal(size=trial.xyz_m.shape)
+    estimate = truth + sd[..., None] * rng.normal(size=truth.shape)
+    return hidden, fill_of(hidden, estimate, (sd**2)[..., None, None] * np.eye(3))
+
+
+def test_stated_variances_hold_for_measurements(filled):
+    """Misses are of measurements, so that their variance is that of the estimate plus the measurement's own.
+
+    Of n normal numbers the mean square is 1 within 4 sqrt(2 / n).
+    """
+    hidden, fill = filled
+    assert len(fill.miss_m) == hidden.mask.sum()
+    squared = fill.miss_m**2 / fill.variance
+    assert abs(squared.mean() - 1) < 4 * np.sqrt(2 / squared.size)
+
+
+def test_cost_is_what_it_says(filled):
+    """By loops over lengths: log rmse, and minus the log density of normal errors at the best common factor.
+
+    The factor that is found here by a search leaves the constant (1 + log 2 pi) / 2 of the normal density.
+    """
+    _, fill = filled
+    log_rmse, density = [], []
+    for n in np.unique(fill.length):
+        miss, variance = fill.miss_m[fill.length == n], fill.variance[fill.length == n]
+        log_rmse.append(np.log(np.sqrt(np.mean(np.linalg.norm(miss, axis=1) ** 2))))
+        widths = np.geomspace(0.3, 3, 4001)
+        at = [0.5 * np.mean(np.log(2 * np.pi * w**2 * variance) + miss**2 / (w**2 * variance)) for w in widths]
+        density.append(min(at) - 0.5 * (1 + np.log(2 * np.pi)))
+    assert fill.log_rmse == pytest.approx(np.mean(log_rmse), abs=1e-12)
+    assert fill.cost == pytest.approx(0.5 * (np.mean(log_rmse) + np.mean(density)), abs=1e-6)
+
+
+def test_a_common_factor_on_what_is_stated_costs_nothing(filled):
+    """Widths are learned afterwards; errors that grow by a factor cost its logarithm."""
+    _, fill = filled
+    assert replace(fill, variance=9 * fill.variance).cost == pytest.approx(fill.cost, abs=1e-12)
+    grown = replace(fill, miss_m=3 * fill.miss_m)
+    assert grown.log_rmse == pytest.approx(fill.log_rmse + np.log(3), abs=1e-12)
+    assert grown.cost == pytest.approx(fill.cost + np.log(3), abs=1e-12)
+    shuffled = np.random.default_rng(7).permutation(fill.variance)
+    assert replace(fill, variance=shuffled).cost > fill.cost + 0.1  # sure where it errs, unsure where it does not
+
+
+def test_joined_gaps_stay_apart(filled):
+    """Gaps of several trials keep their samples together and get numbers of their own."""
+    _, fill = filled
+    empty = Fill(miss_m=fill.miss_m[:0], variance=fill.variance[:0], gap=fill.gap[:0], length=fill.length[:0])
+    both = joined_fills([fill, empty, fill])
+    assert len(np.unique(both.gap)) == 2 * len(np.unique(fill.gap))
+    np.testing.assert_array_equal(both.miss_m, np.concatenate([fill.miss_m, fill.miss_m]))
+    halves = np.split(both.gap, 2)
+    assert not set(halves[0]) & set(halves[1])
+    for half in halves:
+        np.testing.assert_array_equal(
+            np.unique(half, return_inverse=True)[1], np.unique(fill.gap, return_inverse=True)[1]
+        )

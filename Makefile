@@ -25,7 +25,7 @@ check: test
 	$(BIN)/pyright
 
 bench: setup
-	for name in triangulation ukf main_job eal_potential eal_trajectories; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+	for name in triangulation ukf tracker_speed main_job robustness dropouts eal_potential eal_trajectories; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
 	$(BIN)/python -m app.pictures docs/pictures

@@ -119,8 +119,7 @@ def pose_kinds(search: Search, base: PoseSettings = SHARP) -> tuple[PoseSettings
     """Pose models of one subspace and body: without forces, with identified mechanics, and these held by V_z.
 
     Chosen one after the other on the hidden gaps: the rank, whether the body's axes turn, linear mechanics or a field,
-    V_z of shapes or of shapes and velocities, its stiffness. Widths of the noise keep their defaults, which
-    ``design/mixture.py`` settled: to search them, too, fits the hidden gaps and not the next trial.
+    V_z of shapes or of shapes and velocities, its stiffness. The noise keeps its defaults (``design/mixture.py``).
     """
     free = replace(base, mechanics="free", potential="none")
     free = search.improve(free, [{"ranks": (rank,)} for rank in (16, 8, 26)] + [{"turns": not base.turns}])

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,10 +10,18 @@ import pytest
 
 from app.cli import main
 from app.learning import readable_scores
+from app.prepare import prepare
+from app.source import Source
+from app.tracking import marker_trial, seen_part
 from datasets import make_bat
-from filters.model import load_model
+from filters.hidden import fill_of, hide_groups
+from filters.learn import learn_constant_velocity
+from filters.model import learn_model, load_model, track_with
+from filters.observations import PositionObservations
+from filters.track import smooth
 from mocap.formats.dltdv import write_points
 from mocap.records import MarkerTracks, Origin
+from tests.real_data import real
 
 NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l")
 FPS, SD_M = 240.0, 3e-4
@@ -240,3 +249,46 @@ PROJECTS = {
     "F3": ("F3", "carollia_2April2021_078A3m_trial3_dvProject.mat"),
     "F5": ("F5", "carollia_2April2021_078A3m_trial5_dvProject.mat"),
 }
+
+
+PROJECTS = {
+    "F2": "carollia_2Apr2021_078A3m_trial2_dvProject.mat",
+    "F3": "carollia_2April2021_078A3m_trial3_dvProject.mat",
+    "F5": "carollia_2April2021_078A3m_trial5_dvProject.mat",
+}
+
+
+def test_real_flights_teach_a_third():
+    """Two flights of a bat (078A3 F2, F3, 120 frames of each) teach a third, F5: its hidden gaps are filled better.
+
+    Root mean square errors in gaps of 10, 25, 50, 100 frames: 4.7, 4.2, 7.0, 25 mm, of all samples 16.6 mm, and 85 % of
+    the coordinates inside 95 % intervals; constant velocity 5.3, 4.3, 23, 116 mm, of all 75.7 mm, and 91 %.
+    """
+    flights = {}
+    for name, file in PROJECTS.items():
+        prepared = prepare(Source(tracks=real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
+        flights[name] = prepared.names, marker_trial(prepared, seen_part(prepared))
+    names, own = flights["F5"]
+    learned = learn_model(
+        names, (), [excerpt(trial, 120) for _, trial in (flights["F2"], flights["F3"])], np.random.default_rng(0)
+    )
+    hidden = hide_groups(own, np.random.default_rng(0))
+    shown = hidden.shown
+    seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
+    plain = smooth(learn_constant_velocity(shown.xyz_m, dt_s=shown.dt_s), seen, shown.t_s)
+    rmse = {}
+    for method, found in (("learned", track_with(learned, names, shown, seen)), ("constant velocity", plain)):
+        fill = fill_of(hidden, found.xyz_m, found.cov_m2)
+        squared, rmse[method] = np.sum(fill.miss_m**2, axis=1), {}
+        for n in (10, 25, 50, 100):
+            rmse[method][n] = 1e3 * np.sqrt(squared[fill.length == n].mean())
+
+    assert all(rmse["learned"][n] < 0.5 * rmse["constant velocity"][n] for n in (50, 100))
+    assert all(rmse["learned"][n] < 1.2 * rmse["constant velocity"][n] for n in (10, 25))
+
+
+def excerpt(trial, most):
+    """The stretch of so many frames in which most is seen."""
+    counts = [trial.seen[start : start + most].sum() for start in range(len(trial.t_s) - most + 1)]
+    inside = slice(int(np.argmax(counts)), int(np.argmax(counts)) + most)
+    return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])

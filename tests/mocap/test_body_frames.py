@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from mocap.body import BodyFrames, body_frames, smooth_series
+from mocap.body import BodyFrames, body_frames, smooth_series, trunk_shape
 
 DT_S = 0.01
 
@@ -155,3 +155,94 @@ def test_world_and_body_agree():
     local = frames.to_body(xyz)
     for t in range(4):
         np.testing.assert_allclose(local[t] @ rotation[t].T + frames.position_m[t], xyz[t], atol=1e-12)
+
+
+def turn_rate(frames, dt_s=DT_S):
+    """(T - 1,) angle between neighbouring frames, rad/s."""
+    step = np.einsum("tji,tjk->tik", frames.rotation[:-1], frames.rotation[1:])
+    return Rotation.from_matrix(step).magnitude() / dt_s
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_markers_in_a_line_do_not_spin(seed):
+    """A trunk of four markers in a line says nothing of its roll: the body does not roll with the noise.
+
+    The line yaws by 0.4 rad at 0.5 Hz, at most 1.3 rad/s. Its noise turns it by 0.5 mm / 64 mm = 0.8e-2 rad a frame,
+    smoothed at 3 Hz (2 pi 3 0.8e-2 = 0.15 rad/s); rolling freely would be a random angle a frame, 100 rad/s smoothed.
+    What is left is the slow roll of 0.3 rad about the moving average of 0.5 s.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(400) * 0.005
+    yaw = 0.4 * np.sin(2 * np.pi * 0.5 * t)
+    ahead = np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1)
+    xyz = np.array([-0.04, -0.01, 0.02, 0.05])[:, None] * ahead[:, None] + t[:, None, None]
+    frames = body_frames(xyz + rng.normal(0, 5e-4, xyz.shape), dt_s=0.005, cutoff_hz=3.0)
+    assert turn_rate(frames, 0.005).max() < 5
+    axis = np.einsum("tij,ti->tj", frames.rotation, ahead)  # in the body it stands still, to 0.8e-2 rad and the filter
+    off = np.arccos(np.clip(axis @ (axis.mean(axis=0) / np.linalg.norm(axis.mean(axis=0))), -1, 1))
+    assert off.max() < 0.04
+
+
+@pytest.mark.parametrize("loose_rad", [0.01, 0.3, 3.0])
+def test_a_rigid_trunk_is_followed_however_loose(loose_rad):
+    """Without misfit there is no prior: each frame's rotation is Kabsch's, by SciPy, whatever ``loose_rad`` is."""
+    rng = np.random.default_rng(8)
+    xyz, _, _ = trunk(rng, 60, 5)
+    shape = trunk_shape(xyz)
+    frames = body_frames(xyz, dt_s=1.0, cutoff_hz=1e3, loose_rad=loose_rad)
+    for t in range(60):
+        kabsch, _ = Rotation.align_vectors(xyz[t] - xyz[t].mean(axis=0), shape)
+        np.testing.assert_allclose(frames.rotation[t], kabsch.as_matrix(), atol=1e-6)
+
+
+def test_what_bends_is_followed_less():
+    """A trunk that wobbles out of its shape at random: the tighter ``loose_rad``, the slower the body turns."""
+    rng = np.random.default_rng(9)
+    xyz, _, _ = trunk(rng, 200, 4)
+    bent = xyz + rng.normal(0, 0.01, xyz.shape)
+    rates = [
+        turn_rate(body_frames(bent, dt_s=DT_S, cutoff_hz=20.0, loose_rad=loose)).mean() for loose in (0.03, 0.3, 3.0)
+    ]
+    assert rates[0] < 0.7 * rates[1] < 0.7 * rates[2]
+
+
+def test_axes_that_keep_their_direction():
+    """``turns=False``: one rotation, that which is nearest to all frames together; positions follow as before."""
+    xyz, rotation, position = trunk(np.random.default_rng(10), 80, 5)
+    frames = body_frames(xyz, dt_s=1.0, cutoff_hz=1e3, turns=False)
+    np.testing.assert_array_equal(frames.rotation, np.repeat(frames.rotation[:1], 80, axis=0))
+    followed = body_frames(xyz, dt_s=1.0, cutoff_hz=1e3)
+    mean = Rotation.from_matrix(followed.rotation).mean().as_matrix()
+    # the covariance weighs axes by the trunk's extent, the mean of rotations does not: a share of the 0.8 rad of turns
+    assert Rotation.from_matrix(frames.rotation[0] @ mean.T).magnitude() < 0.1
+    np.testing.assert_allclose(frames.position_m, xyz.mean(axis=1), atol=1e-6)
+    assert np.ptp(rotation[:, 0, 0]) > 0.2
+    assert np.ptp(position[:, 0]) == pytest.approx(np.ptp(frames.position_m[:, 0]), abs=0.03)
+
+
+def test_trials_share_the_axes_of_one_shape():
+    """Two recordings of one trunk, turned apart: about their common shape both have the same body coordinates."""
+    rng = np.random.default_rng(11)
+    xyz, _, _ = trunk(rng, 120, 5)
+    parts = [xyz, xyz[::-1] @ Rotation.from_rotvec([0.3, 1.0, -0.5]).as_matrix().T + [1.0, 2.0, 3.0]]
+    shape = trunk_shape(np.concatenate(parts))
+    local = [body_frames(part, dt_s=1.0, cutoff_hz=1e3, shape=shape).to_body(part) for part in parts]
+    np.testing.assert_allclose(local[0], np.repeat(shape[None], 120, axis=0), atol=1e-6)
+    np.testing.assert_allclose(local[1], local[0], atol=1e-6)
+
+
+def test_the_mean_shape_is_the_trunks():
+    """Distances between its markers are those of the rigid trunk, about its centre; a marker never seen is there."""
+    xyz, _, _ = trunk(np.random.default_rng(12), 60, 6)
+    xyz[:, 4] = np.nan
+    xyz[::3, 1] = np.nan
+    shape = trunk_shape(xyz)
+    np.testing.assert_array_equal(shape[4], 0)
+    ever = [0, 1, 2, 3, 5]
+    np.testing.assert_allclose(shape[ever].mean(axis=0), 0, atol=1e-12)
+    apart, expected = (
+        np.linalg.norm(points[:, None] - points[None], axis=-1) for points in (shape[ever], xyz[1][ever])
+    )
+    np.testing.assert_allclose(apart, expected, atol=1e-6)
+    with pytest.raises(ValueError, match="no trunk marker is ever seen"):
+        trunk_shape(np.full((5, 3, 3), np.nan))

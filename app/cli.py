@@ -81,7 +81,7 @@ def triangulate(
     """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
     from app.triangulate import triangulate_file
 
-    if dlt is None and tracks.suffix != ".mat":
+    if dlt is None and tracks.suffix.lower() != ".mat":
         raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
     source = Source(
         tracks=tracks,
@@ -183,6 +183,7 @@ def learn(
     from app.learning import learn_from, readable_scores
     from app.tables import check_target
     from filters.model import save_model
+    from mocap.formats.dltdv import holds_pixels
 
     if fps is None:
         raise MocapError("frames per second are not in the files: give --fps")
@@ -190,7 +191,7 @@ def learn(
         Source(
             tracks=tracks,
             fps=fps,
-            coefficients=dlt if tracks.suffix != ".mat" and "xyz" not in tracks.name else None,
+            coefficients=dlt if tracks.suffix.lower() == ".mat" or holds_pixels(tracks) else None,
             profile=profile,
             skeleton=skeleton,
             pixel_origin=origin.value if origin else None,

@@ -59,7 +59,7 @@ class Source:
     @property
     def is_project(self) -> bool:
         """Whether pixels and cameras come in one file."""
-        return self.tracks.suffix == ".mat"
+        return self.tracks.suffix.lower() == ".mat"
 
     @property
     def filmed(self) -> bool:

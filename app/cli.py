@@ -133,7 +133,7 @@ def track(
     from app.main_job import Model, run_job
     from app.tables import check_target, write_run
     from app.view.record import write_recording
-    from filters.model import load_model
+    from filters.model_file import load_model
 
     if fps is None:
         raise MocapError(f"{tracks.name}: frames per second are not in the file: give --fps")
@@ -182,7 +182,7 @@ def learn(
     """
     from app.learning import learn_from, readable_scores
     from app.tables import check_target
-    from filters.model import save_model
+    from filters.model_file import save_model
     from mocap.formats.dltdv import holds_pixels
 
     if fps is None:

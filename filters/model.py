@@ -1,13 +1,7 @@
-"""A model learned from trials: what it learned from, what was chosen, how it did on hidden gaps; kept in one file."""
+"""A model learned from trials: what it learned from, what was chosen, how it did on hidden gaps."""
 
-import json
-import zipfile
-import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,28 +10,11 @@ from filters.hidden import Fill
 from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
 from filters.mixture import Mixture, gap_lengths
 from filters.motion.base import MotionModel
-from filters.motion.pose import PoseMotion
-from filters.motion.shape import LinearShape
 from filters.observations import Observations
 from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from filters.track import Progress, Smoothed, smooth
 from filters.tune import Kind, Tuned, search_on, tuned
-from mocap.arrays import Array
-from mocap.errors import FormatError, MocapError
-
-FORMAT = "eal-mocap model 1"
-_DAMAGE = (
-    OSError,
-    LookupError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    RuntimeError,
-    EOFError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""What numpy and zipfile raise on files that are cut, changed, or something else."""
+from mocap.errors import MocapError
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -198,14 +175,15 @@ def models_for(
         if kind is None:
             models.append(learn_constant_velocity(recording.xyz_m, dt_s=recording.dt_s))
             continue
-        poses, about = _shared(known, kind, trials, trunk)
+        poses, about = shared_shapes(known, kind, trials, trunk)
         models.append(learn_pose(poses, kind, shapes=about))
     return models
 
 
-def _shared(
+def shared_shapes(
     known: dict, kind: PoseSettings, trials: Sequence[MarkerTrial], trunk: Sequence[int]
 ) -> tuple[list[PoseTrial], Shapes]:
+    """Poses and shapes of trials as a kind of model takes them; ``known`` keeps those that kinds have in common."""
     body = (kind.body_hz, kind.turns)
     if body not in known:
         known[body] = poses_of(trials, trunk, body_hz=kind.body_hz, turns=kind.turns)
@@ -243,98 +221,3 @@ def track_with(
     length = gap_lengths(recording.seen)
     xyz, cov = learned.mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
     return replace(found[-1], xyz_m=xyz, cov_m2=cov)
-
-
-def save_model(learned: LearnedModel, path: Path) -> None:
-    """Write a model as a numpy archive, whole or not at all.
-
-    ``header`` is JSON: names, choices, scores, units, versions. For each trial i ``trial_i_t_s``, ``trial_i_xyz_m`` and
-    ``trial_i_sd_m``; ``mixture_*``; and, to be looked at, ``pose_*``: what the last model is when it is fitted to all
-    trials (mean pose, basis, shapes, stiffness and damping where its mechanics are linear).
-    """
-    header = {
-        "format": FORMAT,
-        "versions": {name: version(name) for name in ("eal-mocap", "numpy", "scipy")},
-        "units": "m, s; shapes z in m; stiffness 1/s^2, damping 1/s",
-        "names": learned.names,
-        "trunk": learned.trunk,
-        "trials": [trial.name for trial in learned.trials],
-        "kinds": [None if kind is None else asdict(kind) for kind in learned.kinds],
-        "models": [kind_name(kind) for kind in learned.kinds],
-        "power": learned.mixture.power,
-        "scores": learned.scores,
-    }
-    arrays: dict[str, Array] = {}
-    for i, trial in enumerate(learned.trials):
-        arrays |= {f"trial_{i}_t_s": trial.t_s, f"trial_{i}_xyz_m": trial.xyz_m, f"trial_{i}_sd_m": trial.sd_m}
-    for name in ("offset", "slope", "length", "scale", "widen"):
-        arrays[f"mixture_{name}"] = getattr(learned.mixture, name)
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        with temporary.open("wb") as file:
-            everything: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays, **_pictures(learned)}
-            np.savez_compressed(file, **everything)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise MocapError(f"{path}: cannot be written: {error.strerror}; give another --out") from None
-
-
-def _pictures(learned: LearnedModel) -> dict[str, Array]:
-    """What the last model learned from the trials alone."""
-    kind = learned.kinds[-1]
-    if kind is None:
-        return {}
-    trunk = [learned.names.index(name) for name in learned.trunk] or list(range(len(learned.names)))
-    poses, shapes = _shared({}, kind, learned.trials, trunk)
-    model: PoseMotion = learn_pose(poses, kind, shapes=shapes)
-    out = {
-        "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
-        "pose_basis": shapes.subspace.basis.reshape(-1, 3, model.rank),
-        "pose_residual_sd_m": shapes.subspace.residual_sd.reshape(-1, 3),
-        "pose_shapes_m": np.concatenate(shapes.z),
-        "pose_acceleration_density": model.mechanics.density @ model.mechanics.density.T,
-    }
-    if isinstance(model.mechanics, LinearShape):
-        out |= {"pose_stiffness": model.mechanics.stiffness, "pose_damping": model.mechanics.damping}
-    return out
-
-
-def load_model(path: Path) -> LearnedModel:
-    """Read a model that ``save_model`` wrote.
-
-    Raises:
-        FormatError: the file is no such model.
-    """
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            header = json.loads(str(file["header"]))
-            if header.get("format") != FORMAT:
-                raise FormatError(f"{path}: expected '{FORMAT}', but it says '{header.get('format')}': learn it again")
-            trials = tuple(
-                MarkerTrial(name=name, **{key: file[f"trial_{i}_{key}"] for key in ("t_s", "xyz_m", "sd_m")})
-                for i, name in enumerate(header["trials"])
-            )
-            parts = {name: file[f"mixture_{name}"] for name in ("offset", "slope", "length", "scale", "widen")}
-            kinds = tuple(
-                None if kind is None else PoseSettings(**{**kind, "ranks": tuple(kind["ranks"])})
-                for kind in header["kinds"]
-            )
-            for trial in trials:
-                shape = (len(trial.t_s), len(header["names"]))
-                if trial.xyz_m.shape != (*shape, 3) or trial.sd_m.shape != shape:
-                    raise ValueError(f"trial {trial.name} has positions of shape {trial.xyz_m.shape}")
-            if not trials or len(kinds) != len(parts["offset"]):
-                raise ValueError(f"{len(trials)} trials, {len(kinds)} motion models, {len(parts['offset'])} weights")
-            return LearnedModel(
-                names=tuple(header["names"]),
-                trunk=tuple(header["trunk"]),
-                trials=trials,
-                kinds=kinds,
-                mixture=Mixture(power=header["power"], **parts),
-                scores=header["scores"],
-            )
-    except FormatError:
-        raise
-    except _DAMAGE as error:
-        raise FormatError(f"{path}: not a model that mocap learn wrote ({error}): give its --out") from None

@@ -13,8 +13,10 @@ from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
 from filters.learn import learn_constant_velocity, learn_pose
 from filters.mixture import Mixture, gap_lengths, learn_mixture
+from filters.model import shared_shapes
+from filters.motion.base import MotionModel
 from filters.observations import PositionObservations
-from filters.poses import MarkerTrial, poses_of, shapes_of
+from filters.poses import MarkerTrial
 from filters.track import smooth
 from filters.tune import Kind, Search, held_pose, pose_kinds, search_on
 from mocap.arrays import Array
@@ -50,16 +52,11 @@ class Lesson:
             self.done[name] = found.xyz_m, found.cov_m2
         return self.done[name]
 
-    def _model(self, kind: Kind, trial: MarkerTrial):
+    def _model(self, kind: Kind, trial: MarkerTrial) -> MotionModel:
         if kind is None:
             return learn_constant_velocity(trial.xyz_m, dt_s=trial.dt_s)
-        about = (kind.body_hz, kind.turns)
-        if about not in self.done:
-            trials = [*self.search.trials, trial]
-            self.done[about] = poses_of(trials, self.search.trunk, body_hz=kind.body_hz, turns=kind.turns)
-        if (about, kind.ranks) not in self.done:
-            self.done[about, kind.ranks] = shapes_of(self.done[about], ranks=kind.ranks)
-        return learn_pose(self.done[about], kind, shapes=self.done[about, kind.ranks])
+        poses, shapes = shared_shapes(self.done, kind, [*self.search.trials, trial], self.search.trunk)
+        return learn_pose(poses, kind, shapes=shapes)
 
 
 _lessons: dict[tuple[str, ...], Lesson] = {}

@@ -16,7 +16,8 @@ from app.tracking import marker_trial, seen_part
 from datasets import make_bat
 from filters.hidden import fill_of, hide_groups
 from filters.learn import learn_constant_velocity
-from filters.model import learn_model, load_model, track_with
+from filters.model import learn_model, track_with
+from filters.model_file import load_model
 from filters.observations import PositionObservations
 from filters.track import smooth
 from mocap.formats.dltdv import write_points

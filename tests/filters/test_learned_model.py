@@ -11,7 +11,8 @@ from datasets import make_bat
 from filters.hidden import hide_groups
 from filters.learn import PoseSettings, learn_constant_velocity
 from filters.mixture import Mixture
-from filters.model import LearnedModel, learn_model, load_model, models_for, save_model, track_with
+from filters.model import LearnedModel, learn_model, models_for, track_with
+from filters.model_file import load_model, save_model
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.track import smooth

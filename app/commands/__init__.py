@@ -1,0 +1,1 @@
+"""The commands of ``mocap``, one a file: what each takes, and what it says."""

@@ -1,0 +1,37 @@
+"""``mocap demo``."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.console import finish, progress
+from app.commands.options import AsJson, Force, Out
+
+
+class Animal(StrEnum):
+    """Built-in recordings."""
+
+    bat = "bat"
+    lizard = "lizard"
+
+
+def demo(
+    animal: Annotated[Animal, typer.Argument(help="Built-in recording.")] = Animal.bat,
+    out: Out = Path("out/demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Which flight or walk.")] = 0,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run the main job on a built-in recording, and compare with its truth."""
+    from app.demo import run_demo
+    from app.tables import check_target, write_run
+    from app.view.record import write_recording
+
+    check_target(out, force=force)
+    with progress() as stages:
+        run = run_demo(animal.value, stages=stages, seed=seed)
+        with stages.stage("write"):
+            write_run(run, out, write_recording=write_recording, force=force)
+    finish(run.report, run.report_text, out, as_json)

@@ -1,0 +1,81 @@
+"""``mocap learn``."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markdown import Markdown
+
+from app.commands.console import errors, program
+from app.commands.options import (
+    AsJson,
+    Dlt,
+    DltOrigin,
+    Force,
+    Fps,
+    ImageHeight,
+    PixelOriginOption,
+    PixelSd,
+    Profile,
+    SkeletonFile,
+)
+from app.source import Source
+from mocap.errors import MocapError
+
+
+def learn(
+    trials: Annotated[list[Path], typer.Argument(help="Recordings: xypts or xyzpts files, or DLTdv8 projects (.mat).")],
+    out: Annotated[Path, typer.Option(help="Model to write (.npz).")],
+    dlt: Dlt = None,
+    fps: Fps = None,
+    profile: Profile = None,
+    skeleton: SkeletonFile = None,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    pixel_sd: PixelSd = None,
+    seed: Annotated[int, typer.Option(min=0, help="Which samples are hidden to choose and to calibrate.")] = 0,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Learn a motion model from several recordings, to track others with: mocap track FILE --model MODEL.
+
+    Cameras, profile and skeleton are those of all the recordings. How the model fills gaps is measured on samples that
+    were hidden from it, and printed.
+    """
+    from app.learning import learn_from, readable_scores
+    from app.tables import check_target
+    from filters.model_file import save_model
+    from mocap.formats.dltdv import holds_pixels
+
+    if fps is None:
+        raise MocapError("frames per second are not in the files: give --fps")
+    sources = [
+        Source(
+            tracks=tracks,
+            fps=fps,
+            coefficients=dlt if tracks.suffix.lower() == ".mat" or holds_pixels(tracks) else None,
+            profile=profile,
+            skeleton=skeleton,
+            pixel_origin=origin.value if origin else None,
+            coefficient_origin=dlt_origin.value if dlt_origin else None,
+            image_height_px=image_height,
+            pixel_sd=pixel_sd,
+        )
+        for tracks in trials
+    ]
+    inputs = [path for source in sources for path in source.inputs]
+    check_target(out, force=force, inputs=inputs, folder=False)
+    learned = learn_from(
+        sources, seed=seed, tell=lambda line: errors.print(line, highlight=False, soft_wrap=True, markup=False)
+    )
+    save_model(learned, out)
+    if as_json:
+        print(json.dumps({"out": str(out), "scores": learned.scores}))  # noqa: T201
+        return
+    Console().print(Markdown(readable_scores(learned)))
+    errors.print(
+        f"\nWrote {out}. Track another recording with it: {program()} track FILE ... --model {out}", highlight=False
+    )

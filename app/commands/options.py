@@ -1,0 +1,33 @@
+"""What several commands take."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class PixelOrigin(StrEnum):
+    """Where pixel rows are counted from."""
+
+    upper_left = "upper-left"
+    lower_left = "lower-left"
+
+
+Tracks = Annotated[Path, typer.Argument(help="DLTdv xypts file; for track also xyzpts, without --dlt.")]
+Dlt = Annotated[Path | None, typer.Option("--dlt", help="DLT coefficients: 11 rows, a column a camera.")]
+Profile = Annotated[
+    Path | None, typer.Option(help="Camera profile, a line a camera: cam f W H cx cy AR k1 k2 p1 p2 k3.")
+]
+PixelOriginOption = Annotated[
+    PixelOrigin | None,
+    typer.Option("--origin", help="Corner that pixel rows are counted from; if not given, found by the residual."),
+]
+DltOrigin = Annotated[PixelOrigin | None, typer.Option(help="The same for the coefficients, if it differs.")]
+ImageHeight = Annotated[float | None, typer.Option(help="Image height in pixels, to flip rows without a profile.")]
+Fps = Annotated[float | None, typer.Option(help="Frames per second; the files do not hold it.")]
+SkeletonFile = Annotated[Path | None, typer.Option("--skeleton", help="Skeleton in TOML: markers, bones, joints.")]
+PixelSd = Annotated[float | None, typer.Option(help="Standard deviation of a pixel; if not given, estimated.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for machines.")]
+Out = Annotated[Path, typer.Option(help="Folder to write.")]

@@ -1,0 +1,42 @@
+"""``mocap reproduce``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.console import errors
+from app.commands.options import Force, Out
+from mocap.errors import MocapError
+
+
+def reproduce(
+    figures: Annotated[list[str] | None, typer.Argument(help="Figures of the paper, such as 14a; none: all.")] = None,
+    out: Out = Path("out/reproduce"),
+    quick: Annotated[bool, typer.Option("--quick", help="Coarser grids and fewer seeds.")] = False,
+    real: Annotated[
+        Path | None,
+        typer.Option(envvar="MOCAP_REAL_DATA", help="Folder of real recordings: draws figure 7 for one too."),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Reproduce the figures of the EAL paper: pictures, tables, and a verdict on every claim."""
+    from app.reproduce import FIGURES
+    from app.reproduce import reproduce as make_figures
+    from app.reproduce.samples import real_bat_samples
+    from app.tables import check_target
+
+    for name in figures or []:
+        if name.lower().removeprefix("fig") not in FIGURES:
+            raise MocapError(f"there is no figure {name!r}: the figures are {', '.join(FIGURES)}")
+    check_target(out, force=force)
+    verdicts = make_figures(
+        figures or None,
+        out,
+        quick,
+        lambda line: errors.print(line, highlight=False, soft_wrap=True, markup=False),
+        real_bat_m=None if real is None else real_bat_samples(real),
+    )
+    errors.print(
+        f"\nWrote {out}/: {len(verdicts)} verdicts in verdicts.json, figures and their numbers", highlight=False
+    )

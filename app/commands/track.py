@@ -1,0 +1,88 @@
+"""``mocap track``."""
+
+from pathlib import Path
+from typing import Annotated, cast, get_args
+
+import typer
+
+from app.commands.console import finish, progress
+from app.commands.options import (
+    AsJson,
+    Dlt,
+    DltOrigin,
+    Force,
+    Fps,
+    ImageHeight,
+    Out,
+    PixelOriginOption,
+    PixelSd,
+    Profile,
+    SkeletonFile,
+    Tracks,
+)
+from app.source import Source
+from mocap.errors import MocapError
+
+
+def track(
+    tracks: Tracks,
+    out: Out,
+    dlt: Dlt = None,
+    fps: Fps = None,
+    profile: Profile = None,
+    skeleton: SkeletonFile = None,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    stored: Annotated[Path | None, typer.Option(help="xyzpts to audit; if not given, the one beside xypts.")] = None,
+    pixel_sd: PixelSd = None,
+    model: Annotated[
+        str,
+        typer.Option(
+            help="File that mocap learn wrote; or eal, constant_velocity, or auto: what fills hidden samples better."
+        ),
+    ] = "auto",
+    validate: Annotated[bool, typer.Option(help="Hide samples and measure how they are filled.")] = True,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
+    from app.main_job import Model, run_job
+    from app.tables import check_target, write_run
+    from app.view.record import write_recording
+    from filters.model_file import load_model
+
+    if fps is None:
+        raise MocapError(f"{tracks.name}: frames per second are not in the file: give --fps")
+    source = Source(
+        tracks=tracks,
+        fps=fps,
+        coefficients=dlt,
+        profile=profile,
+        skeleton=skeleton,
+        pixel_origin=origin.value if origin else None,
+        coefficient_origin=dlt_origin.value if dlt_origin else None,
+        image_height_px=image_height,
+        stored_points=stored,
+        pixel_sd=pixel_sd,
+    )
+    learned = None if model in get_args(Model) else load_model(existing_model(model))
+    check_target(out, force=force, inputs=[*source.inputs, None if learned is None else Path(model)])
+    name = cast(Model, model) if learned is None else "auto"
+    with progress() as stages:
+        run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate)
+        with stages.stage("write"):
+            write_run(run, out, write_recording=write_recording, force=force)
+    finish(run.report, run.report_text, out, as_json)
+
+
+def existing_model(model: str) -> Path:
+    """The file of a learned model.
+
+    Raises:
+        MocapError: there is none.
+    """
+    path = Path(model)
+    if not path.is_file():
+        raise MocapError(f"--model {model}: give auto, eal, constant_velocity, or a file that mocap learn wrote")
+    return path

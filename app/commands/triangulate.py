@@ -1,0 +1,56 @@
+"""``mocap triangulate``."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.console import errors
+from app.commands.options import AsJson, Dlt, DltOrigin, Force, ImageHeight, PixelOriginOption, PixelSd, Profile, Tracks
+from app.source import Source
+from mocap.errors import MocapError
+
+
+def triangulate(
+    tracks: Tracks,
+    out: Annotated[Path, typer.Option(help="xyzpts file to write.")],
+    dlt: Dlt = None,
+    profile: Profile = None,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    pixel_sd: PixelSd = None,
+    refine: Annotated[
+        bool, typer.Option("--refine", help="Smallest reprojection error, bad rays rejected, with _sd columns.")
+    ] = False,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
+    from app.triangulate import triangulate_file
+
+    if dlt is None and tracks.suffix.lower() != ".mat":
+        raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
+    source = Source(
+        tracks=tracks,
+        fps=1.0,
+        coefficients=dlt,
+        profile=profile,
+        pixel_origin=origin.value if origin else None,
+        coefficient_origin=dlt_origin.value if dlt_origin else None,
+        image_height_px=image_height,
+        pixel_sd=pixel_sd,
+    )
+    summary = triangulate_file(source, out, refine=refine, force=force)
+    if as_json:
+        print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201
+        return
+    for finding in summary.findings:
+        errors.print(finding, highlight=False, soft_wrap=True)
+    errors.print(
+        f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px",
+        highlight=False,
+        soft_wrap=True,
+    )

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import rq
 
 from mocap.arrays import Array, frozen
-from mocap.lens import BrownLens
+from mocap.lens import Lens
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -23,7 +23,7 @@ class Camera:
 
     name: str
     matrix: Array
-    lens: BrownLens | None = None
+    lens: Lens | None = None
     size_px: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
@@ -54,7 +54,7 @@ class Pinhole:
         return -self.rotation.T @ self.translation_m
 
 
-def dlt_camera(name: str, coefficients: Array, *, lens: BrownLens | None = None) -> Camera:
+def dlt_camera(name: str, coefficients: Array, *, lens: Lens | None = None) -> Camera:
     """A camera from its 11 DLT coefficients L1..L11.
 
     u = (L1 x + L2 y + L3 z + L4) / (L9 x + L10 y + L11 z + 1), v = (L5 x + ... + L8) / (same)
@@ -85,7 +85,7 @@ def pinhole_camera(
     intrinsic: Array,
     rotation: Array,
     translation_m: Array,
-    lens: BrownLens | None = None,
+    lens: Lens | None = None,
     size_px: tuple[int, int] | None = None,
 ) -> Camera:
     """A camera from its intrinsic matrix (3, 3), rotation camera_from_world (3, 3) and translation (3,) in metres."""

@@ -1,7 +1,11 @@
 """A bat in a flight tunnel, filmed by wide action cameras."""
 
+from functools import partial
+from typing import Literal
+
 import numpy as np
 
+from datasets.bat_flight import level_flight, turning_flight
 from datasets.bat_skeleton import MARKERS, TRUNK, bat_skeleton, membranes, wing_tips
 from datasets.bat_wing import SEGMENTS, Beat, wing
 from datasets.film import film
@@ -9,14 +13,14 @@ from datasets.linkage import rotated, turn
 from datasets.observe import Digitiser
 from datasets.occlusion import Solid
 from datasets.recording import SyntheticRecording
-from datasets.rig import tunnel_cameras
-from datasets.scene import Scene, frame_times
-from datasets.wander import Wander, draw_wander, skin_motion
+from datasets.rig import LensKind, tunnel_cameras
+from datasets.scene import Scene, frame_times, start_times
+from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
 
+Manoeuvre = Literal["level", "turn"]
 BEAT_HZ = 9.0
 _DEG = np.pi / 180
-_GRAVITY_M_S2 = 9.81
 # markers fixed to the trunk, and the hips, in the axes of the body
 _ON_TRUNK_M = {
     "sternum": (0.010, 0.0, -0.0170),
@@ -38,9 +42,13 @@ def make_bat(
     fps: float = 240.0,
     n_cameras: int = 8,
     skin_m: float = 0.0005,
+    rolling: float = 0.0,
+    manoeuvre: Manoeuvre = "level",
+    lens: LensKind = "brown",
+    start_spread_frames: float = 0.0,
     digitiser: Digitiser | None = None,
 ) -> SyntheticRecording:
-    """A bat that flies level in a wind tunnel, against the wind, so that it stays in view.
+    """A bat that flies level in a wind tunnel, against the wind, or that turns at both ends of a flight tunnel.
 
     The motion depends on the seed only: a longer recording, or one with more cameras, begins with the same flight.
 
@@ -50,6 +58,11 @@ def make_bat(
         fps: Frames a second.
         n_cameras: Number of cameras, 2 or more.
         skin_m: Root mean square of one coordinate of the markers' motion on the bone; 0: rigid.
+        rolling: Radius of the condyles of elbow, wrist and fingers as a share of the bone beyond, so that the
+            centres of these joints wander; 0: ideal joints.
+        manoeuvre: ``level`` or ``turn``.
+        lens: Kind of the cameras' lenses, ``brown`` or ``fisheye``.
+        start_spread_frames: Cameras start within so much of a frame of each other; 0: at the same instant.
         digitiser: Quality of the digitising; None: a human's.
 
     Returns:
@@ -59,29 +72,43 @@ def make_bat(
         ValueError: fewer than 2 cameras or 1 frame, or a rate that is not positive.
     """
     digitiser = digitiser or Digitiser()
-    cameras = tunnel_cameras(n_cameras)
-    motion_rng, clicks_rng = np.random.default_rng(seed).spawn(2)
-    scene = bat_scene(frame_times(n_frames, fps), motion_rng, skin_m=skin_m)
+    cameras = tunnel_cameras(n_cameras, lens=lens)
+    motion_seed, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
+    motion = partial(bat_scene, seed=motion_seed, skin_m=skin_m, rolling=rolling, manoeuvre=manoeuvre)
     card = {
         "name": "bat",
-        "species": "bat of 30 g and 0.34 m span, level flight",
-        "rig": f"flight tunnel, {n_cameras} wide action cameras with Brown distortion",
+        "species": f"bat of 30 g and 0.34 m span, {'level flight' if manoeuvre == 'level' else 'U-turns'}",
+        "rig": f"flight tunnel, {n_cameras} wide action cameras with {lens} lenses",
         "seed": seed,
         "wing_beat_hz": BEAT_HZ,
         "skin_m": skin_m,
+        "rolling": rolling,
     }
-    return film(scene, cameras, name="bat", fps=fps, digitiser=digitiser, rng=clicks_rng, card=card)
+    return film(
+        motion,
+        frame_times(n_frames, fps),
+        cameras,
+        name="bat",
+        fps=fps,
+        start_s=start_times(starts_seed, n_cameras, start_spread_frames / fps),
+        digitiser=digitiser,
+        rng=np.random.default_rng(clicks_seed),
+        card=card,
+    )
 
 
-def bat_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scene:
-    """The bat's motion at times (T,); ``skin_m`` as in ``make_bat``."""
+def bat_scene(
+    t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float, manoeuvre: Manoeuvre
+) -> Scene:
+    """The bat's motion at times (T,), the same function of time for the same seed; others as in ``make_bat``."""
+    rng = np.random.default_rng(seed)
     tempo = draw_wander(rng, band_hz=(0.3, 2.0))
     start = rng.uniform(0, 2 * np.pi)
     phase = start + 2 * np.pi * BEAT_HZ * (t_s + 0.035 * tempo.integral(t_s))
     # what both wings share is larger than what tells them apart
     shared, own = _beats(rng, t_s, scale=1.0), [_beats(rng, t_s, scale=0.4) for _ in "lr"]
 
-    position, rotation = _flight(rng, t_s, phase)
+    position, rotation = (level_flight if manoeuvre == "level" else turning_flight)(rng, t_s, phase)
     head_yaw, head_pitch, tail_pitch = (draw_wander(rng, band_hz=(0.3, 3.0)).value(t_s) for _ in range(3))
     body = {name: np.broadcast_to(xyz, (len(t_s), 3)) for name, xyz in _ON_TRUNK_M.items()}
     head_turn = turn(2, 7 * _DEG * head_yaw) @ turn(1, _DEG * (4 * head_pitch - 3 * np.sin(phase - 0.5)))
@@ -99,7 +126,7 @@ def bat_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scene:
             sweep_rad=3.5 * _DEG * (shared[2] + beats[2]),
             twist_rad=4.0 * _DEG * (shared[3] + beats[3]),
         )
-        joints = wing(phase, beat) * flip + body[f"shoulder_{side}"][:, None]
+        joints = wing(phase, beat, rolling=rolling) * flip + body[f"shoulder_{side}"][:, None]
         body |= {f"{name}_{side}": joints[:, k] for k, name in enumerate(SEGMENTS)}
         splay = _DEG * (38 + 6 * np.sin(phase - 2.4) + 4 * beats[1])
         raised = _DEG * (-4 + 14 * np.cos(phase - 0.9) + 4 * beats[2])
@@ -136,22 +163,3 @@ def bat_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scene:
 def _beats(rng: np.random.Generator, t_s: Array, *, scale: float) -> list[Array]:
     """Four (T,) modulations: stroke, fold, sweep, twist; slower than the wing beat, so that they differ by cycle."""
     return [scale * draw_wander(rng, band_hz=(0.3, 4.0)).value(t_s) for _ in range(4)]
-
-
-def _flight(rng: np.random.Generator, t_s: Array, phase_rad: Array) -> tuple[Array, Array]:
-    """Position (T, 3) and rotation (T, 3, 3) of the body: drift upstream, weave, bank, heave with the beat."""
-    weave, climb, yaw = (draw_wander(rng, band_hz=(0.2, 0.8), terms=3) for _ in range(3))
-    upstream = -0.15 * np.cos(2 * np.pi * 0.2 * t_s)
-    heave, surge = -0.006 * np.sin(phase_rad - 0.2), 0.002 * np.cos(phase_rad - 0.6)
-    position = np.stack([upstream + surge, 0.03 * weave.value(t_s), 0.02 * climb.value(t_s) + heave], axis=-1)
-    rotation = (
-        turn(2, 6 * _DEG * yaw.value(t_s))
-        @ turn(1, _DEG * (-9 + 2.5 * np.sin(phase_rad - 0.8) + 2 * climb.value(t_s)))
-        @ turn(0, _bank(weave, 0.03, t_s) + 1.5 * _DEG * np.sin(phase_rad))
-    )
-    return position, rotation
-
-
-def _bank(weave: Wander, scale_m: float, t_s: Array) -> Array:
-    """(T,) roll of a level turn, tan(roll) = sideways acceleration / gravity; the wing inside the turn is low."""
-    return -np.arctan(scale_m * weave.acceleration(t_s) / _GRAVITY_M_S2)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.linkage import rotated, turn
+from datasets.linkage import hinged, rotated, turn
 from mocap.arrays import Array
 
 # bone lengths in metres: a bat of 30 g, forearm 55 mm
@@ -37,12 +37,13 @@ class Beat:
     twist_rad: Array
 
 
-def wing(phase_rad: Array, beat: Beat) -> Array:
+def wing(phase_rad: Array, beat: Beat, *, rolling: float = 0.0) -> Array:
     """Joints of a left wing relative to its shoulder, in the axes of the body (x head, y left, z back).
 
     Args:
         phase_rad: (T,) phase; 0 where the wing is highest, so that the downstroke takes the first half.
         beat: Modulation of this wing.
+        rolling: Radius of the condyles of elbow, wrist and fingers as a share of the bone beyond; see ``hinged``.
 
     Returns:
         (T, 12, 3) metres, in the order of ``SEGMENTS``; the shoulder is the origin.
@@ -75,15 +76,21 @@ def wing(phase_rad: Array, beat: Beat) -> Array:
     }
     bends = {"d3": (0.0, 0.5, 0.8), "d4": (0.15, 1.0, 1.4), "d5": (0.3, 1.5, 2.2)}
     joints = {"shoulder": np.zeros((len(phi), 3))}
+    directions: dict[str, Array] = {}
+
+    def add(name: str, parent: str, length_m: float, azimuth_rad: Array, elevation_rad: Array) -> None:
+        direction = directions[name] = _direction(azimuth_rad, elevation_rad)
+        before = directions.get(parent, direction)
+        joints[name] = joints[parent] + hinged(before, direction, length_m=length_m, condyle_m=rolling * length_m)
+
     for name, parent in (("elbow", "shoulder"), ("wrist", "elbow")):
-        length, azimuth, elevation = chain[name]
-        joints[name] = joints[parent] + length * _direction(deg * azimuth, deg * elevation)
-    for digit, lengths in DIGITS_M.items():
+        length_m, azimuth, elevation = chain[name]
+        add(name, parent, length_m, deg * azimuth, deg * elevation)
+    for digit, lengths_m in DIGITS_M.items():
         parent = "wrist"
         for k, joint in enumerate(("mcp", "pip", "tip")):
             azimuth = deg * (azimuths[digit][0][k] + azimuths[digit][1][k] * fold_wrist)
-            elevation = hand - bends[digit][k] * camber
-            joints[f"{digit}_{joint}"] = joints[parent] + lengths[k] * _direction(azimuth, elevation)
+            add(f"{digit}_{joint}", parent, lengths_m[k], azimuth, hand - bends[digit][k] * camber)
             parent = f"{digit}_{joint}"
     return rotated(plane[:, None], np.stack([joints[name] for name in SEGMENTS], axis=1))
 

@@ -10,29 +10,33 @@ from datasets.gaps import gap_statistics
 from datasets.observe import Digitiser, click_noise, lost, misplace
 from datasets.occlusion import occluded
 from datasets.recording import SyntheticRecording
-from datasets.scene import Scene
+from datasets.scene import Motion, Scene
 from mocap.arrays import Array
 from mocap.cameras import Camera, record, stacked
 from mocap.records import PixelTracks
 
 
 def film(
-    scene: Scene,
+    motion: Motion,
+    t_s: Array,
     cameras: Sequence[Camera],
     *,
     name: str,
     fps: float,
+    start_s: Array,
     digitiser: Digitiser,
     rng: np.random.Generator,
     card: dict,
 ) -> SyntheticRecording:
-    """Record and digitise a scene.
+    """Record and digitise an animal in motion.
 
     Args:
-        scene: The animal in motion.
-        cameras: Cameras with lens and size.
+        motion: The animal.
+        t_s: (T,) times of the frames of a camera that starts at 0; the truth is at these.
+        cameras: C cameras with lens and size.
         name: Name of the recording.
-        fps: Frames a second, those of ``scene.t_s``.
+        fps: Frames a second, those of ``t_s``.
+        start_s: (C,) time by which each camera starts late: its frame n is taken at ``t_s[n] + start_s``.
         digitiser: Quality of the digitising.
         rng: Source of noise and faults.
         card: Entries that the caller adds to the card: species, rig, seed.
@@ -40,10 +44,10 @@ def film(
     Returns:
         The recording, with its truth.
     """
-    exact_px = record(cameras, scene.xyz_m)
-    hidden = outside(cameras, scene.xyz_m, exact_px) | occluded(
-        cameras, scene.xyz_m, triangles=scene.triangles, solids=scene.solids, clearance_m=scene.clearance_m
-    )
+    scene = motion(t_s)
+    scenes = [scene if late_s == 0 else motion(t_s + late_s) for late_s in start_s]
+    views = [_view(seen, camera) for seen, camera in zip(scenes, cameras, strict=True)]
+    exact_px, hidden = np.stack([exact for exact, _ in views]), np.stack([behind for _, behind in views])
     index = {marker: m for m, marker in enumerate(scene.skeleton.markers)}
     missing = lost(
         rng,
@@ -66,12 +70,22 @@ def film(
         skeleton=scene.skeleton,
         truth=scene.truth,
         fps=fps,
+        start_s=start_s,
         occluded=hidden,
         lost=missing,
         outlier=outlier,
         contact=scene.contact,
-        card=_card(card, pixels, fps, digitiser, hidden, outlier),
+        card=_card(card, pixels, fps, start_s, digitiser, hidden, outlier),
     )
+
+
+def _view(scene: Scene, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
+    """Recorded pixels (T, M, 2) of a scene, and where a marker is hidden or off the picture (T, M)."""
+    exact_px = record([camera], scene.xyz_m)
+    behind = occluded(
+        [camera], scene.xyz_m, triangles=scene.triangles, solids=scene.solids, clearance_m=scene.clearance_m
+    )
+    return exact_px[0], (outside([camera], scene.xyz_m, exact_px) | behind)[0]
 
 
 def outside(cameras: Sequence[Camera], xyz_m: Array, uv_px: Array) -> NDArray[np.bool_]:
@@ -98,6 +112,7 @@ def _card(
     card: dict,
     pixels: PixelTracks,
     fps: float,
+    start_s: Array,
     digitiser: Digitiser,
     hidden: NDArray[np.bool_],
     outlier: NDArray[np.bool_],
@@ -110,6 +125,7 @@ def _card(
         "fps": fps,
         "markers": n_markers,
         "cameras": n_cameras,
+        "cameras_start_late_ms": [round(1e3 * late_s, 6) for late_s in start_s.tolist()],
         "units": {"world": "m, right-handed, z up", "pixels": "px, origin upper-left, as recorded (distorted)"},
         "digitiser": {**asdict(digitiser), "sd_px": round(digitiser.sd_px, 4)},
         "pixels_seen": round(float(pixels.seen.mean()), 4),

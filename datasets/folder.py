@@ -19,8 +19,9 @@ from mocap.skeleton import write_skeleton
 def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Path]:
     """Write a recording into a folder, which is made if need be; files of the same names are replaced.
 
-    Each file appears when all are whole. The truth holds ``names``, ``t_s``, ``xyz_m``, ``fps``, ``occluded``,
-    ``lost``, ``outlier`` and ``contact``, as in the record.
+    Each file appears when all are whole. The offsets say which frame of a camera shows the instant of a row, as DLTdv
+    has them: below zero where the camera starts late, in fractions of frames. The truth holds ``names``, ``t_s``, ``xyz_m``, ``fps``, ``start_s``,
+    ``occluded``, ``lost``, ``outlier`` and ``contact``, as in the record.
 
     Args:
         recording: What to write.
@@ -49,7 +50,8 @@ def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Pa
         write_coefficients(draft["coefficients"], recording.cameras)
         write_profile(draft["profile"], recording.cameras)
         titles = [f"cam{c}_offset" for c in range(1, n_cameras + 1)]
-        write_table(draft["offsets"], titles, np.zeros((n_frames, n_cameras)))
+        offsets = np.zeros((n_frames, n_cameras)) - recording.start_s * recording.fps
+        write_table(draft["offsets"], titles, offsets)
         write_skeleton(draft["skeleton"], recording.skeleton)
         np.savez_compressed(
             draft["truth"],
@@ -57,6 +59,7 @@ def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Pa
             t_s=recording.truth.t_s,
             xyz_m=recording.truth.xyz_m,
             fps=np.array(recording.fps),
+            start_s=recording.start_s,
             occluded=recording.occluded,
             lost=recording.lost,
             outlier=recording.outlier,

@@ -1,5 +1,7 @@
 """A lizard that walks up a rod, filmed by high-speed cameras around a tank."""
 
+from functools import partial
+
 import numpy as np
 
 from datasets.film import film
@@ -10,7 +12,7 @@ from datasets.observe import Digitiser
 from datasets.occlusion import Solid
 from datasets.recording import SyntheticRecording
 from datasets.rig import tank_cameras
-from datasets.scene import Scene, frame_times
+from datasets.scene import Scene, frame_times, start_times
 from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
 
@@ -48,6 +50,8 @@ def make_lizard(
     fps: float = 250.0,
     n_cameras: int = 4,
     skin_m: float = 0.0002,
+    rolling: float = 0.0,
+    start_spread_frames: float = 0.0,
     digitiser: Digitiser | None = None,
 ) -> SyntheticRecording:
     """A lizard that walks up a rod at a trot.
@@ -60,6 +64,9 @@ def make_lizard(
         fps: Frames a second.
         n_cameras: Number of cameras, 2 or more.
         skin_m: Root mean square of one coordinate of the markers' motion on the bone, but for hands and feet; 0: rigid.
+        rolling: Radius of the condyles of elbow and knee as a share of the bone beyond, so that the centres of these
+            joints wander; 0: ideal joints.
+        start_spread_frames: Cameras start within so much of a frame of each other; 0: at the same instant.
         digitiser: Quality of the digitising; None: a human's, on markers that are mostly in plain view.
 
     Returns:
@@ -70,8 +77,8 @@ def make_lizard(
     """
     digitiser = digitiser or Digitiser(bursts_per_s=0.4)
     cameras = tank_cameras(n_cameras, slope_rad=SLOPE_RAD)
-    motion_rng, clicks_rng = np.random.default_rng(seed).spawn(2)
-    scene = lizard_scene(frame_times(n_frames, fps), motion_rng, skin_m=skin_m)
+    motion_seed, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
+    motion = partial(lizard_scene, seed=motion_seed, skin_m=skin_m, rolling=rolling)
     card = {
         "name": "lizard",
         "species": "brown anole (Anolis sagrei), adult, walking up a rod",
@@ -81,12 +88,24 @@ def make_lizard(
         "stride_hz": round(SPEED_M_S / GAIT.stride_m, 3),
         "duty": GAIT.duty,
         "skin_m": skin_m,
+        "rolling": rolling,
     }
-    return film(scene, cameras, name="lizard", fps=fps, digitiser=digitiser, rng=clicks_rng, card=card)
+    return film(
+        motion,
+        frame_times(n_frames, fps),
+        cameras,
+        name="lizard",
+        fps=fps,
+        start_s=start_times(starts_seed, n_cameras, start_spread_frames / fps),
+        digitiser=digitiser,
+        rng=np.random.default_rng(clicks_seed),
+        card=card,
+    )
 
 
-def lizard_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scene:
-    """The lizard's motion at times (T,); ``skin_m`` as in ``make_lizard``."""
+def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float) -> Scene:
+    """The lizard's motion at times (T,), the same function of time for the same seed; others as in ``make_lizard``."""
+    rng = np.random.default_rng(seed)
     progress = _START_M + SPEED_M_S * (t_s + 0.1 * draw_wander(rng, band_hz=(0.3, 2.0)).integral(t_s))
     phase = 2 * np.pi * progress / GAIT.stride_m
     rod, girdles = _axis(rng, t_s, progress, phase)
@@ -106,7 +125,8 @@ def lizard_scene(t_s: Array, rng: np.random.Generator, *, skin_m: float) -> Scen
             root = rod[girdle] + rotated(girdles[girdle], np.array(_ROOT_M[limb]) * flip)
             upper, lower, last = _LIMB_M[limb]
             toe, heel = _foot(foot, last, mirror)
-            middle = bent(root, heel, _POLE[limb] * flip, upper_m=upper, lower_m=lower)
+            pole, condyle = _POLE[limb] * flip, rolling * lower
+            middle = bent(root, heel, pole, upper_m=upper, lower_m=lower, condyle_m=condyle)
             rod |= {f"{name}_{side}": xyz for name, xyz in zip(names, (root, middle, heel, toe), strict=True)}
             contact[f"{names[-1]}_{side}"] = foot.stance
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import frozen
+from mocap.arrays import Array, frozen
 from mocap.cameras import Camera
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton
@@ -22,6 +22,7 @@ class SyntheticRecording:
         skeleton: The animal.
         truth: Every marker in every frame.
         fps: Frames a second.
+        start_s: (C,) time by which each camera starts late; its frame n is taken at ``pixels.t_s[n] + start_s``.
         occluded: (C, T, M) True where the animal or its surroundings hide the marker, or it is out of the picture.
         lost: (C, T, M) True where the digitiser lost it, hidden or not.
         outlier: (C, T, M) True where it was digitised in a wrong place.
@@ -35,6 +36,7 @@ class SyntheticRecording:
     skeleton: Skeleton
     truth: MarkerTracks
     fps: float
+    start_s: Array
     occluded: NDArray[np.bool_]
     lost: NDArray[np.bool_]
     outlier: NDArray[np.bool_]
@@ -46,4 +48,5 @@ class SyntheticRecording:
         shape = self.pixels.uv_px.shape[:3]
         for name in ("occluded", "lost", "outlier"):
             object.__setattr__(self, name, frozen(name, getattr(self, name), shape, dtype=np.bool_))
+        object.__setattr__(self, "start_s", frozen("start_s", self.start_s, shape[:1]))
         object.__setattr__(self, "contact", frozen("contact", self.contact, shape[1:], dtype=np.bool_))

@@ -1,28 +1,29 @@
 """Where the cameras of both laboratories stand."""
 
+from typing import Literal
+
 import numpy as np
 
 from datasets.linkage import turn, unit
 from mocap.arrays import Array
 from mocap.cameras import Camera, pinhole_camera
-from mocap.lens import BrownLens
+from mocap.lens import BrownLens, FisheyeLens, Lens
+
+LensKind = Literal["brown", "fisheye"]
 
 # Roberts' R2 sequence: the inverse powers of the plastic number cover the unit square evenly for any count
 _R2 = np.array([0.7548776662466927, 0.5698402909980532])
 
 
-def aimed(
-    name: str, *, position_m: Array, target_m: Array, f_px: float, size_px: tuple[int, int], lens: BrownLens
-) -> Camera:
+def aimed(name: str, *, position_m: Array, target_m: Array, size_px: tuple[int, int], lens: Lens) -> Camera:
     """A camera at ``position_m`` (3,) that looks at ``target_m`` (3,), its picture upright (x right, y down)."""
     forward = unit(target_m - position_m)
     upward = np.array([1.0, 0, 0]) if abs(forward[2]) > 0.95 else np.array([0, 0, 1.0])
     right = unit(np.cross(forward, upward))
     rotation = np.stack([right, np.cross(forward, right), forward])
-    cx, cy = lens.centre_px
     return pinhole_camera(
         name,
-        intrinsic=np.array([[f_px, 0, cx], [0, f_px, cy], [0, 0, 1.0]]),
+        intrinsic=lens.intrinsic,
         rotation=rotation,
         translation_m=-rotation @ position_m,
         lens=lens,
@@ -30,13 +31,15 @@ def aimed(
     )
 
 
-def tunnel_cameras(n_cameras: int) -> tuple[Camera, ...]:
+def tunnel_cameras(n_cameras: int, *, lens: LensKind = "brown") -> tuple[Camera, ...]:
     """Wide action cameras on the walls and ceiling of a flight tunnel along x, about 0.7 m from its middle.
 
-    Focal length and distortion vary by a per cent or two from one camera to the next, as they do among real ones.
+    Focal length and distortion vary by a per cent or two from one camera to the next, as they do among real ones. The
+    Brown lenses see 107 degrees across, the fisheyes 117; a GoPro Hero 3 was measured to see 114 to 121.
 
     Args:
         n_cameras: 2 or more.
+        lens: ``brown`` or ``fisheye``.
 
     Raises:
         ValueError: fewer than 2 cameras.
@@ -49,17 +52,29 @@ def tunnel_cameras(n_cameras: int) -> tuple[Camera, ...]:
         angle = np.deg2rad(-40 + 260 * around)
         position = np.array([1.0 * (along - 0.5), 0.7 * np.cos(angle), 0.6 * np.sin(angle)])
         spread = np.sin(np.array([12.9898, 78.233, 37.719, 4.581]) * (i + 1))
-        f_px = 880 + 10 * spread[0]
-        lens = BrownLens(
-            f_px=(f_px, f_px),
-            centre_px=(960 + 8 * spread[1], 540 + 6 * spread[2]),
-            k=(-0.25 + 0.004 * spread[3], 0.08 + 0.002 * spread[0], 0.0),
-            p=(4e-4 * spread[2], -3e-4 * spread[1]),
-        )
-        cameras.append(
-            aimed(f"cam{i + 1}", position_m=position, target_m=np.zeros(3), f_px=f_px, size_px=(1920, 1080), lens=lens)
-        )
+        glass = _brown(spread) if lens == "brown" else _fisheye(spread)
+        size_px, target_m = (1920, 1080), np.zeros(3)
+        cameras.append(aimed(f"cam{i + 1}", position_m=position, target_m=target_m, size_px=size_px, lens=glass))
     return tuple(cameras)
+
+
+def _brown(spread: Array) -> BrownLens:
+    f_px = 880 + 10 * spread[0]
+    return BrownLens(
+        f_px=(f_px, f_px),
+        centre_px=(960 + 8 * spread[1], 540 + 6 * spread[2]),
+        k=(-0.25 + 0.004 * spread[3], 0.08 + 0.002 * spread[0], 0.0),
+        p=(4e-4 * spread[2], -3e-4 * spread[1]),
+    )
+
+
+def _fisheye(spread: Array) -> FisheyeLens:
+    f_px = 915 + 10 * spread[0]
+    return FisheyeLens(
+        f_px=(f_px, f_px),
+        centre_px=(960 + 8 * spread[1], 540 + 6 * spread[2]),
+        k=(0.03 + 0.002 * spread[3], -0.01 + 0.001 * spread[0], 0.004, -0.001),
+    )
 
 
 def tank_cameras(n_cameras: int, *, slope_rad: float) -> tuple[Camera, ...]:
@@ -92,7 +107,6 @@ def tank_cameras(n_cameras: int, *, slope_rad: float) -> tuple[Camera, ...]:
                 f"cam{i + 1}",
                 position_m=0.75 * tilt @ around,
                 target_m=np.zeros(3),
-                f_px=f_px,
                 size_px=(1024, 1024),
                 lens=lens,
             )

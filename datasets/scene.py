@@ -1,5 +1,6 @@
 """A scene: an animal in motion, before any camera looks at it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,6 +55,22 @@ class Scene:
             cov_m2=np.zeros((n_frames, n_markers, 3, 3)),
             origin=np.full((n_frames, n_markers), Origin.MEASURED),
         )
+
+
+Motion = Callable[[Array], Scene]
+"""An animal over all time: from times (T,) to the scene at these times."""
+
+
+def start_times(seed: np.random.SeedSequence, n_cameras: int, spread_s: float) -> Array:
+    """(C,) times by which each camera starts late, uniform within ``spread_s`` about 0, the first at 0.
+
+    Raises:
+        ValueError: the spread is negative.
+    """
+    if not spread_s >= 0:
+        raise ValueError(f"cameras start within {spread_s:g} s of each other: give 0 or more")
+    late_s = np.random.default_rng(seed).uniform(-spread_s / 2, spread_s / 2, n_cameras)
+    return late_s - late_s[0]
 
 
 def frame_times(n_frames: int, fps: float) -> Array:

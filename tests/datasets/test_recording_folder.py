@@ -16,7 +16,7 @@ from mocap.skeleton import Skeleton, read_skeleton, write_skeleton
 
 @pytest.mark.parametrize("make", [make_bat, make_lizard])
 def test_files_read_back_as_written(make, tmp_path):
-    recording = make(seed=4, n_frames=60)
+    recording = make(seed=4, n_frames=60, start_spread_frames=0.5)
     paths = write_recording(recording, tmp_path / "new" / "folder")
     pixels = read_pixels(paths["pixels"], fps=recording.fps)
     assert pixels.names == recording.pixels.names
@@ -37,12 +37,13 @@ def test_files_read_back_as_written(make, tmp_path):
     np.testing.assert_array_equal(truth.xyz_m, recording.truth.xyz_m)
     with np.load(paths["truth"]) as table:
         assert table["fps"] == recording.fps
-        for name in ("occluded", "lost", "outlier", "contact"):
+        for name in ("start_s", "occluded", "lost", "outlier", "contact"):
             np.testing.assert_array_equal(table[name], getattr(recording, name))
     titles, offsets = read_table(paths["offsets"])
     assert titles[:2] == ["cam1_offset", "cam2_offset"]
     assert offsets.shape == (60, len(cameras))
-    assert not offsets.any()
+    # %.6f
+    np.testing.assert_allclose(offsets, np.tile(-recording.start_s * recording.fps, (60, 1)), atol=5.1e-7)
     assert json.loads(paths["card"].read_text()) == json.loads(json.dumps(recording.card))
     assert sorted(p.name for p in paths["card"].parent.iterdir()) == sorted(p.name for p in paths.values())
 

@@ -3,10 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eal.potential import EmpiricalPotential
 from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras import Camera
+from mocap.movies import Movie
 from mocap.records import JointTracks, PixelTracks
 from mocap.skeleton import Skeleton
 
@@ -31,6 +35,26 @@ class JointPotential:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Footage:
+    """The movie of one camera.
+
+    Attributes:
+        movie: The movie.
+        frames: (T,) its frame, from 0, for each frame of the recording; outside of the movie there is no picture.
+        straight: True where its pixels are ideal ones already: no lens, or undistorted before.
+    """
+
+    movie: Movie
+    frames: NDArray[np.int64]
+    straight: bool
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """(T,) frames of the recording that have a picture."""
+        return (self.frames >= 0) & (self.frames < self.movie.n_frames)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
     """One recording, tracked.
 
@@ -45,6 +69,7 @@ class Run:
         potentials: One empirical potential a joint, by joint name.
         report: The report as ``report.json`` holds it.
         report_text: The same as markdown.
+        footage: The movie of each camera; empty where none were given.
     """
 
     name: str
@@ -57,3 +82,4 @@ class Run:
     potentials: Mapping[str, JointPotential]
     report: Mapping[str, object]
     report_text: str
+    footage: tuple[Footage, ...] = ()

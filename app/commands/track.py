@@ -42,6 +42,23 @@ def track(
             help="File that mocap learn wrote; or eal, constant_velocity, or auto: what fills hidden samples better."
         ),
     ] = "auto",
+    video: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Movie or folder of pictures to show under the tracks: once a camera, in the order of the cameras; or "
+            "one folder that holds them, sorted by name."
+        ),
+    ] = None,
+    video_offset: Annotated[
+        list[int] | None,
+        typer.Option(
+            help="Frame of the movie minus frame of the tracks: one for all, or once a camera; if not given, those "
+            "of the project or of the offsets file beside the tracks."
+        ),
+    ] = None,
+    video_straight: Annotated[
+        bool, typer.Option("--video-straight", help="The movies are free of the lens' distortion already.")
+    ] = False,
     validate: Annotated[bool, typer.Option(help="Hide samples and measure how they are filled.")] = True,
     force: Force = False,
     as_json: AsJson = False,
@@ -49,6 +66,7 @@ def track(
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
     from app.main_job import Model, run_job
     from app.tables import check_target, write_run
+    from app.view.footage import offsets_of, open_movies, with_footage
     from app.view.record import write_recording
     from filters.model_file import load_model
 
@@ -68,9 +86,12 @@ def track(
     )
     learned = None if model in get_args(Model) else load_model(existing_model(model))
     check_target(out, force=force, inputs=[*source.inputs, None if learned is None else Path(model)])
+    movies = open_movies(video or [])
     name = cast(Model, model) if learned is None else "auto"
     with progress() as stages:
         run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate)
+        if movies:
+            run = with_footage(run, movies, offsets=offsets_of(tracks, video_offset), straight=video_straight)
         with stages.stage("write"):
             write_run(run, out, write_recording=write_recording, force=force)
     finish(run.report, run.report_text, out, as_json)

@@ -19,6 +19,7 @@ from app.view.log_health import log_health
 from app.view.log_joints import log_coordinates, log_potential
 from app.view.log_markers import log_markers, log_trails, log_uncertainty
 from app.view.log_report import log_report
+from app.view.log_video import log_video
 from app.view.log_world import log_world
 from app.view.scene import Scene, make_scene
 from mocap.errors import MocapError
@@ -84,6 +85,8 @@ def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
     log_cameras(rec, scene)
     if run.ideal_px is not None:
         log_pixels(rec, scene, run.ideal_px, run.tracked)
+    for view, camera, footage in zip(scene.cameras, run.cameras, run.footage, strict=False):
+        log_video(rec, view, camera, footage, markers.t_s)
     log_health(rec, run.tracked, run.ideal_px)
     for name, frame in layout.joint_frames.items():
         log_coordinates(rec, run.joints[frame], name)
@@ -99,6 +102,7 @@ def recording_id(run: Run) -> str:
     arrays = [markers.t_s, markers.xyz_m, markers.origin, *(c.matrix for c in run.cameras)]
     if run.ideal_px is not None:
         arrays.append(run.ideal_px.uv_px)
+    arrays += [footage.frames for footage in run.footage]
     arrays += [run.potentials[name].samples_m for name in sorted(run.potentials)]
     digest.update("\n".join([run.name, run.tracked.model, *markers.names]).encode())
     for array in arrays:

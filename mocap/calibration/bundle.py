@@ -1,0 +1,329 @@
+"""Bundle adjustment: cameras, and the bodies that they see, moved together until the pixels fit (Triggs et al. 2000).
+
+A body is a board with known points, whose pose is sought, or a single point, which is a body without orientation.
+Bodies come first among the unknowns and cameras last, so that solving in that order is the Schur complement.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mocap.arrays import Array, frozen
+from mocap.calibration.levenberg import Minimum, factorised, minimise
+from mocap.calibration.rig import RigCamera, turn
+from mocap.lens import Lens
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sightings:
+    """Which camera saw which point of which body where; N of them.
+
+    Attributes:
+        camera: (N,) camera number.
+        body: (N,) body number.
+        local_m: (N, 3) the point in the body's own axes; zero for bodies that are points.
+        uv_px: (N, 2) recorded pixels.
+    """
+
+    camera: NDArray[np.int64]
+    body: NDArray[np.int64]
+    local_m: Array
+    uv_px: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        n = len(self.camera)
+        object.__setattr__(self, "camera", frozen("camera", self.camera, (n,), dtype=np.int64))
+        object.__setattr__(self, "body", frozen("body", self.body, (n,), dtype=np.int64))
+        object.__setattr__(self, "local_m", frozen("local_m", self.local_m, (n, 3)))
+        object.__setattr__(self, "uv_px", frozen("uv_px", self.uv_px, (n, 2)))
+
+    def only(self, keep: NDArray) -> "Sightings":
+        """Those that a mask or index array keeps."""
+        return Sightings(
+            camera=self.camera[keep], body=self.body[keep], local_m=self.local_m[keep], uv_px=self.uv_px[keep]
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Lengths:
+    """Known distances between bodies; K of them.
+
+    Attributes:
+        first: (K,) body number.
+        second: (K,) body number.
+        length_m: (K,) their distance.
+        sd_m: (K,) its standard deviation.
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    length_m: Array
+    sd_m: Array
+
+
+NO_LENGTHS = Lengths(first=np.zeros(0, int), second=np.zeros(0, int), length_m=np.zeros(0), sd_m=np.ones(0))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene:
+    """The unknowns.
+
+    Attributes:
+        cameras: The C cameras.
+        rotation: (B, 3, 3) axes of the bodies to those of the world.
+        position_m: (B, 3) places of the bodies in the world.
+    """
+
+    cameras: tuple[RigCamera, ...]
+    rotation: Array
+    position_m: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Free:
+    """What may move.
+
+    Attributes:
+        focal: ``none``, ``one`` (fx and fy by one factor) or ``two``.
+        centre: Whether principal points move.
+        coefficients: For each camera which distortion coefficients move, in OpenCV's order; empty: none of any.
+        orientation: Whether bodies turn (boards) or not (points).
+        held: Camera whose pose is held, which fixes the world frame; None: no camera is.
+        poses: Whether the other cameras move at all.
+    """
+
+    focal: str = "two"
+    centre: bool = True
+    coefficients: tuple[tuple[bool, ...], ...] = ()
+    orientation: bool = False
+    held: int | None = 0
+    poses: bool = True
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Adjusted:
+    """An adjusted scene.
+
+    Attributes:
+        scene: The unknowns as found.
+        error_px: (N, 2) recorded minus predicted pixels.
+        weight: (N,) how far each sighting was believed, 0 to 1.
+        sd_px: Standard deviation of a pixel coordinate, from the median error.
+        converged: False where the steps ran out.
+        f_sd_px: (C,) standard deviation of each focal length; 0 where it was not free.
+    """
+
+    scene: Scene
+    error_px: Array
+    weight: Array
+    sd_px: float
+    converged: bool
+    f_sd_px: Array
+
+
+def adjust(
+    scene: Scene,
+    sightings: Sightings,
+    *,
+    free: Free,
+    lengths: Lengths = NO_LENGTHS,
+    robust: float | None = 3.0,
+    rounds: int = 3,
+    most_steps: int = 60,
+) -> Adjusted:
+    """Bundle adjustment with an analytic sparse Jacobian and Cauchy's loss.
+
+    The scale of a pixel error is not known beforehand: each round takes it from the median of the round before.
+
+    Args:
+        scene: Where to start; every point in front of its cameras.
+        sightings: Pixels.
+        free: What may move.
+        lengths: Known distances.
+        robust: Errors of so many standard deviations get half weight; None: least squares.
+        rounds: How often the scale is taken anew (at most; with least squares once).
+        most_steps: Steps of a round.
+    """
+    problem = _Problem(scene, sightings, free, lengths)
+    sd, minimum = median_sd(problem.error_px(scene)), None
+    for _ in range(rounds if robust is not None else 1):
+        minimum = problem.solve(scene, sd, robust, most_steps)
+        scene, last = minimum.state, sd
+        sd = median_sd(problem.error_px(scene))
+        if abs(sd - last) < 0.02 * last:
+            break
+    assert minimum is not None
+    error = problem.error_px(scene)
+    return Adjusted(
+        scene=scene,
+        error_px=error,
+        weight=minimum.weight[: len(error)],
+        sd_px=sd,
+        converged=minimum.converged,
+        f_sd_px=problem.focal_sd(minimum),
+    )
+
+
+def median_sd(error_px: Array) -> float:
+    """Standard deviation of a pixel coordinate from the median length of (N, 2) errors (Rayleigh: sqrt(2 ln 2))."""
+    return max(float(np.median(np.hypot(*error_px.T))) / np.sqrt(2 * np.log(2)), 1e-6)
+
+
+class _Problem:
+    """One adjustment: the layout of its unknowns, its residuals and their derivatives."""
+
+    def __init__(self, scene: Scene, sightings: Sightings, free: Free, lengths: Lengths) -> None:
+        self.seen, self.free, self.lengths = sightings, free, lengths
+        self.n_bodies = len(scene.position_m)
+        self.body_size = 6 if free.orientation else 3
+        n_cameras = self.n_cameras = len(scene.cameras)
+        self.coefficients = [np.flatnonzero(c) for c in free.coefficients or [()] * n_cameras]
+        self.n_focal = {"none": 0, "one": 1, "two": 2}[free.focal]
+        self.pose = [6 if free.poses and i != free.held else 0 for i in range(n_cameras)]
+        lens = [self.n_focal + 2 * free.centre + len(c) for c in self.coefficients]
+        self.start = self.n_bodies * self.body_size + np.cumsum([0, *np.add(self.pose, lens)])
+        self.mine = [np.flatnonzero(sightings.camera == i) for i in range(n_cameras)]
+        n = len(sightings.camera)
+        self.groups = np.concatenate([np.repeat(np.arange(n), 2), n + np.arange(len(lengths.first))])
+
+    def solve(self, scene: Scene, sd: float, robust: float | None, most_steps: int) -> Minimum[Scene]:
+        return minimise(
+            scene,
+            residuals=lambda s: self.residuals(s, sd),
+            jacobian=lambda s: self.jacobian(s, sd),
+            retract=self.retract,
+            groups=self.groups,
+            robust=robust,
+            most_steps=most_steps,
+        )
+
+    def world(self, scene: Scene, at: NDArray) -> Array:
+        body, local = self.seen.body[at], self.seen.local_m[at]
+        return np.einsum("nij,nj->ni", scene.rotation[body], local) + scene.position_m[body]
+
+    def error_px(self, scene: Scene) -> Array:
+        out = np.empty((len(self.seen.camera), 2))
+        for camera, at in zip(scene.cameras, self.mine, strict=True):
+            out[at] = self.seen.uv_px[at] - camera.record(self.world(scene, at))
+        return out
+
+    def residuals(self, scene: Scene, sd: float) -> Array:
+        with np.errstate(all="ignore"):
+            return np.concatenate([self.error_px(scene).ravel() / sd, self._length_error(scene)])
+
+    def _length_error(self, scene: Scene) -> Array:
+        apart = np.linalg.norm(scene.position_m[self.lengths.first] - scene.position_m[self.lengths.second], axis=-1)
+        return (self.lengths.length_m - apart) / self.lengths.sd_m
+
+    def jacobian(self, scene: Scene, sd: float) -> sparse.csr_array:
+        rows, columns, values = [], [], []
+
+        def put(row: NDArray, column: NDArray, block: Array) -> None:
+            shape = np.broadcast_shapes(row.shape, column.shape, block.shape)
+            for store, what in ((rows, row), (columns, column), (values, block)):
+                store.append(np.broadcast_to(what, shape).ravel())
+
+        for i, (camera, at) in enumerate(zip(scene.cameras, self.mine, strict=True)):
+            if not len(at):
+                continue
+            row = (2 * at[:, None] + np.arange(2))[:, :, None]
+            by_axes, by_lens, axes = self._camera_slopes(i, camera, self.world(scene, at))
+            by_world = by_axes @ camera.rotation
+            body = [by_world]
+            if self.free.orientation:
+                arm = self.world(scene, at) - scene.position_m[self.seen.body[at]]
+                body.insert(0, -by_world @ cross(arm))
+            column = (self.body_size * self.seen.body[at][:, None] + np.arange(self.body_size))[:, None, :]
+            put(row, column, -np.concatenate(body, axis=-1) / sd)
+            own = [-by_axes @ cross(axes - camera.translation_m), by_axes] if self.pose[i] else []
+            block = np.concatenate([*own, by_lens], axis=-1)
+            put(row, (self.start[i] + np.arange(block.shape[-1]))[None, None, :], -block / sd)
+        if len(self.lengths.first):
+            apart = scene.position_m[self.lengths.first] - scene.position_m[self.lengths.second]
+            along = apart / np.linalg.norm(apart, axis=-1)[:, None] / self.lengths.sd_m[:, None]
+            row = (2 * len(self.seen.camera) + np.arange(len(along)))[:, None]
+            shift = self.body_size - 3 + np.arange(3)
+            put(row, self.body_size * self.lengths.first[:, None] + shift, -along)
+            put(row, self.body_size * self.lengths.second[:, None] + shift, along)
+        shape = (2 * len(self.seen.camera) + len(self.lengths.first), int(self.start[-1]))
+        return sparse.coo_array(
+            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape
+        ).tocsr()
+
+    def _camera_slopes(self, i: int, camera: RigCamera, world: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of the pixels (n, 2, .) by camera coordinates and by the free numbers of the lens."""
+        axes = world @ camera.rotation.T + camera.translation_m
+        z = axes[:, 2:]
+        xy = axes[:, :2] / z
+        by_axes = np.zeros((len(axes), 2, 3))
+        by_axes[:, 0, 0] = by_axes[:, 1, 1] = 1 / z[:, 0]
+        by_axes[:, :, 2] = -xy / z
+        by_axes[:, 0] += camera.shear * by_axes[:, 1]
+        xy[:, 0] += camera.shear * xy[:, 1]
+        f, bent = np.asarray(camera.lens.f_px), camera.lens.bend(xy)
+        by_axes = f[:, None] * (camera.lens.by_xy(xy) @ by_axes)
+        parts = []
+        if self.n_focal == 1:
+            parts.append((f * bent)[:, :, None] / f[0])  # both grow by the same share
+        elif self.n_focal == 2:
+            parts.append(bent[:, :, None] * np.eye(2))
+        if self.free.centre:
+            parts.append(np.broadcast_to(np.eye(2), (len(axes), 2, 2)))
+        if len(self.coefficients[i]):
+            parts.append(f[:, None] * camera.lens.by_coefficients(xy)[..., self.coefficients[i]])
+        return by_axes, np.concatenate(parts, axis=-1) if parts else np.zeros((len(axes), 2, 0)), axes
+
+    def retract(self, scene: Scene, step: Array) -> Scene:
+        bodies = step[: self.n_bodies * self.body_size].reshape(self.n_bodies, self.body_size)
+        cameras = []
+        for i, camera in enumerate(scene.cameras):
+            own = step[self.start[i] : self.start[i + 1]]
+            pose, lens = own[: self.pose[i]], own[self.pose[i] :]
+            if len(pose):
+                camera = replace(
+                    camera,
+                    rotation=turn(pose[:3]) @ camera.rotation,
+                    translation_m=camera.translation_m + pose[3:],
+                )
+            cameras.append(replace(camera, lens=self._lens(i, camera.lens, lens)) if len(lens) else camera)
+        rotation = turn(bodies[:, :3]) @ scene.rotation if self.free.orientation else scene.rotation
+        return Scene(cameras=tuple(cameras), rotation=rotation, position_m=scene.position_m + bodies[:, -3:])
+
+    def _lens(self, i: int, lens: Lens, step: Array) -> Lens:
+        f, centre, coefficients = np.array(lens.f_px), np.array(lens.centre_px), lens.coefficients.copy()
+        focal, rest = step[: self.n_focal], step[self.n_focal :]
+        f = f * (1 + focal[0] / f[0]) if self.n_focal == 1 else f + focal if self.n_focal else f
+        if self.free.centre:
+            centre, rest = centre + rest[:2], rest[2:]
+        coefficients[self.coefficients[i]] += rest
+        return type(lens).of(tuple(f), tuple(centre), coefficients)
+
+    def focal_sd(self, minimum: Minimum[Scene]) -> Array:
+        """Standard deviations of the first focal length of each camera, from the inverse normal matrix."""
+        if not self.n_focal:
+            return np.zeros(self.n_cameras)
+        size = minimum.normal.diagonal()
+        factor = factorised(minimum.normal + sparse.diags_array(1e-12 * size + 1e-300).tocsc())
+        where = self.start[:-1] + np.array(self.pose)
+        unit = np.zeros((int(self.start[-1]), self.n_cameras))
+        unit[where, np.arange(self.n_cameras)] = 1.0
+        return np.sqrt(np.maximum(factor.solve(unit)[where, np.arange(self.n_cameras)], 0.0))
+
+
+def cross(v: Array) -> Array:
+    """(..., 3, 3) matrices of the cross product v x."""
+    out = np.zeros((*v.shape, 3))
+    x, y, z = np.moveaxis(v, -1, 0)
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def camera_rms(adjusted: Adjusted, sightings: Sightings, n_cameras: int) -> Sequence[float]:
+    """Root mean square length of the pixel errors of each camera, everything counted."""
+    squares = np.sum(adjusted.error_px**2, axis=-1)
+    return [float(np.sqrt(squares[sightings.camera == i].mean())) for i in range(n_cameras)]

@@ -1,0 +1,99 @@
+"""Where cameras stand to each other, from boards that pairs of them saw: enough that the pairs form a chain."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import CalibrationError
+
+Seen = Mapping[tuple[int, str], Array]
+"""By camera and instant: (4, 4) board axes to camera axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """How two cameras stand to each other.
+
+    Attributes:
+        T_second_from_first: (4, 4).
+        stems: Instants that agree with it.
+        turned: Of these, those at which the second camera sees the board the other way round.
+    """
+
+    T_second_from_first: Array
+    stems: tuple[str, ...]
+    turned: frozenset[str]
+
+
+def rigid(rotation: Array, translation: Array) -> Array:
+    """(4, 4) transform."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation, translation
+    return T
+
+
+def pair_of(seen: Seen, first: int, second: int, turn: Array | None, *, near: float = 0.1) -> Pair | None:
+    """The stand of two cameras that most of their common instants agree on; None where they share none.
+
+    Two stands agree where they differ by less than ``near`` radians, and in place by less than that share of the
+    board's distance.
+
+    Args:
+        seen: Placements.
+        first: A camera.
+        second: Another.
+        turn: (4, 4) board axes turned by 180 degrees, for boards that look the same so; None for others.
+        near: Tolerance.
+    """
+    stems = [s for c, s in seen if c == first and (second, s) in seen]
+    turns = [np.eye(4)] if turn is None else [np.eye(4), turn]
+    if not stems:
+        return None
+    stands = np.stack(
+        [np.stack([seen[second, s] @ t @ np.linalg.inv(seen[first, s]) for t in turns]) for s in stems]
+    )  # (S, turns, 4, 4)
+    distance = np.array([np.linalg.norm(seen[second, s][:3, 3]) for s in stems])
+    best, fewest = None, (-1, np.inf)
+    for candidate in stands.reshape(-1, 4, 4):
+        off = np.maximum(
+            _angle(stands[..., :3, :3] @ candidate[:3, :3].T),
+            np.linalg.norm(stands[..., :3, 3] - candidate[:3, 3], axis=-1) / distance[:, None],
+        )
+        agree = off.min(axis=1) < near
+        score = (int(agree.sum()), -float(off.min(axis=1)[agree].sum()))
+        if best is None or score > fewest:
+            best, fewest = (candidate, agree, off.argmin(axis=1)), score
+    assert best is not None
+    candidate, agree, which = best
+    kept = tuple(s for s, a in zip(stems, agree, strict=True) if a)
+    turned = frozenset(s for s, a, w in zip(stems, agree, which, strict=True) if a and w)
+    return Pair(candidate, kept, turned)
+
+
+def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]:
+    """(C) transforms of the first camera's axes to each camera's, along the pairs with most instants in common.
+
+    Raises:
+        CalibrationError: the cameras fall into groups that share no instant.
+    """
+    n = len(names)
+    pairs = {(i, j): p for i in range(n) for j in range(n) if i != j and (p := pair_of(seen, i, j, turn)) is not None}
+    found: dict[int, Array] = {0: np.eye(4)}
+    while len(found) < n:
+        edges = [(len(p.stems), -i, -j) for (i, j), p in pairs.items() if i in found and j not in found]
+        if not edges:
+            lost = ", ".join(repr(names[i]) for i in range(n) if i not in found)
+            rest = ", ".join(repr(names[i]) for i in sorted(found))
+            raise CalibrationError(
+                f"cameras {lost} never see the board at an instant when one of {rest} does: film the board where both "
+                "see it, or name pictures of one instant alike"
+            )
+        _, i, j = max(edges)
+        found[-j] = pairs[-i, -j].T_second_from_first @ found[-i]
+    return [found[i] for i in range(n)]
+
+
+def _angle(rotation: Array) -> Array:
+    return np.arccos(np.clip((np.trace(rotation, axis1=-2, axis2=-1) - 1) / 2, -1, 1))

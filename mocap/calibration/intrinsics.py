@@ -1,0 +1,232 @@
+"""The lens of one camera from its views of a board, its model chosen by what it says of pictures held out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.calibration.boards import Corners
+from mocap.calibration.bundle import Adjusted, Free, Scene, Sightings, adjust
+from mocap.calibration.rig import RigCamera
+from mocap.errors import CalibrationError
+from mocap.lens import BrownLens, FisheyeLens, Lens, RationalLens
+
+FEWEST_PICTURES = 5
+CHOICES: dict[str, tuple[type[Lens], tuple[bool, ...]]] = {
+    "brown2": (BrownLens, (True, True, False, False, False)),
+    "brown": (BrownLens, (True,) * 5),
+    "rational": (RationalLens, (True,) * 8),
+    "fisheye": (FisheyeLens, (True,) * 4),
+}
+"""Lens models that are tried, simple ones first, and which of their coefficients are free."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Intrinsics:
+    """A lens, and what speaks for it.
+
+    Attributes:
+        lens: The lens.
+        choice: Its name in ``CHOICES``.
+        held_out_px: Root mean square error on pictures held out, by choice; inf where a model failed.
+        f_sd_px: Standard deviation of its focal length.
+        rms_px: Root mean square error on all pictures.
+    """
+
+    lens: Lens
+    choice: str
+    held_out_px: dict[str, float]
+    f_sd_px: float
+    rms_px: float
+
+
+def fit_intrinsics(
+    views: Sequence[Corners],
+    size_px: tuple[int, int],
+    *,
+    name: str,
+    choices: Sequence[str] = tuple(CHOICES),
+    folds: int = 4,
+) -> Intrinsics:
+    """Fit lens models and choose.
+
+    Every model is fitted with a quarter of the pictures left out, whose boards are then placed with that lens; what is
+    left there counts (each corner's error up to five median ones, so that a corner found wrongly does not choose). The
+    simplest model is taken that no other beats by more than 3 % and by one standard error over the pictures; a lens
+    that folds in the corners of the picture only where every other is 5 % worse.
+
+    Args:
+        views: Corners of the pictures.
+        size_px: Their size.
+        name: Of the camera, for messages.
+        choices: Names in ``CHOICES``.
+        folds: Into how many parts the pictures are split.
+
+    Raises:
+        CalibrationError: too few pictures, or no model gives a lens that can be.
+    """
+    if len(views) < FEWEST_PICTURES:
+        raise CalibrationError(
+            f"camera {name!r}: the board was found in {len(views)} pictures, and {FEWEST_PICTURES} are needed: film it "
+            "at more places and tilts"
+        )
+    fits, errors, failures = {}, {}, []
+    for choice in choices:
+        try:
+            fits[choice] = _fit(views, size_px, choice, name)
+            errors[choice] = _held_out(views, size_px, choice, name, folds)
+        except CalibrationError as error:
+            fits.pop(choice, None)
+            failures.append(str(error))
+    if not fits:
+        raise CalibrationError(failures[0])
+    choice = _chosen({c: (np.sqrt(errors[c]), without_ray(_lens(fits[c]), size_px)) for c in fits})
+    return Intrinsics(
+        lens=_lens(fits[choice]),
+        choice=choice,
+        held_out_px={c: float(np.sqrt(np.mean(errors[c]))) if c in errors else float("inf") for c in choices},
+        f_sd_px=float(fits[choice].f_sd_px[0]),
+        rms_px=float(np.sqrt(np.mean(np.sum(fits[choice].error_px ** 2, axis=-1)))),
+    )
+
+
+def _held_out(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: str, folds: int) -> Array:
+    """(n,) mean squared error of each picture with a lens that was fitted without it."""
+    part = np.arange(len(views)) % min(folds, len(views))
+    out = np.empty(len(views))
+    for fold in range(part.max() + 1):
+        lens = _lens(_fit([v for v, p in zip(views, part, strict=True) if p != fold], size_px, choice, name))
+        for i in np.flatnonzero(part == fold):
+            out[i] = _placed_error(views[int(i)], lens)
+    return out
+
+
+def _chosen(models: dict[str, tuple[Array, float]]) -> str:
+    """The simplest model that none beats clearly; one that has a ray for every pixel, where it costs at most 5 %.
+
+    Args:
+        models: Each picture's held-out error, and the share of the picture without a ray; simple models first.
+    """
+    level = {c: float(np.sqrt(np.mean(e**2))) for c, (e, _) in models.items()}
+    best = min(level, key=lambda c: level[c])
+    whole = [c for c, (_, lost) in models.items() if lost == 0 and level[c] <= 1.05 * level[best]]
+    best = min(whole or [best], key=lambda c: level[c])
+    for c, (error, lost) in models.items():
+        gain = error - models[best][0]
+        alike = level[c] < 1.03 * level[best] or gain.mean() < gain.std() / np.sqrt(len(gain))
+        if c == best or (alike and lost <= models[best][1]):
+            return c
+    return best
+
+
+def _lens(adjusted: Adjusted) -> Lens:
+    return adjusted.scene.cameras[0].lens
+
+
+def place(corners: Corners, lens: Lens) -> tuple[Array, Array] | None:
+    """Rotation (3, 3) and translation (3,) that take a board to the camera's axes (``solvePnP``, then refined).
+
+    None where no placement in front of the camera is found.
+    """
+    ideal = lens.undistort(corners.uv_px)
+    ok = np.isfinite(ideal).all(axis=-1)
+    if np.count_nonzero(ok) < 6:
+        return None
+    xy = np.ascontiguousarray(lens.normalised(ideal[ok]))
+    found, rotations, translations, errors = cv2.solvePnPGeneric(
+        corners.local_m[ok], xy, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not found:
+        return None
+    best = int(np.argmin(np.ravel(errors)))
+    rvec, tvec = cv2.solvePnPRefineLM(corners.local_m[ok], xy, np.eye(3), None, rotations[best], translations[best])
+    if not tvec[2, 0] > 0:
+        return None
+    return np.asarray(cv2.Rodrigues(rvec)[0], dtype=float), np.ravel(tvec).astype(float)
+
+
+def _placed_error(corners: Corners, lens: Lens) -> float:
+    """Mean squared error of a picture's corners, its board placed with a lens; errors count up to five medians."""
+    placed = place(corners, lens)
+    if placed is None:
+        return float("inf")
+    at = RigCamera(name="", lens=lens, rotation=placed[0], translation_m=placed[1])
+    squares = np.sum((corners.uv_px - at.record(corners.local_m)) ** 2, axis=-1)
+    return float(np.minimum(squares, 25 * np.median(squares)).mean())
+
+
+def _fit(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: str) -> Adjusted:
+    """One model fitted to pictures: Zhang's focal length, one coefficient, then all of them.
+
+    Raises:
+        CalibrationError: boards cannot be placed, or the lens is none that can be.
+    """
+    model, free = CHOICES[choice]
+    fisheye = model is FisheyeLens
+    first: type[Lens] = FisheyeLens if fisheye else BrownLens
+    middle = ((size_px[0] - 1) / 2, (size_px[1] - 1) / 2)
+    f = _focal(views, size_px)
+    f = min(f, 0.8 * max(size_px)) if fisheye else f
+    lens = first.of((f, f), middle, np.zeros(first.n_coefficients))
+    one = (True, *[False] * (first.n_coefficients - 1))
+    lens = _moved(views, lens, Free(focal="one", centre=False, coefficients=(one,), orientation=True), choice, name)[1]
+    start = np.pad(lens.coefficients, (0, model.n_coefficients - first.n_coefficients))
+    lens = model.of(lens.f_px, lens.centre_px, start)
+    adjusted, lens = _moved(views, lens, Free(coefficients=(free,), orientation=True), choice, name)
+    trouble = lens_trouble(lens, size_px)
+    reach = np.concatenate([v.uv_px for v in views])
+    if trouble is None and np.isnan(lens.undistort(reach)).any():
+        trouble = "folds where the board was seen"
+    if trouble:
+        raise CalibrationError(f"camera {name!r}: a {choice} lens {trouble}: film the board at more places and tilts")
+    return adjusted
+
+
+def _moved(views: Sequence[Corners], lens: Lens, free: Free, choice: str, name: str) -> tuple[Adjusted, Lens]:
+    """Boards placed with a lens, then all moved together."""
+    placed = [(v, p) for v in views if (p := place(v, lens)) is not None]
+    if len(placed) < FEWEST_PICTURES - 2:
+        raise CalibrationError(f"camera {name!r}: boards cannot be placed with a {choice} lens")
+    count = [len(v.ids) for v, _ in placed]
+    sightings = Sightings(
+        camera=np.zeros(sum(count), int),
+        body=np.repeat(np.arange(len(placed)), count),
+        local_m=np.concatenate([v.local_m for v, _ in placed]),
+        uv_px=np.concatenate([v.uv_px for v, _ in placed]),
+    )
+    scene = Scene(
+        cameras=(RigCamera(name=name, lens=lens, rotation=np.eye(3), translation_m=np.zeros(3)),),
+        rotation=np.stack([p[0] for _, p in placed]),
+        position_m=np.stack([p[1] for _, p in placed]),
+    )
+    adjusted = adjust(scene, sightings, free=free)
+    return adjusted, adjusted.scene.cameras[0].lens
+
+
+def _focal(views: Sequence[Corners], size_px: tuple[int, int]) -> float:
+    """Focal length by Zhang's closed form, the principal point in the middle; a guess where that fails."""
+    objects = [v.local_m.astype(np.float32) for v in views]
+    pixels = [v.uv_px.astype(np.float32) for v in views]
+    f = float(cv2.initCameraMatrix2D(objects, pixels, size_px)[0, 0])
+    return f if 0.2 * max(size_px) < f < 100 * max(size_px) else 1.2 * max(size_px)
+
+
+def without_ray(lens: Lens, size_px: tuple[int, int]) -> float:
+    """Share of a picture that no ray reaches, because the lens folds there (boards were not filmed so far out)."""
+    u, v = np.meshgrid(np.linspace(0, size_px[0] - 1, 41), np.linspace(0, size_px[1] - 1, 41))
+    return float(np.isnan(lens.undistort(np.stack([u, v], axis=-1))[..., 0]).mean())
+
+
+def lens_trouble(lens: Lens, size_px: tuple[int, int]) -> str | None:
+    """Why a lens cannot be that of pictures of a size; None where it can."""
+    share = np.asarray(lens.centre_px) / np.asarray(size_px)
+    if (np.abs(share - 0.5) > 0.3).any():
+        return f"has its principal point at ({lens.centre_px[0]:.0f}, {lens.centre_px[1]:.0f}) px, far from the middle"
+    aspect = lens.f_px[1] / lens.f_px[0]
+    if not 0.8 < aspect < 1.25:
+        return f"has pixels {aspect:.2f} times as wide as high"
+    if not 0.15 * max(size_px) < lens.f_px[0] < 100 * max(size_px):
+        return f"has a focal length of {lens.f_px[0]:.0f} px for pictures {max(size_px)} px wide"
+    return None

@@ -1,0 +1,130 @@
+"""Cameras taken apart, as calibration moves them: a lens, an orientation, a place."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mocap.arrays import Array, frozen
+from mocap.cameras import Camera, decompose
+from mocap.lens import BrownLens, Lens
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RigCamera:
+    """A camera whose pinhole is that of its lens.
+
+    Attributes:
+        name: Unique in its rig.
+        lens: Focal lengths, principal point and distortion.
+        rotation: (3, 3) world axes to camera axes; determinant -1 where the world or the pixels are mirrored.
+        translation_m: (3,) camera coordinates of the world's origin.
+        size_px: Image width and height; None: not known.
+        shear: Skew of the pixel axes over the focal length; 0 but for cameras made from free DLT coefficients.
+    """
+
+    name: str
+    lens: Lens
+    rotation: Array
+    translation_m: Array
+    size_px: tuple[int, int] | None = None
+    shear: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        object.__setattr__(self, "rotation", frozen("rotation", self.rotation, (3, 3)))
+        object.__setattr__(self, "translation_m", frozen("translation_m", self.translation_m, (3,)))
+
+    @property
+    def position_m(self) -> Array:
+        """(3,) centre of projection in the world."""
+        return -self.rotation.T @ self.translation_m
+
+    def camera(self) -> Camera:
+        """As one projection with its lens in front."""
+        intrinsic = self.lens.intrinsic
+        intrinsic[0, 1] = self.shear * intrinsic[0, 0]
+        matrix = intrinsic @ np.column_stack([self.rotation, self.translation_m])
+        lens = None if self.lens.is_identity else self.lens
+        return Camera(name=self.name, matrix=matrix, lens=lens, size_px=self.size_px)
+
+    def record(self, xyz_m: Array) -> Array:
+        """Pixels (..., 2) that it records of world points (..., 3)."""
+        axes = xyz_m @ self.rotation.T + self.translation_m
+        xy = axes[..., :2] / axes[..., 2:]
+        xy[..., 0] += self.shear * xy[..., 1]
+        return self.lens.bend(xy) * np.asarray(self.lens.f_px) + np.asarray(self.lens.centre_px)
+
+
+def rig_camera(camera: Camera) -> RigCamera:
+    """The camera taken apart.
+
+    A camera whose lens has a pinhole of its own (DLT coefficients fitted to undistorted pixels rarely have the lens's
+    focal length) cannot be held whole: give it without its lens, with undistorted pixels.
+
+    Raises:
+        ValueError: the lens and the projection disagree on the pinhole.
+    """
+    parts = decompose(camera)
+    intrinsic = parts.intrinsic
+    f, centre = (intrinsic[0, 0], intrinsic[1, 1]), (intrinsic[0, 2], intrinsic[1, 2])
+    lens = camera.lens
+    if lens is not None:
+        if not np.allclose(lens.intrinsic, intrinsic, rtol=1e-6, atol=1e-3):
+            raise ValueError(
+                f"camera {camera.name!r}: the pinhole of its coefficients (f {f[0]:.1f} px) is not that of its lens "
+                f"(f {lens.f_px[0]:.1f} px): undistort the pixels and give the camera without its lens"
+            )
+        f, centre = lens.f_px, lens.centre_px
+    return RigCamera(
+        name=camera.name,
+        lens=BrownLens(f_px=f, centre_px=centre) if lens is None else lens,
+        rotation=parts.rotation,
+        translation_m=parts.translation_m,
+        size_px=camera.size_px,
+        shear=0.0 if lens is not None else intrinsic[0, 1] / intrinsic[0, 0],
+    )
+
+
+def turn(vector: Array) -> Array:
+    """(..., 3, 3) rotations by rotation vectors (..., 3)."""
+    flat = np.asarray(vector, dtype=float).reshape(-1, 3)
+    return Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(vector)[:-1], 3, 3)
+
+
+def in_world(cameras: Sequence[RigCamera], T_to_from: Array) -> tuple[RigCamera, ...]:
+    """The same cameras in another world frame.
+
+    Args:
+        cameras: In the old frame.
+        T_to_from: (4, 4) old world coordinates to new ones: a rotation (or reflection) times a scale, and a shift.
+    """
+    scale = np.abs(np.linalg.det(T_to_from[:3, :3])) ** (1 / 3)
+    turned = T_to_from[:3, :3] / scale
+    out = []
+    for c in cameras:
+        rotation = c.rotation @ turned.T
+        out.append(
+            replace(c, rotation=rotation, translation_m=scale * c.translation_m - rotation @ T_to_from[:3, 3]),
+        )
+    return tuple(out)
+
+
+def similarity(source_m: Array, target_m: Array, *, scaled: bool = True) -> Array:
+    """The (4, 4) rotation, scale and shift that brings points (n, 3) nearest to others (Umeyama 1991).
+
+    Raises:
+        ValueError: fewer than three points.
+    """
+    if len(source_m) < 3:
+        raise ValueError(f"a frame needs 3 points, but there are {len(source_m)}")
+    a, b = source_m - source_m.mean(axis=0), target_m - target_m.mean(axis=0)
+    u, s, vt = np.linalg.svd(b.T @ a)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ np.diag(sign) @ vt
+    scale = float((s * sign).sum() / np.sum(a**2)) if scaled else 1.0
+    T = np.eye(4)
+    T[:3, :3] = scale * rotation
+    T[:3, 3] = target_m.mean(axis=0) - T[:3, :3] @ source_m.mean(axis=0)
+    return T

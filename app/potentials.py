@@ -12,6 +12,7 @@ from mocap.records import JointTracks, MarkerTracks, Origin
 from mocap.skeleton import Skeleton
 
 FRAME = "limb"
+NAMES = ("along", "across", "third")
 FEWEST = 30
 """Samples below which a potential says more about their number than about the joint."""
 
@@ -21,6 +22,7 @@ def joint_potentials(
     markers: MarkerTracks,
     skeleton: Skeleton,
     *,
+    frame: str = FRAME,
     beta: float = 4.0,
     lam: float = 1e-3,
     most: int = 500,
@@ -34,6 +36,7 @@ def joint_potentials(
         joints: Joint tracks by frame of reference.
         markers: Tracked markers; filled samples are not learned from.
         skeleton: Joints.
+        frame: Frame of reference of the coordinates, in two or three dimensions.
         beta: Kernel width in units of the median squared distance.
         lam: Spectral filtering parameter.
         most: Most samples; evenly spaced ones are taken.
@@ -41,24 +44,24 @@ def joint_potentials(
     Returns:
         Potentials by joint; joints with fewer than ``FEWEST`` samples are left out.
     """
-    tracks = joints[FRAME]
+    tracks = joints[frame]
     measured = dict(zip(markers.names, (markers.origin == Origin.MEASURED).T, strict=True))
     out = {}
-    for i, joint in enumerate(skeleton.joints):
+    for joint in (j for j in skeleton.joints if j.name in tracks.names):
+        i = tracks.names.index(joint.name)
         ok = measured[joint.parent] & measured[joint.centre] & measured[joint.child]
         samples = tracks.q_m[ok & np.isfinite(tracks.q_m[:, i, 0]), i]
         if len(samples) < FEWEST:
             continue
         samples = samples[np.linspace(0, len(samples) - 1, min(len(samples), most)).astype(int)]
-        out[joint.name] = _potential(joint.name, samples, beta=beta, lam=lam)
+        out[joint.name] = _potential(joint.name, frame, samples, beta=beta, lam=lam)
     return out
 
 
-def _potential(joint: str, samples_m: Array, *, beta: float, lam: float) -> JointPotential:
+def _potential(joint: str, frame: str, samples_m: Array, *, beta: float, lam: float) -> JointPotential:
     scale = max(float(np.sqrt(samples_m.var(axis=0).sum())), 1e-9)
     scaled = samples_m / scale
     width = max(float(np.median(pdist(scaled[:: max(1, len(scaled) // 500)], "sqeuclidean"))), 1e-6)
-    potential = fit_potential(
-        scaled, kernel=GaussianKernel(beta / width), lam=lam, names=("along", "across"), units=(f"{scale:.6g} m",) * 2
-    )
-    return JointPotential(joint=joint, frame=FRAME, samples_m=samples_m, potential=potential, scale_m=scale)
+    names, units = NAMES[: scaled.shape[1]], (f"{scale:.6g} m",) * scaled.shape[1]
+    potential = fit_potential(scaled, kernel=GaussianKernel(beta / width), lam=lam, names=names, units=units)
+    return JointPotential(joint=joint, frame=frame, samples_m=samples_m, potential=potential, scale_m=scale)

@@ -22,7 +22,7 @@ class JointPotential:
     Attributes:
         joint: Joint name.
         frame: Frame of reference of the coordinates (see ``mocap.joints``).
-        samples_m: (N, 2) coordinates in metres.
+        samples_m: (N, d) coordinates in metres; d = 2 in the planes of a limb, 3 in the body.
         potential: V_z on coordinates divided by ``scale_m``.
         scale_m: Metres a unit of the potential's coordinates.
     """

@@ -3,11 +3,13 @@
 import rerun.blueprint as rrb
 
 from app.view import palette, paths
+from app.view.chart import SIZE as CHART_SIZE
 from app.view.columns import FRAME
+from app.view.landscape import RANGE
 from app.view.layout import Layout
 from app.view.log_cameras import WHISKER_SCALE
 from app.view.log_gaps import MAP_SIZE
-from app.view.scene_views import last_frames, rig_view, scene_view, surface_view
+from app.view.scene_views import last_frames, rig_view, scene_view, surface_view, volume_view
 
 _OVERVIEW_TILES = 4
 _LEGEND_LINES = 8
@@ -99,21 +101,44 @@ def joints(layout: Layout) -> rrb.Container:
 
 def joint(layout: Layout, name: str) -> rrb.Container:
     """The potential of a joint, and the joint moving over it."""
+    land, series = layout.landscapes[name], paths.joint_series(name)
+    spatial = [volume_view(layout, name)] if name in layout.blocks else []
+    return rrb.Vertical(
+        rrb.Horizontal(surface_view(layout, name), heat_map_view(layout, name), *spatial),
+        rrb.Horizontal(
+            series_view(f"{series}/potential", f"{name}: V_z(q(t)) and its bound"),
+            series_view(f"{series}/energy", f"{name}: energy (J/kg), 1/eps² = {land.energy.strength:.2g}"),
+            coordinates_view(layout, name),
+            spectrum_view(name),
+        ),
+        row_shares=[5, 2],
+        name=name,
+    )
+
+
+def heat_map_view(layout: Layout, name: str) -> rrb.View:
+    """The potential of a joint from above, with its range and its preferred configurations."""
     land = layout.landscapes[name]
     (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
-    heat_map = rrb.Spatial2DView(
+    return rrb.Spatial2DView(
         origin=paths.heat_map(name),
-        name=f"{name} from above: q1 {x0:.0f} to {x1:.0f} mm right, q2 {y0:.0f} to {y1:.0f} mm up",
+        name=f"{name}: range V < {RANGE:g} (white), preferred half (red)",
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[-y1, -y0]),
         overrides={f"{paths.heat_map(name)}/trail": last_frames(layout.trail_frames)},
     )
-    value = series_view(f"{paths.joint_series(name)}/potential", f"{name}: potential on the way, V_z(q(t)) (0 to 1)")
-    return rrb.Vertical(
-        rrb.Horizontal(surface_view(layout, name), heat_map),
-        rrb.Horizontal(value, coordinates_view(layout, name)),
-        row_shares=[5, 2],
-        name=name,
+
+
+def spectrum_view(name: str) -> rrb.View:
+    """Eigenvalues and lambda."""
+    width, height = CHART_SIZE
+    return rrb.Spatial2DView(
+        origin=paths.spectrum(name),
+        name=f"{name}: eigenvalues and lambda",
+        background=palette.GROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[-0.17 * width, 1.05 * width], y_range=[-0.12 * height, 1.12 * height]
+        ),
     )
 
 

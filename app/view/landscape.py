@@ -3,15 +3,20 @@
 from dataclasses import dataclass
 
 import numpy as np
+from contourpy import contour_generator
 from numpy.typing import NDArray
 
 from app.run import JointPotential
+from app.view.energy import JointEnergy, joint_energy
 from mocap.arrays import Array
 from mocap.records import JointTracks
 
-GRID = 72
+GRID = 80
 _MARGIN = 0.2
 MM_PER_M = 1000.0
+_SHADING = 0.25
+RANGE = 0.5
+"""The value of the potential at the edge of a joint's range."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -24,8 +29,13 @@ class Landscape:
         value: (G, G) potential at (y, x), between 0 and 1.
         height_mm: How high 1 is drawn.
         samples_mm: (N, 2) samples that the potential was learned from.
+        samples_value: (N,) potential at these.
         path_mm: (T, 2) the joint over time; NaN where unknown.
         path_value: (T,) potential along the path; NaN where unknown.
+        energy: Energy along the path.
+        eigenvalues: (r,) of the operator T_z of the samples, decreasing.
+        lam: The lambda below which they are filtered.
+        effective_rank: Number of functions that the filter leaves.
     """
 
     x_mm: Array
@@ -33,8 +43,13 @@ class Landscape:
     value: Array
     height_mm: float
     samples_mm: Array
+    samples_value: Array
     path_mm: Array
     path_value: Array
+    energy: JointEnergy
+    eigenvalues: Array
+    lam: float
+    effective_rank: float
 
     @property
     def cell_mm(self) -> float:
@@ -48,6 +63,16 @@ class Landscape:
         known = np.isfinite(rows) & np.isfinite(columns)
         value = _bilinear(self.value, np.where(known, rows, 0.0), np.where(known, columns, 0.0))
         return np.concatenate([xy_mm, self.height_mm * (np.where(known, value, np.nan) + 0.015)[..., None]], axis=-1)
+
+    @property
+    def preferred(self) -> float:
+        """The level below which half of the samples lie: preferred configurations, as in Figs 7 and 8 of the paper."""
+        return float(np.median(self.samples_value))
+
+    def contour_mm(self, level: float) -> list[Array]:
+        """Lines (n, 2) on which the potential has a value."""
+        lines = contour_generator(self.x_mm, self.y_mm, self.value).lines(level)
+        return [np.asarray(line, dtype=np.float64) for line in lines]
 
 
 def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
@@ -83,8 +108,13 @@ def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
         value=value,
         height_mm=0.8 * half * MM_PER_M,
         samples_mm=joint.samples_m * MM_PER_M,
+        samples_value=np.asarray(joint.potential.value(joint.samples_m / joint.scale_m)),
         path_mm=path_m * MM_PER_M,
         path_value=path_value,
+        energy=joint_energy(tracks.t_s, path_m * MM_PER_M, path_value),
+        eigenvalues=joint.potential.eigenvalues,
+        lam=joint.potential.sigma_lambda,
+        effective_rank=joint.potential.effective_rank,
     )
 
 
@@ -96,8 +126,8 @@ def triangles(n_rows: int, n_columns: int) -> NDArray[np.int64]:
 
 
 def normals(land: Landscape) -> Array:
-    """(G, G, 3) unit normals of the surface."""
-    slope_y, slope_x = np.gradient(land.value * land.height_mm, land.cell_mm)
+    """(G, G, 3) unit normals of the surface, its slopes lessened so that the walls of a well stay bright."""
+    slope_y, slope_x = np.gradient(_SHADING * land.value * land.height_mm, land.cell_mm)
     upward = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
     return upward / np.linalg.norm(upward, axis=-1, keepdims=True)
 

@@ -8,6 +8,7 @@ import numpy as np
 from app.run import Run
 from app.view.landscape import Landscape
 from app.view.scene import Scene, ViewCamera
+from app.view.volume import Block
 from mocap.arrays import Array
 
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -28,6 +29,7 @@ class Layout:
         scene: The scene.
         bounds_px: For each camera with pixels the part of its image where the motion is; those that saw most first.
         landscapes: For each joint that has a potential, that potential over its plane.
+        blocks: For each joint that has one in the body's three coordinates, that potential.
         joint_frames: For each joint the frame of reference in which it is shown.
         nis_limit: Upper end of the axis of the normalised innovation.
     """
@@ -37,6 +39,7 @@ class Layout:
     scene: Scene
     bounds_px: Mapping[str, Box] = field(default_factory=dict)
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
+    blocks: Mapping[str, Block] = field(default_factory=dict)
     joint_frames: Mapping[str, str] = field(default_factory=dict)
     nis_limit: float = 3.0
 
@@ -52,7 +55,12 @@ class Layout:
 
 
 def run_layout(
-    run: Run, scene: Scene, *, landscapes: Mapping[str, Landscape], joint_frames: Mapping[str, str]
+    run: Run,
+    scene: Scene,
+    *,
+    landscapes: Mapping[str, Landscape],
+    blocks: Mapping[str, Block],
+    joint_frames: Mapping[str, str],
 ) -> Layout:
     """The layout of a run."""
     bounds: dict[str, Box] = {}
@@ -70,6 +78,7 @@ def run_layout(
         scene=scene,
         bounds_px=bounds,
         landscapes=landscapes,
+        blocks=blocks,
         joint_frames=joint_frames,
         nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
     )

@@ -4,13 +4,18 @@ import numpy as np
 import rerun as rr
 
 from app.view import palette, paths
+from app.view.chart import log_chart
 from app.view.columns import segments, single, time_columns
-from app.view.landscape import MM_PER_M, Landscape, normals, triangles
+from app.view.energy import JointEnergy
+from app.view.landscape import MM_PER_M, RANGE, Landscape, normals, triangles
 from app.view.log_health import log_line
+from app.view.log_moving import log_moving
 from mocap.arrays import Array
 from mocap.records import JointTracks
 
 COORDINATES = ("q1", "q2", "q3")
+_DECADES = 8
+"""Decades of eigenvalues that are drawn."""
 
 
 def log_coordinates(rec: rr.RecordingStream, tracks: JointTracks, name: str) -> None:
@@ -22,7 +27,7 @@ def log_coordinates(rec: rr.RecordingStream, tracks: JointTracks, name: str) -> 
 
 
 def log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landscape) -> None:
-    """A joint's potential with its samples, and the joint moving over it.
+    """A joint's potential with its samples, its range and preferred configurations, and the joint moving over it.
 
     Args:
         rec: Where to.
@@ -32,8 +37,47 @@ def log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landscap
     """
     _log_surface(rec, paths.surface(name), t_s, land)
     _log_heat_map(rec, paths.heat_map(name), t_s, land)
-    series = f"{paths.joint_series(name)}/potential"
-    log_line(rec, series, t_s, land.path_value, name="V_z(q(t))", color=palette.ORANGE)
+    _log_energy(rec, paths.joint_series(name), t_s, land.path_value, land.energy)
+    _log_spectrum(rec, paths.spectrum(name), land)
+
+
+def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, energy: JointEnergy) -> None:
+    """V_z on the way with the bound of Theorem 3, and the energy that this bound rests on."""
+    log_line(rec, f"{path}/potential/bound", t_s, energy.bound, name="Theorem 3, let go at first", color=palette.GREY)
+    log_line(rec, f"{path}/potential/value", t_s, value, name="V_z(q(t))", color=palette.ORANGE)
+    lines = {
+        "total": (energy.kinetic + energy.potential, palette.WHITE),
+        "kinetic": (energy.kinetic, palette.SKY_BLUE),
+        "V_z / eps²": (energy.potential, palette.ORANGE),
+    }
+    values = np.column_stack([line for line, _ in lines.values()])
+    log_line(rec, f"{path}/energy", t_s, values, name=tuple(lines), color=[color for _, color in lines.values()])
+
+
+def _log_spectrum(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
+    """Eigenvalues of T_z over their number on a logarithmic scale, and lambda across."""
+
+    def height(value: Array) -> Array:
+        return 1 + np.log10(np.maximum(value, 10.0**-_DECADES)) / _DECADES
+
+    n = len(land.eigenvalues)
+    shown = land.eigenvalues > 10.0**-_DECADES
+    number = np.arange(1, n + 1)[shown]
+    most = max(int(number[-1]) if len(number) else 1, 2)
+    dots = np.column_stack([(number - 1) / (most - 1), height(land.eigenvalues[shown])])
+    level = float(height(np.array(land.lam)))
+    log_chart(
+        rec,
+        path,
+        lines=[(np.array([(0.0, level), (1.0, level)]), palette.ORANGE)],
+        dots=(dots, palette.SKY_BLUE),
+        ticks=[
+            *((-0.07, 1 - d / _DECADES, f"1e-{d}" if d else "1") for d in range(0, _DECADES, 2)),
+            (0.0, 0.0, "1"),
+            (1.0, 0.0, f"{most}"),
+            (0.75, level + 0.14, f"lambda {land.lam:.0e}, rank {land.effective_rank:.0f}"),
+        ],
+    )
 
 
 def _log_surface(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
@@ -42,13 +86,17 @@ def _log_surface(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape
     mesh = rr.Mesh3D(
         vertex_positions=single(vertices.reshape(-1, 3)),
         vertex_normals=single(normals(land).reshape(-1, 3)),
-        vertex_colors=palette.viridis(land.value).reshape(-1, 3),
+        vertex_colors=palette.depth(land.value).reshape(-1, 3),
         triangle_indices=triangles(*land.value.shape),
     )
     rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     rec.log(f"{path}/potential", mesh, static=True)
     _log_frame(rec, f"{path}/frame", land)
-    _log_moving(rec, path, t_s, land.lifted(land.samples_mm), land.lifted(land.path_mm))
+    way = land.lifted(land.path_mm)
+    log_moving(rec, path, t_s, land.lifted(land.samples_mm), way, dots=palette.GROUND, trail=palette.BLUE)
+    ui = rr.components.Radius.ui_points
+    lifted = [land.lifted(line) for line in land.contour_mm(RANGE)]
+    rec.log(f"{path}/range", rr.LineStrips3D(lifted, colors=palette.WHITE, radii=ui(1.0)), static=True)
 
 
 def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
@@ -88,7 +136,7 @@ def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscap
     place = rr.Transform3D(
         translation=(land.x_mm[0] - half, -land.y_mm[-1] - half, 0), scale=(land.cell_mm, land.cell_mm, 1)
     )
-    picture = palette.viridis(land.value[::-1])
+    picture = palette.depth(land.value[::-1])
     rec.log(f"{path}/potential", place, static=True)
     rec.log(
         f"{path}/potential",
@@ -96,36 +144,33 @@ def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscap
         static=True,
     )
     flip = np.array([1.0, -1.0])
-    _log_moving(rec, path, t_s, land.samples_mm * flip, land.path_mm * flip)
-
-
-def _log_moving(rec: rr.RecordingStream, path: str, t_s: Array, samples: Array, way: Array) -> None:
-    """Samples, the point where the joint is, and the steps that it took to get there.
-
-    Args:
-        rec: Where to.
-        path: Parent of the three entities.
-        t_s: (T,) times.
-        samples: (N, D) points; D is 2 or 3.
-        way: (T, D) the joint.
-    """
-    flat = way.shape[1] == 2
-    points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
     ui = rr.components.Radius.ui_points
-    rec.log(f"{path}/samples", points(single(samples), colors=palette.WHITE, radii=ui(1.25)), static=True)
-    rec.log(f"{path}/now", points.from_fields(colors=palette.VERMILLION, radii=ui(7.0)), static=True)
-    rec.log(f"{path}/trail", strips.from_fields(colors=palette.ORANGE, radii=ui(1.5)), static=True)
-    if flat:
-        for name, order in (("samples", 10.0), ("trail", 20.0), ("now", 30.0)):
-            look = rr.LineStrips2D if name == "trail" else rr.Points2D
-            rec.log(f"{path}/{name}", look.from_fields(draw_order=order), static=True)
-    columns = points.columns(positions=single(way)).partition(np.ones(len(way), dtype=int))
-    rec.send_columns(f"{path}/now", indexes=time_columns(t_s), columns=columns)
-    if len(way) > 1:
-        there = np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1)
-        steps = segments(way[:-1][there], way[1:][there])
-        rec.send_columns(
-            f"{path}/trail",
-            indexes=time_columns(t_s, at=np.arange(1, len(way))),
-            columns=strips.columns(strips=steps).partition(there.astype(int)),
-        )
+    edge = [line * flip for line in land.contour_mm(RANGE)]
+    rec.log(f"{path}/range", rr.LineStrips2D(edge, colors=palette.WHITE, radii=ui(1.25), draw_order=15.0), static=True)
+    _log_axes(rec, f"{path}/axes", land)
+    preferred = land.samples_value <= land.preferred
+    dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
+    log_moving(rec, path, t_s, land.samples_mm * flip, land.path_mm * flip, dots=dots, trail=palette.BLUE)
+    limb = segments(np.zeros_like(land.path_mm), land.path_mm * flip)
+    look = rr.LineStrips2D.from_fields(colors=palette.GREY, radii=ui(1.5), draw_order=18.0)
+    rec.log(f"{path}/limb", look, static=True)
+    ones = np.ones(len(limb), dtype=int)
+    columns = rr.LineStrips2D.columns(strips=limb).partition(ones)
+    rec.send_columns(f"{path}/limb", indexes=time_columns(t_s), columns=columns)
+
+
+def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
+    """What the edges of the map are, in millimetres."""
+    (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
+    near, low = x0 + 0.07 * (x1 - x0), -y0 - 0.03 * (y1 - y0)
+    ticks = [
+        (near, low, f"{x0:.0f}"),
+        ((x0 + x1) / 2, low, "q1 / mm"),
+        (x1 - 0.07 * (x1 - x0), low, f"{x1:.0f}"),
+        (near, -y0 - 0.12 * (y1 - y0), f"{y0:.0f}"),
+        (near, -(y0 + y1) / 2, "q2 / mm"),
+        (near, -y1 + 0.03 * (y1 - y0), f"{y1:.0f}"),
+    ]
+    places, texts = [(x, y) for x, y, _ in ticks], [text for *_, text in ticks]
+    names = rr.Points2D(places, labels=texts, colors=palette.GREY, radii=0.0, show_labels=True, draw_order=40.0)
+    rec.log(path, names, static=True)

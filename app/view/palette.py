@@ -46,8 +46,8 @@ _VIRIDIS = np.array(
 )
 
 
-def viridis(value: Array) -> NDArray[np.uint8]:
-    """Colours of values between 0 (dark violet) and 1 (yellow).
+def depth(value: Array) -> NDArray[np.uint8]:
+    """Colours of a potential between 0 (yellow: where the animal goes) and 1 (dark violet: nothing holds there).
 
     Args:
         value: (...) numbers; outside of 0..1 they are clipped.
@@ -55,7 +55,7 @@ def viridis(value: Array) -> NDArray[np.uint8]:
     Returns:
         (..., 3) red, green, blue.
     """
-    at = np.clip(value, 0, 1) * (len(_VIRIDIS) - 1)
+    at = (1 - np.clip(value, 0, 1)) * (len(_VIRIDIS) - 1)
     knots = np.arange(len(_VIRIDIS))
     return np.stack([np.interp(at, knots, c) for c in _VIRIDIS.T], axis=-1).round().astype(np.uint8)
 

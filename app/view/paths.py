@@ -54,6 +54,16 @@ def heat_map(name: str) -> str:
     return f"{joint(name)}/map"
 
 
+def volume(name: str) -> str:
+    """Potential of a joint in the three coordinates of the body."""
+    return f"{joint(name)}/volume"
+
+
+def spectrum(name: str) -> str:
+    """Eigenvalues behind the potential of a joint."""
+    return f"{joint(name)}/spectrum"
+
+
 def joint_series(name: str) -> str:
     """What a joint does over time."""
     return f"{joint(name)}/series"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from app.potentials import joint_potentials
 from app.run import Run
 from app.view.blueprint import make_blueprint
 from app.view.landscape import landscape
@@ -20,11 +21,15 @@ from app.view.log_joints import log_coordinates, log_potential
 from app.view.log_markers import log_markers, log_trails, log_uncertainty
 from app.view.log_report import log_report
 from app.view.log_video import log_video
+from app.view.log_volume import log_volume
 from app.view.log_world import log_world
 from app.view.scene import Scene, make_scene
+from app.view.volume import block
 from mocap.errors import MocapError
 
 APPLICATION = "mocap"
+SPACE = "body"
+"""Frame of reference in which joints have three coordinates and a potential in these."""
 
 
 class RecordingError(MocapError):
@@ -70,7 +75,11 @@ def make_layout(run: Run) -> Layout:
         for name, frame in frames.items()
         if name in run.potentials
     }
-    return run_layout(run, run_scene(run), landscapes=landscapes, joint_frames=frames)
+    blocks = {}
+    if SPACE in run.joints and run.potentials:
+        spatial = joint_potentials(run.joints, run.tracked.markers, run.skeleton, frame=SPACE)
+        blocks = {name: block(p, run.joints[SPACE]) for name, p in spatial.items() if name in landscapes}
+    return run_layout(run, run_scene(run), landscapes=landscapes, blocks=blocks, joint_frames=frames)
 
 
 def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
@@ -92,6 +101,8 @@ def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
         log_coordinates(rec, run.joints[frame], name)
     for name, land in layout.landscapes.items():
         log_potential(rec, name, markers.t_s, land)
+    for name, cloud in layout.blocks.items():
+        log_volume(rec, name, markers.t_s, cloud)
     log_report(rec, run.report_text)
 
 

@@ -30,11 +30,24 @@ def surface_view(layout: Layout, name: str) -> rrb.View:
     extent_mm = float(land.x_mm[-1] - land.x_mm[0])
     return rrb.Spatial3DView(
         origin=paths.surface(name),
-        name=f"{name}: potential V_z(q), 0 violet to 1 yellow, over q (mm)",
+        name=f"{name}: potential V_z(q), 0 yellow to 1 violet, over q (mm)",
         background=palette.GROUND,
         line_grid=False,
-        eye_controls=eye(middle, 1.65 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
+        eye_controls=eye(middle, 1.8 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
         overrides={f"{paths.surface(name)}/trail": last_frames(layout.trail_frames)},
+    )
+
+
+def volume_view(layout: Layout, name: str) -> rrb.View:
+    """The potential of a joint as a cloud, and the limb in it."""
+    cloud = layout.blocks[name]
+    return rrb.Spatial3DView(
+        origin=paths.volume(name),
+        name=f"{name} in the body (mm): 1 - V_z, dense where it goes",
+        background=palette.GROUND,
+        line_grid=False,
+        eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),
+        overrides={f"{paths.volume(name)}/trail": last_frames(layout.trail_frames)},
     )
 
 

@@ -127,7 +127,7 @@ def make_run(
         ideal_px=pixels,
         y_up=y_up,
         tracked=tracked,
-        joints={"plane": joints},
+        joints=joints,
         potentials=potentials,
         report={},
         report_text=_REPORT,
@@ -170,7 +170,7 @@ def _pixels(
 
 def _joints(
     body: Skeleton, truth: Array, t_s: Array, n_joints: int, rng: np.random.Generator
-) -> tuple[JointTracks, dict[str, JointPotential]]:
+) -> tuple[dict[str, JointTracks], dict[str, JointPotential]]:
     index = {name: i for i, name in enumerate(body.markers)}
     chosen = body.joints[:n_joints]
     q = np.empty((len(t_s), len(chosen), 2))
@@ -186,7 +186,10 @@ def _joints(
     q[len(q) // 3 : len(q) // 3 + 3] = np.nan
     sd_m = np.full(q.shape[:2], 0.001)
     names = tuple(joint.name for joint in chosen)
-    return JointTracks(names=names, frame="plane", t_s=t_s, q_m=q, sd_m=sd_m), potentials
+    plane = JointTracks(names=names, frame="plane", t_s=t_s, q_m=q, sd_m=sd_m)
+    whole = np.stack([truth[:, index[j.child]] - truth[:, index[j.centre]] for j in chosen], axis=1) if chosen else None
+    space = np.empty((len(t_s), 0, 3)) if whole is None else whole
+    return {"plane": plane, "body": JointTracks(names=names, frame="body", t_s=t_s, q_m=space, sd_m=sd_m)}, potentials
 
 
 _REPORT = """# flapper-demo

@@ -12,8 +12,11 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from app.potentials import joint_potentials
 from app.view import palette, paths
 from app.view.blueprint import make_blueprint
+from app.view.chart import SIZE as CHART_SIZE
+from app.view.energy import STIFFNESS
 from app.view.log_cameras import WHISKER_SCALE
 from app.view.log_markers import ELLIPSOID_SD
 from app.view.record import RecordingError, make_layout, recording_id, write_recording
@@ -152,7 +155,7 @@ def test_joint_moves_on_its_potential(run, rrd):
     joints = run.joints["plane"]
     for j, name in enumerate(joints.names):
         potential, q_m = run.potentials[name], joints.q_m[:, j]
-        value = column(rrd, f"{paths.joint_series(name)}/potential", "Scalars:scalars")[2]
+        value = column(rrd, f"{paths.joint_series(name)}/potential/value", "Scalars:scalars")[2]
         known = np.isfinite(q_m).all(axis=1)
         assert np.isnan(value[~known]).all()
         expected = potential.potential.value(q_m[known] / potential.scale_m)
@@ -186,8 +189,76 @@ def test_potential_is_drawn_where_it_is(run, rrd):
     size = int(np.sqrt(len(picture) / 3))
     rows, columns = np.mgrid[:size, :size] + 0.5
     q_mm = np.stack([x0 + columns * cell, -(y0 + rows * cell)], axis=-1)
-    expected = palette.viridis(value(q_mm)).astype(int)
+    expected = palette.depth(value(q_mm)).astype(int)
     assert np.abs(picture.reshape(size, size, 3) - expected).max() <= 1  # rounding to whole colours
+
+
+def test_bound_is_the_energy_of_the_first_frame(run, rrd):
+    """From the first known frame on V(q0) + eps^2 |dq/dt|^2 / 2, speed by differences; total = kinetic + potential."""
+    joints = run.joints["plane"]
+    for j, name in enumerate(joints.names):
+        series = paths.joint_series(name)
+        q_m, t_s = joints.q_m[:, j], joints.t_s
+        total, kinetic, held = column(rrd, f"{series}/energy", "Scalars:scalars")[2].reshape(-1, 3).T
+        np.testing.assert_allclose(total, kinetic + held, rtol=1e-12)
+        speed = (q_m[2:] - q_m[:-2]) / (t_s[2:] - t_s[:-2])[:, None]
+        np.testing.assert_allclose(kinetic[1:-1], 0.5 * (speed**2).sum(axis=1), rtol=1e-9)
+        value = column(rrd, f"{series}/potential/value", "Scalars:scalars")[2]
+        strength = STIFFNESS * np.nanmax(kinetic)
+        np.testing.assert_allclose(held, strength * value, rtol=1e-12)
+        bound = column(rrd, f"{series}/potential/bound", "Scalars:scalars")[2]
+        np.testing.assert_allclose(bound, value[0] + kinetic[0] / strength, rtol=1e-12)
+
+
+def test_range_and_preferred_configurations(run, rrd):
+    """On the white line V is a half; red samples are the half of least V, as the potential itself says."""
+    name = "L_elbow"
+    potential = run.potentials[name]
+    line = column(rrd, f"{paths.heat_map(name)}/range", "LineStrips2D:strips")[2].reshape(-1, 2) * (1, -1)
+    at_line = potential.potential.value(line.astype(np.float64) / 1000 / potential.scale_m)
+    land = make_layout(run).landscapes[name]
+    # linear interpolation on the grid errs by cell^2 / 8 times the curvature, at most 4 beta in units of the scale
+    error = (land.cell_mm / 1000 / potential.scale_m) ** 2 / 8 * 2 * 4 * 8.0
+    np.testing.assert_allclose(at_line, 0.5, atol=error)
+    at_samples = potential.potential.value(potential.samples_m / potential.scale_m)
+    colors = column(rrd, f"{paths.heat_map(name)}/samples", "Points2D:colors")[2]
+    red = colors == int.from_bytes(bytes((*palette.VERMILLION, 255)))
+    np.testing.assert_array_equal(red, at_samples <= np.median(at_samples))
+
+
+def test_spectrum_is_that_of_the_gram_matrix(run, rrd):
+    """Dots are the eigenvalues of K / N by NumPy, a decade an eighth of the frame; the line is at lambda."""
+    name = "L_elbow"
+    joint = run.potentials[name]
+    z = joint.samples_m / joint.scale_m
+    gram = np.exp(-8.0 * ((z[:, None] - z) ** 2).sum(axis=-1)) / len(z)
+    dots = column(rrd, f"{paths.spectrum(name)}/dots", "Points2D:positions")[2]
+    decades = 8 * dots[:, 1].astype(np.float64) / CHART_SIZE[1]
+    expected = np.sort(np.linalg.eigvalsh(gram))[::-1][: len(decades)]
+    large = expected > 1e-4  # a low-rank factor leaves out 1e-5
+    np.testing.assert_allclose(10.0 ** -decades[large], expected[large], rtol=0.1)
+    lines = column(rrd, f"{paths.spectrum(name)}/lines", "LineStrips2D:strips")[2].reshape(-1, 2)
+    np.testing.assert_allclose(8 * lines[-1, 1] / CHART_SIZE[1], 3.0, rtol=1e-6)  # lambda = 1e-3
+
+
+def test_volume_is_the_potential_in_the_body(tmp_path):
+    """Voxel (k, j, i) holds 1 - V at its middle, of the potential learned from the joint's three coordinates."""
+    run, rrd = make_run(n_frames=120, n_cameras=0), tmp_path / "r.rrd"
+    write_recording(run, rrd)
+    name = "L_elbow"
+    spatial = joint_potentials(run.joints, run.tracked.markers, run.skeleton, frame="body")[name]
+    path = f"{paths.volume(name)}/potential"
+    cell = column(rrd, path, "Volume3D:voxel_size")[2][0]
+    corner = column(rrd, path, "Volume3D:translation")[2][0]
+    cloud = make_layout(run).blocks[name]
+    np.testing.assert_allclose(corner, cloud.corner_mm, rtol=1e-6)
+    rng = np.random.default_rng(0)
+    for k, j, i in rng.integers(0, cloud.value.shape, size=(20, 3)):
+        middle_m = (corner + cell * (np.array([i, j, k]) + 0.5)) / 1000
+        expected = spatial.potential.value(middle_m / spatial.scale_m)
+        assert cloud.value[k, j, i] == pytest.approx(expected, abs=1e-5)
+    now = column(rrd, f"{paths.volume(name)}/now", "Points3D:positions")[2]
+    np.testing.assert_array_equal(now, (run.joints["body"].q_m[:, 0] * 1000).astype(np.float32))
 
 
 def test_report_is_the_text(run, rrd):

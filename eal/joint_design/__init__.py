@@ -1,0 +1,39 @@
+"""Joints designed from potentials: trusses whose strain energy U(q) is V_z(q), EAL paper, section 2.3."""
+
+from eal.joint_design.design import GOAL, Design, design_truss
+from eal.joint_design.equilibrium import Equilibria, equilibria
+from eal.joint_design.errors import DesignError, Law
+from eal.joint_design.limits import Limits
+from eal.joint_design.measures import LEVELS, Fit, Tolerance, measure, potential_doubt, tolerance_study
+from eal.joint_design.path import Followed, Snap, follow, over_grid
+from eal.joint_design.release import Release, recorded_velocities, release, truss_penalty
+from eal.joint_design.target import Target, make_target
+from eal.joint_design.truss import Truss
+
+__all__ = [
+    "GOAL",
+    "LEVELS",
+    "Design",
+    "DesignError",
+    "Equilibria",
+    "Fit",
+    "Followed",
+    "Law",
+    "Limits",
+    "Release",
+    "Snap",
+    "Target",
+    "Tolerance",
+    "Truss",
+    "design_truss",
+    "equilibria",
+    "follow",
+    "make_target",
+    "measure",
+    "over_grid",
+    "potential_doubt",
+    "recorded_velocities",
+    "release",
+    "tolerance_study",
+    "truss_penalty",
+]

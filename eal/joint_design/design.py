@@ -1,0 +1,174 @@
+"""A truss for a potential: several starts of ground structure, selection and refinement, and the best of them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eal.arrays import Array
+from eal.joint_design.errors import DesignError
+from eal.joint_design.ground import candidates, fixed_nodes, sparse
+from eal.joint_design.internal import crossings, with_internal_node
+from eal.joint_design.limits import Limits, broken
+from eal.joint_design.measures import measure, overlap
+from eal.joint_design.path import over_grid
+from eal.joint_design.refine import refine
+from eal.joint_design.target import Target
+from eal.joint_design.truss import Truss
+
+Progress = Callable[[float], None]
+
+_ALPHAS = (1e-4, 3e-3)
+"""Range of the weight of stiffnesses, one drawn a start: few members or many."""
+
+_LINES = 12
+"""Grid lines of fixed nodes within reach, each way."""
+
+_EVALUATIONS = 60
+GOAL = 0.1
+"""RMS inside the region that a design should reach."""
+
+_AS_GOOD = 0.1
+"""Of two trusses whose RMS differs by this share, the one with fewer members is taken."""
+
+_WORST_OVERLAP = 0.5
+"""Overlap at the half level below which a design is refused."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Design:
+    """The simplest good truss that was found.
+
+    Attributes:
+        truss: In the target's unit of length, V's unit as unit of energy.
+        stored: Energy at V = 0.
+        rms: (S,) root mean square of U - stored - V inside the region by start.
+        members: (S,) members of each start's truss.
+        chosen: The start whose truss this is.
+    """
+
+    truss: Truss
+    stored: float
+    rms: Array
+    members: Array
+    chosen: int
+
+
+def design_truss(
+    target: Target,
+    limits: Limits,
+    *,
+    rng: np.random.Generator,
+    starts: int = 6,
+    internal: int = 0,
+    mirror: Array | None = None,
+    may_cross: bool = True,
+    progress: Progress = lambda _share: None,
+) -> Design:
+    """A truss whose energy U, less a constant, is the potential: U - c = V in the region, U - c >= level outside.
+
+    Args:
+        target: The potential.
+        limits: What members may be.
+        rng: Shifts the ground structures and draws the weights; the same generator gives the same design.
+        starts: Ground structures tried.
+        internal: Internal nodes in each truss; each costs two members more.
+        mirror: (d, d) reflection that the truss shall have as symmetry; not with internal nodes.
+        may_cross: False: no two members cross anywhere in the region.
+        progress: Told the share done.
+
+    Returns:
+        The truss of the fewest members among those nearly as good as the best.
+
+    Raises:
+        DesignError: no truss within the limits comes near; the message names the limit that binds.
+    """
+    if internal and mirror is not None:
+        raise DesignError("mirrored pairs of members cannot have internal nodes: give --internal or --symmetric")
+    if 2 * internal + 2 > limits.members:
+        raise DesignError(f"{internal} internal nodes need {2 * internal + 2} members, but members is {limits.members}")
+    found: list[tuple[Truss, float]] = []
+    crossed = 0
+    for start in range(starts):
+        done = start / starts
+        nodes = fixed_nodes(target, limits, rng, mirror=mirror, lines=_LINES)
+        offered = candidates(target, limits, nodes, mirror=mirror)
+        alpha = float(np.exp(rng.uniform(*np.log(_ALPHAS))))
+        truss, stored = sparse(target, offered, most=limits.members - 2 * internal, alpha=alpha)
+        for _ in range(internal):
+            truss = with_internal_node(truss, target, rng)
+        count = iter(range(1, 10**6))
+        refined = refine(
+            target,
+            truss,
+            stored,
+            limits,
+            mirror=mirror,
+            evaluations=_EVALUATIONS,
+            progress=lambda done=done, count=count: progress(done + min(next(count) / _EVALUATIONS, 1.0) / starts),
+        )
+        if not may_cross and crossings(refined.truss, target):
+            crossed += 1
+            continue
+        found.append((refined.truss, refined.stored))
+    progress(1.0)
+    if not found:
+        raise DesignError(f"members cross in all {crossed} designs: ask for fewer internal nodes, or let them cross")
+    fits = [measure(truss, stored, target) for truss, stored in found]
+    rms, members = np.array([fit.rms for fit in fits]), np.array([len(truss.rest_m) for truss, _ in found])
+    best = _simplest(rms, members)
+    truss, stored = found[best]
+    if fits[best].iou[1] < _WORST_OVERLAP:
+        raise DesignError(_what_binds(target, limits, fits[best].iou[1], mirror))
+    _check_limits(truss, target, limits)
+    return Design(truss=truss, stored=stored, rms=rms, members=members, chosen=best)
+
+
+def _simplest(rms: Array, members: Array) -> int:
+    """The fewest members whose RMS is within ``_AS_GOOD`` of the best and not above ``GOAL`` unless the best is."""
+    allowed = rms <= max(min((1.0 + _AS_GOOD) * rms.min(), GOAL), rms.min())
+    return int(np.lexsort((rms, np.where(allowed, members, members.max() + 1)))[0])
+
+
+def _check_limits(truss: Truss, target: Target, limits: Limits) -> None:
+    states = over_grid(truss, target)
+    stretch = states.stretch[target.inside]
+    lengths = np.stack([stretch.min(axis=0), stretch.max(axis=0)], axis=1) * truss.rest_m[:, None]
+    ends = np.where(truss.ends < truss.moving, truss.ends, -1)
+    away = np.append(np.linalg.norm(truss.fixed_m, axis=1), 0.0)
+    pushes = np.array([law != "cable" for law in truss.laws])
+    for name, excess in broken(limits, lengths, truss.rest_m, pushes, away[ends].max(axis=1)).items():
+        member = int(np.argmax(excess))
+        if excess[member] > 0.0:
+            raise DesignError(
+                f"the limit '{name}' ({getattr(limits, name):.3g}) binds: member {member + 1} of the best truss breaks "
+                f"it by {100 * excess[member]:.1f} %; widen it, or take more members or a lower level"
+            )
+
+
+def _what_binds(target: Target, limits: Limits, iou: float, mirror: Array | None) -> str:
+    """Which limit, widened alone, helps a sparse truss on a ground structure most."""
+    wider = {
+        "members": {"members": 2 * limits.members},
+        "shortest": {"shortest": 0.5 * limits.shortest},
+        "longest": {"longest": 2.0 * limits.longest},
+        "reach": {"reach": 2.0 * limits.reach},
+        "contraction": {"contraction": 0.5 * (1.0 + limits.contraction)},
+        "extension": {"extension": 3.0 * limits.extension},
+    }
+    reached = {}
+    for name, change in wider.items():
+        changed = replace(limits, **change)
+        rng = np.random.default_rng(0)
+        try:
+            nodes = fixed_nodes(target, changed, rng, mirror=mirror, lines=_LINES)
+            offered = candidates(target, changed, nodes, mirror=mirror)
+            truss, stored = sparse(target, offered, most=changed.members, alpha=1e-3)
+        except DesignError:
+            continue
+        reached[name] = overlap(over_grid(truss, target).energy_j - stored, target.v, 0.5)
+    best = max(reached, key=lambda name: reached[name])
+    return (
+        f"within the limits the best truss overlaps the potential's half level by {iou:.2f}, where {_WORST_OVERLAP:g} "
+        f"is asked: '{best}' ({getattr(limits, best):.3g}) binds most, widened alone it allows {reached[best]:.2f}"
+    )

@@ -1,0 +1,71 @@
+"""Axial energy of a truss member under large displacement, each law under its formula.
+
+The energy of a member of rest length L and stiffness k is k L^2 w(s), s = l / L its stretch. Every law has w(1) = 0,
+w'(1) = 0 and w''(1) = 1 (a cable from the taut side), so that k is the axial stiffness E A / L at rest, in N/m.
+"""
+
+from typing import Any, get_args
+
+import jax.numpy as jnp
+import numpy as np
+
+from eal.arrays import Array
+from eal.joint_design.errors import DesignError, Law
+
+LAWS: tuple[str, ...] = get_args(Law)
+"""In the order of the codes of ``law_codes``."""
+
+TAPE_STRAIN = 0.15
+"""Strain at which a tape spring's force peaks."""
+
+TAPE_PLATEAU = 0.3
+"""What of a tape spring's force comes from the part that does not fall again."""
+
+
+def linear(s: Any) -> Any:
+    """W = (s - 1)^2 / 2: Hooke's law for the engineering strain, at any rotation."""
+    return 0.5 * (s - 1.0) ** 2
+
+
+def neo_hookean(s: Any) -> Any:
+    """W = (s^2 + 2/s - 3) / 6: an incompressible neo-Hookean bar pulled along its axis, mu = E / 3.
+
+    Holzapfel, Nonlinear Solid Mechanics (2000), section 6.5; compression to nothing costs infinite energy.
+    """
+    return (s * s + 2.0 / s - 3.0) / 6.0
+
+
+def cable(s: Any) -> Any:
+    """W = max(s - 1, 0)^2 / 2: linear when taut, nothing when slack."""
+    return 0.5 * jnp.maximum(s - 1.0, 0.0) ** 2
+
+
+def tape(s: Any) -> Any:
+    """A member like a tape spring: stiff at first, then its force falls from a peak to a plateau, both ways.
+
+    With e = s - 1, c the strain of the peak and p the share of the plateau,
+    w = (1 - p) c^2 (1 - exp(-e^2 / 2 c^2)) + p c^2 (sqrt(1 + e^2 / c^2) - 1): the moment and rotation of a tape
+    spring (Seffen and Pellegrino 1999) have this shape; it is not their formula.
+    """
+    c2 = TAPE_STRAIN**2
+    e2 = (s - 1.0) ** 2
+    peak = c2 * (1.0 - jnp.exp(-e2 / (2.0 * c2)))
+    plateau = c2 * (jnp.sqrt(1.0 + e2 / c2) - 1.0)
+    return (1.0 - TAPE_PLATEAU) * peak + TAPE_PLATEAU * plateau
+
+
+def member_energy(s: Any, code: Any) -> Any:
+    """W of stretches s by the codes of their laws (``law_codes``); both (...)."""
+    return jnp.select([code == i for i in range(len(LAWS))], [linear(s), neo_hookean(s), cable(s), tape(s)])
+
+
+def law_codes(laws: tuple[Law, ...]) -> Array:
+    """(m,) codes of member laws.
+
+    Raises:
+        DesignError: a law has no such name.
+    """
+    for law in laws:
+        if law not in LAWS:
+            raise DesignError(f"a member's law must be one of {', '.join(LAWS)}, but is {law!r}")
+    return np.array([LAWS.index(law) for law in laws], dtype=np.float64)

@@ -1,0 +1,131 @@
+"""A mass on the truss, released where the joint was: does it stay where the joint goes? Beside the EAL model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from eal.arrays import Array
+from eal.integrators import simulate
+from eal.joint_design.equilibrium import Equilibria, equilibria
+from eal.joint_design.errors import Indices
+from eal.joint_design.truss import Truss
+from eal.lagrangian import LagrangianSystem, PenalisedModel, Penalty
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrussPenalty:
+    """The energy of a truss as a penalty of ``eal.lagrangian``: a single-valued U(q) on the branch of a map.
+
+    Attributes:
+        truss: The truss.
+        stored: Subtracted from its energy.
+        map: The truss over a grid; internal nodes start from the nearest point's.
+        curvature_limit: Largest eigenvalue of its stiffness on the map.
+    """
+
+    truss: Truss
+    stored: float
+    map: Equilibria
+    curvature_limit: float
+
+    def value(self, q: Array, /) -> Array:
+        """U - stored: (..., d) to (...)."""
+        return self._at(q).energy_j.reshape(q.shape[:-1]) - self.stored
+
+    def gradient(self, q: Array, /) -> Array:
+        """DU/dq: (..., d) to (..., d)."""
+        return self._at(q).force_n.reshape(q.shape)
+
+    def _at(self, q: Array) -> Equilibria:
+        flat = q.reshape(-1, q.shape[-1])
+        if not self.truss.internal_m.size:
+            return equilibria(self.truss, flat)
+        return equilibria(self.truss, flat, self.map.x_m[KDTree(self.map.q_m).query(flat)[1]])
+
+
+def truss_penalty(truss: Truss, stored: float, found: Equilibria) -> TrussPenalty:
+    """The penalty over a map that ``over_grid`` made."""
+    limit = float(np.linalg.eigvalsh(found.stiffness_n_m)[:, -1].max())
+    return TrussPenalty(truss=truss, stored=stored, map=found, curvature_limit=limit)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Release:
+    """Masses released from sampled states.
+
+    Attributes:
+        q: (T, n, d) their ways.
+        t: (T,) times; the unit is the time in which a mass with the kinetic energy V = 1/2 covers one length.
+        inside: Share of time with V below the region's level.
+        inside_half: Share of time with V < 1/2.
+        drift: Largest departure of the energy from its start, V = 1 being the unit.
+    """
+
+    q: Array
+    t: Array
+    inside: float
+    inside_half: float
+    drift: float
+
+
+def release(
+    penalty: Penalty,
+    potential: Penalty,
+    starts: Array,
+    velocities: Array,
+    *,
+    level: float,
+    duration: float,
+    step: float,
+) -> Release:
+    """Unit masses in a penalty of strength 1, without damping.
+
+    Args:
+        penalty: What holds them: the truss, or V_z itself for the EAL model (equation 7 with 1/eps^2 = 1).
+        potential: V, which says where they are.
+        starts: (n, d) sampled positions.
+        velocities: (n, d) velocities there.
+        level: Edge of the region.
+        duration: Time.
+        step: Step of RK4.
+    """
+    d = starts.shape[1]
+    system = _free(d)
+    model = PenalisedModel(system=system, penalty=penalty, strength=1.0)
+    run = simulate(model, starts, velocities, duration_s=duration, h_s=step, method="rk4", every=2)
+    v = potential.value(run.q)
+    energy = model.energy(run.q, run.v)
+    return Release(
+        q=run.q,
+        t=run.t_s,
+        inside=float(np.mean(v < level)),
+        inside_half=float(np.mean(v < 0.5)),
+        drift=float(np.abs(energy - energy[0]).max()),
+    )
+
+
+def _free(d: int) -> LagrangianSystem:
+    return LagrangianSystem(
+        name="unit mass",
+        names=("q1", "q2", "q3")[:d],
+        units=("length",) * d,
+        kinetic=lambda q, v: 0.5 * np.sum(v * v, axis=-1) + 0.0 * q[..., 0],
+        potential=lambda q: np.zeros(q.shape[:-1]),
+        mass=lambda q: np.broadcast_to(np.eye(d), (*q.shape, d)),
+        force=lambda q, v: np.zeros(np.broadcast_shapes(q.shape, v.shape)),
+        solve=lambda q, f: f,  # noqa: ARG005
+    )
+
+
+def recorded_velocities(samples: Array, starts: Indices, *, energy: float) -> Array:
+    """(n, d) velocities at some samples, as the sequence of all has them, the fastest with a kinetic energy.
+
+    Args:
+        samples: (N, d) positions in the order of time.
+        starts: (n,) indices of the starts.
+        energy: Kinetic energy of the fastest of these, unit mass.
+    """
+    way = np.gradient(samples, axis=0)[starts]
+    fastest = float(np.linalg.norm(way, axis=1).max())
+    return way * (np.sqrt(2.0 * energy) / max(fastest, 1e-300))

@@ -20,8 +20,8 @@ def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Pa
     """Write a recording into a folder, which is made if need be; files of the same names are replaced.
 
     Each file appears when all are whole. The offsets say which frame of a camera shows the instant of a row, as DLTdv
-    has them: below zero where the camera starts late, in fractions of frames. The truth holds ``names``, ``t_s``, ``xyz_m``, ``fps``, ``start_s``,
-    ``occluded``, ``lost``, ``outlier`` and ``contact``, as in the record.
+    has them: below zero where the camera starts late, in fractions of frames. The truth holds ``names``, ``t_s``,
+    ``xyz_m``, ``fps``, ``start_s``, ``occluded``, ``lost``, ``outlier`` and ``contact``, as in the record.
 
     Args:
         recording: What to write.

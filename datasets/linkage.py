@@ -5,7 +5,7 @@ import numpy as np
 from mocap.arrays import Array
 
 
-def turn(axis: int, angle_rad: Array) -> Array:
+def turn(axis: int, angle_rad: Array | float) -> Array:
     """Right-handed rotations about a coordinate axis.
 
     Args:

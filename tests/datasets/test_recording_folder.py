@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from datasets import PERFECT, make_bat, make_lizard, read_truth, write_recording
+from datasets.dvproject import write_project
 from mocap.cameras import project, record, stacked, undistorted
 from mocap.errors import FormatError
 from mocap.formats.csv_table import read_table
 from mocap.formats.dltdv import read_coefficients, read_pixels
+from mocap.formats.dvproject import read_project
 from mocap.formats.profile import with_profile
 from mocap.skeleton import Skeleton, read_skeleton, write_skeleton
+from mocap.triangulate import linear
 
 
 @pytest.mark.parametrize("make", [make_bat, make_lizard])
@@ -85,3 +88,29 @@ def test_what_is_no_truth_is_an_error(tmp_path):
     (tmp_path / "y.npz").write_text("text")
     with pytest.raises(FormatError, match="not the truth"):
         read_truth(tmp_path / "y.npz")
+
+
+def test_a_project_of_dltdv8_reads_back_as_written(tmp_path):
+    """Pixels, cameras, lenses and offsets to the last bit; the stored points are what DLTdv would triangulate."""
+    recording = make_bat(seed=4, n_frames=60, start_spread_frames=0.5)
+    write_project(tmp_path / "bat_dvProject.mat", recording)
+    project = read_project(tmp_path / "bat_dvProject.mat")
+    np.testing.assert_array_equal(project.pixels.uv_px, recording.pixels.uv_px)
+    assert project.pixels.names == recording.pixels.names
+    assert project.fps == recording.fps
+    assert [c.lens for c in project.cameras] == [c.lens for c in recording.cameras]
+    assert [c.size_px for c in project.cameras] == [c.size_px for c in recording.cameras]
+    exact = record(recording.cameras, recording.truth.xyz_m)
+    np.testing.assert_allclose(record(project.cameras, recording.truth.xyz_m), exact, atol=1e-9, rtol=0)
+    np.testing.assert_array_equal(project.offset_frames, np.tile(-recording.start_s * recording.fps, (60, 1)))
+    ideal = undistorted(project.cameras, project.pixels.uv_px, iterations=project.undistort_iterations)
+    np.testing.assert_allclose(linear(stacked(project.cameras), ideal), project.stored.xyz_m, atol=1e-9)
+    head = (tmp_path / "bat_dvProject.mat").read_bytes()[:128]
+    assert head.startswith(b"MATLAB 7.3 MAT-file")
+    assert head[124:] == b"\x00\x02IM"
+
+
+def test_a_fisheye_is_no_lens_of_dltdv(tmp_path):
+    recording = make_bat(n_frames=2, lens="fisheye")
+    with pytest.raises(ValueError, match="'cam1': a DLTdv8 project holds Brown lenses"):
+        write_project(tmp_path / "x.mat", recording)

@@ -8,11 +8,13 @@ from app.view.columns import FRAME
 from app.view.landscape import RANGE
 from app.view.layout import Layout
 from app.view.log_cameras import WHISKER_SCALE
-from app.view.log_gaps import MAP_SIZE
+from app.view.log_health import usual_limit
+from app.view.row_map import WIDE, row_map_view
 from app.view.scene_views import last_frames, rig_view, scene_view, surface_view, volume_view
+from mocap.arrays import Array
 
 _OVERVIEW_TILES = 4
-_LEGEND_LINES = 8
+_LINES = 4
 _WIDE_TILES = 9
 
 
@@ -70,15 +72,7 @@ def camera_view(layout: Layout, name: str) -> rrb.View:
 
 def gap_map_view() -> rrb.View:
     """Who was seen when, at a glance."""
-    width, height = MAP_SIZE
-    return rrb.Spatial2DView(
-        origin=paths.GAP_MAP,
-        name="Gaps over frames: measured blue, filled yellow, rejected red",
-        background=palette.GROUND,
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=[-0.25 * width, 1.02 * width], y_range=[-0.03 * height, 1.03 * height]
-        ),
-    )
+    return row_map_view(paths.GAP_MAP, "Gaps over frames: measured blue, filled yellow, rejected red")
 
 
 def gap_lanes_view() -> rrb.View:
@@ -150,14 +144,26 @@ def coordinates_view(layout: Layout, name: str) -> rrb.View:
 
 def health(layout: Layout) -> rrb.Container:
     """Is the filter consistent, frame by frame?"""
-    legend = len(layout.bounds_px) <= _LEGEND_LINES
     limit = (0.0, layout.nis_limit)
     views = [series_view(paths.NIS, "Normalised innovation squared per row, 95 % band (expected 1)", y_range=limit)]
-    if layout.bounds_px:
-        views += [
-            series_view(paths.INNOVATION, "Innovation before the update, rms of each camera (px)", legend=legend),
-            series_view(paths.RESIDUAL, "Residual after smoothing, rms of each camera (px)", legend=legend),
-        ]
+    errors = layout.errors
+    if errors is not None:
+        innovation, residual = (
+            "Innovation before the update, rms",
+            "Residual after smoothing, rms",
+        )
+        if len(errors.cameras) <= _LINES:
+            views += [
+                series_view(paths.INNOVATION, f"{innovation} of each camera (px)"),
+                series_view(paths.RESIDUAL, f"{residual} of each camera (px)"),
+            ]
+        else:
+            views += [
+                row_map_view(
+                    paths.INNOVATION_MAP, f"{innovation} of each camera: {_scale(errors.innovation_px)}", WIDE
+                ),
+                row_map_view(paths.RESIDUAL_MAP, f"{residual} of each camera: {_scale(errors.residual_px)}", WIDE),
+            ]
     views += [
         series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
         series_view(paths.ROWS, "Observations used in each frame (rows)", legend=False),
@@ -181,6 +187,10 @@ def series_view(origin: str, name: str, *, y_range: tuple[float, float] | None =
 def report_view() -> rrb.View:
     """The report."""
     return rrb.TextDocumentView(origin=paths.REPORT, name="Report")
+
+
+def _scale(values_px: Array) -> str:
+    return f"dark 0 to yellow {usual_limit(values_px):.2g} px"
 
 
 def _camera_order(layout: Layout) -> list[str]:

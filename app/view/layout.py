@@ -7,6 +7,7 @@ import numpy as np
 
 from app.run import Run
 from app.view.landscape import Landscape
+from app.view.log_health import CameraErrors, camera_errors
 from app.view.scene import Scene, ViewCamera
 from app.view.volume import Block
 from mocap.arrays import Array
@@ -31,6 +32,7 @@ class Layout:
         landscapes: For each joint that has a potential, that potential over its plane.
         blocks: For each joint that has one in the body's three coordinates, that potential.
         joint_frames: For each joint the frame of reference in which it is shown.
+        errors: Innovations and residuals of each camera; None without cameras.
         nis_limit: Upper end of the axis of the normalised innovation.
     """
 
@@ -41,6 +43,7 @@ class Layout:
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
     blocks: Mapping[str, Block] = field(default_factory=dict)
     joint_frames: Mapping[str, str] = field(default_factory=dict)
+    errors: CameraErrors | None = None
     nis_limit: float = 3.0
 
     @property
@@ -80,6 +83,7 @@ def run_layout(
         landscapes=landscapes,
         blocks=blocks,
         joint_frames=joint_frames,
+        errors=None if run.ideal_px is None else camera_errors(run.tracked, run.ideal_px),
         nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
     )
 

@@ -5,52 +5,24 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from app.view import palette, paths
-from app.view.columns import segments, time_columns
+from app.view.columns import time_columns
 from app.view.log_markers import classes
+from app.view.row_map import columns_of, log_row_map
 from mocap.records import MarkerTracks
 
-MAP_SIZE = (160.0, 100.0)
-"""Width and height of the map, in units of its view: all frames across, all markers down."""
-
-_NAMED_ROWS = 12
-_MAP_COLUMNS = 500
 _STATES = np.array(["", *paths.ORIGINS])
 
 
 def log_gap_map(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
-    """A picture of the class of every sample, a row a marker, with a line at the current frame.
+    """A picture of the class of every sample, a row a marker.
 
     Where there are more frames than columns, a column shows the last class of ``paths.ORIGINS`` among its frames: one
     rejected sample or a short gap is not lost.
     """
-    n_frames, n_markers = markers.origin.shape
-    width, height = MAP_SIZE
-    n_columns = min(n_frames, _MAP_COLUMNS)
-    starts = -(-np.arange(n_columns) * n_frames // n_columns)
-    row_height = height / max(n_markers, 1)
     colors = np.array([palette.GROUND, *(palette.DIM_ORIGIN[name] for name in paths.ORIGINS)], dtype=np.uint8)
+    starts = columns_of(len(markers.t_s))
     picture = colors[np.maximum.reduceat(class_codes(markers), starts, axis=0).T]
-    samples = f"{paths.GAP_MAP}/samples"
-    rec.log(samples, rr.Transform3D(scale=(width / n_columns, row_height, 1.0)), static=True)
-    rec.log(samples, rr.Image(picture, draw_order=-10.0), static=True)
-    every = max(1, -(-n_markers // _NAMED_ROWS))
-    rows = np.arange(0, n_markers, every)
-    names = rr.Points2D(
-        np.column_stack([np.full(len(rows), -0.12 * width), (rows + 0.5) * row_height - 0.022 * height]),
-        labels=[markers.names[m] for m in rows],
-        colors=palette.GREY,
-        radii=0.0,
-        show_labels=True,
-    )
-    rec.log(f"{paths.GAP_MAP}/names", names, static=True)
-    x = (np.arange(n_frames) + 0.5) * width / n_frames
-    lines = segments(np.column_stack([x, np.zeros(n_frames)]), np.column_stack([x, np.full(n_frames, height)]))
-    look = rr.LineStrips2D.from_fields(
-        colors=palette.WHITE, radii=rr.components.Radius.ui_points(1.0), draw_order=20.0, show_labels=False
-    )
-    rec.log(f"{paths.GAP_MAP}/now", look, static=True)
-    columns = rr.LineStrips2D.columns(strips=lines).partition(np.ones(n_frames, dtype=int))
-    rec.send_columns(f"{paths.GAP_MAP}/now", indexes=time_columns(markers.t_s), columns=columns)
+    log_row_map(rec, paths.GAP_MAP, picture, names=markers.names, t_s=markers.t_s)
 
 
 def log_gaps(rec: rr.RecordingStream, markers: MarkerTracks) -> None:

@@ -1,6 +1,7 @@
 """How well the filter agrees with what was seen, over time."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
@@ -10,6 +11,7 @@ from scipy.stats import chi2
 from app.view import palette, paths
 from app.view.columns import time_columns
 from app.view.log_cameras import residual_px
+from app.view.row_map import WIDE, amounts, log_row_map
 from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.records import PixelTracks
@@ -18,14 +20,52 @@ BAND = (0.025, 0.975)
 """Quantiles of chi-square between which the normalised innovation of a consistent filter lies in 95 % of frames."""
 
 
-def log_health(rec: rr.RecordingStream, tracked: TrackedMotion, pixels: PixelTracks | None) -> None:
-    """Innovations and residuals of each camera, normalised innovation with its band, likelihood, rows."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CameraErrors:
+    """How far each camera's pixels are from what the filter says, root mean squares over the markers of a frame.
+
+    Attributes:
+        cameras: The C camera names.
+        innovation_px: (C, T) before the update; NaN where a camera saw nothing.
+        residual_px: (C, T) after smoothing.
+    """
+
+    cameras: tuple[str, ...]
+    innovation_px: Array
+    residual_px: Array
+
+
+def camera_errors(tracked: TrackedMotion, pixels: PixelTracks) -> CameraErrors:
+    """The errors of the samples in use."""
+    innovation = np.where(tracked.used[..., None], tracked.innovation_px, np.nan)
+    return CameraErrors(
+        cameras=pixels.cameras,
+        innovation_px=rms_px(innovation),
+        residual_px=rms_px(residual_px(pixels, tracked)),
+    )
+
+
+def usual_limit(values: Array) -> float:
+    """The end of a scale that 99 % of the numbers stay below; 1 where there are none."""
+    known = values[np.isfinite(values)]
+    return max(float(np.quantile(known, 0.99)), 1e-9) if known.size else 1.0
+
+
+def log_health(rec: rr.RecordingStream, tracked: TrackedMotion, errors: CameraErrors | None) -> None:
+    """Innovations and residuals of each camera, normalised innovation with its band, likelihood, rows.
+
+    Cameras are lines, and rows of a map, in which more than a few can be told apart.
+    """
     t_s = tracked.markers.t_s
-    if pixels is not None:
-        innovation = np.where(tracked.used[..., None], tracked.innovation_px, np.nan)
-        for parent, values in ((paths.INNOVATION, innovation), (paths.RESIDUAL, residual_px(pixels, tracked))):
-            colors = [palette.of_series(c) for c in range(len(pixels.cameras))]
-            log_line(rec, parent, t_s, rms_px(values).T, name=pixels.cameras, color=colors)
+    if errors is not None:
+        colors = [palette.of_series(c) for c in range(len(errors.cameras))]
+        for lines, rows, values in (
+            (paths.INNOVATION, paths.INNOVATION_MAP, errors.innovation_px),
+            (paths.RESIDUAL, paths.RESIDUAL_MAP, errors.residual_px),
+        ):
+            log_line(rec, lines, t_s, values.T, name=errors.cameras, color=colors)
+            picture = amounts(values, usual_limit(values))
+            log_row_map(rec, rows, picture, names=errors.cameras, t_s=t_s, size=WIDE)
     low, high = nis_band(tracked.n_rows)
     with np.errstate(divide="ignore", invalid="ignore"):
         nis = np.where(tracked.n_rows > 0, tracked.nis / tracked.n_rows, np.nan)

@@ -96,7 +96,7 @@ def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
         log_pixels(rec, scene, run.ideal_px, run.tracked)
     for view, camera, footage in zip(scene.cameras, run.cameras, run.footage, strict=False):
         log_video(rec, view, camera, footage, markers.t_s)
-    log_health(rec, run.tracked, run.ideal_px)
+    log_health(rec, run.tracked, layout.errors)
     for name, frame in layout.joint_frames.items():
         log_coordinates(rec, run.joints[frame], name)
     for name, land in layout.landscapes.items():

@@ -308,6 +308,22 @@ def test_gap_map_loses_no_class(tmp_path):
             assert tuple(picture[m, c]) == colors[codes[frame_columns == c, m].max()]
 
 
+def test_a_camera_that_goes_bad_is_a_bright_stretch_of_its_row(tmp_path):
+    """In the map of residuals, and of innovations, a column has the colour of the rms of its frames."""
+    run = make_run(n_frames=1700, n_cameras=6, n_joints=0)
+    worse = run.tracked.innovation_px.copy()
+    worse[4, 900:1000] *= 40
+    run = replace(run, tracked=replace(run.tracked, innovation_px=worse))
+    write_recording(run, tmp_path / "r.rrd")
+    picture = column(tmp_path / "r.rrd", f"{paths.INNOVATION_MAP}/samples", "Image:buffer")[2].reshape(6, -1, 3)
+    bright = picture.astype(int).sum(axis=-1)
+    columns = np.arange(picture.shape[1]) * 1700 // picture.shape[1]
+    bad = (columns > 905) & (columns < 995)
+    assert (picture[4, bad] == palette.depth(np.zeros(1))).all()
+    assert bright[4, (columns < 895) | (columns > 1005)].max() < bright[4, bad].min() - 60
+    assert np.ptp(bright[[0, 1, 2, 3, 5]][:, bad].mean(axis=1)) < 30
+
+
 def test_nothing_known_is_a_recording_too(tmp_path):
     """No position of any marker, ever: no point, no path, a map without colour."""
     run = make_run(n_frames=4, n_cameras=2, n_joints=1)

@@ -18,15 +18,18 @@ import numpy as np
 
 from benchmarks.gaps.ours import marker_trial
 from benchmarks.gaps.sets import SETS, load
+from filters.delayed import DelaySettings
+from filters.fitting import Kind
 from filters.hidden import Fill, hide_groups
-from filters.mixture import learn_mixture
-from filters.tune import SHARP, Kind, Search, search_on
+from filters.mixture import learn_mixture, mixed_errors
+from filters.tune import SHARP, Search, search_on
 
 LENGTHS = (10, 25, 50, 100)
 POSE = replace(SHARP, ranks=(16,), turns=False, potential="none")
 KINDS: dict[str, Kind] = {
     "marker": None,
     "free": POSE,
+    "delayed": DelaySettings(ranks=(16,), turns=False),
     "held": replace(POSE, mechanics="linear", potential="motion"),
     "held, as noisy as recorded": replace(
         POSE, mechanics="linear", potential="motion", excess=1.0, residual=1.0, residual_rate=1.0
@@ -47,41 +50,46 @@ def fills(name: str, left_out: int) -> tuple[list[Fill], list[Fill]]:
     return [search.fill(kind) for kind in KINDS.values()], [test.fill(kind) for kind in KINDS.values()]
 
 
-def judged(train: Sequence[Fill], test: Sequence[Fill], *, power: float, strength: float) -> tuple[np.ndarray, float]:
+def judged(
+    train: Sequence[Fill], test: Sequence[Fill], *, power: float, strength: float, lean: Sequence[tuple[float, float]]
+) -> tuple[np.ndarray, float]:
     """Log errors by length and coverage of a mixture on gaps that it did not learn from."""
-    mixture = learn_mixture(train, power=power, strength=strength)
-    length = test[0].length
-    variance = np.stack([f.variance for f in test]) * mixture.scaling(length)[..., None] ** 2
-    miss = np.stack([f.miss_m for f in test])
-    weight = mixture.weights(variance.mean(axis=2), length)
-    mean = np.einsum("kn,kni->ni", weight, miss)
-    total = np.einsum("kn,kni->ni", weight, variance + (miss - mean) ** 2) * mixture.widening(length)[:, None] ** 2
-    squared = np.sum(mean**2, axis=1)
+    mean, variance = mixed_errors(learn_mixture(train, lean=lean, power=power, strength=strength), test)
+    length, squared = test[0].length, np.sum(mean**2, axis=1)
     logs = [0.5 * np.log(squared[length == n].mean() * 1e6) if (length == n).any() else np.nan for n in LENGTHS]
-    return np.array(logs), float(100 * np.mean(np.abs(mean) < 1.959964 * np.sqrt(total)))
+    return np.array(logs), float(100 * np.mean(np.abs(mean) < 1.959964 * np.sqrt(variance)))
 
 
 def main(names: Sequence[str]) -> None:
     """Print the table."""
     index = {name: i for i, name in enumerate(KINDS)}
-    members = {"marker": ("marker",), "held": ("held",), "held, as noisy as recorded": ("held, as noisy as recorded",)}
-    rows = [(name, chosen, 2.0, 0.1) for name, chosen in members.items()]
-    rows += [("mixture", ("marker", "free", "held"), p, s) for p in (0.0, 0.5, 1.0, 2.0) for s in (0.02, 0.1)]
+    members = {name: (name,) for name in KINDS} | {
+        "mixture without delayed": ("marker", "free", "held"),
+        "mixture": ("marker", "free", "delayed", "held"),
+    }
+    even, later = (0.0, 0.0), (-1.0, 1.0)
+    rows = [(name, 3.0, 0.1, even) for name in [*KINDS, "mixture without delayed"]]
+    rows += [("mixture", power, 0.1, lean) for power in (0.0, 1.0, 2.0, 3.0, 4.0) for lean in (even, later)]
+    rows += [("mixture", 3.0, strength, later) for strength in (0.02, 0.5)]
     found: dict[tuple, list[tuple[np.ndarray, float]]] = {}
     for name in names:
         for left_out in (0, 1):
             train, test = fills(name, left_out)
             if not len(test[0].length):
                 continue
-            for label, chosen, power, strength in rows:
+            for row in rows:
+                label, power, strength, lean = row
+                chosen = members[label]
                 pick = [index[member] for member in chosen]
-                result = judged([train[i] for i in pick], [test[i] for i in pick], power=power, strength=strength)
-                found.setdefault((label, power, strength), []).append(result)
-    for (label, power, strength), results in found.items():
+                leans = [lean if member == "delayed" and len(chosen) > 1 else even for member in chosen]
+                parts = [train[i] for i in pick], [test[i] for i in pick]
+                found.setdefault(row, []).append(judged(*parts, power=power, strength=strength, lean=leans))
+    for (label, power, strength, lean), results in found.items():
         logs = np.nanmean([log for log, _ in results], axis=0)
         errors = " / ".join(f"{np.exp(log):.2f}" for log in logs)
         inside = np.mean([share for _, share in results])
-        print(f"{label:28} power {power:g} strength {strength:g}: {errors} mm, {inside:.1f} %, {np.nanmean(logs):.3f}")
+        choice = f"{label:28} power {power:g} strength {strength:g} lean {lean}"
+        print(f"{choice}: {errors} mm, {inside:.1f} %, {np.nanmean(logs):.3f}")
 
 
 if __name__ == "__main__":

@@ -4,16 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from filters.delayed import DelaySettings
+from filters.fitting import Fitting, Kind
 from filters.hidden import Fill
-from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
-from filters.mixture import Mixture, gap_lengths
-from filters.motion.base import MotionModel
+from filters.mixture import Mixture, gap_lengths, mixed_errors
 from filters.observations import Observations
-from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
-from filters.track import Progress, Smoothed, smooth
-from filters.tune import Kind, Tuned, search_on, tuned
+from filters.poses import MarkerTrial
+from filters.track import Progress, Smoothed
+from filters.tune import Tuned, search_on, tuned
 from mocap.errors import MocapError
 
 
@@ -28,7 +27,7 @@ class LearnedModel:
         names: The M markers.
         trunk: Those of the body.
         trials: What it learned from.
-        kinds: Its K motion models.
+        kinds: Its K kinds of models; the last is a motion model.
         mixture: How they are mixed.
         scores: For each of them and the mixture, by length of gap: root mean square error in mm and the share of
             coordinates inside 95 % intervals, in gaps that were hidden while learning.
@@ -102,6 +101,8 @@ def kind_name(kind: Kind) -> str:
     """A model in a few words."""
     if kind is None:
         return "constant velocity of each marker"
+    if isinstance(kind, DelaySettings):
+        return "regression on delayed poses"
     mechanics = {"free": "constant velocity of the pose", "linear": "linear mechanics", "field": "learned forces"}
     held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
     return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential")
@@ -109,13 +110,8 @@ def kind_name(kind: Kind) -> str:
 
 def scores_of(found: Tuned) -> dict[str, dict[str, list[float]]]:
     """Errors and coverage of each model and of the mixture on what was hidden, by length of gap."""
-    miss = np.stack([f.miss_m for f in found.fills])
+    mean, total = mixed_errors(found.mixture, found.fills)
     length = found.fills[0].length
-    variance = np.stack([f.variance for f in found.fills]) * found.mixture.scaling(length)[..., None] ** 2
-    weight = found.mixture.weights(variance.mean(axis=2), length)
-    mean = np.einsum("kn,kni->ni", weight, miss)
-    total = np.einsum("kn,kni->ni", weight, variance + (miss - mean) ** 2)
-    total = total * found.mixture.widening(length)[:, None] ** 2
     mixed = Fill(miss_m=mean, variance=total, gap=found.fills[0].gap, length=length)
     named = [(kind_name(kind), fill) for kind, fill in zip(found.kinds, found.fills, strict=True)]
     out = {}
@@ -152,16 +148,13 @@ def for_recording(learned: LearnedModel, names: Sequence[str]) -> list[MarkerTri
     return out
 
 
-def models_for(
-    learned: LearnedModel, names: Sequence[str], recording: MarkerTrial, *, shapes: dict | None = None
-) -> list[MotionModel]:
-    """The model's K motion models for a recording: fitted to its trials and to what the recording shows.
+def fitting_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTrial) -> Fitting:
+    """The model's trials and a recording that is to be tracked, to fit the model's kinds to.
 
     Args:
         learned: The model.
         names: Markers of the recording.
         recording: What is to be tracked.
-        shapes: Receives the poses and shapes that models share.
 
     Raises:
         MocapError: another frame rate, or other markers.
@@ -169,27 +162,7 @@ def models_for(
     trials = [*for_recording(learned, names), recording]
     check_rates(trials)
     trunk = [names.index(name) for name in learned.trunk if name in names] or list(range(len(names)))
-    known: dict = {} if shapes is None else shapes
-    models: list[MotionModel] = []
-    for kind in learned.kinds:
-        if kind is None:
-            models.append(learn_constant_velocity(recording.xyz_m, dt_s=recording.dt_s))
-            continue
-        poses, about = shared_shapes(known, kind, trials, trunk)
-        models.append(learn_pose(poses, kind, shapes=about))
-    return models
-
-
-def shared_shapes(
-    known: dict, kind: PoseSettings, trials: Sequence[MarkerTrial], trunk: Sequence[int]
-) -> tuple[list[PoseTrial], Shapes]:
-    """Poses and shapes of trials as a kind of model takes them; ``known`` keeps those that kinds have in common."""
-    body = (kind.body_hz, kind.turns)
-    if body not in known:
-        known[body] = poses_of(trials, trunk, body_hz=kind.body_hz, turns=kind.turns)
-    if (body, kind.ranks) not in known:
-        known[body, kind.ranks] = shapes_of(known[body], ranks=kind.ranks)
-    return known[body], known[body, kind.ranks]
+    return Fitting(trials, trunk)
 
 
 def track_with(
@@ -212,12 +185,10 @@ def track_with(
     Returns:
         Markers of the mixture; what was seen and believed is that of the last model, the one held by V_z.
     """
-    models = models_for(learned, names, recording)
-    found = []
-    for i, model in enumerate(models):
-        tell = None if progress is None else (lambda share, i=i: progress((i + share) / len(models)))
-        with threadpool_limits(1):
-            found.append(smooth(model, observations, recording.t_s, progress=tell))
+    fitting, found = fitting_for(learned, names, recording), []
+    for i, kind in enumerate(learned.kinds):
+        tell = None if progress is None else (lambda share, i=i: progress((i + share) / len(learned.kinds)))
+        found.append(fitting.fill(kind, observations, progress=tell))
     length = gap_lengths(recording.seen)
     xyz, cov = learned.mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
     return replace(found[-1], xyz_m=xyz, cov_m2=cov)

@@ -10,16 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from filters.delayed import DelaySettings
+from filters.fitting import Fitting, Kind
 from filters.learn import PoseSettings, learn_pose
 from filters.mixture import Mixture
-from filters.model import LearnedModel, kind_name, shared_shapes
+from filters.model import LearnedModel, kind_name
 from filters.motion.pose import PoseMotion
 from filters.motion.shape import LinearShape
 from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.errors import FormatError, MocapError
 
-FORMAT = "eal-mocap model 1"
+FORMAT = "eal-mocap model 2"
 _DAMAGE = (
     OSError,
     LookupError,
@@ -48,7 +50,7 @@ def save_model(learned: LearnedModel, path: Path) -> None:
         "names": learned.names,
         "trunk": learned.trunk,
         "trials": [trial.name for trial in learned.trials],
-        "kinds": [None if kind is None else asdict(kind) for kind in learned.kinds],
+        "kinds": [None if kind is None else {"type": type(kind).__name__, **asdict(kind)} for kind in learned.kinds],
         "models": [kind_name(kind) for kind in learned.kinds],
         "power": learned.mixture.power,
         "scores": learned.scores,
@@ -72,10 +74,10 @@ def save_model(learned: LearnedModel, path: Path) -> None:
 def _pictures(learned: LearnedModel) -> dict[str, Array]:
     """What the last model learned from the trials alone."""
     kind = learned.kinds[-1]
-    if kind is None:
+    if not isinstance(kind, PoseSettings):
         return {}
     trunk = [learned.names.index(name) for name in learned.trunk] or list(range(len(learned.names)))
-    poses, shapes = shared_shapes({}, kind, learned.trials, trunk)
+    poses, shapes = Fitting(learned.trials, trunk).shapes(kind)
     model: PoseMotion = learn_pose(poses, kind, shapes=shapes)
     out = {
         "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
@@ -105,10 +107,7 @@ def load_model(path: Path) -> LearnedModel:
                 for i, name in enumerate(header["trials"])
             )
             parts = {name: file[f"mixture_{name}"] for name in ("offset", "slope", "length", "scale", "widen")}
-            kinds = tuple(
-                None if kind is None else PoseSettings(**{**kind, "ranks": tuple(kind["ranks"])})
-                for kind in header["kinds"]
-            )
+            kinds = tuple(_kind(kind) for kind in header["kinds"])
             for trial in trials:
                 shape = (len(trial.t_s), len(header["names"]))
                 if trial.xyz_m.shape != (*shape, 3) or trial.sd_m.shape != shape:
@@ -127,3 +126,12 @@ def load_model(path: Path) -> LearnedModel:
         raise
     except _DAMAGE as error:
         raise FormatError(f"{path}: not a model that mocap learn wrote ({error}): give its --out") from None
+
+
+def _kind(written: dict[str, Any] | None) -> Kind:
+    """A kind as ``save_model`` wrote it; JSON has no tuples."""
+    if written is None:
+        return None
+    settings = {key: tuple(value) if isinstance(value, list) else value for key, value in written.items()}
+    kinds = {"PoseSettings": PoseSettings, "DelaySettings": DelaySettings}
+    return kinds[written["type"]](**{key: value for key, value in settings.items() if key != "type"})

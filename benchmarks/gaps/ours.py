@@ -7,18 +7,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
-from filters.learn import learn_constant_velocity, learn_pose
-from filters.mixture import Mixture, gap_lengths, learn_mixture
-from filters.model import shared_shapes
-from filters.motion.base import MotionModel
+from filters.fitting import Fitting, Kind
+from filters.mixture import Mixture, gap_lengths
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
-from filters.track import smooth
-from filters.tune import Kind, Search, held_pose, pose_kinds, search_on
+from filters.tune import Search, delay_kind, held_pose, mixed, pose_kinds, search_on
 from mocap.arrays import Array
 
 LEAST_SD_M = 5e-5
@@ -43,20 +39,12 @@ class Lesson:
         """Positions and covariance by one model."""
         key = trial.xyz_m.tobytes()
         if self.done.get("trial") != key:
-            self.done = {"trial": key}
+            self.done = {"trial": key, "fitting": Fitting([*self.search.trials, trial], self.search.trunk)}
         if name not in self.done:
-            model = self._model(self.kinds[name], trial)
             seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-            with threadpool_limits(1):
-                found = smooth(model, seen, trial.t_s)
+            found = self.done["fitting"].fill(self.kinds[name], seen)
             self.done[name] = found.xyz_m, found.cov_m2
         return self.done[name]
-
-    def _model(self, kind: Kind, trial: MarkerTrial) -> MotionModel:
-        if kind is None:
-            return learn_constant_velocity(trial.xyz_m, dt_s=trial.dt_s)
-        poses, shapes = shared_shapes(self.done, kind, [*self.search.trials, trial], self.search.trunk)
-        return learn_pose(poses, kind, shapes=shapes)
 
 
 _lessons: dict[tuple[str, ...], Lesson] = {}
@@ -80,6 +68,7 @@ def lesson(training: Sequence[Trial]) -> Lesson:
         kinds: dict[str, Kind] = {
             "marker": None,
             "free pose": free,
+            "delayed poses": delay_kind(search, free),
             "mechanics": bare,
             "mechanics + V_z": held,
             "mechanics + quadratic": held_pose(search, bare, ("quadratic",)),
@@ -98,7 +87,7 @@ class Ours:
     def learn(self, training: Sequence[Trial]) -> Filler:
         """Search, then learn the mixture's weights and widths on the same hidden gaps."""
         learned = lesson(training)
-        mixture = learn_mixture([learned.search.fill(learned.kinds[member]) for member in self.members])
+        _, mixture = mixed(learned.search, [learned.kinds[member] for member in self.members])
         return _filler(learned, self.members, mixture)
 
 
@@ -113,11 +102,15 @@ def _filler(learned: Lesson, members: Sequence[str], mixture: Mixture) -> Callab
     return fill
 
 
+BESIDE = ("marker", "free pose", "delayed poses")
+"""What is mixed with the mechanics."""
+
+
 def ours() -> list[Method]:
     """The default, the same with other potentials (controls), and its parts alone."""
     return [
-        Ours("EAL", ("marker", "free pose", "mechanics + V_z")),
-        Ours("EAL, no potential", ("marker", "free pose", "mechanics")),
-        Ours("EAL, quadratic potential", ("marker", "free pose", "mechanics + quadratic")),
+        Ours("EAL", (*BESIDE, "mechanics + V_z")),
+        Ours("EAL, no potential", (*BESIDE, "mechanics")),
+        Ours("EAL, quadratic potential", (*BESIDE, "mechanics + quadratic")),
         Ours("mechanics + V_z alone", ("mechanics + V_z",)),
     ]

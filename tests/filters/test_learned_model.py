@@ -11,7 +11,7 @@ from datasets import make_bat
 from filters.hidden import hide_groups
 from filters.learn import PoseSettings, learn_constant_velocity
 from filters.mixture import Mixture
-from filters.model import LearnedModel, learn_model, models_for, track_with
+from filters.model import LearnedModel, fitting_for, learn_model, track_with
 from filters.model_file import load_model, save_model
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
@@ -102,7 +102,7 @@ def test_scores_are_of_every_model_and_the_mixture(learned, flights):
     That is what the penalty on its offsets costs where one is the best at all of them.
     """
     assert list(learned.scores)[-1] == "mixture"
-    assert len(learned.scores) == len(learned.kinds) + 1 == 4
+    assert len(learned.scores) == len(learned.kinds) + 1 == 5
     lengths = learned.scores["mixture"]["gap_frames"]
     hidden = hide_groups(flights[0][0], np.random.default_rng(0))
     assert {int(n) for n in np.unique(hidden.length[hidden.mask])} <= set(lengths) <= {10, 25, 50}
@@ -198,7 +198,7 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 1"}')},
+        {"header": np.array('{"format": "eal-mocap model 2"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
@@ -225,7 +225,7 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     save_model(small, path)
     with np.load(path) as file:
         header = {**json.loads(str(file["header"])), "format": "eal-mocap model 9"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 1', but it says 'eal-mocap model 9': learn it"):
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 2', but it says 'eal-mocap model 9': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))
@@ -251,16 +251,16 @@ def test_other_rates_are_refused(small, name):
     trial = replace(small.trials[0], name=name)
     slow = replace(trial, t_s=2 * trial.t_s)
     with pytest.raises(MocapError, match=f"need one frame rate.*walk 100, {name} 50"):
-        models_for(small, small.names, slow)
+        fitting_for(small, small.names, slow)
     with pytest.raises(MocapError, match="need one frame rate"):
         learn_model(small.names, (), [small.trials[0], slow], np.random.default_rng(0))
-    assert len(models_for(small, small.names, replace(trial, t_s=1.005 * trial.t_s))) == 1
+    assert len(fitting_for(small, small.names, replace(trial, t_s=1.005 * trial.t_s)).trials) == 1 + len(small.trials)
 
 
 def test_other_markers_are_refused(small):
     """Fewer than four in common: both sets of names, and what to do."""
     with pytest.raises(MocapError, match=r"knows 3 of the recording's markers \(a, b, c, x, y, .*aliases"):
-        models_for(small, ("a", "b", "c", "x", "y"), small.trials[0])
+        fitting_for(small, ("a", "b", "c", "x", "y"), small.trials[0])
 
 
 def test_trials_without_room_are_refused(small):

@@ -1,0 +1,69 @@
+"""Kinds of models fitted to trials, and what they say of one of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import overload
+
+from threadpoolctl import threadpool_limits
+
+from filters.delayed import DelaySettings, Filled, fill_delayed
+from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
+from filters.motion.base import MotionModel
+from filters.observations import Observations
+from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
+from filters.track import Progress, Smoothed, smooth
+
+Kind = PoseSettings | DelaySettings | None
+"""A pose model with its settings, a regression on delayed poses, or None: constant velocity, each marker for itself."""
+
+
+@dataclass(eq=False)
+class Fitting:
+    """Models of several kinds, fitted to the same trials; poses and shapes that they have in common are made once.
+
+    Attributes:
+        trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
+        trunk: Indices of the trunk's markers.
+    """
+
+    trials: Sequence[MarkerTrial]
+    trunk: Sequence[int]
+    _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
+    _shapes: dict[tuple, Shapes] = field(default_factory=dict)
+
+    def shapes(self, kind: PoseSettings | DelaySettings) -> tuple[list[PoseTrial], Shapes]:
+        """Poses and shapes of the trials as a kind takes them."""
+        body = (kind.body_hz, kind.turns)
+        if body not in self._poses:
+            self._poses[body] = poses_of(self.trials, self.trunk, body_hz=kind.body_hz, turns=kind.turns)
+        if (body, kind.ranks) not in self._shapes:
+            self._shapes[body, kind.ranks] = shapes_of(self._poses[body], ranks=kind.ranks)
+        return self._poses[body], self._shapes[body, kind.ranks]
+
+    def motion(self, kind: PoseSettings | None) -> MotionModel:
+        """A motion model for the last trial."""
+        if kind is None:
+            return learn_constant_velocity(self.trials[-1].xyz_m, dt_s=self.trials[-1].dt_s)
+        poses, shapes = self.shapes(kind)
+        return learn_pose(poses, kind, shapes=shapes)
+
+    @overload
+    def fill(
+        self, kind: PoseSettings | None, observations: Observations, *, progress: Progress | None = None
+    ) -> Smoothed: ...
+    @overload
+    def fill(
+        self, kind: Kind, observations: Observations, *, progress: Progress | None = None
+    ) -> Smoothed | Filled: ...
+    def fill(self, kind: Kind, observations: Observations, *, progress: Progress | None = None) -> Smoothed | Filled:
+        """What one kind says of the last trial.
+
+        Args:
+            kind: Which.
+            observations: What each frame shows; a regression takes the trial's own positions instead.
+            progress: Called with the share done.
+        """
+        with threadpool_limits(1):
+            if isinstance(kind, DelaySettings):
+                return fill_delayed(self.trials[-1], *self.shapes(kind), kind)
+            return smooth(self.motion(kind), observations, self.trials[-1].t_s, progress=progress)

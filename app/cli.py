@@ -5,6 +5,7 @@ import sys
 import typer
 
 from app.commands.console import errors
+from app.commands.data import data
 from app.commands.demo import demo
 from app.commands.learn import learn
 from app.commands.reproduce import reproduce
@@ -21,6 +22,7 @@ app = typer.Typer(
 )
 for command in (triangulate, track, learn, demo, view, reproduce):
     app.command()(command)
+app.add_typer(data, name="data")
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
 """A bat in a flight tunnel, filmed by wide action cameras."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Literal
 
@@ -17,6 +18,7 @@ from datasets.rig import LensKind, tunnel_cameras
 from datasets.scene import Scene, frame_times, start_times
 from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
+from mocap.cameras import Camera
 
 Manoeuvre = Literal["level", "turn"]
 BEAT_HZ = 9.0
@@ -45,6 +47,7 @@ def make_bat(
     rolling: float = 0.0,
     manoeuvre: Manoeuvre = "level",
     lens: LensKind = "brown",
+    cameras: Sequence[Camera] | None = None,
     start_spread_frames: float = 0.0,
     digitiser: Digitiser | None = None,
 ) -> SyntheticRecording:
@@ -62,6 +65,7 @@ def make_bat(
             centres of these joints wander; 0: ideal joints.
         manoeuvre: ``level`` or ``turn``.
         lens: Kind of the cameras' lenses, ``brown`` or ``fisheye``.
+        cameras: Cameras of another rig about the world's origin, in place of ``n_cameras`` of the flight tunnel.
         start_spread_frames: Cameras start within so much of a frame of each other; 0: at the same instant.
         digitiser: Quality of the digitising; None: a human's.
 
@@ -72,13 +76,17 @@ def make_bat(
         ValueError: fewer than 2 cameras or 1 frame, or a rate that is not positive.
     """
     digitiser = digitiser or Digitiser()
-    cameras = tunnel_cameras(n_cameras, lens=lens)
+    rig = f"flight tunnel, {n_cameras} wide action cameras with {lens} lenses"
+    if cameras is None:
+        cameras = tunnel_cameras(n_cameras, lens=lens)
+    else:
+        rig = f"{len(cameras)} cameras given by the caller"
     motion_seed, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
     motion = partial(bat_scene, seed=motion_seed, skin_m=skin_m, rolling=rolling, manoeuvre=manoeuvre)
     card = {
         "name": "bat",
         "species": f"bat of 30 g and 0.34 m span, {'level flight' if manoeuvre == 'level' else 'U-turns'}",
-        "rig": f"flight tunnel, {n_cameras} wide action cameras with {lens} lenses",
+        "rig": rig,
         "seed": seed,
         "wing_beat_hz": BEAT_HZ,
         "skin_m": skin_m,
@@ -90,7 +98,7 @@ def make_bat(
         cameras,
         name="bat",
         fps=fps,
-        start_s=start_times(starts_seed, n_cameras, start_spread_frames / fps),
+        start_s=start_times(starts_seed, len(cameras), start_spread_frames / fps),
         digitiser=digitiser,
         rng=np.random.default_rng(clicks_seed),
         card=card,

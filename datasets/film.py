@@ -46,7 +46,9 @@ def film(
     """
     scene = motion(t_s)
     scenes = [scene if late_s == 0 else motion(t_s + late_s) for late_s in start_s]
-    views = [_view(seen, camera) for seen, camera in zip(scenes, cameras, strict=True)]
+    views = [
+        _view(seen, camera, grazing_rad=digitiser.grazing_rad) for seen, camera in zip(scenes, cameras, strict=True)
+    ]
     exact_px, hidden = np.stack([exact for exact, _ in views]), np.stack([behind for _, behind in views])
     index = {marker: m for m, marker in enumerate(scene.skeleton.markers)}
     missing = lost(
@@ -79,11 +81,16 @@ def film(
     )
 
 
-def _view(scene: Scene, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
+def _view(scene: Scene, camera: Camera, *, grazing_rad: float) -> tuple[Array, NDArray[np.bool_]]:
     """Recorded pixels (T, M, 2) of a scene, and where a marker is hidden or off the picture (T, M)."""
     exact_px = record([camera], scene.xyz_m)
     behind = occluded(
-        [camera], scene.xyz_m, triangles=scene.triangles, solids=scene.solids, clearance_m=scene.clearance_m
+        [camera],
+        scene.xyz_m,
+        triangles=scene.triangles,
+        solids=scene.solids,
+        clearance_m=scene.clearance_m,
+        grazing_rad=grazing_rad,
     )
     return exact_px[0], (outside([camera], scene.xyz_m, exact_px) | behind)[0]
 

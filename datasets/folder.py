@@ -12,6 +12,7 @@ from mocap.errors import FormatError
 from mocap.formats.csv_table import write_table
 from mocap.formats.dltdv import write_coefficients, write_pixels
 from mocap.formats.profile import write_profile
+from mocap.lens import BrownLens
 from mocap.records import MarkerTracks, Origin
 from mocap.skeleton import write_skeleton
 
@@ -28,7 +29,8 @@ def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Pa
         folder: Where to.
 
     Returns:
-        Paths by kind: ``pixels``, ``coefficients``, ``profile``, ``offsets``, ``skeleton``, ``truth``, ``card``.
+        Paths by kind: ``pixels``, ``coefficients``, ``profile`` (of Brown lenses only: the format knows no other),
+        ``offsets``, ``skeleton``, ``truth``, ``card``.
     """
     paths = {
         kind: folder / f"{recording.name}_{ending}"
@@ -42,13 +44,16 @@ def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Pa
             ("card", "card.json"),
         )
     }
+    if not all(isinstance(camera.lens, BrownLens) for camera in recording.cameras):
+        del paths["profile"]
     n_cameras, n_frames = len(recording.cameras), len(recording.truth.t_s)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         draft = {kind: Path(scratch) / path.name for kind, path in paths.items()}
         write_pixels(draft["pixels"], recording.pixels)
         write_coefficients(draft["coefficients"], recording.cameras)
-        write_profile(draft["profile"], recording.cameras)
+        if "profile" in draft:
+            write_profile(draft["profile"], recording.cameras)
         titles = [f"cam{c}_offset" for c in range(1, n_cameras + 1)]
         offsets = np.zeros((n_frames, n_cameras)) - recording.start_s * recording.fps
         write_table(draft["offsets"], titles, offsets)

@@ -20,6 +20,9 @@ class Digitiser:
         miss_share: Share of visible markers that are not clicked, one by one.
         bursts_per_s: Rate at which a marker is lost from most or all cameras for a while.
         burst_frames: Shortest and longest such loss; lengths are log-uniform between them.
+        camera_bursts_per_s: Rate at which a marker is lost from one camera alone for a while.
+        camera_burst_frames: Shortest and longest such loss.
+        grazing_rad: A marker on a membrane is not clicked where the ray meets it at less than this angle.
         misclick_share: Share of clicks that land elsewhere.
         misclick_px: Least and greatest distance of those.
         swap_share: Share of clicks exchanged with those of the nearest other marker in the picture.
@@ -31,6 +34,9 @@ class Digitiser:
     miss_share: float = 0.02
     bursts_per_s: float = 1.4
     burst_frames: tuple[int, int] = (5, 60)
+    camera_bursts_per_s: float = 0.0
+    camera_burst_frames: tuple[int, int] = (2, 60)
+    grazing_rad: float = 0.0
     misclick_share: float = 0.0025
     misclick_px: tuple[float, float] = (20.0, 80.0)
     swap_share: float = 0.0005
@@ -42,6 +48,16 @@ class Digitiser:
 
 
 PERFECT = Digitiser(core_px=0, tail_px=0, tail_share=0, miss_share=0, bursts_per_s=0, misclick_share=0, swap_share=0)
+
+
+WIND_TUNNEL = Digitiser(
+    miss_share=0.0,
+    bursts_per_s=0.7,
+    burst_frames=(2, 60),
+    camera_bursts_per_s=3.0,
+    grazing_rad=float(np.deg2rad(8.0)),
+)
+"""As three flights of a real bat were clicked at 700 Hz (``benchmarks/twins.py`` shows how near)."""
 
 
 def click_noise(rng: np.random.Generator, shape: tuple[int, ...], digitiser: Digitiser) -> Array:
@@ -93,6 +109,12 @@ def lost(
         blind = np.ones(n_cameras, dtype=bool) if rng.random() < 2 / 3 else rng.random(n_cameras) < 0.75
         for marker in markers:
             missing[blind, max(start, 0) : max(start + length, 0), marker] = True
+    if digitiser.camera_bursts_per_s > 0:
+        shortest, longest = digitiser.camera_burst_frames
+        for _ in range(rng.poisson(digitiser.camera_bursts_per_s * missing.size / fps)):
+            length = round(np.exp(rng.uniform(np.log(shortest), np.log(longest))))
+            start = int(rng.integers(-length, n_frames))
+            missing[rng.integers(n_cameras), max(start, 0) : start + length, rng.integers(n_markers)] = True
     return missing
 
 

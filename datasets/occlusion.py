@@ -92,6 +92,30 @@ def hidden_by_solid(eye_m: Array, xyz_m: Array, solid: Solid, *, clearance_m: fl
     return (discriminant > 0) & (entry > 0) & (entry < limit)
 
 
+def hidden_by_grazing(
+    eye_m: Array, xyz_m: Array, triangles: NDArray[np.intp], *, least_rad: float
+) -> NDArray[np.bool_]:
+    """Markers of a membrane that is seen from its edge: a flat mark is a line there, which nobody clicks.
+
+    Args:
+        eye_m: (3,) centre of projection.
+        xyz_m: (T, M, 3) markers.
+        triangles: (K, 3) marker indices; the normal at a marker is the sum of those of its triangles, by area.
+        least_rad: Least angle between ray and membrane.
+
+    Returns:
+        (T, M) True where hidden; never for markers without a triangle.
+    """
+    corner, second, third = (xyz_m[:, triangles[:, i]] for i in range(3))
+    normals = np.cross(second - corner, third - corner)
+    belongs = (triangles[:, None, :] == np.arange(xyz_m.shape[1])[:, None]).any(axis=-1).astype(np.float64)
+    normal = np.einsum("tki,km->tmi", normals, belongs)
+    ray = xyz_m - eye_m
+    across = np.abs(np.sum(ray * normal, axis=-1))
+    length = np.linalg.norm(ray, axis=-1) * np.linalg.norm(normal, axis=-1)
+    return (length > 0) & (across < np.sin(least_rad) * length)
+
+
 def occluded(
     cameras: Sequence[Camera],
     xyz_m: Array,
@@ -99,13 +123,19 @@ def occluded(
     triangles: NDArray[np.intp],
     solids: Sequence[Solid],
     clearance_m: float,
+    grazing_rad: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """(C, T, M) True where a membrane or a solid stands between camera and marker; arguments as above."""
+    """(C, T, M) True where a membrane or a solid hides a marker, or the marker's membrane is seen from its edge.
+
+    Arguments as above; ``grazing_rad`` 0: no marker is hidden by the angle of its membrane.
+    """
     hidden = []
     for camera in cameras:
         eye_m = decompose(camera).position_m
         behind = hidden_by_triangles(eye_m, xyz_m, triangles, clearance_m=clearance_m)
         for solid in solids:
             behind |= hidden_by_solid(eye_m, xyz_m, solid, clearance_m=clearance_m)
+        if grazing_rad > 0:
+            behind |= hidden_by_grazing(eye_m, xyz_m, triangles, least_rad=grazing_rad)
         hidden.append(behind)
     return np.stack(hidden)

@@ -77,6 +77,21 @@ def _fisheye(spread: Array) -> FisheyeLens:
     )
 
 
+def wind_tunnel_cameras() -> tuple[Camera, ...]:
+    """Four high-speed cameras about a bat that flies along x, as they stood in a wind tunnel at Brown University.
+
+    From the calibration of the recordings that ``mocap data path bat_windtunnel_dltdv8`` names, to 5 cm and 1 %: two
+    on the left before the bat, one of them low, one on the right, one behind and above; the fields overlap in 0.5 m.
+    """
+    positions_m = ((0.65, 0.55, -0.55), (0.55, 0.55, 0.15), (-0.35, -0.35, 0.6), (0.05, -0.95, 0.0))
+    cameras = []
+    for i, position_m in enumerate(positions_m):
+        lens = BrownLens(f_px=(1710.0, 1710.0), centre_px=(1280.0, 800.0), k=(-0.1, 0.05, 0.0))
+        position, target = np.array(position_m), np.zeros(3)
+        cameras.append(aimed(f"cam{i + 1}", position_m=position, target_m=target, size_px=(2560, 1600), lens=lens))
+    return tuple(cameras)
+
+
 def tank_cameras(n_cameras: int, *, slope_rad: float) -> tuple[Camera, ...]:
     """High-speed cameras with long lenses around a tank, 0.75 m from the middle of a rod that rises along x.
 

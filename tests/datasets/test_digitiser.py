@@ -83,3 +83,14 @@ def test_bursts_take_single_markers_pairs_and_clusters():
     # mean length (60 - 5) / ln(60 / 5) = 22.1 frames; all 3 cameras with 2 / 3 + 1 / 3 x 0.75^3 = 0.81:
     # 0.3 / 240 x 22.1 x 0.81 = 2.2 % lost from all, of some 300 bursts: 6 % + their spread of lengths
     assert abs(everywhere.mean() / 0.0224 - 1) < 0.3
+
+
+def test_bursts_of_one_camera_leave_the_others_alone():
+    """Poisson in number, log-uniform in length: mean (60 - 2) / ln 30 = 17.1 frames; two cameras at once by chance."""
+    digitiser = Digitiser(miss_share=0, bursts_per_s=0, camera_bursts_per_s=1.0)
+    missing = lost(np.random.default_rng(1), (3, 60_000, 4), digitiser, fps=700, neighbours=[(0, 1)], clusters=[(0,)])
+    share = 1 - np.exp(-17.1 / 700)
+    # 1030 bursts: 3 %, and lengths with a spread of 0.9 of their mean: 4 % in all
+    assert abs(missing.mean() / share - 1) < 0.12
+    together = (missing[0] & missing[1]).mean()
+    assert together < 3 * share**2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets.linkage import turn
-from datasets.occlusion import Solid, hidden_by_solid, hidden_by_triangles, occluded
+from datasets.occlusion import Solid, hidden_by_grazing, hidden_by_solid, hidden_by_triangles, occluded
 from datasets.rig import tunnel_cameras
 from mocap.cameras import decompose
 
@@ -97,3 +97,24 @@ def test_no_triangles_hide_nothing():
     got = hidden_by_triangles(np.zeros(3), np.ones((2, 4, 3)), np.empty((0, 3), dtype=int), clearance_m=0.001)
     assert got.shape == (2, 4)
     assert not got.any()
+
+
+def test_a_membrane_seen_from_its_edge_hides_its_own_markers_only():
+    """The angle between ray and membrane, one marker at a time; a lone marker has none."""
+    rng = np.random.default_rng(3)
+    xyz_m, eye = rng.normal(size=(40, 6, 3)), np.array([0.3, -0.2, 5.0])
+    triangles = np.array([[0, 1, 2], [1, 2, 3], [2, 3, 4]])
+    got = hidden_by_grazing(eye, xyz_m, triangles, least_rad=np.deg2rad(20))
+    for t in range(40):
+        for m in range(6):
+            normals = [
+                np.cross(xyz_m[t, b] - xyz_m[t, a], xyz_m[t, c] - xyz_m[t, a])
+                for a, b, c in triangles
+                if m in (a, b, c)
+            ]
+            ray = (xyz_m[t, m] - eye) / np.linalg.norm(xyz_m[t, m] - eye)
+            normal = np.sum(normals, axis=0) if normals else None
+            angle = 90.0 if normal is None else np.degrees(np.arcsin(abs(ray @ normal) / np.linalg.norm(normal)))
+            assert got[t, m] == (angle < 20)
+    assert not got[:, 5].any()
+    assert 0.1 < got[:, :5].mean() < 0.6

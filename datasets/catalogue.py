@@ -1,0 +1,156 @@
+"""What ``mocap data`` makes: every twin, pendulum and calibration session, by name."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from datasets.bat import make_bat
+from datasets.boards import Board
+from datasets.calibration_session import board_session, write_board_session
+from datasets.folder import write_recording
+from datasets.lizard import SLOPE_RAD, make_lizard
+from datasets.observe import WIND_TUNNEL
+from datasets.pendulums import Pendulum, make_pendulum, write_pendulum
+from datasets.recording import SyntheticRecording
+from datasets.rig import LensKind, tank_cameras, tunnel_cameras, wind_tunnel_cameras
+from datasets.wand import wand_sweep, write_wand_sweep
+from mocap.cameras import Camera
+from mocap.errors import MocapError
+
+Progress = Callable[[float], object]
+_TUNNEL_BOARD = Board(columns=10, rows=7, square_m=0.025)
+_TUNNEL_CHARUCO = Board(columns=7, rows=5, square_m=0.036, marker_m=0.027)
+_TANK_BOARD = Board(columns=10, rows=7, square_m=0.012)
+_TANK_CHARUCO = Board(columns=7, rows=5, square_m=0.018, marker_m=0.0135)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """Something that can be made.
+
+    Attributes:
+        name: How to ask for it.
+        what: One line on what it is.
+        write: Writes it into an empty folder, from a seed; tells the share done.
+    """
+
+    name: str
+    what: str
+    write: Callable[[int, Path, Progress], object]
+
+
+def _recording(name: str, what: str, make: Callable[[int], SyntheticRecording]) -> Entry:
+    def write(seed: int, folder: Path, _: Progress) -> None:
+        write_recording(make(seed), folder)
+
+    return Entry(name=name, what=what, write=write)
+
+
+def _pendulum(name: str, what: str, kind: Pendulum, noise_m: float) -> Entry:
+    def write(seed: int, folder: Path, _: Progress) -> None:
+        write_pendulum(make_pendulum(kind, seed=seed, noise_m=noise_m), folder)
+
+    return Entry(name=name, what=what, write=write)
+
+
+def _session(name: str, what: str, rig: Callable[[], tuple[Camera, ...]], board: Board, n_frames: int) -> Entry:
+    depth = (0.7, 1.1) if board.square_m > 0.02 else (0.85, 1.1)
+
+    def write(seed: int, folder: Path, progress: Progress) -> None:
+        session = board_session(rig(), board, seed=seed, n_frames=n_frames, depth=depth)
+        write_board_session(session, folder, progress=progress)
+
+    return Entry(name=name, what=what, write=write)
+
+
+def _wand(name: str, what: str, rig: Callable[[], tuple[Camera, ...]], size_m: float) -> Entry:
+    def write(seed: int, folder: Path, _: Progress) -> None:
+        reach_m = (1.5 * size_m, 0.7 * size_m, 0.7 * size_m)
+        write_wand_sweep(wand_sweep(rig(), seed=seed, length_m=size_m, reach_m=reach_m), folder)
+
+    return Entry(name=name, what=what, write=write)
+
+
+def _tunnel(n_cameras: int, lens: LensKind = "brown") -> Callable[[], tuple[Camera, ...]]:
+    return lambda: tunnel_cameras(n_cameras, lens=lens)
+
+
+def _tank() -> tuple[Camera, ...]:
+    return tank_cameras(4, slope_rad=SLOPE_RAD)
+
+
+def _bat_wind_tunnel(seed: int) -> SyntheticRecording:
+    return make_bat(seed=seed, n_frames=270, fps=700.0, cameras=wind_tunnel_cameras(), digitiser=WIND_TUNNEL)
+
+
+def _bat_imperfect(seed: int) -> SyntheticRecording:
+    return make_bat(
+        seed=seed, n_cameras=30, lens="fisheye", manoeuvre="turn", rolling=0.03, skin_m=0.001, start_spread_frames=0.9
+    )
+
+
+ENTRIES = (
+    _recording(
+        "bat", "level flight, 34 markers, 8 wide Brown cameras, 240 Hz: that of the demo", lambda s: make_bat(seed=s)
+    ),
+    _recording("bat_30", "the same before 30 wide Brown cameras", lambda s: make_bat(seed=s, n_cameras=30)),
+    _recording("bat_fisheye", "before 30 fisheyes", lambda s: make_bat(seed=s, n_cameras=30, lens="fisheye")),
+    _recording(
+        "bat_turn", "U-turns before 30 wide Brown cameras", lambda s: make_bat(seed=s, n_cameras=30, manoeuvre="turn")
+    ),
+    _recording(
+        "bat_imperfect", "U-turns, 30 fisheyes that start within 0.9 frames, rolling joints, loose skin", _bat_imperfect
+    ),
+    _recording("bat_wind_tunnel", "4 cameras, 700 Hz, placed and clicked as in a real wind tunnel", _bat_wind_tunnel),
+    _recording("lizard", "a walk up a rod, 24 markers, 4 high-speed cameras, 250 Hz", lambda s: make_lizard(seed=s)),
+    _recording(
+        "lizard_imperfect", "the same with joints that roll", lambda s: make_lizard(seed=s, rolling=0.04, skin_m=0.0004)
+    ),
+    _pendulum("pendulum_planar", "400 samples of the paper's pendulum in the plane, polar", "planar", 0.0),
+    _pendulum("pendulum_planar_noisy", "with uniform noise of 0.1 m width on its radius", "planar", 0.1),
+    _pendulum("pendulum_spherical", "400 samples of the paper's pendulum in space, Cartesian", "spherical", 0.0),
+    _pendulum("pendulum_spherical_noisy", "with uniform noise of 0.1 m width on its radius", "spherical", 0.1),
+    _session("calibration_tunnel", "pictures of a checkerboard in the bat's 8 cameras", _tunnel(8), _TUNNEL_BOARD, 40),
+    _session("calibration_tunnel_charuco", "pictures of a ChArUco board in them", _tunnel(8), _TUNNEL_CHARUCO, 40),
+    _session(
+        "calibration_fisheye", "pictures of a checkerboard in 8 fisheyes", _tunnel(8, "fisheye"), _TUNNEL_BOARD, 40
+    ),
+    _session("calibration_tank", "pictures of a checkerboard in the lizard's 4 cameras", _tank, _TANK_BOARD, 32),
+    _session("calibration_tank_charuco", "pictures of a ChArUco board in them", _tank, _TANK_CHARUCO, 32),
+    _wand("wand_tunnel", "a wand of 0.2 m swept through the view of the bat's 8 cameras", _tunnel(8), 0.2),
+    _wand("wand_tank", "a wand of 0.08 m swept through the view of the lizard's 4 cameras", _tank, 0.08),
+)
+"""In the order in which they are listed."""
+
+
+def make(name: str, folder: Path, *, seed: int = 0, progress: Progress = lambda _: None) -> None:
+    """Make an entry; the folder appears when it is whole.
+
+    Args:
+        name: Of the entry.
+        folder: Where to: new, or empty.
+        seed: Any integer of 0 or more; the same makes the same.
+        progress: Told the share done.
+
+    Raises:
+        MocapError: there is no such entry, the folder holds something, or it cannot be written.
+    """
+    entry = next((entry for entry in ENTRIES if entry.name == name), None)
+    if entry is None:
+        raise MocapError(f"{name!r} cannot be made; what can: {', '.join(entry.name for entry in ENTRIES)}")
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise MocapError(f"{folder} exists: give another --out, or empty it")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+        try:
+            entry.write(seed, draft, progress)
+            draft.chmod(0o755)
+            os.replace(draft, folder)
+        finally:
+            shutil.rmtree(draft, ignore_errors=True)
+    except OSError as error:
+        raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None

@@ -5,8 +5,10 @@ import sys
 import typer
 
 from app.commands.console import errors
+from app.commands.convert import convert
 from app.commands.data import data
 from app.commands.demo import demo
+from app.commands.info import info
 from app.commands.learn import learn
 from app.commands.reproduce import reproduce
 from app.commands.track import track
@@ -20,7 +22,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
 )
-for command in (triangulate, track, learn, demo, view, reproduce):
+for command in (info, convert, triangulate, track, learn, demo, view, reproduce):
     app.command()(command)
 app.add_typer(data, name="data")
 

@@ -26,6 +26,13 @@ PixelOriginOption = Annotated[
 DltOrigin = Annotated[PixelOrigin | None, typer.Option(help="The same for the coefficients, if it differs.")]
 ImageHeight = Annotated[float | None, typer.Option(help="Image height in pixels, to flip rows without a profile.")]
 Fps = Annotated[float | None, typer.Option(help="Frames per second; the files do not hold it.")]
+Unit = Annotated[str | None, typer.Option(help="Unit of lengths (m, mm, cm, in, ft), where the files do not state it.")]
+FormatName = Annotated[str | None, typer.Option("--format", help="Format of the files, if not found by content.")]
+SparseCameras = Annotated[int | None, typer.Option("--cameras", min=1, help="Number of cameras of sparse pixel files.")]
+Columns = Annotated[
+    str | None,
+    typer.Option(help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or numbers from 1)."),
+]
 SkeletonFile = Annotated[Path | None, typer.Option("--skeleton", help="Skeleton in TOML: markers, bones, joints.")]
 PixelSd = Annotated[float | None, typer.Option(help="Standard deviation of a pixel; if not given, estimated.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]

@@ -22,7 +22,9 @@ def authors_fill() -> list[Array]:
     """(T, M, 3) what the authors filled in each trial of ``snake_glide``; NaN elsewhere."""
     out = []
     for name, trial in zip(GLIDES, load("snake_glide"), strict=True):
-        raw, filled = (read_tsv(DATA / "snake_glide_qualisys" / f"{name}{ending}.tsv") for ending in ("", "_filled"))
+        raw, filled = (
+            read_tsv(DATA / "snake_glide_qualisys" / f"{name}{ending}.tsv").points for ending in ("", "_filled")
+        )
         chosen = stations(believed(raw.t_s, raw.xyz_m, raw.names), STATIONS)
         first = int(np.flatnonzero(raw.seen[:, chosen].any(axis=1))[0])  # trials begin with their first sighting
         xyz = filled.xyz_m[first : first + len(trial.t_s), chosen]

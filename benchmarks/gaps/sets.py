@@ -187,7 +187,7 @@ def bat_wing() -> list[Trial]:
 
 def mouse() -> list[Trial]:
     """A mouse on a treadmill, from above and behind: hips, knees and ankles are the limbs."""
-    tracks = read_mat(DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat")
+    tracks = read_mat(DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat").points
     measured = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
     measured = believed(tracks.t_s, measured, tracks.names)
     limbs = [tuple(f"{side}_{joint}" for joint in ("hip", "knee", "ankle")) for side in ("left", "right")]
@@ -228,7 +228,7 @@ def _snakes(recordings: Sequence[tuple[str, Array, Array]]) -> list[Trial]:
 
 def snake_glide() -> list[Trial]:
     """Glides, raw: what the authors filled is not seen."""
-    tracks = [(name, read_tsv(DATA / "snake_glide_qualisys" / f"{name}.tsv")) for name in GLIDES]
+    tracks = [(name, read_tsv(DATA / "snake_glide_qualisys" / f"{name}.tsv").points) for name in GLIDES]
     whole = [(name, t.t_s, believed(t.t_s, t.xyz_m, t.names)) for name, t in tracks]
     return _snakes([(name, t_s, xyz[:, stations(xyz, STATIONS)]) for name, t_s, xyz in whole])
 
@@ -237,7 +237,7 @@ def snake_gap() -> list[Trial]:
     """Crossings of a gap, cut in blocks: 3 of the one, 4 of the other."""
     blocks = []
     for name, count in (("040_Snake94_gap02_3", 3), ("053_Snake89_gap02_1", 4)):
-        tracks = read_csv(DATA / "snake_gap_vicon" / f"{name}.csv")
+        tracks = read_csv(DATA / "snake_gap_vicon" / f"{name}.csv").points
         snake = [m for m, marker in enumerate(tracks.names) if marker.startswith("Snake")]
         xyz = believed(tracks.t_s, tracks.xyz_m[:, snake], [tracks.names[m] for m in snake])
         blocks += _blocks(name, tracks.t_s, xyz, count)
@@ -246,7 +246,7 @@ def snake_gap() -> list[Trial]:
 
 def gait() -> list[Trial]:
     """A walk; measured samples only, interpolated ones (residual 0) are not seen."""
-    tracks = read_c3d(DATA / "c3d_samples" / "sample_01" / "Eb015pr.c3d")
+    tracks = read_c3d(DATA / "c3d_samples" / "sample_01" / "Eb015pr.c3d").points
     measured = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
     measured = believed(tracks.t_s, measured, tracks.names)
     legs = [tuple(name for name in tracks.names if name[0] == side) for side in "LR"]

@@ -11,8 +11,9 @@ import numpy as np
 
 from mocap.errors import FormatError
 from mocap.formats.c3d_process import REFUSED
-from mocap.formats.optical import marker_tracks, metres, rate
-from mocap.records import MarkerTracks, Origin
+from mocap.formats.optical import UNIT_M, metres, told_apart
+from mocap.formats.recording import Recording, point_recording
+from mocap.records import Origin
 
 SECONDS = 20.0
 """After so long (and a second for each megabyte) a file is given up."""
@@ -20,19 +21,15 @@ _NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Groups of points (parameter POINT) that are modelled quantities, not places."""
 
 
-def read_c3d(path: Path, *, unit: str | None = None) -> MarkerTracks:
+def read_c3d(path: Path) -> Recording:
     """Read the points of a C3D file that are positions.
 
     A residual of -1 is a sample that was not seen, 0 an interpolated or filtered one, above 0 a measured one. A file
     without any residual above 0 does not record them: what it holds is called measured. ezc3d takes a point at exactly
-    (0, 0, 0) as not seen.
-
-    Args:
-        path: The file.
-        unit: Of lengths (``mm``, ``m``); None: as the file says.
+    (0, 0, 0) as not seen. The table ``residual_m`` (T, M) holds the residuals above 0, in the unit of the points.
 
     Raises:
-        FormatError: ezc3d cannot read the file, it is cut, or names or units are missing.
+        FormatError: ezc3d cannot read the file, it is cut, or names are missing.
     """
     if not path.is_file():
         raise FormatError(f"{path}: cannot be read: no such file")
@@ -44,19 +41,40 @@ def read_c3d(path: Path, *, unit: str | None = None) -> MarkerTracks:
     names = _labels(path, parameters, data.shape[1])
     model = {label.strip() for group in _NOT_POSITIONS for label in _values(parameters, group)}
     keep = np.array([name not in model for name in names])
+    findings = [f"{(~keep).sum()} modelled quantities (angles, forces, ...) are left out"] if not keep.all() else []
+    names, renamed = told_apart([name for name, kept in zip(names, keep, strict=True) if kept])
+    findings += renamed
+    said = (_values(parameters, "UNITS") or [""])[0].strip().lower()
+    unit = said if said in UNIT_M else None
     if unit is None:
-        units = _values(parameters, "UNITS")
-        if not units or not units[0].strip():
-            raise FormatError(f"{path.name}: does not say in which unit its lengths are: state the unit")
-        unit = units[0]
-    xyz = np.moveaxis(data[:3, keep], 0, -1).swapaxes(0, 1) * metres(path, unit)
+        findings.append(f"the unit of lengths is {said!r}" if said else "the unit of lengths is not in the file")
+    hertz = float(table["rate_hz"])
+    fps = hertz if np.isfinite(hertz) and hertz > 0 else None
+    if fps is None:
+        findings.append(f"the frame rate in the file is {hertz:g}")
+    xyz = np.moveaxis(data[:3, keep], 0, -1).swapaxes(0, 1).copy()
     residual = residual[keep].T
-    seen = np.isfinite(xyz).all(axis=-1) & (residual >= 0)
+    there = np.isfinite(xyz).all(axis=-1)
+    seen = there & (residual >= 0)
+    if not seen.any() and (there & (xyz != 0).any(axis=-1)).any():
+        findings.append("every sample is marked as not seen (residual -1), although there are coordinates")
     xyz[~seen] = np.nan
     filled = Origin.INTERPOLATED if (residual > 0).any() else Origin.MEASURED
-    origin = np.where(seen, np.where(residual > 0, Origin.MEASURED, filled), Origin.MISSING)
-    t_s = (int(table["first_frame"]) + np.arange(len(xyz))) / rate(path, float(table["rate_hz"]))
-    return marker_tracks(path, [name for name, kept in zip(names, keep, strict=True) if kept], t_s, xyz, origin)
+    if filled == Origin.MEASURED and seen.any():
+        findings.append("the file records no residuals: all that has a position is called measured")
+    scale = 1.0 if unit is None else metres(path, unit)
+    return point_recording(
+        path,
+        "c3d",
+        names=names,
+        xyz=xyz,
+        unit=unit,
+        frames=1 + int(table["first_frame"]) + np.arange(len(xyz)),
+        fps=fps,
+        origin=np.where(seen, np.where(residual > 0, Origin.MEASURED, filled), Origin.MISSING),
+        tables={"residual_m": np.where(seen & (residual > 0), residual * scale, np.nan)},
+        findings=tuple(findings),
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:

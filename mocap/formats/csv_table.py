@@ -122,21 +122,28 @@ def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) ->
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[io.TextIOWrapper]:
-    """Write a text file under a temporary name and rename it when it is whole; on an error nothing is left."""
+def whole_path(path: Path) -> Iterator[Path]:
+    """A temporary name beside ``path`` to write to; renamed when it is whole; on an error nothing is left."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name[:50]}.", suffix=path.suffix[:9], dir=path.parent)
+        os.close(handle)
     except OSError as error:
         raise FormatError(f"{path}: cannot be written: {error.strerror}; name another place") from None
     try:
-        with open(handle, "w", encoding="utf-8", newline="") as stream:
-            yield stream
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        yield Path(name)
+        os.chmod(name, 0o644)
+        os.replace(name, path)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        Path(name).unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[io.TextIOWrapper]:
+    """Write a text file under a temporary name and rename it when it is whole; on an error nothing is left."""
+    with whole_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+        yield stream
 
 
 def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:

@@ -61,7 +61,39 @@ def marker_tracks(
         origin = np.where(np.isnan(xyz_m[..., 0]), Origin.MISSING, Origin.MEASURED)
     try:
         return MarkerTracks(
-            names=tuple(names), t_s=t_s, xyz_m=xyz_m, cov_m2=np.full((*xyz_m.shape, 3), np.nan), origin=origin
+            names=tuple(names), t_s=t_s, xyz_m=xyz_m, cov_m2=np.broadcast_to(np.nan, (*xyz_m.shape, 3)), origin=origin
         )
     except ValueError as error:
         raise FormatError(f"{path.name}: {error}; correct it and export again") from None
+
+
+def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of which none is empty or another's, and findings on what was changed."""
+    found, changed = [], []
+    for number, name in enumerate(names, start=1):
+        new = name or f"point{number}"
+        while new in found:
+            new = f"{new}_{number}"
+        if new != name:
+            changed.append(f"{name!r} -> {new!r}")
+        found.append(new)
+    shown = ", ".join(changed[:5]) + (", ..." if len(changed) > 5 else "")
+    return found, [f"{len(changed)} points without a name of their own were renamed: {shown}"] if changed else []
+
+
+def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
+    """Frames a second of times in seconds (None of fewer than two), and a finding where they are uneven.
+
+    Raises:
+        FormatError: they do not increase.
+    """
+    if len(t_s) < 2:
+        return None, []
+    steps = np.diff(t_s)
+    if not (steps > 0).all():
+        row = int(np.argmax(~(steps > 0)))
+        raise FormatError(f"{path.name}: times do not increase: {t_s[row + 1]:g} s follows {t_s[row]:g} s")
+    uneven = np.ptp(steps) > 0.5 * np.median(steps)
+    fps = 1 / np.median(steps) if uneven else (len(t_s) - 1) / (t_s[-1] - t_s[0])
+    told = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
+    return float(f"{fps:.9g}"), told

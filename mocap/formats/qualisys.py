@@ -4,20 +4,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.format import Format
+from mocap.formats.head import Head
 from mocap.formats.lines import numbers, points, read_lines
-from mocap.formats.optical import marker_tracks, rate
-from mocap.records import MarkerTracks, Origin
+from mocap.formats.matlab import variables
+from mocap.formats.optical import rate
+from mocap.formats.recording import Recording, point_recording
+from mocap.records import Origin
 
-_MM = 1e-3
 _ORIGIN = np.array([Origin.MISSING, Origin.MEASURED, Origin.INTERPOLATED, Origin.INTERPOLATED, Origin.INTERPOLATED])
 """By QTM's type of a sample: missing, measured, gap-filled, virtual, edited."""
 
 
-def read_tsv(path: Path) -> MarkerTracks:
+def read_tsv(path: Path) -> Recording:
     """Read a 3D text export: head lines from ``NO_OF_FRAMES`` to ``MARKER_NAMES``, column titles, a row a frame.
 
     QTM's frame n is at (n - 1) / FREQUENCY seconds; the first frame need not be 1. The file does not tell filled
@@ -64,10 +66,20 @@ def read_tsv(path: Path) -> MarkerTracks:
             f"{path.name}: line {off[0] + start + 1}: frame {values[off[0], 0]:g} at {fps:g} Hz is not at "
             f"{values[off[0], 1]:g} s: was the file cut or resampled? export it again"
         )
-    return marker_tracks(path, names, t_s, points(values[:, 2:], unit_m=_MM))
+    return point_recording(
+        path,
+        "qualisys-tsv",
+        names=names,
+        xyz=points(values[:, 2:], unit_m=1.0),
+        unit="mm",
+        frames=values[:, 0].astype(np.int64),
+        fps=fps,
+        t_s=t_s,
+        findings=("filled samples are not told from measured ones in this format",),
+    )
 
 
-def read_mat(path: Path) -> MarkerTracks:
+def read_mat(path: Path) -> Recording:
     """Read the labelled trajectories of a MATLAB export.
 
     A sample's type is missing, measured, or filled (also edited or virtual): Origin missing, measured, interpolated.
@@ -92,23 +104,32 @@ def read_mat(path: Path) -> MarkerTracks:
             f"x {frames} frames: export it again"
         )
     data = data.reshape(len(names), 4, frames)
-    xyz = np.transpose(data[:, :3], (2, 0, 1)) * _MM
+    xyz = np.transpose(data[:, :3], (2, 0, 1)).copy()
     xyz[~np.isfinite(xyz).all(axis=-1)] = np.nan
     kind = _kinds(path, labelled, data)
     origin = np.where(np.isnan(xyz[..., 0]), Origin.MISSING, _ORIGIN[kind])
     xyz[origin == Origin.MISSING] = np.nan
-    t_s = (start - 1 + np.arange(frames)) / rate(path, measurement.get("FrameRate"))
-    return marker_tracks(path, names, t_s, xyz, origin)
+    unnamed = _count(measurement["Trajectories"].get("Unidentified"))
+    return point_recording(
+        path,
+        "qualisys-mat",
+        names=names,
+        xyz=xyz,
+        unit="mm",
+        frames=start + np.arange(frames),
+        fps=rate(path, measurement.get("FrameRate")),
+        origin=origin,
+        findings=(f"{unnamed} trajectories without a label are left out",) if unnamed else (),
+    )
+
+
+def _count(group: Any) -> int:
+    return int(np.max(group.get("Count", 0), initial=0)) if isinstance(group, dict) else 0
 
 
 def _measurement(path: Path) -> dict[str, Any]:
     """The one struct of the file that holds trajectories."""
-    if not path.is_file():
-        raise FormatError(f"{path}: cannot be read: no such file")
-    try:
-        table = loadmat(path, simplify_cells=True)
-    except Exception as error:  # SciPy raises whatever its parser stumbles over
-        raise FormatError(f"{path.name}: not a readable MATLAB file of version 4 to 7.2: {error}") from None
+    table = variables(path)
     found = [value for value in table.values() if isinstance(value, dict) and "Trajectories" in value]
     if len(found) != 1:
         raise FormatError(
@@ -129,3 +150,26 @@ def _kinds(path: Path, labelled: dict[str, Any], data: Array) -> np.ndarray:
     if kind.min() < 0 or kind.max() >= len(_ORIGIN):
         raise FormatError(f"{path.name}: samples of type {kind.max()}; expected 0 to {len(_ORIGIN) - 1}")
     return kind.T
+
+
+def _has_trajectories(head: Head) -> bool:
+    """Whether a MATLAB file has one struct, with trajectories in it; whatever its variable is called."""
+    if not head.mat or head.mat & {"easyWandData", "camud"}:
+        return False
+    return any(isinstance(value, dict) and "Trajectories" in value for value in variables(head.path).values())
+
+
+FORMATS = (
+    Format(
+        name="qualisys-tsv",
+        title="3D text export of Qualisys Track Manager (TSV)",
+        knows=lambda head: head.first.startswith("NO_OF_FRAMES\t"),
+        read=lambda path, _: read_tsv(path),
+    ),
+    Format(
+        name="qualisys-mat",
+        title="MATLAB export of Qualisys Track Manager",
+        knows=_has_trajectories,
+        read=lambda path, _: read_mat(path),
+    ),
+)

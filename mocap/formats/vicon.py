@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from mocap.errors import FormatError
+from mocap.formats.format import Format
 from mocap.formats.lines import numbers, points, read_lines
-from mocap.formats.optical import marker_tracks, metres, rate
-from mocap.records import MarkerTracks
+from mocap.formats.optical import rate
+from mocap.formats.recording import Recording, point_recording
 
 
-def read_csv(path: Path) -> MarkerTracks:
+def read_csv(path: Path) -> Recording:
     """Read the section ``Trajectories``: rate, names, ``Frame,Sub Frame,X,Y,Z,...``, units, a row a frame.
 
     Other sections (devices, model outputs) may come before or after it. Frame n is at (n - 1) / rate seconds. An empty
@@ -52,5 +53,23 @@ def read_csv(path: Path) -> MarkerTracks:
     values = numbers(path, rows, separator=",", columns=2 + len(axes), first_line=start + 6)
     if np.isnan(values[:, 0]).any():
         raise FormatError(f"{path.name}: line {np.argmax(np.isnan(values[:, 0])) + start + 6}: no frame number")
-    t_s = (values[:, 0] - 1) / rate(path, head[0][0])
-    return marker_tracks(path, names, t_s, points(values[:, 2:], unit_m=metres(path, units.pop())))
+    return point_recording(
+        path,
+        "vicon-csv",
+        names=names,
+        xyz=points(values[:, 2:], unit_m=1.0),
+        unit=units.pop(),
+        frames=values[:, 0].astype(np.int64),
+        fps=rate(path, head[0][0]),
+        findings=("filled samples are not told from measured ones in this format",),
+    )
+
+
+FORMATS = (
+    Format(
+        name="vicon-csv",
+        title="trajectories of Vicon Nexus (CSV)",
+        knows=lambda head: any(line.strip(", \t").lower() == "trajectories" for line in head.lines),
+        read=lambda path, _: read_csv(path),
+    ),
+)

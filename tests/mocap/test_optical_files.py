@@ -29,7 +29,7 @@ CSV = (
 
 def test_mouse_counts_are_the_exporters():
     """PROVENANCE.md: 29927 missing, 83025 measured, 2548 filled of 11 markers x 10500 frames at 300 Hz."""
-    tracks = read_mat(real(*MOUSE))
+    tracks = read_mat(real(*MOUSE)).points
     assert tracks.xyz_m.shape == (10500, 11, 3)
     assert tracks.names[0] == "left_hip"
     assert tracks.names[-1] == "miniscope"
@@ -44,8 +44,8 @@ def test_mouse_counts_are_the_exporters():
 @pytest.mark.parametrize("trial", GLIDES)
 def test_the_authors_fill_changes_no_measured_value(trial):
     """PROVENANCE.md: raw and filled files have one shape, and what was measured was left alone to the last digit."""
-    raw = read_tsv(real("snake_glide_qualisys", f"{trial}.tsv"))
-    filled = read_tsv(real("snake_glide_qualisys", f"{trial}_filled.tsv"))
+    raw = read_tsv(real("snake_glide_qualisys", f"{trial}.tsv")).points
+    filled = read_tsv(real("snake_glide_qualisys", f"{trial}_filled.tsv")).points
     assert filled.names == raw.names
     np.testing.assert_array_equal(filled.t_s, raw.t_s)
     assert filled.seen[raw.seen].all()
@@ -58,8 +58,8 @@ def test_the_authors_fill_changes_no_measured_value(trial):
 )
 def test_glide_statistics_are_those_of_another_reader(trial, frames, markers, missing, filled):
     """The table in PROVENANCE.md was counted with other code; its per cents have one decimal."""
-    raw = read_tsv(real("snake_glide_qualisys", f"{trial}.tsv"))
-    full = read_tsv(real("snake_glide_qualisys", f"{trial}_filled.tsv"))
+    raw = read_tsv(real("snake_glide_qualisys", f"{trial}.tsv")).points
+    full = read_tsv(real("snake_glide_qualisys", f"{trial}_filled.tsv")).points
     assert raw.seen.shape == (frames, markers)
     assert 100 * (1 - raw.seen.mean()) == pytest.approx(missing, abs=0.051)
     assert np.sum(full.seen & ~raw.seen) == filled
@@ -71,7 +71,7 @@ def test_glide_statistics_are_those_of_another_reader(trial, frames, markers, mi
 )
 def test_vicon_statistics_are_those_of_another_reader(trial, frames, missing):
     """PROVENANCE.md: frames, rate, and the share of the ten snake markers that is missing, to one decimal."""
-    tracks = read_csv(real("snake_gap_vicon", f"{trial}.csv"))
+    tracks = read_csv(real("snake_gap_vicon", f"{trial}.csv")).points
     assert tracks.seen.shape == (frames, 14)
     snake = [m for m, name in enumerate(tracks.names) if name.lower().startswith("snake")]
     assert len(snake) == 10
@@ -90,7 +90,7 @@ def test_variants_of_one_c3d_agree():
         ("sample_01", ["Eb015pr", "Eb015pi", "Eb015vi", "Eb015vr"], 0.0834),
         ("sample_02", ["pc_real", "pc_int", "dec_int", "dec_real"], 0.2812),
     ):
-        first, *others = [read_c3d(real("c3d_samples", folder, f"{name}.c3d")) for name in files]
+        first, *others = [read_c3d(real("c3d_samples", folder, f"{name}.c3d")).points for name in files]
         for other in others:
             assert other.names == first.names
             np.testing.assert_array_equal(other.origin, first.origin)
@@ -107,10 +107,10 @@ def test_big_endian_c3d_is_refused_with_a_reason(name):
 
 def test_c3d_counts_are_those_of_another_reader():
     """PROVENANCE.md, counted elsewhere: gait-raw 27 x 142 with 54 % missing; Eb015 26 x 450 at 50 Hz."""
-    raw = read_c3d(real("c3d_samples", "sample_03", "gait-raw.c3d"))
+    raw = read_c3d(real("c3d_samples", "sample_03", "gait-raw.c3d")).points
     assert raw.seen.shape == (142, 27)
     assert 1 - raw.seen.mean() == pytest.approx(0.545, abs=0.001)
-    eb015 = read_c3d(real("c3d_samples", "sample_01", "Eb015pi.c3d"))
+    eb015 = read_c3d(real("c3d_samples", "sample_01", "Eb015pi.c3d")).points
     assert eb015.seen.shape == (450, 26)
     np.testing.assert_allclose(np.diff(eb015.t_s), 1 / 50, rtol=1e-9)
     assert 1 < np.nanmax(eb015.xyz_m) < 3
@@ -121,7 +121,7 @@ def test_modelled_quantities_are_no_markers():
 
     It records no residuals (all are 0 or -1): what it holds is measured, as far as the file tells.
     """
-    pig = read_c3d(real("c3d_samples", "sample_03", "gait-pig.c3d"))
+    pig = read_c3d(real("c3d_samples", "sample_03", "gait-pig.c3d")).points
     assert len(pig.names) < 77
     assert not any("Angle" in name or "Moment" in name or "Power" in name for name in pig.names)
     assert set(np.unique(pig.origin)) == {Origin.MISSING, Origin.MEASURED}
@@ -131,7 +131,7 @@ def test_small_qualisys_file(tmp_path):
     """Times follow from frame numbers, millimetres become metres, NA is not seen and zero is a place."""
     path = tmp_path / "a.tsv"
     path.write_bytes(TSV.encode())
-    tracks = read_tsv(path)
+    tracks = read_tsv(path).points
     assert tracks.names == ("tip", "root")
     np.testing.assert_allclose(tracks.t_s, [0.10, 0.11])
     np.testing.assert_allclose(tracks.xyz_m[:, 0], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
@@ -146,7 +146,7 @@ def test_small_vicon_file(tmp_path, before, after):
     """The section is found between others, and read to the empty line after it."""
     path = tmp_path / "a.csv"
     path.write_bytes((before + CSV + after).encode())
-    tracks = read_csv(path)
+    tracks = read_csv(path).points
     assert tracks.names == ("A:tip", "A:root")
     np.testing.assert_allclose(tracks.t_s, [0.10, 0.11])
     np.testing.assert_allclose(tracks.xyz_m[:, 0], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])

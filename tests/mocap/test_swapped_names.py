@@ -196,13 +196,13 @@ def test_snakes_of_others_are_not_exchanged(kind):
     files = sorted(p for p in folder.iterdir() if p.suffix in (".tsv", ".csv"))
     assert files
     for path in files[:4]:
-        found = exchanged_markers(read(path).xyz_m, NO_BONES)
+        found = exchanged_markers(read(path).points.xyz_m, NO_BONES)
         assert not found.swaps
 
 
 def test_a_mouse_whose_knee_is_called_ankle():
     """One run in 10 500 frames: in it, distances to all other markers are those of the other of the two names."""
-    tracks = read_mat(real("mouse_mocap_qtm", "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat"))
+    tracks = read_mat(real("mouse_mocap_qtm", "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat")).points
     (run,) = exchanged_markers(tracks.xyz_m, NO_BONES).swaps
     knee, ankle = (tracks.names.index(f"left_{name}") for name in ("knee", "ankle"))
     assert {run.a, run.b} == {knee, ankle}

@@ -1,0 +1,72 @@
+"""What files hold, file by file, and what they say of each other."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mocap.errors import FormatError
+from mocap.formats.describe import summary
+from mocap.formats.format import Hints
+from mocap.formats.recording import Recording
+from mocap.formats.registry import by_name, identify
+from mocap.formats.together import joined
+
+_NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
+
+
+def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
+    """A summary of each file, with the findings of its reader and of the audit.
+
+    A file that cannot be read has ``error`` and that as its finding, and the ``format`` that it begins as, if any.
+    Several files that belong together are compared; what that finds stands with the first of them.
+    """
+    found, recordings = [], []
+    for path in files:
+        name = None
+        try:
+            format = identify(path) if hints.format is None else by_name(hints.format)
+            name = format.name
+            recording = format.read(path, hints)
+        except FormatError as error:
+            found.append({"format": name, **_NOTHING, "findings": [str(error)], "file": str(path), "error": str(error)})
+        else:
+            recordings.append((recording, len(found)))
+            found.append({**summary(recording), "file": str(path), "title": format.title})
+    if len(recordings) == len(found) > 1:
+        found[0]["findings"] += _together([recording for recording, _ in recordings])
+    return found
+
+
+def _together(recordings: Sequence[Recording]) -> list[str]:
+    try:
+        whole = joined(recordings)
+    except FormatError as error:
+        return [str(error)]
+    return [
+        f"together with {', '.join(path.name for path in whole.paths[1:])}: {len(whole.names)} points, "
+        f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
+    ]
+
+
+def readable(found: dict[str, Any]) -> str:
+    """One summary as text for people."""
+    lines = [str(found["file"])]
+    if "error" in found:
+        return "\n".join([*lines, f"  error: {found['error']}", ""])
+    rate = "not in the file" if found["fps"] is None else f"{found['fps']:g} frames a second"
+    start = "" if found["first_frame"] in (None, 1) else f", the first is {found['first_frame']}"
+    lines.append(f"  {found['title']} ({found['format']})")
+    lines.append(
+        f"  {found['points']} points, {found['cameras']} cameras, {found['frames']} frames{start}; rate {rate}"
+    )
+    lines.append(f"  units {found['units'] or 'not stated'}; holds {', '.join(found['holds']) or 'nothing'}")
+    if found["missing"] is not None:
+        gaps = found["gaps"]
+        text = f"  {100 * found['missing']:.1f} % missing; {gaps['count']} gaps between sightings"
+        lines.append(
+            text
+            + (f", median {gaps['median_frames']:g}, longest {gaps['longest_frames']} frames" if gaps["count"] else "")
+        )
+    if found["names"]:
+        lines.append("  names: " + ", ".join(found["names"][:12]) + (", ..." if len(found["names"]) > 12 else ""))
+    return "\n".join([*lines, *(f"  - {finding}" for finding in found["findings"]), ""])

@@ -1,0 +1,105 @@
+"""What a file begins with, for the sniffers of the registry: content, not its name."""
+
+import csv
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import h5py
+from scipy.io import whosmat
+
+from mocap.errors import FormatError
+from mocap.formats.matlab import variables
+
+LENGTH = 1 << 16
+
+
+@dataclass(frozen=True)
+class Head:
+    """The first bytes of a file, and what they say.
+
+    Attributes:
+        path: The file.
+        start: Its first 64 KiB.
+    """
+
+    path: Path
+    start: bytes
+
+    @property
+    def name(self) -> str:
+        """The file's name in lower case; only to tell formats apart whose content is the same."""
+        return self.path.name.lower()
+
+    @cached_property
+    def lines(self) -> tuple[str, ...]:
+        """Whole lines of a text file; none of a binary one."""
+        if b"\0" in self.start:
+            return ()
+        text = self.start.decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\r", "\n")
+        lines = text.split("\n")
+        if len(self.start) == LENGTH:
+            lines = lines[:-1] or lines  # the last one is not whole
+        return tuple(lines)
+
+    @property
+    def first(self) -> str:
+        """The first line."""
+        return self.lines[0] if self.lines else ""
+
+    def cells(self, line: int = 0) -> tuple[str, ...]:
+        """The cells of a line of a CSV file."""
+        if line >= len(self.lines):
+            return ()
+        try:
+            row = next(csv.reader([self.lines[line]], skipinitialspace=True), [])
+        except csv.Error:
+            return ()
+        return tuple(cell.strip() for cell in row)
+
+    @cached_property
+    def is_hdf5(self) -> bool:
+        """Whether the signature of HDF5 is where it may be (after a user block, as in MATLAB 7.3)."""
+        return any(self.start[at : at + 8] == b"\x89HDF\r\n\x1a\n" for at in (0, 512, 1024, 2048))
+
+    @cached_property
+    def hdf5(self) -> frozenset[str]:
+        """Names at the root of an HDF5 file; empty of others."""
+        if not self.is_hdf5:
+            return frozenset()
+        try:
+            with h5py.File(self.path, "r") as file:
+                return frozenset(file)
+        except (OSError, RuntimeError, KeyError, ValueError, UnicodeError) as error:
+            raise FormatError(
+                f"{self.path.name}: an HDF5 file that cannot be opened ({error}): it is cut or damaged; copy or "
+                "export it again"
+            ) from None
+
+    @cached_property
+    def mat(self) -> frozenset[str]:
+        """Names of the variables of a MATLAB file of version 5 to 7.2; empty of others."""
+        if not self.start.startswith(b"MATLAB 5.0"):
+            return frozenset()
+        try:
+            return frozenset(str(name) for name, _, _ in whosmat(self.path))
+        except Exception:  # SciPy raises whatever its parser stumbles over, here also over functions in sound files
+            return frozenset(variables(self.path)) - {"None"}
+
+
+def head(path: Path) -> Head:
+    """Read what a file begins with.
+
+    Raises:
+        FormatError: it cannot be read, or is empty.
+    """
+    if path.is_dir():
+        raise FormatError(f"{path}: is a folder; expected a file")
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(LENGTH)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    if not start.strip():
+        raise FormatError(f"{path.name}: the file is empty: export it again")
+    return Head(path, start)

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from app.cli import app
 from datasets.catalogue import ENTRIES, make
-from datasets.real import REAL, real_path
+from datasets.real import real_path
 from mocap.errors import MocapError
 
 SMALL = (

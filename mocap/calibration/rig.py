@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from mocap.arrays import Array, frozen
 from mocap.cameras import Camera, decompose
-from mocap.lens import BrownLens, Lens
+from mocap.lens import BrownLens, FisheyeLens, Lens
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,6 +84,21 @@ def rig_camera(camera: Camera) -> RigCamera:
         translation_m=parts.translation_m,
         size_px=camera.size_px,
         shear=0.0 if lens is not None else intrinsic[0, 1] / intrinsic[0, 0],
+    )
+
+
+def upside_down(camera: RigCamera, height_px: float) -> RigCamera:
+    """The same camera for pixel rows counted from the other edge of the picture, v -> height - v."""
+    lens = camera.lens
+    coefficients = lens.coefficients.copy()
+    if not isinstance(lens, FisheyeLens):
+        coefficients[2] *= -1  # p1 is odd in y
+    return replace(
+        camera,
+        lens=type(lens).of(lens.f_px, (lens.centre_px[0], height_px - lens.centre_px[1]), coefficients),
+        rotation=np.diag([1.0, -1.0, 1.0]) @ camera.rotation,
+        translation_m=camera.translation_m * [1.0, -1.0, 1.0],
+        shear=-camera.shear,
     )
 
 

@@ -1,0 +1,208 @@
+"""A rig from a wand of known length waved through the volume, with background points where there are any."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.calibration.bundle import Adjusted, Free, Lengths, Scene, Sightings, adjust, camera_rms
+from mocap.calibration.chain import rigid
+from mocap.calibration.first_look import first_stands
+from mocap.calibration.rig import RigCamera, in_world
+from mocap.cameras import Camera, stacked, undistorted
+from mocap.errors import CalibrationError
+from mocap.lens import Lens
+from mocap.triangulate import linear
+
+FEWEST_WANDS = 10
+MOVES = ("none", "focal", "focal+centre", "lens")
+"""What of a lens may move: nothing, its focal length, the principal point too, the first two distortion terms too."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WandCalibration:
+    """A rig calibrated with a wand.
+
+    Attributes:
+        cameras: The C cameras; the world's origin is the median of the wand's ends, its axes are those of the first
+            camera (x right, y down, z forward).
+        wands: Number of instants at which the wand was used.
+        score: 100 x standard deviation / mean of the wand's length, by linear triangulation (easyWand's wandScore).
+        held_out_score: The same on instants that the fit did not see.
+        camera_px: (C,) root mean square error of each camera.
+        median_px: Median error.
+        believed: Share of the sightings believed by more than half.
+        f_sd_px: (C,) standard deviations of focal lengths; 0 where held.
+    """
+
+    cameras: tuple[RigCamera, ...]
+    wands: int
+    score: float
+    held_out_score: float
+    camera_px: tuple[float, ...]
+    median_px: float
+    believed: float
+    f_sd_px: Array
+
+
+def calibrate_wand(
+    lenses: Sequence[Lens],
+    sizes_px: Sequence[tuple[int, int] | None],
+    wand_px: Array,
+    background_px: Array,
+    *,
+    length_m: float,
+    length_sd_m: float | None = None,
+    moves: str = "focal",
+    names: Sequence[str] | None = None,
+    folds: int = 8,
+) -> WandCalibration:
+    """Calibrate by a wand.
+
+    Args:
+        lenses: Of the C cameras, at least roughly known.
+        sizes_px: Their image sizes.
+        wand_px: (C, T, 2, 2) recorded pixels of its two ends, origin upper-left; NaN where not seen.
+        background_px: (C, N, B, 2) recorded pixels of other points that several cameras saw at one instant.
+        length_m: Distance of the wand's ends.
+        length_sd_m: How well it is known; None: a thousandth.
+        moves: What of the lenses may move (``MOVES``).
+        names: Of the cameras; None: cam1, cam2, ...
+        folds: Parts of the instants for the held-out score; 0 or 1: it is not computed (NaN).
+
+    Raises:
+        CalibrationError: too few wands, cameras without common points, or a result that cannot be.
+    """
+    names = [f"cam{i + 1}" for i in range(len(lenses))] if names is None else list(names)
+    if moves not in MOVES:
+        raise CalibrationError(f"{moves!r} is no choice of what may move: one of {', '.join(MOVES)}")
+    sd = 1e-3 * length_m if length_sd_m is None else length_sd_m
+    pairs = np.moveaxis(wand_px, 2, 1).reshape(len(lenses), -1, 2)  # first ends, then second ends
+    xy = np.stack([u.normalised(u.undistort(uv)) for u, uv in zip(lenses, pairs, strict=True)])
+    whole = (np.isfinite(xy).all(axis=-1).sum(axis=0) >= 2).reshape(2, -1).all(axis=0)
+    if np.count_nonzero(whole) < FEWEST_WANDS:
+        raise CalibrationError(
+            f"two cameras saw both ends of the wand at {np.count_nonzero(whole)} instants, and {FEWEST_WANDS} are "
+            "needed: wave it on, through the whole volume"
+        )
+
+    at = np.flatnonzero(whole)
+    used_px = wand_px[:, at]
+    points_px = np.concatenate(
+        [used_px[:, :, 0], used_px[:, :, 1], background_px.reshape(len(lenses), -1, 2)], axis=1
+    )  # (C, P, 2)
+    T, points = first_stands(
+        np.stack([u.normalised(u.undistort(uv)) for u, uv in zip(lenses, points_px, strict=True)]),
+        names,
+        [u.f_px[0] for u in lenses],
+    )
+    scale = length_m / np.nanmedian(np.linalg.norm(points[: len(at)] - points[len(at) : 2 * len(at)], axis=-1))
+    start = tuple(
+        RigCamera(name=name, lens=lens, rotation=t[:3, :3], translation_m=scale * t[:3, 3], size_px=size)
+        for name, lens, t, size in zip(names, lenses, T, sizes_px, strict=True)
+    )
+    free = Free(
+        focal="none" if moves == "none" else "one",
+        centre=moves in ("focal+centre", "lens"),
+        coefficients=tuple(tuple(moves == "lens" and i < 2 for i in range(u.n_coefficients)) for u in lenses),
+    )
+
+    def solve(used: NDArray[np.bool_]) -> tuple[Adjusted, Sightings]:
+        keep = np.isfinite(points[:, 0])
+        keep[: 2 * len(at)] &= np.tile(used, 2)
+        return _solve(start, scale * points, points_px, keep, len(at), length_m, sd, free)
+
+    adjusted, sightings = solve(np.ones(len(at), dtype=bool))
+    cameras = adjusted.scene.cameras
+    misses = []
+    for fold in range(folds if folds > 1 else 0):
+        out = np.arange(len(at)) % folds == fold
+        misses.append(wand_lengths([c.camera() for c in solve(~out)[0].scene.cameras], used_px[:, out]))
+    result = WandCalibration(
+        cameras=cameras,
+        wands=len(at),
+        score=wand_score(wand_lengths([c.camera() for c in cameras], wand_px[:, at])),
+        held_out_score=wand_score(np.concatenate(misses)) if misses else float("nan"),
+        camera_px=tuple(camera_rms(adjusted, sightings, len(cameras))),
+        median_px=float(np.median(np.hypot(*adjusted.error_px.T))),
+        believed=float(np.mean(adjusted.weight > 0.5)),
+        f_sd_px=adjusted.f_sd_px,
+    )
+    _refuse(result, lenses, names)
+    return result
+
+
+def wand_lengths(cameras: Sequence[Camera], wand_px: Array, *, iterations: int | None = None) -> Array:
+    """(T,) distances of the wand's ends by linear triangulation (DLT); NaN where an end is seen by fewer than two."""
+    ends = linear(stacked(cameras), undistorted(cameras, wand_px, iterations=iterations))
+    return np.linalg.norm(ends[:, 0] - ends[:, 1], axis=-1)
+
+
+def wand_score(length: Array) -> float:
+    """The score of easyWand: 100 x standard deviation / mean of the (T,) lengths of the wand, NaN left out."""
+    length = length[np.isfinite(length)]
+    return float(100 * length.std(ddof=1) / length.mean())
+
+
+def _solve(
+    start: tuple[RigCamera, ...],
+    points_m: Array,
+    points_px: Array,
+    keep: NDArray[np.bool_],
+    wands: int,
+    length_m: float,
+    sd_m: float,
+    free: Free,
+) -> tuple[Adjusted, Sightings]:
+    """Bundle adjustment of the points kept, in the frame that ``WandCalibration`` states."""
+    number = np.cumsum(keep) - 1
+    camera, point = np.nonzero(np.isfinite(points_px).all(axis=-1) & keep)
+    sightings = Sightings(
+        camera=camera, body=number[point], local_m=np.zeros((len(camera), 3)), uv_px=points_px[camera, point]
+    )
+    both = np.flatnonzero(keep[:wands] & keep[wands : 2 * wands])
+    known = Lengths(
+        first=number[both],
+        second=number[both + wands],
+        length_m=np.full(len(both), length_m),
+        sd_m=np.full(len(both), sd_m),
+    )
+    turns = np.broadcast_to(np.eye(3), (int(keep.sum()), 3, 3))
+    scene = Scene(cameras=start, rotation=turns, position_m=points_m[keep])
+    adjusted = adjust(scene, sightings, free=free, lengths=known)
+    first = adjusted.scene.cameras[0]
+    middle = np.median(adjusted.scene.position_m[: 2 * len(both)], axis=0)
+    T_world = rigid(first.rotation, -first.rotation @ middle)
+    moved = Scene(
+        cameras=in_world(adjusted.scene.cameras, T_world),
+        rotation=adjusted.scene.rotation,
+        position_m=(adjusted.scene.position_m - middle) @ first.rotation.T,
+    )
+    return replace(adjusted, scene=moved), sightings
+
+
+def _refuse(result: WandCalibration, lenses: Sequence[Lens], names: Sequence[str]) -> None:
+    """What no wand calibration of real cameras is.
+
+    Raises:
+        CalibrationError: a focal length far from the stated one or left open, or a wand whose length is not constant.
+    """
+    for camera, lens, sd, name in zip(result.cameras, lenses, result.f_sd_px, names, strict=True):
+        ratio = camera.lens.f_px[0] / lens.f_px[0]
+        if not 0.7 < ratio < 1.4:
+            raise CalibrationError(
+                f"camera {name!r}: the focal length went from {lens.f_px[0]:.0f} to {camera.lens.f_px[0]:.0f} px: "
+                "check its lens, or hold it with --free none"
+            )
+        if sd > 0.1 * camera.lens.f_px[0]:
+            raise CalibrationError(
+                f"camera {name!r}: the wand leaves its focal length open ({camera.lens.f_px[0]:.0f} +- {sd:.0f} px): "
+                "hold it with --free none, or wave the wand nearer and farther"
+            )
+    if not result.score < 10:
+        raise CalibrationError(
+            f"the wand's length varies by {result.score:.0f} % of its mean: check that the two ends are the same "
+            "markers in all cameras, and that the cameras ran in step"
+        )

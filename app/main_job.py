@@ -153,6 +153,7 @@ def _run_job(
         tracked=tracked,
         joints=joints,
         potentials=potentials,
+        repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),
     )

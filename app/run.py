@@ -67,6 +67,7 @@ class Run:
         tracked: The result of the tracker.
         joints: Joint tracks by frame of reference.
         potentials: One empirical potential a joint, by joint name.
+        repaired: (T, M) True where a sample bore another marker's name in the file.
         report: The report as ``report.json`` holds it.
         report_text: The same as markdown.
         footage: The movie of each camera; empty where none were given.
@@ -80,6 +81,7 @@ class Run:
     tracked: TrackedMotion
     joints: Mapping[str, JointTracks]
     potentials: Mapping[str, JointPotential]
+    repaired: NDArray[np.bool_]
     report: Mapping[str, object]
     report_text: str
     footage: tuple[Footage, ...] = ()

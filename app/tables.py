@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.run import Run
 from mocap.errors import MocapError
@@ -58,7 +59,7 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
     except OSError as error:
         raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
     try:
-        write_markers(run.tracked.markers, temporary / "markers.csv")
+        write_markers(run.tracked.markers, run.repaired, temporary / "markers.csv")
         write_joints(run, temporary / "joints.csv")
         (temporary / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
         (temporary / "report.md").write_text(run.report_text, encoding="utf-8")
@@ -81,16 +82,20 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
         raise
 
 
-def write_markers(markers: MarkerTracks, path: Path) -> None:
-    """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_x, _y, _z, _sd`` in metres and ``_origin`` a marker."""
+def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path) -> None:
+    """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_x, _y, _z, _sd`` in metres and ``_origin`` a marker.
+
+    Measured samples that bore another marker's name in the file, (T, M) ``repaired``, have the origin ``repaired``.
+    """
     header = ["frame", "t_s"]
     columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
-    words = np.array([o.name.lower() for o in Origin])
+    words = np.array([o.name.lower() for o in Origin], dtype="U12")[markers.origin]
+    words[repaired & (markers.origin == Origin.MEASURED)] = "repaired"
     sd = markers.sd_m
     for i, name in enumerate(markers.names):
         header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]
         columns += [_text(markers.xyz_m[:, i, k]) for k in range(3)]
-        columns += [_text(sd[:, i]), words[markers.origin[:, i]]]
+        columns += [_text(sd[:, i]), words[:, i]]
     _write(path, header, columns)
 
 

@@ -129,6 +129,7 @@ def make_run(
         tracked=tracked,
         joints=joints,
         potentials=potentials,
+        repaired=np.zeros((n_frames, n_markers), dtype=bool),
         report={},
         report_text=_REPORT,
     )

@@ -20,7 +20,8 @@ class JointEnergy:
         strength: 1/eps^2 in J/kg; 0 where the joint is never known in two frames on end.
         kinetic: (T,) |dq/dt|^2 / 2 in J/kg; NaN where unknown.
         potential: (T,) V_z(q) / eps^2 in J/kg.
-        bound: (T,) what V_z stays below after the first known frame if nobody adds energy: Theorem 3.
+        bound: (T,) what V_z stays below if the joint is let go where it is fastest: Theorem 3. Where the recorded V_z
+            is above it, no free joint of the recorded energy would be.
     """
 
     strength: float
@@ -40,11 +41,12 @@ def joint_energy(t_s: Array, path_mm: Array, value: Array) -> JointEnergy:
     speed = np.gradient(path_mm, t_s, axis=0) if len(t_s) > 1 else np.full_like(path_mm, np.nan)
     kinetic = 0.5 * np.square(speed).sum(axis=1) / _MM2_PER_M2
     known = np.flatnonzero(np.isfinite(kinetic) & np.isfinite(value))
-    bound = np.full(len(t_s), np.nan)
-    strength = STIFFNESS * float(kinetic[known].max(initial=0.0))
+    bound, strength = np.full(len(t_s), np.nan), 0.0
+    if len(known):
+        fastest = known[np.argmax(kinetic[known])]
+        strength = STIFFNESS * float(kinetic[fastest])
     if strength > 0:
-        first = known[0]
-        bound[first:] = theorem3(
-            strength, value0=value[first], kinetic0=float(kinetic[first]), potential0=0.0, potential_min=0.0
+        bound[:] = theorem3(
+            strength, value0=value[fastest], kinetic0=float(kinetic[fastest]), potential0=0.0, potential_min=0.0
         )
     return JointEnergy(strength=strength, kinetic=kinetic, potential=strength * value, bound=bound)

@@ -45,12 +45,12 @@ class Headless:
         self.process.terminate()
         self.process.wait(timeout=10)
 
-    def load(self, rrd: Path, recording_id: str) -> None:
-        """Load a file."""
+    def load(self, rrd: Path, recording_id: str, *, application: str = APPLICATION) -> None:
+        """Load a file, given what it calls itself and the program that wrote it."""
         if self.stream is not None:
             self.stream.disconnect()
         self.recording_id = recording_id
-        self.stream = rr.RecordingStream(APPLICATION, recording_id=recording_id, send_properties=False)
+        self.stream = rr.RecordingStream(application, recording_id=recording_id, send_properties=False)
         self.stream.connect_grpc(self.client.url)
         self.stream.log_file_from_path(str(rrd))
         self.stream.flush(timeout_sec=30)

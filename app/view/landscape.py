@@ -76,7 +76,7 @@ class Landscape:
 
 
 def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
-    """Sample the potential of a joint round its samples and its path.
+    """Sample the potential of a joint round its samples.
 
     Args:
         joint: The potential and its samples.
@@ -92,8 +92,7 @@ def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
         )
     path_m = tracks.q_m[:, tracks.names.index(joint.joint), :2]
     known = np.isfinite(path_m).all(axis=1)
-    points = np.concatenate([joint.samples_m, path_m[known]])
-    points = points[np.isfinite(points).all(axis=1)]
+    points = joint.samples_m[np.isfinite(joint.samples_m).all(axis=1)]
     low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
     half = max(float((high - low).max()) * (0.5 + _MARGIN), 1e-4)
     x_m, y_m = ((low + high)[:, None] / 2 + np.linspace(-half, half, GRID)).reshape(2, GRID)

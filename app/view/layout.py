@@ -49,12 +49,17 @@ class Layout:
     @property
     def trail_frames(self) -> int:
         """Length of the trails behind moving things."""
-        return int(np.clip(self.n_frames // 20, 10, 60))
+        return trail_length(self.n_frames)
 
     @property
     def fps(self) -> float:
         """Frames a second when played: the whole run in a quarter of a minute, if that is no crawl and no blur."""
         return float(np.clip(self.n_frames / 15, 10, 60))
+
+
+def trail_length(n_frames: int) -> int:
+    """How many frames a trail is long."""
+    return int(np.clip(n_frames // 20, 10, 60))
 
 
 def run_layout(

@@ -22,6 +22,9 @@ GAPS = "/gaps"
 GAP_MAP = "/gap_map"
 REPORT = "/report"
 
+TOGETHER = "/together"
+APART = "/apart/rms"
+
 ORIGINS = ("measured", "filled", "rejected")
 """Classes of samples; each has its own entity under ``MARKERS`` and ``UNCERTAINTY``, so that it can be toggled."""
 
@@ -69,3 +72,18 @@ def spectrum(name: str) -> str:
 def joint_series(name: str) -> str:
     """What a joint does over time."""
     return f"{joint(name)}/series"
+
+
+def run(number: int) -> str:
+    """All of one run among several."""
+    return f"/run{number + 1}"
+
+
+def together(number: int) -> str:
+    """The body of one run in the scene that all share."""
+    return f"{TOGETHER}{run(number)}"
+
+
+def difference(number: int) -> str:
+    """How far a run is from the first, marker by marker."""
+    return f"/apart{run(number)}"

@@ -81,8 +81,15 @@ def amounts(values: Array, limit: float) -> NDArray[np.uint8]:
     there = np.isfinite(values)
     total = np.add.reduceat(np.where(there, values, 0.0) ** 2, starts, axis=1)
     count = np.add.reduceat(there.astype(int), starts, axis=1)
-    rms = np.sqrt(total / np.maximum(count, 1))
-    return np.where(count[..., None] > 0, palette.depth(1 - rms / limit), np.array(palette.GROUND, dtype=np.uint8))
+    mean = np.sqrt(total / np.maximum(count, 1))
+    return np.where(count[..., None] > 0, palette.depth(1 - mean / limit), np.array(palette.GROUND, dtype=np.uint8))
+
+
+def rms(values: Array) -> Array:
+    """(T,) root mean square of the rows of (rows, T) numbers; NaN where all are."""
+    there = np.isfinite(values)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt((np.where(there, values, 0.0) ** 2).sum(axis=0) / there.sum(axis=0))
 
 
 def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE) -> rrb.View:

@@ -1,5 +1,7 @@
 """Views in three dimensions: where the eye stands, the ground, and how long the trails are."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -85,20 +87,51 @@ def grid_spacing_m(radius_m: float) -> float:
 
 def _world_view(layout: Layout, name: str, distance_m: float) -> rrb.View:
     scene = layout.scene
-    return rrb.Spatial3DView(
-        origin=paths.WORLD,
-        name=name,
+    cameras = [paths.image(camera.name) for camera in scene.cameras]
+    return world_view(
+        paths.WORLD,
+        name,
         contents=[
             *(paths.SKELETON, paths.PATH, paths.TRAILS, f"{paths.MARKERS}/**", f"{paths.UNCERTAINTY}/**"),
-            *(paths.image(camera.name) for camera in scene.cameras),
+            *cameras,
         ],
+        ground=(scene.up, scene.ground_m, scene.radius_m),
+        look=eye(scene.centre_m, distance_m, scene.up),
+        trail=(paths.TRAILS, layout.trail_frames),
+    )
+
+
+def world_view(
+    origin: str,
+    name: str,
+    *,
+    contents: Sequence[str],
+    ground: tuple[Array, float, float],
+    look: rrb.EyeControls3D,
+    trail: tuple[str, int],
+) -> rrb.View:
+    """Things over a ground.
+
+    Args:
+        origin: Entity whose space it is.
+        name: Title.
+        contents: What to show.
+        ground: The signed axis that points up, the height of the ground along it, and the radius of what is shown.
+        look: The eye.
+        trail: The entity that is shown of several frames, and of how many.
+    """
+    up, height_m, radius_m = ground
+    return rrb.Spatial3DView(
+        origin=origin,
+        name=name,
+        contents=list(contents),
         background=palette.GROUND,
         line_grid=rrb.LineGrid3D(
             visible=True,
-            spacing=grid_spacing_m(scene.radius_m),
-            plane=rr.components.Plane3D(scene.up, scene.ground_m),
+            spacing=grid_spacing_m(radius_m),
+            plane=rr.components.Plane3D(up, height_m),
             color=(*palette.DIM, 70),
         ),
-        eye_controls=eye(scene.centre_m, distance_m, scene.up),
-        overrides={paths.TRAILS: last_frames(layout.trail_frames)},
+        eye_controls=look,
+        overrides={trail[0]: last_frames(trail[1])},
     )

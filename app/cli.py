@@ -4,6 +4,7 @@ import sys
 
 import typer
 
+from app.commands.calibrate import calibrate
 from app.commands.console import errors
 from app.commands.convert import convert
 from app.commands.data import data
@@ -25,6 +26,7 @@ app = typer.Typer(
 for command in (info, convert, triangulate, track, learn, demo, view, reproduce):
     app.command()(command)
 app.add_typer(data, name="data")
+app.add_typer(calibrate, name="calibrate")
 
 
 def main() -> None:

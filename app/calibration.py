@@ -1,0 +1,116 @@
+"""A calibration as files: calibration.toml, DLT coefficients, camera profile, report; all there or none."""
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.tables import check_target
+from mocap.cameras import Camera
+from mocap.errors import FormatError, MocapError
+from mocap.formats.anipose import write_calibration
+from mocap.formats.dltdv import write_coefficients
+from mocap.formats.profile import write_profile
+
+FILES = ("calibration.toml", "dltCoefs.csv", "camera_profile.txt", "report.json", "report.md")
+"""All that a calibration's folder may hold."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CalibrationReport:
+    """What was found, for machines and for people.
+
+    Attributes:
+        numbers: As ``report.json`` holds it.
+        lines: Sentences and tables in markdown.
+    """
+
+    numbers: Mapping[str, object]
+    lines: Sequence[str]
+
+
+def write_calibration_folder(
+    folder: Path,
+    cameras: Sequence[Camera],
+    report: CalibrationReport,
+    *,
+    force: bool,
+    inputs: Sequence[Path],
+    upright: Sequence[Camera] | None = None,
+    lenses: bool = True,
+) -> CalibrationReport:
+    """Write a calibration into a folder; files that cannot hold it are left out, and the report says why.
+
+    Args:
+        folder: Where to.
+        cameras: In the pixel convention of the input, for ``dltCoefs.csv``.
+        report: What was found.
+        force: Whether files of an earlier calibration may be replaced.
+        inputs: What was read, which is never written to.
+        upright: The same cameras for pixel rows from the upper left, for ``calibration.toml``; None: ``cameras``.
+        lenses: Whether the cameras' lenses are whole (else ``dltCoefs.csv`` alone is written).
+
+    Returns:
+        The report as written.
+
+    Raises:
+        MocapError: the folder holds a calibration and ``force`` is not given, or it cannot be written.
+    """
+    clean = [*inputs]
+    if any((folder / name).exists() for name in FILES) or not folder.is_dir():
+        check_target(folder, force=force, inputs=clean)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".calibration.", dir=folder) as name:
+            temporary = Path(name)
+            written, held_back = [], []
+            todo = [("dltCoefs.csv", write_coefficients, cameras)]
+            if lenses:
+                todo += [
+                    ("calibration.toml", write_calibration, cameras if upright is None else upright),
+                    ("camera_profile.txt", write_profile, cameras),
+                ]
+            for name, write, what in todo:
+                try:
+                    write(temporary / name, what)
+                    written.append(name)
+                except (FormatError, ValueError) as error:
+                    held_back.append(f"{name} was not written: {error}")
+            lines = [*report.lines, "", *(f"- {line}" for line in held_back)] if held_back else [*report.lines]
+            lines += ["", "Written: " + ", ".join([*written, "report.json", "report.md"]) + "."]
+            full = CalibrationReport(
+                numbers={**report.numbers, "written": written, "not_written": held_back}, lines=lines
+            )
+            text = json.dumps(full.numbers, indent=1, allow_nan=False, default=_plain)
+            (temporary / "report.json").write_text(text + "\n", encoding="utf-8")
+            (temporary / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+            for name in FILES:
+                if (temporary / name).exists():
+                    (temporary / name).replace(folder / name)
+                else:
+                    (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
+    return full
+
+
+def number(x: float) -> float | None:
+    """A finite number, else None: JSON has no NaN."""
+    return float(x) if np.isfinite(x) else None
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """A table in markdown."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    return [*lines, *("| " + " | ".join(map(str, row)) + " |" for row in rows), ""]
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is no JSON")

@@ -1,0 +1,181 @@
+"""``mocap calibrate``: cameras from pictures of boards, a wand, known points, or the marker tracks themselves."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from app.commands.console import errors
+from app.commands.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOrigin, PixelOriginOption, Profile
+from mocap.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from app.calibration import CalibrationReport
+    from mocap.calibration.boards import Board
+
+calibrate = typer.Typer(no_args_is_help=True, help="Calibrate cameras, with residuals, refusing the implausible.")
+
+
+def _tell(text: str) -> None:
+    errors.print(text, highlight=False, soft_wrap=True)
+
+
+def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    if as_json:
+        print((out / "report.json").read_text(encoding="utf-8"), end="")  # noqa: T201
+    else:
+        Console().print(Markdown("\n".join(report.lines)))
+        _tell(f"Wrote {out}/")
+
+
+def _size(text: str, option: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d+)\s*[xX]\s*(\d+)", text)
+    if found is None:
+        raise CalibrationError(f"{option} {text!r}: expected columns x rows, as in 9x6")
+    return int(found[1]), int(found[2])
+
+
+def _board(
+    checkerboard: str | None, charuco: str | None, square_mm: float, marker_mm: float | None, dictionary: str
+) -> "Board":
+    from mocap.calibration.boards import Charuco, Checkerboard
+
+    if (checkerboard is None) == (charuco is None):
+        raise CalibrationError(
+            "say which board was filmed: --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)"
+        )
+    if checkerboard is not None:
+        columns, rows = _size(checkerboard, "--checkerboard")
+        return Checkerboard(columns=columns, rows=rows, square_m=square_mm / 1e3)
+    columns, rows = _size(charuco or "", "--charuco")
+    if marker_mm is None:
+        raise CalibrationError("--charuco needs the side of its markers: give --marker-mm")
+    return Charuco(
+        columns=columns, rows=rows, square_m=square_mm / 1e3, marker_m=marker_mm / 1e3, dictionary=dictionary
+    )
+
+
+@calibrate.command()
+def images(
+    folder: Annotated[
+        Path, typer.Argument(help="Pictures: <camera>/<frame>.png, or <camera><frame>.png in one folder.")
+    ],
+    square_mm: Annotated[float, typer.Option(help="Side of a square.")],
+    out: Out,
+    checkerboard: Annotated[str | None, typer.Option(help="Inner corners, as in 9x6.")] = None,
+    charuco: Annotated[str | None, typer.Option(help="Squares of a ChArUco board, as in 7x5.")] = None,
+    marker_mm: Annotated[float | None, typer.Option(help="Side of a ChArUco marker.")] = None,
+    dictionary: Annotated[str, typer.Option(help="Dictionary of the markers, as OpenCV names it.")] = "DICT_4X4_50",
+    world_frame: Annotated[
+        str | None, typer.Option(help="Frame whose board is the world's x-y plane; else the one most cameras see.")
+    ] = None,
+    lens: Annotated[
+        str, typer.Option(help="brown2 (k1 k2), brown (5), rational (8), fisheye (4), or auto: by pictures held out.")
+    ] = "auto",
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Pictures of a checkerboard or ChArUco board: lenses and places of 1 to 30 cameras."""
+    from app.calibrating import from_pictures
+    from app.calibration import write_calibration_folder
+
+    if not square_mm > 0:
+        raise CalibrationError(f"--square-mm {square_mm:g}: a square has a side above 0")
+    board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
+    cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, tell=_tell)
+    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=[folder]), out, as_json)
+
+
+@calibrate.command()
+def wand(
+    file: Annotated[Path, typer.Argument(help="easyWandData.mat, or a DLTdv xypts file of the wand's two ends.")],
+    out: Out,
+    background: Annotated[
+        Path | None, typer.Option(help="xypts file of other points that several cameras saw.")
+    ] = None,
+    profile: Profile = None,
+    length_m: Annotated[float | None, typer.Option(help="Distance of the wand's ends in metres.")] = None,
+    free: Annotated[
+        str, typer.Option(help="What of the lenses moves: none, focal, focal+centre, lens; auto: by held-out score.")
+    ] = "auto",
+    origin: PixelOriginOption = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Two points of known distance waved through the volume, with background points."""
+    from app.calibrating import from_wand
+    from app.calibration import write_calibration_folder
+
+    cameras, upright, report = from_wand(
+        file,
+        background=background,
+        profile=profile,
+        length_m=length_m,
+        moves=free,
+        lower_left=origin is PixelOrigin.lower_left,
+        tell=_tell,
+    )
+    inputs = [p for p in (file, background, profile) if p is not None]
+    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, upright=upright), out, as_json)
+
+
+@calibrate.command()
+def dlt(
+    points: Annotated[Path, typer.Argument(help="CSV of known points: x, y, z, a row a point.")],
+    pixels: Annotated[
+        Path, typer.Argument(help="CSV of their pixels: x, y for each camera, the same rows; NaN: not seen.")
+    ],
+    out: Out,
+    unit: Annotated[str, typer.Option(help="Unit of the points: m, cm or mm.")] = "m",
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """11 DLT coefficients a camera from points whose places are known."""
+    from app.calibrating import from_points
+    from app.calibration import write_calibration_folder
+
+    scale = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}.get(unit)
+    if scale is None:
+        raise CalibrationError(f"--unit {unit!r}: m, cm or mm")
+    cameras, report = from_points(points, pixels, unit_m=scale)
+    inputs = [points, pixels]
+    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, lenses=False), out, as_json)
+
+
+@calibrate.command()
+def refine(
+    tracks: Annotated[Path, typer.Argument(help="DLTdv xypts file, or a dvProject.mat.")],
+    out: Out,
+    dlt: Annotated[Path | None, typer.Option("--dlt", help="DLT coefficients: 11 rows, a column a camera.")] = None,
+    profile: Profile = None,
+    bone: Annotated[
+        list[str] | None, typer.Option(help="first,second[,metres]: two markers at a fixed distance; may be repeated.")
+    ] = None,
+    focal: Annotated[bool, typer.Option("--focal", help="Focal lengths move too.")] = False,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Self-calibration: cameras moved until the rays of the markers meet, the scale kept by bones or as it was."""
+    from app.calibrating import from_tracks
+    from app.calibration import write_calibration_folder
+    from app.source import Source
+
+    source = Source(
+        tracks=tracks,
+        fps=1.0,
+        coefficients=dlt,
+        profile=profile,
+        pixel_origin=origin.value if origin else None,
+        coefficient_origin=dlt_origin.value if dlt_origin else None,
+        image_height_px=image_height,
+    )
+    cameras, report = from_tracks(source, bones=bone or [], focal=focal)
+    inputs = [p for p in source.inputs if p is not None]
+    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, lenses=False), out, as_json)

@@ -12,6 +12,7 @@ from app.commands.demo import demo
 from app.commands.info import info
 from app.commands.learn import learn
 from app.commands.reproduce import reproduce
+from app.commands.share import share
 from app.commands.track import track
 from app.commands.triangulate import triangulate
 from app.commands.view import view
@@ -23,7 +24,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
 )
-for command in (info, convert, triangulate, track, learn, demo, view, reproduce):
+for command in (info, convert, triangulate, track, learn, demo, view, share, reproduce):
     app.command()(command)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")

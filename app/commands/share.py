@@ -1,0 +1,33 @@
+"""``mocap share``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from app.commands.console import errors
+from app.commands.options import Force, Out
+
+
+def share(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Folder that track or demo wrote, or a .rrd file; two to four are shown side by side."),
+    ],
+    out: Out,
+    force: Force = False,
+) -> None:
+    """Write a folder that any web server shows: the recording, and the viewer with it."""
+    from app.tables import check_target
+    from app.view.share import write_site
+
+    check_target(out, force=force, inputs=runs)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_site(runs, out)
+    size_mb = sum(path.stat().st_size for path in out.iterdir()) / 1e6
+    errors.print(
+        f"Wrote {out}/ ({size_mb:.0f} MB): put it on any web server and open its index.html.\n"
+        f"To try it here: python -m http.server --bind 127.0.0.1 --directory {out} 8000, then http://127.0.0.1:8000/",
+        highlight=False,
+        soft_wrap=True,
+    )

@@ -44,7 +44,7 @@ def minimise(
     groups: NDArray[np.int64],
     robust: float | None = 3.0,
     most_steps: int = 100,
-    tolerance: float = 1e-9,
+    tolerance: float = 1e-8,
 ) -> Minimum[State]:
     """Minimise the sum over groups of rho(|r_g|^2), rho(s) = c^2 log(1 + s / c^2) (Cauchy's loss).
 

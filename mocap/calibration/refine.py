@@ -168,6 +168,11 @@ def _solve(
     )
     free = Free(focal="one" if focal else "none", centre=False)
     adjusted = adjust(scene, sightings, free=free, lengths=fixed)
-    T = similarity(adjusted.scene.position_m, xyz_m[known], scaled=not bones)
+    places = adjusted.scene.position_m
+    T = similarity(places, xyz_m[known], scaled=not bones)
+    if bones:  # soft lengths hold the shape; the scale is that of their medians, which bones that stretch do not pull
+        apart = np.linalg.norm(places[fixed.first] - places[fixed.second], axis=-1)
+        T = similarity(places * np.median(fixed.length_m / apart), xyz_m[known], scaled=False)
+        T[:3, :3] *= np.median(fixed.length_m / apart)
     moved = in_world(adjusted.scene.cameras, T)
     return tuple(replace(c, matrix=m.camera().matrix) for c, m in zip(cameras, moved, strict=True))

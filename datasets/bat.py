@@ -11,10 +11,10 @@ from datasets.bat_skeleton import MARKERS, TRUNK, bat_skeleton, membranes, wing_
 from datasets.bat_wing import SEGMENTS, Beat, wing
 from datasets.film import film
 from datasets.linkage import rotated, turn
-from datasets.observe import Digitiser
+from datasets.observe import WIND_TUNNEL, Digitiser
 from datasets.occlusion import Solid
 from datasets.recording import SyntheticRecording
-from datasets.rig import LensKind, tunnel_cameras
+from datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
 from datasets.scene import Scene, frame_times, start_times
 from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
@@ -45,6 +45,7 @@ def make_bat(
     n_cameras: int = 8,
     skin_m: float = 0.0005,
     rolling: float = 0.0,
+    folding: tuple[float, float] = (1.0, 1.0),
     manoeuvre: Manoeuvre = "level",
     lens: LensKind = "brown",
     cameras: Sequence[Camera] | None = None,
@@ -63,6 +64,7 @@ def make_bat(
         skin_m: Root mean square of one coordinate of the markers' motion on the bone; 0: rigid.
         rolling: Radius of the condyles of elbow, wrist and fingers as a share of the bone beyond, so that the
             centres of these joints wander; 0: ideal joints.
+        folding: How far elbow and wrist fold on the upstroke; 1: by 56 and 62 degrees.
         manoeuvre: ``level`` or ``turn``.
         lens: Kind of the cameras' lenses, ``brown`` or ``fisheye``.
         cameras: Cameras of another rig about the world's origin, in place of ``n_cameras`` of the flight tunnel.
@@ -82,7 +84,7 @@ def make_bat(
     else:
         rig = f"{len(cameras)} cameras given by the caller"
     motion_seed, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
-    motion = partial(bat_scene, seed=motion_seed, skin_m=skin_m, rolling=rolling, manoeuvre=manoeuvre)
+    motion = partial(bat_scene, seed=motion_seed, skin_m=skin_m, rolling=rolling, folding=folding, manoeuvre=manoeuvre)
     card = {
         "name": "bat",
         "species": f"bat of 30 g and 0.34 m span, {'level flight' if manoeuvre == 'level' else 'U-turns'}",
@@ -105,8 +107,32 @@ def make_bat(
     )
 
 
+def make_bat_wind_tunnel(
+    *, seed: int = 0, n_frames: int = 270, digitiser: Digitiser = WIND_TUNNEL
+) -> SyntheticRecording:
+    """The bat as a real one was recorded: 4 cameras at 700 Hz in a wind tunnel, clicked by a human over half a second.
+
+    Rig, clicks and folding are tuned to three flights (078A3 F2, F3, F5) of the recordings that ``mocap data path
+    bat_windtunnel_dltdv8`` names; ``benchmarks/twins.py`` shows how near it comes.
+    """
+    return make_bat(
+        seed=seed,
+        n_frames=n_frames,
+        fps=700.0,
+        cameras=wind_tunnel_cameras(),
+        folding=(1.6, 0.7),
+        digitiser=digitiser,
+    )
+
+
 def bat_scene(
-    t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float, manoeuvre: Manoeuvre
+    t_s: Array,
+    *,
+    seed: np.random.SeedSequence,
+    skin_m: float,
+    rolling: float,
+    folding: tuple[float, float],
+    manoeuvre: Manoeuvre,
 ) -> Scene:
     """The bat's motion at times (T,), the same function of time for the same seed; others as in ``make_bat``."""
     rng = np.random.default_rng(seed)
@@ -134,7 +160,7 @@ def bat_scene(
             sweep_rad=3.5 * _DEG * (shared[2] + beats[2]),
             twist_rad=4.0 * _DEG * (shared[3] + beats[3]),
         )
-        joints = wing(phase, beat, rolling=rolling) * flip + body[f"shoulder_{side}"][:, None]
+        joints = wing(phase, beat, rolling=rolling, folding=folding) * flip + body[f"shoulder_{side}"][:, None]
         body |= {f"{name}_{side}": joints[:, k] for k, name in enumerate(SEGMENTS)}
         splay = _DEG * (38 + 6 * np.sin(phase - 2.4) + 4 * beats[1])
         raised = _DEG * (-4 + 14 * np.cos(phase - 0.9) + 4 * beats[2])

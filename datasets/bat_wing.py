@@ -1,10 +1,10 @@
 """The beating wing of a bat as a chain of rigid bones, posed by its phase.
 
 Segments are given by two angles in the plane of the wing: azimuth from straight outward towards the head, and
-elevation towards the back. The whole plane flaps, sweeps and twists. The pattern is that described for slow level
-flight of fruit bats and nectar bats (Hubel et al. 2010; Riskin et al. 2010; Wolf et al. 2010, all J. Exp. Biol.): a
-stroke of some 90 degrees, the tip ahead of the head at the end of the downstroke, elbow and wrist flexed in
-mid-upstroke. The numbers are round ones of that size, not fitted to an animal.
+elevation towards the back. The whole plane flaps, sweeps and twists. The wing is extended through a broad downstroke
+and sharply retracted on the upstroke, as Tian et al. (2006, AIAA 2006-2865) saw it in slow flight; bats of other sizes
+differ little in stroke amplitude, stroke plane and camber (Riskin et al. 2010, J. Exp. Biol. 213, 4110). The angles are
+round numbers, not fitted to an animal; ``benchmarks/twins.py`` prints them beside those of a real bat.
 """
 
 from dataclasses import dataclass
@@ -37,13 +37,14 @@ class Beat:
     twist_rad: Array
 
 
-def wing(phase_rad: Array, beat: Beat, *, rolling: float = 0.0) -> Array:
+def wing(phase_rad: Array, beat: Beat, *, rolling: float = 0.0, folding: tuple[float, float] = (1.0, 1.0)) -> Array:
     """Joints of a left wing relative to its shoulder, in the axes of the body (x head, y left, z back).
 
     Args:
         phase_rad: (T,) phase; 0 where the wing is highest, so that the downstroke takes the first half.
         beat: Modulation of this wing.
         rolling: Radius of the condyles of elbow, wrist and fingers as a share of the bone beyond; see ``hinged``.
+        folding: How far elbow and wrist fold on the upstroke; 1: by 56 and 62 degrees.
 
     Returns:
         (T, 12, 3) metres, in the order of ``SEGMENTS``; the shoulder is the origin.
@@ -53,8 +54,8 @@ def wing(phase_rad: Array, beat: Beat, *, rolling: float = 0.0) -> Array:
     phi = phase_rad - 0.12 * np.sin(phase_rad)
     sin, cos = np.sin(phi), np.cos(phi)
     # bumps that peak in mid-upstroke, the wrist after the elbow
-    fold_elbow = beat.fold * np.exp(1.6 * (np.cos(phi - 1.42 * np.pi) - 1))
-    fold_wrist = beat.fold * np.exp(1.6 * (np.cos(phi - 1.52 * np.pi) - 1))
+    fold_elbow = folding[0] * beat.fold * np.exp(1.6 * (np.cos(phi - 1.42 * np.pi) - 1))
+    fold_wrist = folding[1] * beat.fold * np.exp(1.6 * (np.cos(phi - 1.52 * np.pi) - 1))
 
     flap = deg * (6 + 42 * beat.stroke * cos + 4 * np.cos(2 * phi + 0.6))
     sweep = deg * (2 + 17 * beat.stroke * np.cos(phi - 1.1 * np.pi)) + beat.sweep_rad

@@ -7,15 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from datasets.bat import make_bat
+from datasets.bat import make_bat, make_bat_wind_tunnel
 from datasets.boards import Board
 from datasets.calibration_session import board_session, write_board_session
 from datasets.folder import write_recording
 from datasets.lizard import SLOPE_RAD, make_lizard
-from datasets.observe import WIND_TUNNEL
 from datasets.pendulums import Pendulum, make_pendulum, write_pendulum
 from datasets.recording import SyntheticRecording
-from datasets.rig import LensKind, tank_cameras, tunnel_cameras, wind_tunnel_cameras
+from datasets.rig import LensKind, tank_cameras, tunnel_cameras
 from datasets.wand import wand_sweep, write_wand_sweep
 from mocap.cameras import Camera
 from mocap.errors import MocapError
@@ -82,10 +81,6 @@ def _tank() -> tuple[Camera, ...]:
     return tank_cameras(4, slope_rad=SLOPE_RAD)
 
 
-def _bat_wind_tunnel(seed: int) -> SyntheticRecording:
-    return make_bat(seed=seed, n_frames=270, fps=700.0, cameras=wind_tunnel_cameras(), digitiser=WIND_TUNNEL)
-
-
 def _bat_imperfect(seed: int) -> SyntheticRecording:
     return make_bat(
         seed=seed, n_cameras=30, lens="fisheye", manoeuvre="turn", rolling=0.03, skin_m=0.001, start_spread_frames=0.9
@@ -104,7 +99,11 @@ ENTRIES = (
     _recording(
         "bat_imperfect", "U-turns, 30 fisheyes that start within 0.9 frames, rolling joints, loose skin", _bat_imperfect
     ),
-    _recording("bat_wind_tunnel", "4 cameras, 700 Hz, placed and clicked as in a real wind tunnel", _bat_wind_tunnel),
+    _recording(
+        "bat_wind_tunnel",
+        "4 cameras, 700 Hz, placed and clicked as in a real wind tunnel",
+        lambda s: make_bat_wind_tunnel(seed=s),
+    ),
     _recording("lizard", "a walk up a rod, 24 markers, 4 high-speed cameras, 250 Hz", lambda s: make_lizard(seed=s)),
     _recording(
         "lizard_imperfect", "the same with joints that roll", lambda s: make_lizard(seed=s, rolling=0.04, skin_m=0.0004)

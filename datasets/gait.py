@@ -18,7 +18,8 @@ class Gait:
 
     Attributes:
         stride_m: Way of the body in one cycle.
-        duty: Share of the cycle that a foot stands; 0.65 is a walking trot.
+        duty: Share of the cycle that a foot stands; 0.65 is a walking trot, 0.63 that of Dipsosaurus at its slowest
+            (Fieler & Jayne 1998, J. Exp. Biol. 201, 609).
         lift_m: How far a foot rises from the rod in its swing.
         scatter_m: Standard deviation of footholds along the rod.
         scatter_rad: Standard deviation of footholds around it.

@@ -153,7 +153,8 @@ def _axis(
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Axial markers (T, 3) and rotations (T, 3, 3) of both girdles and the head, in the axes of the rod.
 
-    The trunk bends sideways in a standing wave, so that the shoulder of the arm that touches down, and the hip across,
+    The trunk bends sideways in a standing wave, as that of lizards with strong limbs does at low speed (Ritter 1992,
+    J. Exp. Biol. 173, 1), so that the shoulder of the arm that touches down, and the hip across,
     are in front; the tail follows in a travelling wave.
     """
     slow = [draw_wander(rng, band_hz=(0.2, 1.5)).value(t_s) for _ in range(6)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.source import Filmed, Source, audit_points, load_filmed, load_skeleton
+from app.source import Filmed, Source, audit_points, load_filmed, load_points, load_skeleton
 from filters.observations import Observations, PixelObservations, PositionObservations
 from mocap import audit, triangulate
 from mocap.arrays import Array
@@ -16,7 +16,6 @@ from mocap.careless import student_t
 from mocap.clean import REASONS, Cleaning, clean
 from mocap.click_noise import USUAL_DOF, ClickNoise, click_noise
 from mocap.errors import CalibrationError, FormatError
-from mocap.formats import dltdv
 from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton
 from mocap.swapped_rays import exchange_rays, exchanged_rays
@@ -207,9 +206,7 @@ def prepare(source: Source) -> Prepared:
 
 
 def _prepare_points(source: Source) -> Prepared:
-    if dltdv.holds_pixels(source.tracks):
-        raise CalibrationError(f"{source.tracks.name}: holds pixels: give the coefficients of their cameras with --dlt")
-    tracks = dltdv.read_points(source.tracks, fps=source.fps)
+    tracks = load_points(source)
     if not tracks.seen.any():
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
     skeleton, names = load_skeleton(source.skeleton, tracks.names)

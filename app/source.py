@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ from mocap.arrays import Array, unique
 from mocap.cameras import Camera, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.formats import dltdv
-from mocap.formats.dvproject import read_project
 from mocap.formats.profile import with_profile
-from mocap.records import PixelTracks
+from mocap.formats.recording import Recording
+from mocap.formats.registry import read
+from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
 
 
@@ -22,9 +24,9 @@ class Source:
     """The files of one recording, and what their user states about them.
 
     Attributes:
-        tracks: xypts, or xyzpts where there are no cameras; or a DLTdv8 project (.mat), which holds its cameras.
-        fps: Frames a second.
-        coefficients: DLT coefficients; None: ``tracks`` holds positions.
+        tracks: Pixels or positions, of any format; a project of DLTdv8 holds its cameras too.
+        fps: Frames a second; None: as the file says.
+        coefficients: Calibration, of any format; None: ``tracks`` holds it, or positions.
         profile: Camera profile.
         skeleton: Skeleton TOML.
         pixel_origin: Where pixel rows are counted from.
@@ -32,10 +34,11 @@ class Source:
         image_height_px: Image height for flips.
         stored_points: xyzpts to audit; None: the file beside ``tracks`` that is named so.
         pixel_sd: Standard deviation of a pixel; None: estimated.
+        unit: Unit of lengths, where the files do not state it; None: metres.
     """
 
     tracks: Path
-    fps: float
+    fps: float | None = None
     coefficients: Path | None = None
     profile: Path | None = None
     skeleton: Path | None = None
@@ -44,27 +47,37 @@ class Source:
     image_height_px: float | None = None
     stored_points: Path | None = None
     pixel_sd: float | None = None
+    unit: str | None = None
 
     def __post_init__(self) -> None:
-        """Check the frame rate."""
+        """Check what is stated."""
         stated = {"fps": self.fps, "pixel-sd": self.pixel_sd, "image-height": self.image_height_px}
         for name, value in stated.items():
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise MocapError(f"--{name} must be a number above 0, but is {value}: correct it")
         cameras = {"profile": self.profile, "origin": self.pixel_origin, "dlt-origin": self.coefficient_origin}
         for name, value in cameras.items():
-            if value is not None and not self.filmed:
+            if value is not None and self.coefficients is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
                 raise MocapError(f"--{name} says something of cameras, but there are no coefficients: give --dlt")
 
-    @property
-    def is_project(self) -> bool:
-        """Whether pixels and cameras come in one file."""
-        return self.tracks.suffix.lower() == ".mat"
+    @cached_property
+    def recording(self) -> Recording:
+        """What the file of the tracks holds.
+
+        Raises:
+            FormatError: it cannot be read.
+            MocapError: nobody tells the frame rate.
+        """
+        recording = read(self.tracks)
+        recording = recording if self.unit is None else recording.with_unit(self.unit)
+        if self.fps is None and recording.fps is None:
+            raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
+        return recording if self.fps is None else recording.with_rate(self.fps)
 
     @property
     def filmed(self) -> bool:
-        """Whether there are cameras."""
-        return self.is_project or self.coefficients is not None
+        """Whether there are cameras, calibrated or not."""
+        return self.coefficients is not None or self.recording.pixels is not None
 
     @property
     def inputs(self) -> tuple[Path | None, ...]:
@@ -117,14 +130,45 @@ def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tu
 
 
 def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...], str]:
-    """Pixels, cameras, and where these are from; coefficients that are given go before those of a project."""
-    project = read_project(source.tracks, fps=source.fps) if source.is_project else None
-    pixels = dltdv.read_pixels(source.tracks, fps=source.fps) if project is None else project.pixels
+    """Pixels, cameras, and where these are from; a calibration that is given goes before that of a project."""
+    recording = source.recording
+    if recording.pixels is None:
+        raise FormatError(
+            f"{source.tracks.name}: holds positions ({recording.format}), not pixels: leave the calibration out; is "
+            "this the 2D file?"
+        )
     if source.coefficients is not None:
-        return pixels, dltdv.read_coefficients(source.coefficients), source.coefficients.name
-    if project is None or not project.cameras:
-        raise CalibrationError(f"{source.tracks.name}: a project without DLT coefficients: calibrate, or give --dlt")
-    return pixels, project.cameras, "the project"
+        calibration = _calibration(source.coefficients)
+        calibration = calibration if source.unit is None else calibration.with_unit(source.unit)
+        if not calibration.cameras:
+            raise FormatError(f"{source.coefficients.name}: holds no cameras ({calibration.format}); expected --dlt")
+        return recording.pixels, calibration.cameras, source.coefficients.name
+    if not recording.cameras:
+        project = recording.format == "dltdv-project"
+        what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
+        raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give --dlt")
+    return recording.pixels, recording.cameras, "the project"
+
+
+def _calibration(path: Path) -> Recording:
+    try:
+        return read(path)
+    except FormatError:
+        if path.suffix.lower() == ".csv":
+            dltdv.read_coefficients(path)  # says what is wrong with them
+        raise
+
+
+def load_points(source: Source) -> MarkerTracks:
+    """The positions of a source without cameras.
+
+    Raises:
+        FormatError: it holds none.
+    """
+    recording = source.recording
+    if recording.points is None:
+        raise FormatError(f"{source.tracks.name}: holds no tracks ({recording.format}): give pixels or positions")
+    return recording.points
 
 
 def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
@@ -185,10 +229,13 @@ def stored_points(source: Source) -> Path | None:
 
 def audit_points(source: Source, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
-    path = source.tracks if source.is_project else stored_points(source)
+    path = source.tracks if source.recording.points is not None else stored_points(source)
     if path is None:
         return None, []
-    stored = read_project(path, fps=source.fps).stored if source.is_project else dltdv.read_points(path, fps=source.fps)
+    beside = source.recording if path is source.tracks else read(path)
+    stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
+    if stored is None:
+        return None, [f"{path.name} was not compared: it holds no positions ({beside.format})"]
     decision = filmed.pixel_origin
     ideal = origin.ideal_pixels(
         filmed.cameras,

@@ -1,6 +1,7 @@
 """``mocap learn``."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -20,16 +21,17 @@ from app.commands.options import (
     PixelSd,
     Profile,
     SkeletonFile,
+    Unit,
 )
 from app.source import Source
-from mocap.errors import MocapError
 
 
 def learn(
-    trials: Annotated[list[Path], typer.Argument(help="Recordings: xypts or xyzpts files, or DLTdv8 projects (.mat).")],
+    trials: Annotated[list[Path], typer.Argument(help="Recordings, in any format that mocap info knows.")],
     out: Annotated[Path, typer.Option(help="Model to write (.npz).")],
     dlt: Dlt = None,
     fps: Fps = None,
+    unit: Unit = None,
     profile: Profile = None,
     skeleton: SkeletonFile = None,
     origin: PixelOriginOption = None,
@@ -48,24 +50,23 @@ def learn(
     from app.learning import learn_from, readable_scores
     from app.tables import check_target
     from filters.model_file import save_model
-    from mocap.formats.dltdv import holds_pixels
 
-    if fps is None:
-        raise MocapError("frames per second are not in the files: give --fps")
     sources = [
         Source(
             tracks=tracks,
             fps=fps,
-            coefficients=dlt if tracks.suffix.lower() == ".mat" or holds_pixels(tracks) else None,
+            coefficients=dlt,
             profile=profile,
             skeleton=skeleton,
             pixel_origin=origin.value if origin else None,
             coefficient_origin=dlt_origin.value if dlt_origin else None,
             image_height_px=image_height,
             pixel_sd=pixel_sd,
+            unit=unit,
         )
         for tracks in trials
     ]
+    sources = [s if s.recording.pixels is not None else replace(s, coefficients=None) for s in sources]
     inputs = [path for source in sources for path in source.inputs]
     check_target(out, force=force, inputs=inputs, folder=False)
     learned = learn_from(

@@ -14,8 +14,11 @@ class PixelOrigin(StrEnum):
     lower_left = "lower-left"
 
 
-Tracks = Annotated[Path, typer.Argument(help="DLTdv xypts file; for track also xyzpts, without --dlt.")]
-Dlt = Annotated[Path | None, typer.Option("--dlt", help="DLT coefficients: 11 rows, a column a camera.")]
+Tracks = Annotated[Path, typer.Argument(help="Pixels or positions, in any format that mocap info knows.")]
+Dlt = Annotated[
+    Path | None,
+    typer.Option("--dlt", help="Calibration: DLT coefficients, calibration.toml, easyWand, ..."),
+]
 Profile = Annotated[
     Path | None, typer.Option(help="Camera profile, a line a camera: cam f W H cx cy AR k1 k2 p1 p2 k3.")
 ]
@@ -25,7 +28,7 @@ PixelOriginOption = Annotated[
 ]
 DltOrigin = Annotated[PixelOrigin | None, typer.Option(help="The same for the coefficients, if it differs.")]
 ImageHeight = Annotated[float | None, typer.Option(help="Image height in pixels, to flip rows without a profile.")]
-Fps = Annotated[float | None, typer.Option(help="Frames per second; the files do not hold it.")]
+Fps = Annotated[float | None, typer.Option(help="Frames per second, where the files do not hold it (or hold another).")]
 Unit = Annotated[str | None, typer.Option(help="Unit of lengths (m, mm, cm, in, ft), where the files do not state it.")]
 FormatName = Annotated[str | None, typer.Option("--format", help="Format of the files, if not found by content.")]
 SparseCameras = Annotated[int | None, typer.Option("--cameras", min=1, help="Number of cameras of sparse pixel files.")]

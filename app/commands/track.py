@@ -19,6 +19,7 @@ from app.commands.options import (
     Profile,
     SkeletonFile,
     Tracks,
+    Unit,
 )
 from app.source import Source
 from mocap.errors import MocapError
@@ -29,6 +30,7 @@ def track(
     out: Out,
     dlt: Dlt = None,
     fps: Fps = None,
+    unit: Unit = None,
     profile: Profile = None,
     skeleton: SkeletonFile = None,
     origin: PixelOriginOption = None,
@@ -70,8 +72,6 @@ def track(
     from app.view.record import write_recording
     from filters.model_file import load_model
 
-    if fps is None:
-        raise MocapError(f"{tracks.name}: frames per second are not in the file: give --fps")
     source = Source(
         tracks=tracks,
         fps=fps,
@@ -83,6 +83,7 @@ def track(
         image_height_px=image_height,
         stored_points=stored,
         pixel_sd=pixel_sd,
+        unit=unit,
     )
     learned = None if model in get_args(Model) else load_model(existing_model(model))
     check_target(out, force=force, inputs=[*source.inputs, None if learned is None else Path(model)])

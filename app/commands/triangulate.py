@@ -31,8 +31,6 @@ def triangulate(
     """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
     from app.triangulate import triangulate_file
 
-    if dlt is None and tracks.suffix.lower() != ".mat":
-        raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
     source = Source(
         tracks=tracks,
         fps=1.0,
@@ -43,6 +41,8 @@ def triangulate(
         image_height_px=image_height,
         pixel_sd=pixel_sd,
     )
+    if not source.filmed:
+        raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
     summary = triangulate_file(source, out, refine=refine, force=force)
     if as_json:
         print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201

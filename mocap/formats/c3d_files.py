@@ -68,7 +68,7 @@ FORMATS = (
         knows=lambda head: len(head.start) > 512 and head.start[1] == 0x50 and 2 <= head.start[0] <= 0x7F,
         read=lambda path, _: read_c3d(path),
         write=write_c3d,
-        holds=frozenset({"points", "fps", "unit", "origin", "residual_m", "sd"}),
+        holds=frozenset({"points", "first_frame", "fps", "unit", "origin", "residual_m", "sd"}),
         needs=frozenset({"fps", "unit"}),
         zero_is_missing=True,
         suffixes=(".c3d",),

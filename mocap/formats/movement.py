@@ -65,7 +65,8 @@ def _recording(path: Path, data: Any) -> Recording:
         findings = ["the file does not hold the frame rate"]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: a time is not finite: save it again")
-    frames = np.round(times if in_frames else times * (fps or 1.0)).astype(np.int64)
+    frames = np.round(times if in_frames else times * (fps or 1.0))
+    frames = np.asarray(data["frame"].values if "frame" in data.coords else frames).astype(np.int64)
     common: dict[str, Any] = {
         "names": [p if len(animals) == 1 else f"{a}_{p}" for a in animals for p in parts],
         "frames": frames,
@@ -150,6 +151,7 @@ def write_movement(path: Path, recording: Recording) -> None:
     attributes |= {"space_unit": recording.unit} if recording.points is not None and recording.unit else {}
     attributes |= {"space_unit": "px"} if recording.points is None else {}
     dataset = xarray.Dataset(table, coords=coords, attrs=attributes)
+    dataset = dataset.assign_coords(frame=("time", recording.frames))
     if len(views) == 1:
         dataset = dataset.isel(view=0, drop=recording.points is not None)
     with whole_path(path) as temporary:
@@ -171,7 +173,9 @@ FORMATS = (
         knows=lambda head: {"position", "space"} <= head.hdf5,
         read=_read,
         write=write_movement,
-        holds=frozenset({"points", "pixels", "fps", "unit", "origin", "score", "animals"}),
+        holds=frozenset(
+            {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "score", "animals"}
+        ),
         suffixes=(".nc",),
     ),
 )

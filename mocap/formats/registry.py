@@ -138,6 +138,11 @@ def parts(recording: Recording) -> dict[str, str]:
         found["animals"] = "which animal a marker belongs to (only in the marker's name)"
     if recording.fps is not None:
         found["fps"] = f"the frame rate, {recording.fps:g}"
+    if len(recording.frames) and recording.frames[0] > 1:
+        found["first_frame"] = f"that the first frame is {recording.frames[0]}"
+    jumps = int((np.diff(recording.frames) != 1).sum())
+    if jumps:
+        found["frame_numbers"] = f"that frame numbers jump, {jumps} times"
     if recording.unit is not None and (recording.points is not None or recording.cameras):
         found["unit"] = f"that lengths are in {recording.unit}"
     for name, table in recording.tables.items():

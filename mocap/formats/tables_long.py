@@ -162,7 +162,7 @@ def _write_parquet(path: Path, recording: Recording) -> None:
         parquet.write_table(table.replace_schema_metadata(meta), temporary)
 
 
-_HELD = frozenset({"points", "pixels", "fps", "unit", "origin", "sd", "score"})
+_HELD = frozenset({"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score"})
 FORMATS = (
     Format(
         name="csv-long",

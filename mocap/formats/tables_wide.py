@@ -75,7 +75,7 @@ FORMATS = (
         knows=lambda head: head.cells()[:1] == ("frame",) and any(c.endswith("_origin") for c in head.cells()),
         read=_read,
         write=_write,
-        holds=frozenset({"points", "fps", "unit", "origin", "sd"}),
+        holds=frozenset({"points", "first_frame", "frame_numbers", "fps", "unit", "origin", "sd"}),
         needs=frozenset({"unit"}),
         suffixes=(".csv",),
     ),

@@ -130,7 +130,7 @@ def test_a_project_that_is_none(mocap, tmp_path):
     path.write_text("pt1_X\n")
     code, _, err = mocap("track", path, "--fps", 100, "--out", tmp_path / "run")
     assert code == 1
-    assert "x.mat: not a readable project" in err
+    assert "x.mat: holds no rows of numbers" in err
     assert len(err.strip().splitlines()) == 1
 
 

@@ -9,6 +9,7 @@ from app.commands.console import errors
 from app.commands.convert import convert
 from app.commands.data import data
 from app.commands.demo import demo
+from app.commands.design_joint import design_joint
 from app.commands.info import info
 from app.commands.learn import learn
 from app.commands.reproduce import reproduce
@@ -24,7 +25,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
 )
-for command in (info, convert, triangulate, track, learn, demo, view, share, reproduce):
+for command in (info, convert, triangulate, track, learn, demo, view, share, reproduce, design_joint):
     app.command()(command)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")

@@ -37,21 +37,17 @@ _WORST_OVERLAP = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Design:
-    """The simplest good truss that was found.
+    """A truss that was found.
 
     Attributes:
         truss: In the target's unit of length, V's unit as unit of energy.
         stored: Energy at V = 0.
-        rms: (S,) root mean square of U - stored - V inside the region by start.
-        members: (S,) members of each start's truss.
-        chosen: The start whose truss this is.
+        rms: Root mean square of U - stored - V inside the region, on the grid that it was fitted on.
     """
 
     truss: Truss
     stored: float
-    rms: Array
-    members: Array
-    chosen: int
+    rms: float
 
 
 def design_truss(
@@ -64,7 +60,7 @@ def design_truss(
     mirror: Array | None = None,
     may_cross: bool = True,
     progress: Progress = lambda _share: None,
-) -> Design:
+) -> list[Design]:
     """A truss whose energy U, less a constant, is the potential: U - c = V in the region, U - c >= level outside.
 
     Args:
@@ -78,7 +74,8 @@ def design_truss(
         progress: Told the share done.
 
     Returns:
-        The truss of the fewest members among those nearly as good as the best.
+        One design a start within the limits, in order of preference: those nearly as good as the best by the number
+        of their members, then the others by their RMS.
 
     Raises:
         DesignError: no truss within the limits comes near; the message names the limit that binds.
@@ -115,22 +112,23 @@ def design_truss(
     if not found:
         raise DesignError(f"members cross in all {crossed} designs: ask for fewer internal nodes, or let them cross")
     fits = [measure(truss, stored, target) for truss, stored in found]
-    rms, members = np.array([fit.rms for fit in fits]), np.array([len(truss.rest_m) for truss, _ in found])
-    best = _simplest(rms, members)
-    truss, stored = found[best]
+    designs = [
+        Design(truss=truss, stored=stored, rms=fit.rms) for (truss, stored), fit in zip(found, fits, strict=True)
+    ]
+    best = int(np.argmin([fit.rms for fit in fits]))
     if fits[best].iou[1] < _WORST_OVERLAP:
         raise DesignError(_what_binds(target, limits, fits[best].iou[1], mirror))
-    _check_limits(truss, target, limits)
-    return Design(truss=truss, stored=stored, rms=rms, members=members, chosen=best)
+    broken_by = [_broken_limit(design.truss, target, limits) for design in designs]
+    kept = [design for design, why in zip(designs, broken_by, strict=True) if why is None]
+    if not kept:
+        raise DesignError(str(broken_by[best]))
+    least = min(design.rms for design in kept)
+    good = max(min((1.0 + _AS_GOOD) * least, GOAL), least)
+    return sorted(kept, key=lambda d: (d.rms > good, len(d.truss.rest_m) if d.rms <= good else 0, d.rms))
 
 
-def _simplest(rms: Array, members: Array) -> int:
-    """The fewest members whose RMS is within ``_AS_GOOD`` of the best and not above ``GOAL`` unless the best is."""
-    allowed = rms <= max(min((1.0 + _AS_GOOD) * rms.min(), GOAL), rms.min())
-    return int(np.lexsort((rms, np.where(allowed, members, members.max() + 1)))[0])
-
-
-def _check_limits(truss: Truss, target: Target, limits: Limits) -> None:
+def _broken_limit(truss: Truss, target: Target, limits: Limits) -> str | None:
+    """A sentence on the first limit that a truss breaks; None where it keeps all."""
     states = over_grid(truss, target)
     stretch = states.stretch[target.inside]
     lengths = np.stack([stretch.min(axis=0), stretch.max(axis=0)], axis=1) * truss.rest_m[:, None]
@@ -140,10 +138,11 @@ def _check_limits(truss: Truss, target: Target, limits: Limits) -> None:
     for name, excess in broken(limits, lengths, truss.rest_m, pushes, away[ends].max(axis=1)).items():
         member = int(np.argmax(excess))
         if excess[member] > 0.0:
-            raise DesignError(
+            return (
                 f"the limit '{name}' ({getattr(limits, name):.3g}) binds: member {member + 1} of the best truss breaks "
                 f"it by {100 * excess[member]:.1f} %; widen it, or take more members or a lower level"
             )
+    return None
 
 
 def _what_binds(target: Target, limits: Limits, iou: float, mirror: Array | None) -> str:

@@ -17,6 +17,9 @@ from eal.joint_design.errors import Mask
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
 
 ITERATIONS = 60
+_MEMBERS = 12
+"""Trusses are filled up to a multiple of so many members, and positions to a power of two: few shapes are compiled."""
+
 TOLERANCE = 1e-9
 """Largest Newton step over the largest rest length, at which an equilibrium counts as found."""
 
@@ -56,9 +59,11 @@ def equilibria(truss: Truss, q_m: Array, x_m: Array | None = None) -> Equilibria
     """
     q = np.asarray(q_m, dtype=np.float64).reshape(-1, truss.dimension)
     start = np.broadcast_to(truss.internal_m if x_m is None else x_m, (len(q), *truss.internal_m.shape))
+    n, m = len(q), len(truss.rest_m)
+    full = truss.padded(-(-m // _MEMBERS) * _MEMBERS, -(-truss.moving // _MEMBERS) * _MEMBERS)
     with jax.enable_x64(True):
-        found = _solver()(q, np.array(start), truss.parameters())
-    x, energy, force, stiffness, stable, stretch, step = (np.asarray(part) for part in found)
+        found = _solver()(_filled(q), _filled(start), full.parameters())
+    x, energy, force, stiffness, stable, stretch, step = (np.asarray(part)[:n] for part in found)
     return Equilibria(
         q_m=q,
         x_m=x,
@@ -66,9 +71,15 @@ def equilibria(truss: Truss, q_m: Array, x_m: Array | None = None) -> Equilibria
         force_n=force,
         stiffness_n_m=stiffness,
         stable=stable,
-        stretch=stretch,
+        stretch=stretch[:, :m],
         found=step <= TOLERANCE * truss.rest_m.max(),
     )
+
+
+def _filled(rows: Array) -> Array:
+    """Rows up to the next power of two."""
+    more = (1 << max(len(rows) - 1, 0).bit_length()) - len(rows)
+    return np.concatenate([rows, np.repeat(rows[-1:], more, axis=0)])
 
 
 def descend(q: Any, x0: Any, p: dict[str, Any]) -> tuple[Any, Any]:

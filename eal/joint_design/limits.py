@@ -19,6 +19,7 @@ class Limits:
         reach: Fixed nodes lie within this distance of the joint.
         contraction: No member of a law that pushes becomes shorter than (1 - contraction) times its rest length.
         extension: No member becomes longer than (1 + extension) times its rest length.
+        spacing: Two fixed nodes are at least so far from each other.
         laws: What members may be.
         prestress: What storing energy everywhere costs: residual a square root of stored energy over normalised one.
     """
@@ -29,6 +30,7 @@ class Limits:
     reach: float
     contraction: float = 0.5
     extension: float = 0.8
+    spacing: float = 0.0
     laws: tuple[Law, ...] = ("linear", "cable")
     prestress: float = 0.02
 

@@ -135,16 +135,8 @@ def over_grid(truss: Truss, target: Target, scale_m: float = 1.0) -> Equilibria:
         rows = np.flatnonzero(depth == level)
         for share in (0.25, 0.5, 0.75, 1.0):
             way = q[parent[rows]] + share * (q[rows] - q[parent[rows]])
-            x[rows] = equilibria(truss, _padded(way), _padded(x[parent[rows]] if share == 0.25 else x[rows])).x_m[
-                : len(rows)
-            ]
+            x[rows] = equilibria(truss, way, x[parent[rows] if share == 0.25 else rows]).x_m
     return equilibria(truss, q, x)
-
-
-def _padded(rows: Array) -> Array:
-    """Rows up to the next power of two, so that few shapes are compiled."""
-    full = 1 << max(len(rows) - 1, 0).bit_length()
-    return np.concatenate([rows, np.repeat(rows[-1:], full - len(rows), axis=0)])
 
 
 def _valleys(target: Target) -> tuple[Indices, Indices]:

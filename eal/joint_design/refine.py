@@ -1,7 +1,7 @@
 """Positions of nodes, rest lengths and stiffnesses refined together under the limits, by nonlinear least squares."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,6 +22,9 @@ STRICT = 3.0
 _INSET = 0.01
 """Limits are kept by this share in the fit, so that a finer grid breaks none of them."""
 
+_GOLDEN_RAD = 2.399963
+"""Directions in which nodes that coincide are parted."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Refined:
@@ -30,12 +33,10 @@ class Refined:
     Attributes:
         truss: In the target's unit of length; its energy less ``stored`` is compared with V.
         stored: Energy at V = 0.
-        cost: Sum of squares at the end.
     """
 
     truss: Truss
     stored: float
-    cost: float
 
 
 def refine(
@@ -63,42 +64,40 @@ def refine(
         evaluations: Most evaluations of the residuals.
         progress: Called at each of them.
     """
-    tie = _tie(truss, mirror)
+    inside = target.inside
+    m, nodes = len(truss.rest_m), truss.moving
+    full = truss.padded(limits.members, limits.members)
     start = np.concatenate(
         [
-            truss.fixed_m.ravel(),
-            np.log(truss.rest_m),
-            np.log(np.maximum(truss.stiffness_n_m, 1e-12)),
-            [np.sqrt(max(stored, 0))],
+            _parted(full.fixed_m, 1e-3 * limits.spacing).ravel(),
+            np.log(full.rest_m),
+            np.log(np.maximum(full.stiffness_n_m, 1e-30)),
+            [np.sqrt(max(stored, 0.0))],
         ]
     )
+    tie = _tie(truss, limits.members, mirror)
     theta = np.linalg.lstsq(tie, start, rcond=None)[0]
-    inside = target.inside
+    base = start - tie @ theta
+    positions = {"inside": target.q[inside], "outside": target.q[~inside]}
+    x = {name: np.broadcast_to(full.internal_m, (len(q), *full.internal_m.shape)) for name, q in positions.items()}
     with jax.enable_x64(True):
+        names = ("shortest", "longest", "reach", "contraction", "extension", "spacing", "prestress")
         data = {
-            "inside": jnp.asarray(target.q[inside]),
-            "v": jnp.asarray(target.v[inside]),
-            "outside": jnp.asarray(target.q[~inside]),
+            **positions,
+            "v": target.v[inside],
             "level": target.level,
-            "limits": {
-                name: getattr(limits, name)
-                for name in ("shortest", "longest", "reach", "contraction", "extension", "prestress")
-            },
-            "start": jnp.asarray(truss.ends[:, 0]),
-            "end": jnp.asarray(truss.ends[:, 1]),
-            "law": jnp.asarray(truss.parameters()["law"]),
-            "tie": jnp.asarray(tie),
+            "limits": {name: value for name, value in asdict(limits).items() if name in names},
+            "base": base,
+            "tie": tie,
+            "real": np.arange(limits.members) < m,
+            "real_node": np.arange(limits.members) < nodes,
+            **{name: full.parameters()[name] for name in ("start", "end", "law")},
         }
-        shape = (len(truss.fixed_m), truss.dimension, len(truss.rest_m))
-        residual, jacobian, settle = _compiled(shape)
-        # where internal nodes rest, carried from one evaluation to the next
-        x = {
-            "inside": np.broadcast_to(truss.internal_m, (int(inside.sum()), *truss.internal_m.shape)),
-            "outside": np.broadcast_to(truss.internal_m, (int((~inside).sum()), *truss.internal_m.shape)),
-        }
+        data = jax.tree.map(jnp.asarray, data)
+        residual, jacobian, settle = _compiled((full.moving, full.dimension, limits.members))
 
         def settled(function: Any, values: Array) -> Array:
-            if truss.internal_m.size:
+            if full.internal_m.size:
                 x.update(settle(values, x["inside"], x["outside"], data))
             return np.asarray(function(values, x["inside"], x["outside"], data))
 
@@ -116,9 +115,22 @@ def refine(
             ftol=1e-5,
             xtol=1e-6,
         )
-    fixed, log_rest, log_k, root = _split(tie @ found.x, shape)
-    refined = replace(truss, fixed_m=np.asarray(fixed), rest_m=np.exp(log_rest), stiffness_n_m=np.exp(log_k))
-    return Refined(truss=refined, stored=float(root**2), cost=float(2.0 * found.cost))
+    fixed, log_rest, log_k, root = _split(tie @ found.x + base, (full.moving, full.dimension, limits.members))
+    refined = replace(
+        truss,
+        fixed_m=np.asarray(fixed)[:nodes],
+        rest_m=np.exp(log_rest)[:m],
+        stiffness_n_m=np.exp(log_k)[:m],
+    )
+    return Refined(truss=refined, stored=float(root**2))
+
+
+def _parted(nodes: Array, distance: float) -> Array:
+    """Nodes moved a little, each another way, so that two that coincide can go apart."""
+    angle = _GOLDEN_RAD * np.arange(len(nodes))
+    away = np.zeros_like(nodes)
+    away[:, 0], away[:, 1] = np.cos(angle), np.sin(angle)
+    return nodes + distance * away
 
 
 def _split(y: Any, shape: tuple[int, int, int]) -> tuple[Any, Any, Any, Any]:
@@ -127,20 +139,27 @@ def _split(y: Any, shape: tuple[int, int, int]) -> tuple[Any, Any, Any, Any]:
     return y[:at].reshape(nodes, d), y[at : at + m], y[at + m : at + 2 * m], y[-1]
 
 
-def _tie(truss: Truss, mirror: Array | None) -> Array:
-    """The linear map from free numbers to all of (nodes, logs of rest lengths and of stiffnesses, root of c)."""
-    nodes, d, m = len(truss.fixed_m), truss.dimension, len(truss.rest_m)
-    if mirror is None:
-        return np.eye(nodes * d + 2 * m + 1)
-    half = m // 2
-    place = np.kron(np.concatenate([np.eye(half), np.zeros((half, half))]), np.eye(d))
-    place = place + np.kron(np.concatenate([np.zeros((half, half)), np.eye(half)]), mirror.T)
-    twice = np.concatenate([np.eye(half), np.eye(half)])
-    total = np.zeros((nodes * d + 2 * m + 1, half * (d + 2) + 1))
-    total[: m * d, : half * d] = place
-    total[m * d : m * d + m, half * d : half * d + half] = twice
-    total[m * d + m : -1, half * d + half : -1] = twice
+def _tie(truss: Truss, members: int, mirror: Array | None) -> Array:
+    """The linear map from free numbers to (nodes, logs of rest lengths and of stiffnesses, root of c), all padded.
+
+    Idle members and nodes have zero rows, what is not needed zero columns: all designs have one shape.
+    """
+    nodes, d, m = truss.moving, truss.dimension, len(truss.rest_m)
+    at = members * d
+    total = np.zeros((at + 2 * members + 1,) * 2)
     total[-1, -1] = 1.0
+    if mirror is None:
+        for first, count in ((0, nodes * d), (at, m), (at + members, m)):
+            rows = np.arange(first, first + count)
+            total[rows, rows] = 1.0
+        return total
+    half = m // 2
+    for first in (at, at + members):
+        for row in range(m):
+            total[first + row, first + row % half] = 1.0
+    for row in range(m):
+        block = np.eye(d) if row < half else mirror.T
+        total[row * d : (row + 1) * d, (row % half) * d : (row % half + 1) * d] = block
     return total
 
 
@@ -149,7 +168,7 @@ def _compiled(shape: tuple[int, int, int]) -> tuple[Any, Any, Any]:
     """Residuals, their derivative and the internal nodes of one shape of truss."""
 
     def parameters(theta: Any, data: Any) -> tuple[dict[str, Any], Any]:
-        fixed, log_rest, log_k, root = _split(data["tie"] @ theta, shape)
+        fixed, log_rest, log_k, root = _split(data["tie"] @ theta + data["base"], shape)
         p = {"fixed": fixed, "rest": jnp.exp(log_rest), "stiffness": jnp.exp(log_k)}
         return p | {name: data[name] for name in ("start", "end", "law")}, root
 
@@ -167,27 +186,38 @@ def _compiled(shape: tuple[int, int, int]) -> tuple[Any, Any, Any]:
 
     def residual(theta: Any, x_inside: Any, x_outside: Any, data: Any) -> Any:
         p, root = parameters(theta, data)
-        c, limits, pushes = root**2, data["limits"], data["law"] != 2
-        n = len(data["v"])
         x = jax.vmap(settled, (0, 0, None))(data["inside"], x_inside, p)
         # by the envelope theorem the energy needs no derivative of x
         energy = jax.vmap(truss_energy, (0, 0, None))
-        off = energy(data["inside"], jax.lax.stop_gradient(x), p) - c - data["v"]
-        low = energy(data["outside"], x_outside, p) - c - data["level"]
+        off = energy(data["inside"], jax.lax.stop_gradient(x), p) - root**2 - data["v"]
+        low = energy(data["outside"], x_outside, p) - root**2 - data["level"]
+        points = jnp.concatenate([off, jnp.minimum(low, 0.0)]) / jnp.sqrt(len(data["v"]))
         lengths = jax.vmap(member_lengths, (0, 0, None))(data["inside"], x, p)
+        held = STRICT * jnp.maximum(excess(lengths, p, data) + _INSET, 0.0)
+        return jnp.concatenate([points, held, data["limits"]["prestress"] * root[None]])
+
+    def excess(lengths: Any, p: dict[str, Any], data: Any) -> Any:
+        """What ``eal.joint_design.limits.broken`` says, for all members and nodes that are real."""
+        limits, real, pushes = data["limits"], data["real"], data["law"] != 2
         least, most = lengths.min(axis=0), lengths.max(axis=0)
-        excess = jnp.concatenate(
+        members = [
+            1.0 - least / limits["shortest"],
+            most / limits["longest"] - 1.0,
+            jnp.where(pushes, 1.0 - limits["contraction"] - least / p["rest"], -1.0),
+            most / p["rest"] - 1.0 - limits["extension"],
+        ]
+        away = jnp.sqrt(jnp.sum(p["fixed"] ** 2, axis=1) + 1e-24) / limits["reach"] - 1.0
+        apart = p["fixed"][:, None] - p["fixed"]
+        distance = jnp.sqrt(jnp.sum(apart * apart, axis=-1) + 1e-24)
+        pair = jnp.triu(data["real_node"][:, None] & data["real_node"], 1)
+        close = 1.0 - distance / jnp.maximum(limits["spacing"], 1e-12)
+        return jnp.concatenate(
             [
-                1.0 - least / limits["shortest"],
-                most / limits["longest"] - 1.0,
-                jnp.where(pushes, 1.0 - limits["contraction"] - least / p["rest"], -1.0),
-                most / p["rest"] - 1.0 - limits["extension"],
-                jnp.sqrt(jnp.sum(p["fixed"] ** 2, axis=1) + 1e-24) / limits["reach"] - 1.0,
+                *(jnp.where(real, part, -1.0) for part in members),
+                jnp.where(data["real_node"], away, -1.0),
+                jnp.where(pair, close, -1.0).reshape(-1),
             ]
         )
-        parts = [off, jnp.minimum(low, 0.0)]
-        held = [STRICT * jnp.maximum(excess + _INSET, 0.0), limits["prestress"] * root[None]]
-        return jnp.concatenate([jnp.concatenate(parts) / jnp.sqrt(n), *held])
 
     def settle(theta: Any, x_inside: Any, x_outside: Any, data: Any) -> dict[str, Any]:
         p, _ = parameters(theta, data)

@@ -73,6 +73,20 @@ class Truss:
             stiffness_n_m=self.stiffness_n_m * joules / metres**2,
         )
 
+    def padded(self, members: int, nodes: int) -> "Truss":
+        """The same truss with idle members and fixed nodes at the end of each kind, so that few shapes are compiled."""
+        lines: tuple[Law, ...] = ("linear",)
+        more, idle = max(nodes - self.moving, 0), max(members - len(self.rest_m), 0)
+        ends = self.ends + np.where(self.ends >= self.moving, more, 0)
+        return Truss(
+            fixed_m=np.concatenate([self.fixed_m, np.zeros((more, self.dimension))]),
+            internal_m=self.internal_m,
+            ends=np.concatenate([ends, np.tile([[0, self.moving + more]], (idle, 1))]),
+            rest_m=np.append(self.rest_m, np.ones(idle)),
+            stiffness_n_m=np.append(self.stiffness_n_m, np.zeros(idle)),
+            laws=(*self.laws, *lines * idle),
+        )
+
     def parameters(self) -> dict[str, Array | Indices]:
         """Everything that ``truss_energy`` reads, as arrays."""
         return {

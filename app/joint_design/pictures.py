@@ -21,7 +21,7 @@ _FRAMES = 6
 
 def figure_7_and_9(design: JointDesign) -> Canvas:
     """V_z left, U right: surfaces above, maps with their level sets below, all on one scale; animal size."""
-    canvas = Canvas(figsize=(13.0, 9.0), layout="constrained")
+    canvas = Canvas(figsize=(13.0, 8.2), layout="constrained")
     x, y = (axis * design.source.unit_m / MM for axis in design.target.axes)
     v = design.target.v.reshape(design.target.shape).T
     u = np.clip(design.fit.u.reshape(design.target.shape).T, 0.0, 1.0)
@@ -46,11 +46,6 @@ def figure_7_and_9(design: JointDesign) -> Canvas:
     maps[1].set_title("white: levels of U, cut at 1; black dashed: the same of $V_z$", fontsize=9)
     scale = ScalarMappable(Normalize(0.0, 1.0), "viridis")
     canvas.colorbar(scale, ax=maps, label="normalised: $V_z$, and (U - U stored) / U(V = 1)", shrink=0.8)
-        ScalarMappable(Normalize(0.0, 1.0), "viridis"),
-        ax=maps,
-        label="normalised: $V_z$, and (U - U stored) / U(V = 1)",
-        shrink=0.8,
-    )
     return canvas
 
 
@@ -58,9 +53,9 @@ def _surface(axes: Axes3D, x: Array, y: Array, value: Array, name: str) -> None:
     axes.plot_surface(
         *np.meshgrid(x, y), value, cmap="viridis", vmin=0, vmax=1, rstride=1, cstride=1, antialiased=False
     )
-    axes.set_box_aspect((np.ptp(x), np.ptp(y), 0.35 * max(np.ptp(x), np.ptp(y))), zoom=1.3)  # pyright: ignore[reportArgumentType]
+    axes.set_box_aspect((np.ptp(x), np.ptp(y), 0.2 * max(np.ptp(x), np.ptp(y))), zoom=1.3)  # pyright: ignore[reportArgumentType]
     axes.set_zlim(0.0, 1.0)
-    axes.view_init(elev=58, azim=-75)
+    axes.view_init(elev=60, azim=-80)
     axes.set_xlabel("$q_1$ (mm)")
     axes.set_ylabel("$q_2$ (mm)")
     axes.set_title(name, fontsize=11)

@@ -165,7 +165,11 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
     told(0.6)
     held, held_by_v = _released(design, coarse, source, wish.level)
     told(0.9)
-    way = follow(design.truss, source.path_m / unit, over_grid(design.truss, coarse).x_m[np.argmin(coarse.v)])
+    way = follow(
+        design.truss,
+        np.asarray(source.path_m / unit, dtype=np.float64),
+        over_grid(design.truss, coarse).x_m[np.argmin(coarse.v)],
+    )
     told(1.0)
     return JointDesign(
         source=source,

@@ -27,7 +27,7 @@ class Board:
         columns: Squares along x.
         rows: Squares along y.
         square_m: Side of a square.
-        marker_m: Side of a ChArUco marker, of the dictionary 4X4_250; 0: a plain checkerboard.
+        marker_m: Side of a ChArUco marker, of the dictionary 4X4_50; 0: a plain checkerboard.
     """
 
     columns: int
@@ -42,16 +42,18 @@ class Board:
         return self.square_m * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
 
     @property
-    def option(self) -> str:
-        """How calibration programs are told: inner corners of a checkerboard, squares of a ChArUco board."""
+    def options(self) -> str:
+        """What ``mocap calibrate images`` is told of it."""
         if self.marker_m:
-            return f"--charuco {self.columns}x{self.rows}"
-        return f"--checkerboard {self.columns - 1}x{self.rows - 1}"
+            kind = f"--charuco {self.columns}x{self.rows} --marker-mm {1e3 * self.marker_m:g}"
+        else:
+            kind = f"--checkerboard {self.columns - 1}x{self.rows - 1}"
+        return f"{kind} --square-mm {1e3 * self.square_m:g}"
 
     def texture(self) -> NDArray[np.float32]:
         """Share of light that comes back, ``_TEXELS`` a square, with a white margin of one square all around."""
         if self.marker_m:
-            dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)
+            dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
             drawn = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, self.marker_m, dictionary)
             white = drawn.generateImage((self.columns * _TEXELS, self.rows * _TEXELS), marginSize=0) > 127
         else:

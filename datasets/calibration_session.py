@@ -160,8 +160,7 @@ def write_board_session(
     )
     card = {
         "board": asdict(session.board),
-        "option": session.board.option,
-        "square_mm": 1e3 * session.board.square_m,
+        "options": session.board.options,
         "cameras": [c.name for c in session.cameras],
         "frames": len(session.rotation),
         "pictures": count,

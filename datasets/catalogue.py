@@ -43,7 +43,7 @@ class Entry:
 
 def _recording(name: str, what: str, make: Callable[[int], SyntheticRecording]) -> Entry:
     def write(seed: int, folder: Path, _: Progress) -> None:
-        write_recording(make(seed), folder)
+        write_recording(make(seed), folder, others=True)
 
     return Entry(name=name, what=what, write=write)
 

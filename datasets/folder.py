@@ -1,23 +1,46 @@
-"""A recording with its truth as files: the DLTdv set, the skeleton, and the truth beside them."""
+"""A recording with its truth as files: the DLTdv set, the skeleton, the truth, and what other programs would write."""
 
 import json
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from datasets.dvproject import write_project
 from datasets.recording import SyntheticRecording
+from mocap.cameras import stacked, undistorted
 from mocap.errors import FormatError
+from mocap.formats.anipose import write_calibration
+from mocap.formats.c3d_files import write_c3d
 from mocap.formats.csv_table import write_table
-from mocap.formats.dltdv import write_coefficients, write_pixels
+from mocap.formats.dltdv import write_coefficients, write_pixels, write_points
 from mocap.formats.profile import write_profile
+from mocap.formats.recording import Recording
 from mocap.lens import BrownLens
 from mocap.records import MarkerTracks, Origin
 from mocap.skeleton import write_skeleton
+from mocap.triangulate import linear
+
+_KINDS = {
+    "pixels": "xypts.csv",
+    "coefficients": "dltCoefs.csv",
+    "profile": "camera_profile.txt",
+    "offsets": "offsets.csv",
+    "skeleton": "skeleton.toml",
+    "truth": "truth.npz",
+    "card": "card.json",
+}
+_OTHER_KINDS = {
+    "calibration": "calibration.toml",
+    "project": "dvProject.mat",
+    "points": "xyzpts.csv",
+    "c3d": "xyzpts.c3d",
+}
 
 
-def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Path]:
+def write_recording(recording: SyntheticRecording, folder: Path, *, others: bool = False) -> dict[str, Path]:
     """Write a recording into a folder, which is made if need be; files of the same names are replaced.
 
     Each file appears when all are whole. The offsets say which frame of a camera shows the instant of a row, as DLTdv
@@ -27,53 +50,74 @@ def write_recording(recording: SyntheticRecording, folder: Path) -> dict[str, Pa
     Args:
         recording: What to write.
         folder: Where to.
+        others: Whether to write the same as other programs do: a calibration of Anipose, a project of DLTdv8 (Brown
+            lenses only), and positions triangulated linearly from the pixels as DLTdv's CSV and as C3D.
 
     Returns:
-        Paths by kind: ``pixels``, ``coefficients``, ``profile`` (of Brown lenses only: the format knows no other),
-        ``offsets``, ``skeleton``, ``truth``, ``card``.
+        Paths by kind: ``pixels``, ``coefficients``, ``profile`` (Brown lenses only: the format knows no other),
+        ``offsets``, ``skeleton``, ``truth``, ``card``; of others ``calibration``, ``project``, ``points``, ``c3d``.
     """
-    paths = {
-        kind: folder / f"{recording.name}_{ending}"
-        for kind, ending in (
-            ("pixels", "xypts.csv"),
-            ("coefficients", "dltCoefs.csv"),
-            ("profile", "camera_profile.txt"),
-            ("offsets", "offsets.csv"),
-            ("skeleton", "skeleton.toml"),
-            ("truth", "truth.npz"),
-            ("card", "card.json"),
-        )
-    }
-    if not all(isinstance(camera.lens, BrownLens) for camera in recording.cameras):
-        del paths["profile"]
-    n_cameras, n_frames = len(recording.cameras), len(recording.truth.t_s)
+    brown = all(isinstance(camera.lens, BrownLens) for camera in recording.cameras)
+    kinds = dict(_KINDS)
+    if others:
+        kinds |= _OTHER_KINDS
+    if not brown:
+        for kind in ("profile", "project"):
+            kinds.pop(kind, None)
+    paths = {kind: folder / f"{recording.name}_{ending}" for kind, ending in kinds.items()}
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         draft = {kind: Path(scratch) / path.name for kind, path in paths.items()}
-        write_pixels(draft["pixels"], recording.pixels)
-        write_coefficients(draft["coefficients"], recording.cameras)
+        _write(recording, draft)
         if "profile" in draft:
             write_profile(draft["profile"], recording.cameras)
-        titles = [f"cam{c}_offset" for c in range(1, n_cameras + 1)]
-        offsets = np.zeros((n_frames, n_cameras)) - recording.start_s * recording.fps
-        write_table(draft["offsets"], titles, offsets)
-        write_skeleton(draft["skeleton"], recording.skeleton)
-        np.savez_compressed(
-            draft["truth"],
-            names=np.array(recording.truth.names),
-            t_s=recording.truth.t_s,
-            xyz_m=recording.truth.xyz_m,
-            fps=np.array(recording.fps),
-            start_s=recording.start_s,
-            occluded=recording.occluded,
-            lost=recording.lost,
-            outlier=recording.outlier,
-            contact=recording.contact,
-        )
-        draft["card"].write_text(json.dumps(recording.card, indent=2) + "\n", encoding="utf-8")
+        if others:
+            _write_others(recording, draft)
         for kind, path in paths.items():
             os.replace(draft[kind], path)
     return paths
+
+
+def _write(recording: SyntheticRecording, paths: Mapping[str, Path]) -> None:
+    n_cameras, n_frames = len(recording.cameras), len(recording.truth.t_s)
+    write_pixels(paths["pixels"], recording.pixels)
+    write_coefficients(paths["coefficients"], recording.cameras)
+    titles = [f"cam{c}_offset" for c in range(1, n_cameras + 1)]
+    write_table(paths["offsets"], titles, np.zeros((n_frames, n_cameras)) - recording.start_s * recording.fps)
+    write_skeleton(paths["skeleton"], recording.skeleton)
+    np.savez_compressed(
+        paths["truth"],
+        names=np.array(recording.truth.names),
+        t_s=recording.truth.t_s,
+        xyz_m=recording.truth.xyz_m,
+        fps=np.array(recording.fps),
+        start_s=recording.start_s,
+        occluded=recording.occluded,
+        lost=recording.lost,
+        outlier=recording.outlier,
+        contact=recording.contact,
+    )
+    paths["card"].write_text(json.dumps(recording.card, indent=2) + "\n", encoding="utf-8")
+
+
+def _write_others(recording: SyntheticRecording, paths: Mapping[str, Path]) -> None:
+    """What other programs would have written of the same pixels."""
+    write_calibration(paths["calibration"], recording.cameras)
+    if "project" in paths:
+        write_project(paths["project"], recording)
+    names, t_s = recording.pixels.names, recording.pixels.t_s
+    xyz_m = linear(stacked(recording.cameras), undistorted(recording.cameras, recording.pixels.uv_px))
+    points = MarkerTracks(
+        names=names,
+        t_s=t_s,
+        xyz_m=xyz_m,
+        cov_m2=np.full((*xyz_m.shape, 3), np.nan),
+        origin=np.where(np.isnan(xyz_m[..., 0]), Origin.MISSING, Origin.MEASURED),
+    )
+    write_points(paths["points"], points)
+    frames = np.arange(1, len(t_s) + 1)
+    file = Recording(format="c3d", paths=(), names=names, frames=frames, fps=recording.fps, unit="mm", points=points)
+    write_c3d(paths["c3d"], file)
 
 
 def read_truth(path: Path) -> MarkerTracks:

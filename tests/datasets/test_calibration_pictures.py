@@ -46,7 +46,7 @@ def held(camera, board, *, away_m, tilt):
 def found_corners(picture, board):
     """(K, 2) corners that OpenCV finds, refined, and their numbers."""
     if board.marker_m:
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
         drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square_m, board.marker_m, dictionary)
         corners, numbers, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(picture)
         numbers = numbers.ravel()
@@ -144,7 +144,7 @@ def test_a_session_is_pictures_by_camera_and_instant_with_their_truth(tmp_path):
             assert min(np.abs(got - expected).max(), np.abs(got[::-1] - expected).max()) < 1.5
     assert found >= 3
     card = json.loads((tmp_path / "a" / "card.json").read_text())
-    assert (card["option"], card["pictures"]) == ("--checkerboard 9x6", count)
+    assert (card["options"], card["pictures"]) == ("--checkerboard 9x6 --square-mm 12", count)
 
 
 def test_a_wand_keeps_its_length_and_reads_back(tmp_path):

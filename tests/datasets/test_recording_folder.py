@@ -9,10 +9,12 @@ from datasets import PERFECT, make_bat, make_lizard, read_truth, write_recording
 from datasets.dvproject import write_project
 from mocap.cameras import project, record, stacked, undistorted
 from mocap.errors import FormatError
+from mocap.formats.anipose import read_calibration
 from mocap.formats.csv_table import read_table
-from mocap.formats.dltdv import read_coefficients, read_pixels
+from mocap.formats.dltdv import read_coefficients, read_pixels, read_points
 from mocap.formats.dvproject import read_project
 from mocap.formats.profile import with_profile
+from mocap.formats.registry import read
 from mocap.skeleton import Skeleton, read_skeleton, write_skeleton
 from mocap.triangulate import linear
 
@@ -114,3 +116,25 @@ def test_a_fisheye_is_no_lens_of_dltdv(tmp_path):
     recording = make_bat(n_frames=2, lens="fisheye")
     with pytest.raises(ValueError, match="'cam1': a DLTdv8 project holds Brown lenses"):
         write_project(tmp_path / "x.mat", recording)
+
+
+@pytest.mark.parametrize("lens", ["brown", "fisheye"])
+def test_other_programs_files_hold_the_same(lens, tmp_path):
+    """Each through the reader of its format: cameras, and positions that are the linear ones of the pixels."""
+    recording = make_bat(seed=4, n_frames=40, lens=lens)
+    paths = write_recording(recording, tmp_path, others=True)
+    cameras = read_calibration(paths["calibration"])
+    exact = record(recording.cameras, recording.truth.xyz_m)
+    np.testing.assert_allclose(record(cameras, recording.truth.xyz_m), exact, atol=1e-9, rtol=0)
+    assert ("project" in paths) == ("profile" in paths) == (lens == "brown")
+    expected = linear(stacked(cameras), undistorted(cameras, recording.pixels.uv_px))
+    assert np.isfinite(expected[..., 0]).mean() > 0.8
+    points = read_points(paths["points"], fps=recording.fps)
+    # %.6f
+    np.testing.assert_allclose(points.xyz_m, expected, atol=5.1e-7)
+    stored = read(paths["c3d"])
+    assert stored.fps == recording.fps
+    assert stored.points.names == recording.pixels.names
+    # 32-bit numbers in millimetres, of up to 600: 600 x 2^-24 = 4e-5 mm
+    np.testing.assert_allclose(stored.points.xyz_m, expected, atol=5e-8)
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(p.name for p in paths.values())

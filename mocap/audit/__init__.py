@@ -1,0 +1,19 @@
+"""Audit: what pixels, cameras and points tell of each other, and of faults that programs leave in files."""
+
+from mocap.audit.finding import Finding, alarms
+from mocap.audit.offsets import Offsets, estimate_offsets
+from mocap.audit.run import audit_filmed
+from mocap.audit.samples import pixel_findings, point_findings
+from mocap.audit.stored import StalePoint, stale_points
+
+__all__ = [
+    "Finding",
+    "Offsets",
+    "StalePoint",
+    "alarms",
+    "audit_filmed",
+    "estimate_offsets",
+    "pixel_findings",
+    "point_findings",
+    "stale_points",
+]

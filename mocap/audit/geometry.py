@@ -1,0 +1,235 @@
+"""What cameras and pixels tell of each other: mirrored worlds, copied or foreign cameras, flips, lenses not applied."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from mocap.arrays import Array
+from mocap.audit.finding import Finding
+from mocap.cameras import Camera, decompose, stacked, undistorted
+from mocap.lens import BrownLens
+from mocap.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
+from mocap.triangulate import linear, residual_px
+
+
+def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:
+    """Copies among cameras, and worlds that are mirrored.
+
+    Args:
+        cameras: The C cameras.
+        y_up: Whether the coefficients count pixel rows from the lower left; None: not known.
+    """
+    found = []
+    parts = [decompose(c) for c in cameras]
+    matrices = stacked(cameras)
+    for i, b in enumerate(cameras):
+        for j, a in enumerate(cameras[:i]):
+            size = np.abs(matrices[j]).max(axis=1, keepdims=True)
+            if (np.abs(matrices[i] - matrices[j]) < 1e-6 * size).all():
+                found.append(
+                    Finding(
+                        kind="copied cameras",
+                        alarm=True,
+                        text=f"cameras {a.name!r} and {b.name!r} have one calibration: one is a copy of the other, "
+                        "and points seen by it are wrong",
+                        cameras=(a.name, b.name),
+                    )
+                )
+    mirrored = [p.mirrored for p in parts]
+    if any(mirrored) != all(mirrored):
+        fewer = [c.name for c, m in zip(cameras, mirrored, strict=True) if m == (sum(mirrored) * 2 <= len(mirrored))]
+        found.append(
+            Finding(
+                kind="mirrored camera",
+                alarm=True,
+                text=f"the calibration mirrors {', '.join(map(repr, fewer))} against the other cameras: pixels of some "
+                "count rows from another corner",
+                cameras=tuple(fewer),
+            )
+        )
+    elif mirrored[0] and y_up is not True:
+        text = (
+            "the world is mirrored (left-handed): left and right are exchanged in all that follows"
+            if y_up is False
+            else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state --origin"
+        )
+        found.append(Finding(kind="mirrored world", alarm=y_up is False, text=text))
+    elif y_up and not mirrored[0]:
+        text = "the world is mirrored (left-handed), as rows count from the lower left: left and right are exchanged"
+        found.append(Finding(kind="mirrored world", alarm=True, text=text))
+    return found
+
+
+def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int = 3000) -> list[Finding]:
+    """Cameras that do not belong to the pixels.
+
+    With three cameras or more, each is left out: where the rays of the others then meet four times as near, and clearly
+    nearer than without any other, it is that camera. Its picture may be flipped; that is tried.
+
+    Args:
+        cameras: The C cameras.
+        ideal_px: (C, T, M, 2) ideal pixels, in their convention.
+        most_points: Points to judge by.
+    """
+    matrices, uv = stacked(cameras), _points(ideal_px, most_points)
+    if len(cameras) < 2 or uv.shape[1] < 5:
+        return []
+    whole = _median(matrices, uv)
+    extent = float(np.nanmax(uv) - np.nanmin(uv))
+    left = [
+        _median(np.delete(matrices, c, axis=0), np.delete(uv, c, axis=0)) if len(cameras) > 2 else np.inf
+        for c in range(len(cameras))
+    ]
+    order = np.argsort(left)
+    worst = int(order[0])
+    if left[worst] * 4 < whole and left[worst] * 2 < left[int(order[1])] and whole > 1.0:
+        camera = cameras[worst]
+        numbers = {"with_px": whole, "without_px": left[worst]}
+        how = ""
+        for name, flip in _flips(camera, uv[worst]):
+            trial = uv.copy()
+            trial[worst] = flip
+            again = _median(matrices, trial)
+            if again * 4 < whole:
+                how, numbers = f"; {name} they fit ({again:.2f} px)", {**numbers, "flipped_px": again}
+                break
+        return [
+            Finding(
+                kind="flipped camera" if how else "foreign camera",
+                alarm=True,
+                text=f"camera {camera.name!r} does not belong to its pixels: rays miss by {whole:.1f} px with it, by "
+                f"{left[worst]:.2f} px without{how}",
+                numbers=numbers,
+                cameras=(camera.name,),
+            )
+        ]
+    if whole > max(0.02 * extent, 8.0):
+        return [
+            Finding(
+                kind="foreign calibration",
+                alarm=True,
+                text=f"rays miss by {whole:.0f} px (median), of {extent:.0f} px that the pixels spread over: "
+                "the calibration does not belong to them",
+                numbers={"residual_px": whole, "extent_px": extent},
+                cameras=tuple(c.name for c in cameras),
+            )
+        ]
+    return []
+
+
+def _flips(camera: Camera, uv: Array) -> list[tuple[str, Array]]:
+    """Ways to flip the pixels of one camera, about its picture or else its principal point."""
+    centre = decompose(camera).intrinsic[:2, 2]
+    size = np.asarray(camera.size_px if camera.size_px is not None else 2 * centre, dtype=float)
+    down, across = uv.copy(), uv.copy()
+    down[..., 1] = size[1] - uv[..., 1]
+    across[..., 0] = size[0] - uv[..., 0]
+    both = down.copy()
+    both[..., 0] = across[..., 0]
+    return [("with rows counted from below", down), ("mirrored", across), ("turned by 180 degrees", both)]
+
+
+def lens_findings(
+    cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin, *, most_points: int = 2000
+) -> list[Finding]:
+    """Whether the lenses are to be applied once, as given, or not at all, or twice; and distortion that nobody states.
+
+    Args:
+        cameras: The C cameras.
+        uv_px: (C, T, M, 2) pixels as in the file.
+        decision: Where rows are counted from.
+        most_points: Points to judge by.
+    """
+    matrices, uv = stacked(cameras), _points(uv_px, most_points)
+    if len(cameras) < 2 or uv.shape[1] < 20:
+        return []
+
+    def ideal(rig: Sequence[Camera], pixels: Array) -> Array:
+        return ideal_pixels(
+            rig,
+            pixels,
+            pixels=decision.pixels,
+            coefficients=decision.coefficients,
+            height_px=decision.height_px,
+            iterations=None,
+        )
+
+    if all(c.lens is None for c in cameras):
+        return _hidden_distortion(cameras, ideal(cameras, uv))
+    once = ideal(cameras, uv)
+    back = flipped(once, decision.height_px) if decision.coefficients == "lower-left" else once
+    twice = undistorted(cameras, back)
+    twice = flipped(twice, decision.height_px) if decision.coefficients == "lower-left" else twice
+    bare = [replace(c, lens=None) for c in cameras]
+    tried = {
+        "not at all": _median(matrices, ideal(bare, uv)),
+        "once": _median(matrices, once),
+        "twice": _median(matrices, twice),
+    }
+    best = min(tried, key=lambda k: tried[k])
+    rest = min(v for k, v in tried.items() if k != best)
+    clear = tried[best] * CLEARLY < rest
+    numbers = {f"{k.replace(' ', '_')}_px": v for k, v in tried.items()}
+    if best == "once" or not clear:
+        text = f"lenses applied once: rays miss by {tried['once']:.3f} px, by {tried['not at all']:.3f} px without them"
+        return [Finding(kind="distortion", alarm=False, text=text, numbers=numbers)]
+    why = (
+        "the pixels are undistorted already: give no profile"
+        if best == "not at all"
+        else "the coefficients belong to pixels that were undistorted twice"
+    )
+    return [
+        Finding(
+            kind="distortion",
+            alarm=True,
+            text=f"rays meet nearest with lenses applied {best} ({tried[best]:.3f} px; once: {tried['once']:.3f} px): "
+            f"{why}",
+            numbers=numbers,
+        )
+    ]
+
+
+def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
+    """One radial coefficient k1 for all cameras, about their principal points, that brings the rays nearer."""
+    lenses = []
+    for c in cameras:
+        k = decompose(c).intrinsic
+        lenses.append(BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2])))
+    matrices = stacked(cameras)
+
+    def miss(k1: float) -> float:
+        bent = [replace(u, k=(k1, 0.0, 0.0)).undistort(p) for u, p in zip(lenses, uv, strict=True)]
+        return _median(matrices, np.stack(bent))
+
+    plain = miss(0.0)
+    grid = np.linspace(-0.45, 0.45, 19)
+    values = [miss(k) for k in grid]
+    at = int(np.argmin(values))
+    if not 0 < at < len(grid) - 1:
+        return []
+    best = minimize_scalar(miss, bounds=(grid[at - 1], grid[at + 1]), method="bounded", options={"xatol": 1e-3})
+    if best.fun * 1.5 > plain or abs(best.x) < 0.02:
+        return []
+    return [
+        Finding(
+            kind="distortion",
+            alarm=True,
+            text=f"the pixels look distorted, and no lens is given: with k1 = {best.x:.2f} in all cameras rays miss by "
+            f"{best.fun:.2f} px in place of {plain:.2f} px: give the camera profile",
+            numbers={"k1": float(best.x), "plain_px": plain, "with_k1_px": float(best.fun)},
+        )
+    ]
+
+
+def _points(uv_px: Array, most: int) -> Array:
+    """(C, K, 2) pixels of points that two cameras or more see, spread over the recording."""
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
+    return uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most)).astype(int)] if uv.shape[1] else uv
+
+
+def _median(matrices: Array, uv: Array) -> float:
+    miss = residual_px(matrices, uv, linear(matrices, uv))
+    return float(np.nanmedian(miss)) if np.isfinite(miss).any() else float("inf")

@@ -1,0 +1,193 @@
+"""Cameras that run a fraction of a frame, or some frames, early or late, told by the rays of what moves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from mocap.arrays import Array
+from mocap.audit.finding import Finding
+from mocap.cameras import Camera, stacked
+from mocap.linearised import linearise
+from mocap.triangulate import linear
+
+CLEAR_SD = 4.0
+LEAST_FRAMES = 0.1
+BLOCKS = 12
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Offsets:
+    """How late each camera is.
+
+    Attributes:
+        offset_frames: (C,) offsets; row n of camera c shows what happened at frame n + offset. Their mean is 0.
+        sd_frames: (C,) standard deviations, from blocks of the recording left out in turn.
+        before_px: Root mean square error of the rays as they are.
+        after_px: The same with the offsets applied.
+        samples: Number of pixels used.
+    """
+
+    offset_frames: Array
+    sd_frames: Array
+    before_px: float
+    after_px: float
+    samples: int
+
+
+def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 3000, rounds: int = 6) -> Offsets | None:
+    """Offsets that bring the rays nearest together.
+
+    A pixel of camera c at frame t is that of the marker at t + d_c: uv_c = h_c(x(t)) + d_c h_c'(x) x'(t). Its error
+    less what a shift of the marker takes up is linear in d, as is a constant error of each camera, which is fitted with
+    it, so that a camera that is off is not taken for one that is late. Found offsets are applied to the tracks, and
+    what is left is found again. Errors of a recording are slow; deviations come from a jackknife over blocks of time.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        ideal_px: (C, T, M, 2) ideal pixels; NaN where not seen.
+        most_frames: Of a longer recording so many frames in a row are used, where most is seen and moves.
+        rounds: How often offsets are applied and found again.
+
+    Returns:
+        The offsets; None where fewer than 50 pixels of moving markers are seen by two cameras.
+    """
+    ideal = _window(ideal_px, most_frames)
+    n_cameras = len(ideal)
+    delay = np.zeros(n_cameras)
+    splines = _splines(ideal)
+    step = sd = np.zeros(n_cameras)
+    before = after = 0.0
+    samples = 0
+    for turn in range(rounds):
+        shifted = _shifted(ideal, splines, -delay)
+        system = _system(matrices, shifted)
+        if system is None:
+            return None
+        rows, error, block, weight = system
+        step, after = _solve(rows, error, weight)
+        samples = int(np.count_nonzero(weight))
+        if turn == 0:
+            before = float(np.sqrt(np.average(error**2, weights=weight)))
+        parts = [_solve(rows[block != b], error[block != b], weight[block != b])[0] for b in range(BLOCKS)]
+        spread = np.stack(parts) - np.mean(parts, axis=0)
+        sd = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum(spread**2, axis=0))
+        delay = delay + step
+        if np.abs(step).max() < 0.01:
+            break
+    return Offsets(offset_frames=delay - delay.mean(), sd_frames=sd, before_px=before, after_px=after, samples=samples)
+
+
+def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
+    """Offsets that stand clear of their uncertainty; they are reported, and applied only when asked.
+
+    A camera is named where its offset is 4 deviations and a tenth of a frame or more, and where the offsets take away a
+    twentieth of the rays' errors or more.
+    """
+    found = estimate_offsets(stacked(cameras), ideal_px)
+    if found is None:
+        return []
+    names = [c.name for c in cameras]
+    numbers = {f"{n}_frames": float(d) for n, d in zip(names, found.offset_frames, strict=True)}
+    numbers |= {f"{n}_sd_frames": float(s) for n, s in zip(names, found.sd_frames, strict=True)}
+    numbers |= {"before_px": found.before_px, "after_px": found.after_px}
+    each = ", ".join(
+        f"{n} {d:+.2f} ± {s:.2f}" for n, d, s in zip(names, found.offset_frames, found.sd_frames, strict=True)
+    )
+    clear = (np.abs(found.offset_frames) > np.maximum(CLEAR_SD * found.sd_frames, LEAST_FRAMES)) & (
+        found.after_px < 0.95 * found.before_px
+    )
+    if not clear.any():
+        return [
+            Finding(kind="camera offsets", alarm=False, text=f"cameras run in step: {each} frames", numbers=numbers)
+        ]
+    return [
+        Finding(
+            kind="camera offsets",
+            alarm=True,
+            text=f"cameras do not run in step: {each} frames (rays miss by {found.before_px:.2f} px, with these "
+            f"offsets by {found.after_px:.2f} px); nothing was shifted",
+            numbers=numbers,
+            cameras=tuple(n for n, c in zip(names, clear, strict=True) if c),
+        )
+    ]
+
+
+def _window(ideal: Array, most: int) -> Array:
+    """The stretch of frames with most pixels seen by two cameras."""
+    if ideal.shape[1] <= most:
+        return ideal
+    shared = (np.isfinite(ideal[..., 0]).sum(axis=0) >= 2).sum(axis=1)
+    total = np.concatenate([[0], np.cumsum(shared)])
+    start = int(np.argmax(total[most:] - total[:-most]))
+    return ideal[:, start : start + most]
+
+
+def _splines(ideal: Array) -> dict[tuple[int, int], tuple[CubicSpline, NDArray[np.int64]]]:
+    """A cubic through each camera's track of each marker, and the frames that it rests on."""
+    out = {}
+    for c, m in np.ndindex(ideal.shape[0], ideal.shape[2]):
+        at = np.flatnonzero(np.isfinite(ideal[c, :, m, 0]))
+        if len(at) >= 4:
+            out[c, m] = (CubicSpline(at, ideal[c, at, m]), at)
+    return out
+
+
+def _shifted(ideal: Array, splines: dict[tuple[int, int], tuple[CubicSpline, NDArray]], by: Array) -> Array:
+    """Tracks read at frame t + by, where samples lie on both sides at most two frames away; untouched where by is 0."""
+    out = np.full_like(ideal, np.nan)
+    frames = np.arange(ideal.shape[1])
+    for (c, m), (spline, at) in splines.items():
+        if by[c] == 0:
+            out[c, :, m] = ideal[c, :, m]
+            continue
+        t = frames + by[c]
+        after = np.searchsorted(at, t)
+        inside = (after > 0) & (after < len(at))
+        ok = frames[inside][(at[after[inside]] - at[after[inside] - 1]) <= 2]
+        out[c, ok, m] = spline(t[ok])
+    return out
+
+
+def _system(matrices: Array, uv: Array) -> tuple[Array, Array, NDArray[np.int64], Array] | None:
+    """Rows (n, C offsets + 2 C constants), errors (n,), block and weight of each, markers' own shifts projected out."""
+    xyz = linear(matrices, uv)
+    speed = np.full_like(xyz, np.nan)
+    speed[1:-1] = (xyz[2:] - xyz[:-2]) / 2
+    moving = np.isfinite(speed).all(axis=-1) & np.isfinite(xyz[..., 0])
+    if np.count_nonzero(moving) < 25:
+        return None
+    problem = linearise(matrices, uv[:, moving], xyz[moving])
+    n_cameras, n_points = problem.seen.shape
+    drift = np.einsum("ckij,kj->cki", problem.jacobian, speed[moving])  # image velocity, px a frame
+    own = np.moveaxis(problem.jacobian, 0, 1).reshape(n_points, 2 * n_cameras, 3)
+    normal = np.swapaxes(own, 1, 2) @ own
+    normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    hat = own @ np.linalg.solve(normal, np.swapaxes(own, 1, 2))
+    seen = np.repeat(problem.seen.T, 2, axis=1)  # (K, 2 C)
+    columns = np.zeros((n_points, 2 * n_cameras, 3 * n_cameras))
+    for c in range(n_cameras):
+        columns[:, 2 * c : 2 * c + 2, c] = drift[c]
+        columns[:, 2 * c, n_cameras + 2 * c] = columns[:, 2 * c + 1, n_cameras + 2 * c + 1] = problem.seen[c]
+    rows = columns - hat @ columns
+    error = np.moveaxis(problem.error, 0, 1).reshape(n_points, 2 * n_cameras)
+    error = error - (hat @ error[..., None])[..., 0]
+    block = np.repeat(np.arange(n_points) * BLOCKS // n_points, 2 * n_cameras)
+    miss = np.sqrt(np.sum(error**2, axis=1))
+    scale = 1.4826 * np.median(miss) + 1e-12
+    weight = seen / (1 + (miss / (2 * scale))[:, None] ** 2)
+    return rows.reshape(-1, 3 * n_cameras), error.ravel(), block, weight.ravel()
+
+
+def _solve(rows: Array, error: Array, weight: Array) -> tuple[Array, float]:
+    """Weighted least squares of least norm (a common delay and shift move nothing); the offsets, and what is left."""
+    heavy = rows * weight[:, None]
+    normal, right = heavy.T @ rows, heavy.T @ error
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-12 * np.diag(normal).max()))
+    best = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-7, hermitian=True) @ (right / scale) / scale
+    left = error - rows @ best
+    n_cameras = rows.shape[1] // 3
+    offset = best[:n_cameras]
+    return offset - offset.mean(), float(np.sqrt(np.average(left**2, weights=weight)))

@@ -1,0 +1,58 @@
+"""The whole audit of a recording."""
+
+from collections.abc import Sequence
+
+from mocap.arrays import Array
+from mocap.audit.finding import Finding
+from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
+from mocap.audit.offsets import offset_findings
+from mocap.audit.samples import pixel_findings, sizes
+from mocap.audit.stored import stored_findings
+from mocap.cameras import Camera, stacked
+from mocap.origin import PixelOrigin
+from mocap.records import MarkerTracks, PixelTracks
+from mocap.triangulate import linear
+
+
+def audit_filmed(
+    cameras: Sequence[Camera],
+    pixels: PixelTracks,
+    ideal_px: Array,
+    decision: PixelOrigin,
+    *,
+    stored: MarkerTracks | None = None,
+    stored_px: Array | None = None,
+) -> list[Finding]:
+    """Everything that pixels, cameras and stored points tell of each other, and pixels alone.
+
+    Args:
+        cameras: The C cameras.
+        pixels: As in the file.
+        ideal_px: (C, T, M, 2) ideal pixels in the convention of the coefficients.
+        decision: Where rows are counted from.
+        stored: Points that were stored with them; None: there are none.
+        stored_px: Ideal pixels as the program that stored the points made them; None: ``ideal_px``.
+
+    Returns:
+        Findings, alarms first.
+    """
+    found = pixel_findings(pixels)
+    found.append(
+        Finding(
+            kind="pixel origin",
+            alarm=False,
+            text=decision.describe(),
+            numbers={"residual_px": decision.residual_px}
+            | ({"next_px": decision.next_px} if decision.next_px < float("inf") else {}),
+        )
+    )
+    known = decision.stated or decision.matters
+    found += camera_findings(cameras, y_up=decision.coefficients == "lower-left" if known else None)
+    foreign = fit_findings(cameras, ideal_px)
+    found += foreign or [*lens_findings(cameras, pixels.uv_px, decision), *offset_findings(cameras, ideal_px)]
+    matrices = stacked(cameras)
+    found += sizes(linear(matrices, ideal_px))
+    if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
+        solved = ideal_px if stored_px is None else stored_px
+        found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
+    return sorted(found, key=lambda f: not f.alarm)

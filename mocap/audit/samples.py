@@ -1,0 +1,193 @@
+"""What tracks alone tell: zeros that mean missing, quantised pixels, frames and cameras that are copies, odd units."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.audit.finding import MOST, Finding
+from mocap.records import MarkerTracks, PixelTracks
+
+STEPS_PX = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
+BODY_M = (2e-3, 15.0)
+"""Sizes of animals and parts of them, from the wing of a fly to a whale."""
+
+
+def pixel_findings(pixels: PixelTracks) -> list[Finding]:
+    """Zeros, quantisation, repeated frames and copied cameras of pixel tracks."""
+    found = []
+    for c, camera in enumerate(pixels.cameras):
+        uv = pixels.uv_px[c]
+        found += [*_zeros(uv, pixels.names, "pixels", camera), *_steps(uv, camera), *_repeats(uv, camera)]
+    return found + _copied_tracks(pixels)
+
+
+def point_findings(points: MarkerTracks) -> list[Finding]:
+    """Zeros, repeated frames and lengths that no animal has, of positions."""
+    return [*_zeros(points.xyz_m, points.names, "positions", None), *_repeats(points.xyz_m, None), *sizes(points.xyz_m)]
+
+
+def _zeros(values: Array, names: Sequence[str], what: str, camera: str | None) -> list[Finding]:
+    """All coordinates exactly zero, where the marker was nowhere near before and after.
+
+    A marker may pass through zero; it then comes from near by. Zeros count as missing where the nearest samples that
+    are not zero are further off than 10 of the track's usual steps.
+
+    Args:
+        values: (T, M, 2 or 3) tracks.
+        names: Of the markers.
+        what: Pixels or positions.
+        camera: Whose.
+    """
+    zero = (values == 0).all(axis=-1)
+    markers, frames = [], []
+    for m in np.flatnonzero(zero.any(axis=0)):
+        real = np.flatnonzero(np.isfinite(values[:, m, 0]) & ~zero[:, m])
+        if not len(real):
+            markers, frames = [*markers, m], [*frames, *np.flatnonzero(zero[:, m])]
+            continue
+        steps = np.linalg.norm(np.diff(values[real, m], axis=0), axis=-1) / np.diff(real)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        at = np.flatnonzero(zero[:, m])
+        near = real[np.abs(real[None, :] - at[:, None]).argmin(axis=1)]
+        far = np.linalg.norm(values[near, m], axis=-1) > 10 * usual * np.abs(near - at) + 1e-12
+        if far.any():
+            markers.append(m)
+            frames += list(at[far])
+    if not frames:
+        return []
+    whose = "" if camera is None else f" of camera {camera!r}"
+    return [
+        Finding(
+            kind="zeros",
+            alarm=True,
+            text=f"{len(frames)} {what}{whose} are exactly zero, far from where their marker is before and after: they "
+            "mean missing and must not be taken as places",
+            numbers={"samples": len(frames)},
+            cameras=() if camera is None else (camera,),
+            markers=tuple(str(names[int(m)]) for m in markers),
+            frames=_first(frames),
+        )
+    ]
+
+
+def _steps(uv: Array, camera: str) -> list[Finding]:
+    """Pixels on a grid: integers, halves, or the numbers that float16 holds."""
+    values = uv[np.isfinite(uv)]
+    if len(values) < 20 or len(np.unique(values)) < 10:
+        return []
+    step = next((s for s in STEPS_PX if np.mean(np.abs(values / s - np.round(values / s)) < 1e-6) > 0.995), None)
+    half = np.abs(values) < 6e4
+    is_half = half.all() and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
+    if is_half and (step is None or (np.abs(values) >= 1024 * step).any()):
+        coarsest = float(2.0 ** np.floor(np.log2(np.abs(values).max() / 1024)))
+        text = f"went through half precision (float16): rounded to {coarsest:g} px where largest"
+        numbers = {"step_px": coarsest, "sd_px": coarsest / np.sqrt(12)}
+    elif step is not None:
+        text = f"are multiples of {step:g} px: rounding alone errs by {step / np.sqrt(12):.2f} px"
+        numbers = {"step_px": step, "sd_px": step / np.sqrt(12)}
+    else:
+        return []
+    return [
+        Finding(
+            kind="quantised pixels",
+            alarm=True,
+            text=f"pixels of camera {camera!r} {text}",
+            numbers=numbers,
+            cameras=(camera,),
+        )
+    ]
+
+
+def _repeats(values: Array, camera: str | None) -> list[Finding]:
+    """Frames that repeat the one before in every digit, though markers move otherwise.
+
+    Args:
+        values: (T, M, d) tracks.
+        camera: Whose.
+    """
+    seen = np.asarray(~np.isnan(values).any(axis=-1))
+    both = np.logical_and(seen[1:], seen[:-1])
+    same = ((values[1:] == values[:-1]).all(axis=-1)) & both
+    judged = (np.count_nonzero(both, axis=1) >= 1) & (seen[1:] == seen[:-1]).all(axis=1)
+    repeats = judged & (np.count_nonzero(same, axis=1) == np.count_nonzero(both, axis=1))
+    if not repeats.any():
+        return []
+    alone = np.count_nonzero(same[~repeats]) / max(np.count_nonzero(both[~repeats]), 1)
+    markers = float(np.count_nonzero(both, axis=1)[repeats].mean())
+    if alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5):
+        return []  # markers stand still one by one, so that all of them may by chance
+    at = np.flatnonzero(repeats) + 1
+    whose = "" if camera is None else f" of camera {camera!r}"
+    return [
+        Finding(
+            kind="repeated frames",
+            alarm=True,
+            text=f"{len(at)} frames{whose} repeat the one before in every digit: the recording stood still there",
+            numbers={"frames": len(at), "share": len(at) / len(values)},
+            cameras=() if camera is None else (camera,),
+            frames=_first(at),
+        )
+    ]
+
+
+def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
+    """Pairs of cameras, or of markers in one camera, whose pixels are the same numbers."""
+    found = []
+    for a in range(len(pixels.cameras)):
+        for b in range(a):
+            both = pixels.seen[a] & pixels.seen[b]
+            same = (pixels.uv_px[a] == pixels.uv_px[b]).all(axis=-1) & both
+            if same.sum() >= 5 and same.sum() > 0.05 * both.sum():
+                names = (pixels.cameras[b], pixels.cameras[a])
+                found.append(
+                    Finding(
+                        kind="copied pixels",
+                        alarm=True,
+                        text=f"{same.sum()} of {both.sum()} pixels of cameras {names[0]!r} and {names[1]!r} are the "
+                        "same numbers: one was copied from the other",
+                        numbers={"samples": float(same.sum())},
+                        cameras=names,
+                    )
+                )
+    return found
+
+
+def sizes(xyz_m: Array) -> list[Finding]:
+    """Whether positions in metres have the size of an animal; reported, never changed."""
+    spread = np.linalg.norm(xyz_m - np.nanmedian(xyz_m, axis=1, keepdims=True), axis=-1) if xyz_m.shape[1] > 1 else None
+    ok = np.isfinite(xyz_m).all(axis=-1)
+    if not ok.any():
+        return []
+    if spread is not None and (ok.sum(axis=1) > 1).any():
+        size, what = (
+            2 * float(np.nanmedian(spread[ok])),
+            "apart in the body (median, twice the distance from its middle)",
+        )
+        low, high = BODY_M
+    else:
+        places = xyz_m[ok]
+        size, what = (
+            float(np.linalg.norm(np.percentile(places, 95, axis=0) - np.percentile(places, 5, axis=0))),
+            "of way",
+        )
+        low, high = 1e-3, 300.0
+    if size == 0 or low <= size <= high:
+        return []
+    better = next(
+        (u for u, f in (("mm", 1e-3), ("cm", 1e-2), ("km", 1e3), ("m", 1.0)) if low <= size * f <= high), None
+    )
+    return [
+        Finding(
+            kind="units",
+            alarm=True,
+            text=f"markers are {size:.3g} m {what}: no animal is; lengths may be in {better or 'another unit'}; "
+            "nothing was changed",
+            numbers={"size_m": size},
+        )
+    ]
+
+
+def _first(frames: Sequence[int] | NDArray) -> tuple[int, ...]:
+    return tuple(int(f) + 1 for f in sorted(set(map(int, frames)))[:MOST])

@@ -1,0 +1,186 @@
+"""Stored 3D against what follows from the stored 2D."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.audit.finding import MOST, Finding
+from mocap.records import MarkerTracks
+from mocap.triangulate import linear
+
+
+@dataclass(frozen=True, kw_only=True)
+class StalePoint:
+    """A stored point that does not follow from its pixels.
+
+    Attributes:
+        frame: Row of the file, from 1.
+        marker: Its name.
+        off_m: Distance from the point that follows from the pixels; None where the pixels give none.
+    """
+
+    frame: int
+    marker: str
+    off_m: float | None
+
+
+def stale_points(xyz_m: Array, stored: MarkerTracks, *, tolerance_m: float = 2e-6) -> list[StalePoint]:
+    """Stored points further than ``tolerance_m`` from those that the pixels give, or that the pixels do not give.
+
+    Args:
+        xyz_m: (T, M, 3) linear triangulation of the pixels.
+        stored: The stored points of the same frames and markers.
+        tolerance_m: Print precision of the files leaves 1e-6.
+
+    Raises:
+        ValueError: the stored points have another number of frames or markers.
+    """
+    if stored.xyz_m.shape != xyz_m.shape:
+        raise ValueError(
+            f"stored points are {stored.xyz_m.shape[:2]} (frames, markers), the pixels give {xyz_m.shape[:2]}: "
+            "the files do not belong together"
+        )
+    off = np.linalg.norm(xyz_m - stored.xyz_m, axis=-1)
+    stale = stored.seen & ~(off <= tolerance_m)
+    return [
+        StalePoint(frame=int(t) + 1, marker=stored.names[m], off_m=float(off[t, m]) if np.isfinite(off[t, m]) else None)
+        for t, m in np.argwhere(stale)
+    ]
+
+
+def stored_findings(
+    matrices: Array, ideal_px: Array, stored: MarkerTracks, *, cameras: Sequence[str], tolerance_m: float = 2e-6
+) -> list[Finding]:
+    """Why stored points do not follow from their pixels, where most of them do not.
+
+    Tried are: another marker's columns, another time, and a linear solve that took one camera's v row only, as Argus's
+    does. A few points off are stale (``stale_points``): their pixels were edited later.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        ideal_px: (C, T, M, 2) ideal pixels.
+        stored: The stored points of the same frames and markers.
+        cameras: Names.
+        tolerance_m: As in ``stale_points``.
+    """
+    xyz = linear(matrices, ideal_px)
+    both = stored.seen & np.isfinite(xyz[..., 0])
+    if not both.any():
+        return []
+    off = np.linalg.norm(xyz - stored.xyz_m, axis=-1)
+    share = float(np.mean(off[both] <= tolerance_m))
+    found = _columns(xyz, stored, both, tolerance_m)
+    named = {m for f in found for m in f.markers}
+    rest = both & ~np.isin(stored.names, list(named))
+    if rest.any() and np.mean(off[rest] <= tolerance_m) < 0.5:
+        found += _shifted(xyz, stored, tolerance_m) or _half_solve(matrices, ideal_px, stored, cameras, tolerance_m)
+    if found or share == 1.0:
+        return found
+    wrong = both & ~(off <= tolerance_m)
+    text = (
+        f"{wrong.sum()} of {both.sum()} stored points do not follow from their pixels (median "
+        f"{np.median(off[wrong]):.2g} m, up to {off[wrong].max():.2g} m)"
+    )
+    cause = "edited later" if share > 0.5 else "of another calibration, other pixels, or smoothed"
+    return [
+        Finding(
+            kind="stale points",
+            alarm=True,
+            text=f"{text}: {cause}",
+            numbers={
+                "points": int(wrong.sum()),
+                "share": float(wrong.sum() / both.sum()),
+                "most_m": float(off[wrong].max()),
+            },
+            markers=tuple(n for n, w in zip(stored.names, wrong.any(axis=0), strict=True) if w),
+            frames=tuple(int(t) + 1 for t in np.flatnonzero(wrong.any(axis=1))[:MOST]),
+        )
+    ]
+
+
+def _agree(a: Array, b: Array, tolerance_m: float) -> tuple[float, int]:
+    """Share of the points that agree, of those that both have, and how many these are."""
+    off = np.linalg.norm(a - b, axis=-1)
+    ok = np.isfinite(off)
+    return (float(np.mean(off[ok] <= tolerance_m)), int(ok.sum())) if ok.any() else (0.0, 0)
+
+
+def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_], tolerance_m: float) -> list[Finding]:
+    found = []
+    for m, name in enumerate(stored.names):
+        if not both[:, m].any() or _agree(xyz[:, m], stored.xyz_m[:, m], tolerance_m)[0] > 0.2:
+            continue
+        shares = [_agree(xyz[:, k], stored.xyz_m[:, m], tolerance_m) for k in range(len(stored.names))]
+        k = max(range(len(shares)), key=lambda k: shares[k])
+        if shares[k][0] > 0.8 and shares[k][1] >= 3:
+            found.append(
+                Finding(
+                    kind="wrong columns",
+                    alarm=True,
+                    text=f"stored points of {name!r} are those of {stored.names[k]!r}: their columns are exchanged",
+                    numbers={"share": shares[k][0], "points": shares[k][1]},
+                    markers=(name, stored.names[k]),
+                )
+            )
+    return found
+
+
+def _shifted(xyz: Array, stored: MarkerTracks, tolerance_m: float, most: int = 50) -> list[Finding]:
+    n = len(xyz)
+    shares = {
+        s: _agree(xyz[max(0, -s) : n - max(0, s)], stored.xyz_m[max(0, s) : n - max(0, -s)], tolerance_m)
+        for s in range(-min(most, n - 1), min(most, n - 1) + 1)
+        if s
+    }
+    s = max(shares, key=lambda s: shares[s][0], default=0)
+    if not s or shares[s][0] < 0.5 or shares[s][1] < 5:
+        return []
+    return [
+        Finding(
+            kind="time shift",
+            alarm=True,
+            text=f"stored points come {abs(s)} frames {'after' if s > 0 else 'before'} their pixels "
+            f"({shares[s][0] * 100:.0f} % agree so)",
+            numbers={"frames": s, "share": shares[s][0]},
+        )
+    ]
+
+
+def _half_solve(
+    matrices: Array, ideal_px: Array, stored: MarkerTracks, cameras: Sequence[str], tolerance_m: float
+) -> list[Finding]:
+    """Whether stored points are linear least squares with all u rows and the v row of one camera."""
+    for c, name in enumerate(cameras):
+        points = _one_v_row(matrices, ideal_px, c)
+        share, count = _agree(points, stored.xyz_m, tolerance_m)
+        if share > 0.5 and count >= 5:
+            return [
+                Finding(
+                    kind="one v row",
+                    alarm=True,
+                    text=f"stored points follow from all columns u but the rows v of camera {name!r} alone, as Argus "
+                    f"solves ({share * 100:.0f} % agree so): triangulate anew",
+                    numbers={"share": share, "points": count},
+                    cameras=(name,),
+                )
+            ]
+    return []
+
+
+def _one_v_row(matrices: Array, ideal_px: Array, camera: int) -> Array:
+    """(T, M, 3) linear solutions from all u and one camera's v; NaN where these are too few."""
+    scaled = matrices / matrices[:, 2:, 3:]
+    uv = ideal_px.reshape(len(matrices), -1, 2)
+    rows_u = scaled[:, None, 0] - uv[..., :1] * scaled[:, None, 2]
+    row_v = scaled[camera, None, 1] - uv[camera, :, 1:] * scaled[camera, None, 2]
+    rows = np.concatenate([np.moveaxis(rows_u, 0, 1), row_v[:, None]], axis=1)
+    enough = np.isfinite(rows[..., 0]).sum(axis=1) >= 3
+    enough &= np.isfinite(row_v[:, 0])
+    rows = np.nan_to_num(rows)
+    out = np.full((len(rows), 3), np.nan)
+    for i in np.flatnonzero(enough):
+        out[i] = np.linalg.lstsq(rows[i, :, :3], -rows[i, :, 3], rcond=None)[0]
+    return out.reshape(*ideal_px.shape[1:3], 3)

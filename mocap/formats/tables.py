@@ -71,7 +71,6 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
             keep_default_na=False,
             encoding="utf-8-sig",
             index_col=False,
-            float_precision="round_trip",
         )
     except (ValueError, OverflowError) as error:  # ParserError and UnicodeDecodeError are ValueErrors
         raise FormatError(f"{path.name}: {' '.join(str(error).split())[:200]}; correct it or export it again") from None

@@ -82,13 +82,15 @@ def wind_tunnel(seeds: Sequence[int]) -> None:
     careless = pooled([visibility(t.pixels.seen[:, :, chosen], fps=700.0) for t in human])
     print(line("the demo's clicks in this rig", careless, distances(whole, careless)))
 
-    print("\nShare of frames in which each camera sees a marker: real (F2, F3, F5) | twin")
-    together = pooled(twin).view
+    heads = "".join(f"{head:>7}" for head in ("cam1", "cam2", "cam3", "cam4", "3D", "gaps/s", "frames"))
+    print("\nEach marker: views, 3D, gaps in 3D a second, median gap in one camera in frames: real (F2, F3, F5) | twin")
+    print(f"{'':18}{heads}  |{heads}")
+    flown, played = [projects[f].pixels.seen for f in FLIGHTS], [t.pixels.seen[:, :, chosen] for t in twins]
     for m, (real_name, name) in enumerate(POINTS.items()):
-        left, right = ("".join(f"{x:6.2f}" for x in view[:, m]) for view in (whole.view, together))
+        left, right = (_row(pooled([visibility(s[:, :, [m]], fps=700.0) for s in part])) for part in (flown, played))
         print(f"{real_name:6}{name:12}{left}  |{right}")
-    correlation = np.corrcoef(whole.view.ravel(), together.ravel())[0, 1]
-    print(f"correlation over cameras and markers {correlation:.2f}")
+    correlation = np.corrcoef(whole.view.ravel(), pooled(twin).view.ravel())[0, 1]
+    print(f"correlation of views over cameras and markers {correlation:.2f}")
 
     print("\nJoint angles in degrees, 2 %, median, 98 %: real (F2, F3, F5, both sides) | twin (exact)")
     measured = [_triangulated(projects[flight]) for flight in FLIGHTS]
@@ -96,6 +98,11 @@ def wind_tunnel(seeds: Sequence[int]) -> None:
     for joint, names in ANGLES.items():
         left, right = (np.nanquantile(_angles(found, names), [0.02, 0.5, 0.98]) for found in (measured, truth))
         print(f"{joint:40}" + "".join(f"{x:6.0f}" for x in left) + "  |" + "".join(f"{x:6.0f}" for x in right))
+
+
+def _row(one: Visibility) -> str:
+    shares = "".join(f"{x:7.2f}" for x in (*one.view[:, 0], one.solid[0]))
+    return f"{shares}{one.rate_hz:7.1f}{np.median(one.gaps) if len(one.gaps) else 0:7.0f}"
 
 
 def _triangulated(project) -> tuple[tuple[str, ...], Array]:

@@ -53,7 +53,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         text = (
             "the world is mirrored (left-handed): left and right are exchanged in all that follows"
             if y_up is False
-            else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state --origin"
+            else "the world is mirrored (left-handed), unless rows are counted from the lower left: state --origin"
         )
         found.append(Finding(kind="mirrored world", alarm=y_up is False, text=text))
     elif y_up and not mirrored[0]:
@@ -210,7 +210,7 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
     if not 0 < at < len(grid) - 1:
         return []
     best = minimize_scalar(miss, bounds=(grid[at - 1], grid[at + 1]), method="bounded", options={"xatol": 1e-3})
-    if best.fun * 1.5 > plain or abs(best.x) < 0.02:
+    if best.fun * CLEARLY > plain or abs(best.x) < 0.02:
         return []
     return [
         Finding(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,16 +68,22 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
         if system is None:
             return None
         rows, error, block, weight = system
-        step, after = _solve(rows, error, weight)
+        heavy = rows * weight[:, None]
+        cuts = np.searchsorted(block, np.arange(BLOCKS + 1))
+        spans = [slice(a, b) for a, b in pairwise(cuts)]
+        normal = np.stack([heavy[s].T @ rows[s] for s in spans])
+        right = np.stack([heavy[s].T @ error[s] for s in spans])
+        step, best = _solve(normal.sum(axis=0), right.sum(axis=0))
+        after = float(np.sqrt(np.average((error - rows @ best) ** 2, weights=weight)))
         samples = int(np.count_nonzero(weight))
         if turn == 0:
             before = float(np.sqrt(np.average(error**2, weights=weight)))
-        parts = [_solve(rows[block != b], error[block != b], weight[block != b])[0] for b in range(BLOCKS)]
+        parts = [_solve(normal.sum(axis=0) - normal[b], right.sum(axis=0) - right[b])[0] for b in range(BLOCKS)]
         spread = np.stack(parts) - np.mean(parts, axis=0)
         sd = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum(spread**2, axis=0))
         delay = delay + step
-        if np.abs(step).max() < 0.01:
-            break
+        if np.abs(step).max() < 0.01 or (turn == 0 and (np.abs(step) < 3 * sd).all()):
+            break  # tracks are not read between frames for nothing: that alone smooths them, and lowers every error
     return Offsets(offset_frames=delay - delay.mean(), sd_frames=sd, before_px=before, after_px=after, samples=samples)
 
 
@@ -181,13 +188,9 @@ def _system(matrices: Array, uv: Array) -> tuple[Array, Array, NDArray[np.int64]
     return rows.reshape(-1, 3 * n_cameras), error.ravel(), block, weight.ravel()
 
 
-def _solve(rows: Array, error: Array, weight: Array) -> tuple[Array, float]:
-    """Weighted least squares of least norm (a common delay and shift move nothing); the offsets, and what is left."""
-    heavy = rows * weight[:, None]
-    normal, right = heavy.T @ rows, heavy.T @ error
+def _solve(normal: Array, right: Array) -> tuple[Array, Array]:
+    """Least squares of least norm (a common delay or shift moves nothing): offsets with mean 0, and all unknowns."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-12 * np.diag(normal).max()))
     best = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-7, hermitian=True) @ (right / scale) / scale
-    left = error - rows @ best
-    n_cameras = rows.shape[1] // 3
-    offset = best[:n_cameras]
-    return offset - offset.mean(), float(np.sqrt(np.average(left**2, weights=weight)))
+    offset = best[: len(best) // 3]
+    return offset - offset.mean(), best

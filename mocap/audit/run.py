@@ -48,8 +48,10 @@ def audit_filmed(
     )
     known = decision.stated or decision.matters
     found += camera_findings(cameras, y_up=decision.coefficients == "lower-left" if known else None)
-    foreign = fit_findings(cameras, ideal_px)
-    found += foreign or [*lens_findings(cameras, pixels.uv_px, decision), *offset_findings(cameras, ideal_px)]
+    late = offset_findings(cameras, ideal_px)
+    explained = [f for f in late if f.alarm and 3 * f.numbers["after_px"] < f.numbers["before_px"]]
+    foreign = [] if explained else fit_findings(cameras, ideal_px)
+    found += foreign or [*late, *lens_findings(cameras, pixels.uv_px, decision)]
     matrices = stacked(cameras)
     found += sizes(linear(matrices, ideal_px))
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:

@@ -156,15 +156,13 @@ def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
 
 def sizes(xyz_m: Array) -> list[Finding]:
     """Whether positions in metres have the size of an animal; reported, never changed."""
-    spread = np.linalg.norm(xyz_m - np.nanmedian(xyz_m, axis=1, keepdims=True), axis=-1) if xyz_m.shape[1] > 1 else None
     ok = np.isfinite(xyz_m).all(axis=-1)
     if not ok.any():
         return []
-    if spread is not None and (ok.sum(axis=1) > 1).any():
-        size, what = (
-            2 * float(np.nanmedian(spread[ok])),
-            "apart in the body (median, twice the distance from its middle)",
-        )
+    several = xyz_m[ok.sum(axis=1) >= 2]
+    if len(several):
+        spread = np.linalg.norm(several - np.nanmedian(several, axis=1, keepdims=True), axis=-1)
+        size, what = 2 * float(np.nanmedian(spread)), "apart in the body (median, twice the distance from its middle)"
         low, high = BODY_M
     else:
         places = xyz_m[ok]

@@ -55,6 +55,7 @@ class Prepared:
             None without cameras.
         swaps: Runs of frames in which two markers bore each other's names; undone in all that is above.
         stale: Stored points that do not follow from the pixels; None where there was no file to compare.
+        audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
     """
 
     name: str
@@ -79,6 +80,7 @@ class Prepared:
     noise: ClickNoise | None = None
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
+    audited: tuple[audit.Finding, ...] = ()
 
     @property
     def dt_s(self) -> float:
@@ -166,7 +168,9 @@ def prepare(source: Source) -> Prepared:
     xyz, cov, ray_sd, ray_scale = student_t(filmed.matrices, uv, start, sd_px=jitter, relative=worse, noise=noise)
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
-    findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *findings]
+    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
+    told = [f.text for f in audited if f.alarm and f.kind != "mirrored world"]
+    findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *told, *findings]
     if bias.sd_px:
         findings.append(
             f"rays of one marker miss each other slowly by {bias.sd_px:.2f} px (calibration or lens): removed before "
@@ -202,6 +206,7 @@ def prepare(source: Source) -> Prepared:
         ),
         swaps=swaps,
         stale=stale,
+        audited=tuple(audited),
     )
 
 

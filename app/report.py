@@ -67,6 +67,7 @@ def make_report(
             "reasons": REPAIRS,
             "runs": _exchanged(prepared),
         },
+        "audit": [finding.as_json() for finding in prepared.audited],
         "stale_points": None if prepared.stale is None else [vars(s) for s in prepared.stale],
         "innovation": _consistency(tracked),
         "log_likelihood": float(tracked.log_likelihood.sum()),

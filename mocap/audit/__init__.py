@@ -2,7 +2,7 @@
 
 from mocap.audit.finding import Finding, alarms
 from mocap.audit.offsets import Offsets, estimate_offsets
-from mocap.audit.run import audit_filmed
+from mocap.audit.run import audit_filmed, audit_recording
 from mocap.audit.samples import pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, stale_points
 
@@ -12,6 +12,7 @@ __all__ = [
     "StalePoint",
     "alarms",
     "audit_filmed",
+    "audit_recording",
     "estimate_offsets",
     "pixel_findings",
     "point_findings",

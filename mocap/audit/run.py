@@ -6,10 +6,12 @@ from mocap.arrays import Array
 from mocap.audit.finding import Finding
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
 from mocap.audit.offsets import offset_findings
-from mocap.audit.samples import pixel_findings, sizes
+from mocap.audit.samples import pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
-from mocap.cameras import Camera, stacked
-from mocap.origin import PixelOrigin
+from mocap.cameras import Camera, stacked, undistorted
+from mocap.errors import CalibrationError
+from mocap.formats.recording import Recording
+from mocap.origin import PixelOrigin, decide_origin, ideal_pixels
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.triangulate import linear
 
@@ -58,3 +60,37 @@ def audit_filmed(
         solved = ideal_px if stored_px is None else stored_px
         found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
     return sorted(found, key=lambda f: not f.alarm)
+
+
+def audit_recording(recording: Recording) -> list[Finding]:
+    """Everything that a file, or files that belong together, tell of themselves; alarms first.
+
+    Lengths are judged only where their unit is known.
+    """
+    pixels, points, cameras = recording.pixels, recording.points, recording.cameras
+    if pixels is None or not cameras or len(pixels.cameras) != len(cameras) or len(cameras) < 2:
+        found = [] if pixels is None else pixel_findings(pixels)
+        found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)
+        if points is not None:
+            found += [f for f in point_findings(points) if recording.unit is not None or f.kind != "units"]
+        return sorted(found, key=lambda f: not f.alarm)
+    try:
+        decision = decide_origin(cameras, pixels.uv_px, origin=recording.pixel_origin)
+    except CalibrationError as error:
+        asked = Finding(kind="pixel origin", alarm=True, text=str(error))
+        plain = undistorted(cameras, pixels.uv_px)
+        rest = [*pixel_findings(pixels), *camera_findings(cameras, y_up=None), *fit_findings(cameras, plain)]
+        return sorted([asked, *rest], key=lambda f: not f.alarm)
+
+    def ideal(iterations: int | None) -> Array:
+        return ideal_pixels(
+            cameras,
+            pixels.uv_px,
+            pixels=decision.pixels,
+            coefficients=decision.coefficients,
+            height_px=decision.height_px,
+            iterations=iterations,
+        )
+
+    found = audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3))
+    return [f for f in found if recording.unit is not None or f.kind != "units"]

@@ -15,6 +15,7 @@ from app.report import make_report, readable
 from app.run import Run
 from app.source import Source
 from app.tracking import (
+    Part,
     learn_models,
     seen_part,
     track,
@@ -26,12 +27,15 @@ from app.tracking import (
 )
 from filters.learn import PoseSettings
 from filters.model import LearnedModel
+from filters.motion.base import MotionModel
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.joints import joint_tracks
 from mocap.records import PixelTracks
 
 Model = Literal["auto", "eal", "constant_velocity"]
+Watch = Callable[[Prepared, Part, MotionModel], None]
+"""Filters a recording for somebody who watches."""
 JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
 
@@ -67,6 +71,7 @@ def run_job(
     settings: PoseSettings | None = None,
     validated: bool = True,
     seed: int = 0,
+    watch: Watch | None = None,
 ) -> tuple[Run, Prepared]:
     """Track a recording.
 
@@ -78,6 +83,7 @@ def run_job(
         settings: Choices of the pose model.
         validated: Whether to hide samples and measure how they are filled.
         seed: Which samples to hide.
+        watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
         The run, and the prepared recording that it rests on.
@@ -86,7 +92,7 @@ def run_job(
         MocapError: what makes it impossible, with what to do.
     """
     with threadpool_limits(1):  # at these sizes two BLAS threads only wait for each other
-        return _run_job(source, model, learned, stages or Stages(), settings or PoseSettings(), validated, seed)
+        return _run_job(source, model, learned, stages or Stages(), settings or PoseSettings(), validated, seed, watch)
 
 
 def _run_job(
@@ -97,6 +103,7 @@ def _run_job(
     settings: PoseSettings,
     validated: bool,
     seed: int,
+    watch: Watch | None,
 ) -> tuple[Run, Prepared]:
     with stages.stage("read, triangulate, clean"):
         prepared = prepare(source)
@@ -120,6 +127,9 @@ def _run_job(
         chosen, why = _choose(model, reason, scores)
         with stages.stage("learn"):
             own = learn_models(prepared, part, settings=settings)[chosen]
+        if watch is not None:
+            with stages.stage("filter live"):
+                watch(prepared, part, own)
         with stages.stage("track") as progress:
             smoothed = track(prepared, part, own, progress=progress)
         name = own.name

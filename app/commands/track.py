@@ -1,11 +1,12 @@
 """``mocap track``."""
 
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
 import typer
 
-from app.commands.console import finish, progress
+from app.commands.console import errors, finish, progress
 from app.commands.options import (
     AsJson,
     Dlt,
@@ -61,6 +62,10 @@ def track(
     video_straight: Annotated[
         bool, typer.Option("--video-straight", help="The movies are free of the lens' distortion already.")
     ] = False,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Show frames as they are filtered; then the whole run, until you close it."),
+    ] = False,
     validate: Annotated[bool, typer.Option(help="Hide samples and measure how they are filled.")] = True,
     force: Force = False,
     as_json: AsJson = False,
@@ -69,7 +74,8 @@ def track(
     from app.main_job import Model, run_job
     from app.tables import check_target, write_run
     from app.view.footage import offsets_of, open_movies, with_footage
-    from app.view.record import write_recording
+    from app.view.record import recording_id, write_recording
+    from app.view.watch import session
     from filters.model_file import load_model
 
     source = Source(
@@ -88,14 +94,27 @@ def track(
     learned = None if model in get_args(Model) else load_model(existing_model(model))
     check_target(out, force=force, inputs=[*source.inputs, None if learned is None else Path(model)])
     movies = open_movies(video or [])
+    if live and learned is not None:
+        raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     name = cast(Model, model) if learned is None else "auto"
-    with progress() as stages:
-        run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate)
-        if movies:
-            run = with_footage(run, movies, offsets=offsets_of(tracks, video_offset), straight=video_straight)
-        with stages.stage("write"):
-            write_run(run, out, write_recording=write_recording, force=force)
-    finish(run.report, run.report_text, out, as_json)
+    with session(announce) if live else nullcontext() as watched:
+        with progress() as stages:
+            watch = None if watched is None else watched[0].watch
+            run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate, watch=watch)
+            if movies:
+                run = with_footage(run, movies, offsets=offsets_of(tracks, video_offset), straight=video_straight)
+            with stages.stage("write"):
+                write_run(run, out, write_recording=write_recording, force=force)
+        finish(run.report, run.report_text, out, as_json)
+        if watched is not None:
+            watched[0].show(out / "recording.rrd", recording_id(run))
+            with suppress(KeyboardInterrupt):
+                watched[1].wait()
+
+
+def announce(line: str) -> None:
+    """Say a line on stderr."""
+    errors.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
 def existing_model(model: str) -> Path:

@@ -12,6 +12,7 @@ from app.view.columns import FRAME, segments, single, time_columns
 from app.view.landscape import MM_PER_M, triangles
 from app.view.log_health import log_line
 from eal.arrays import Array
+from eal.joint_design import member_forces
 from mocap.errors import MocapError
 
 APPLICATION = "mocap"
@@ -106,8 +107,7 @@ def _log_members(rec: rr.RecordingStream, design: JointDesign) -> None:
 def _colours(design: JointDesign) -> np.ndarray:
     """(T, m, 3) colours of the members."""
     truss, stretch = design.design.truss, design.way.states.stretch
-    pull = truss.stiffness_n_m * truss.rest_m * (stretch - 1.0)
-    pull = np.where(np.array([law == "cable" for law in truss.laws]), np.maximum(pull, 0.0), pull)
+    pull = member_forces(truss, stretch)
     share = (np.abs(pull) / max(float(np.abs(pull).max()), 1e-12))[..., None] ** 0.5
     strong = np.where(pull[..., None] > 0.0, palette.VERMILLION, palette.SKY_BLUE)
     return np.round(share * strong + (1.0 - share) * np.array(palette.DIM)).astype(np.uint8)

@@ -31,11 +31,13 @@ class Viewer:
     Attributes:
         process: Its process.
         url: Address for a browser; None for a viewer with a window of its own.
+        sink: Address to stream to.
         messages: What it said so far.
     """
 
     process: subprocess.Popen[bytes]
     url: str | None
+    sink: str
     messages: IO[bytes]
 
     def wait(self) -> None:
@@ -58,11 +60,11 @@ class Viewer:
         self.messages.close()
 
 
-def open_viewer(rrd: Path, *, web: bool = False) -> Viewer:
-    """Show a recording.
+def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
+    """Show a recording, or what will be streamed.
 
     Args:
-        rrd: The recording.
+        rrd: The recording; None: nothing yet.
         web: Serve it to a browser of this computer, at the ``url`` of the result, instead of opening a window.
 
     Returns:
@@ -71,26 +73,25 @@ def open_viewer(rrd: Path, *, web: bool = False) -> Viewer:
     Raises:
         ViewerError: there is no such recording, no viewer, or no screen, or the viewer did not start.
     """
-    if not rrd.is_file():
+    if rrd is not None and not rrd.is_file():
         raise ViewerError(f"{rrd}: there is no such recording; `mocap track` and `mocap demo` write recording.rrd")
     program = viewer_program()
     if not web and not has_display(os.environ, sys.platform):
         raise ViewerError(
             "no screen was found (neither DISPLAY nor WAYLAND_DISPLAY is set): look at it in a browser with --web, or "
-            f"copy {rrd.name} to a computer with a screen and open it there with `rerun {rrd.name}`"
+            "copy the .rrd to a computer with a screen and open it there with `rerun`"
         )
     data_port, page_port = free_ports(2)
-    command = [program, str(rrd), "--bind", HOST, "--port", str(data_port)]
-    url = None
+    command = [program, *([] if rrd is None else [str(rrd)]), "--bind", HOST, "--port", str(data_port)]
+    url, sink = None, f"rerun+http://{HOST}:{data_port}/proxy"
     if web:
         command += ["--serve-web", "--web-viewer-port", str(page_port)]
-        source = quote(f"rerun+http://{HOST}:{data_port}/proxy", safe="")
-        url = f"http://{HOST}:{page_port}/?url={source}&theme=dark"
+        url = f"http://{HOST}:{page_port}/?url={quote(sink, safe='')}&theme=dark"
     messages = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the viewer
     process = subprocess.Popen(
         command, env=quiet_environment(os.environ), stdin=subprocess.DEVNULL, stdout=messages, stderr=messages
     )
-    viewer = Viewer(process=process, url=url, messages=messages)
+    viewer = Viewer(process=process, url=url, sink=sink, messages=messages)
     for port in (data_port, page_port) if web else (data_port,):
         _wait_for(viewer, port)
     return viewer

@@ -15,11 +15,12 @@ from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.intrinsics import CHOICES
 from mocap.calibration.pictures import pictures_of
 from mocap.calibration.refine import Bone, refine_cameras
-from mocap.calibration.rig import RigCamera, in_world, upside_down
+from mocap.calibration.rig import RigCamera, in_world, rig_lens, upside_down
 from mocap.calibration.wand import MOVES, WandCalibration, calibrate_wand
 from mocap.cameras import Camera
 from mocap.errors import CalibrationError, FormatError
 from mocap.formats import dltdv
+from mocap.formats.anipose import read_calibration
 from mocap.formats.csv_table import read_table
 from mocap.formats.easywand import read_easywand
 from mocap.formats.profile import read_profile
@@ -28,9 +29,9 @@ Told = Callable[[str], None]
 
 
 def from_pictures(
-    folder: Path, board: Board, *, world_frame: str | None, lens: str, tell: Told
+    folder: Path, board: Board, *, world_frame: str | None, lens: str, known: Path | None, tell: Told
 ) -> tuple[tuple[Camera, ...], CalibrationReport]:
-    """Pictures of a board to cameras.
+    """Pictures of a board to cameras, whose lenses are found or, from a calibration, held.
 
     Raises:
         CalibrationError: whatever makes that impossible.
@@ -39,7 +40,8 @@ def from_pictures(
         raise CalibrationError(f"--lens {lens!r} is no lens model: auto, {', '.join(CHOICES)}")
     choices = tuple(CHOICES) if lens == "auto" else (lens,)
     board, views = detect(pictures_of(folder), board, progress=tell)
-    found = calibrate_boards(views, board, world_frame=world_frame, choices=choices, progress=tell)
+    lenses = None if known is None else {c.name: rig_lens(c) for c in read_calibration(known)}
+    found = calibrate_boards(views, board, world_frame=world_frame, choices=choices, lenses=lenses, progress=tell)
     pairs = list(zip(found.cameras, found.intrinsics, found.f_sd_px, strict=True))
     rows = [
         [
@@ -49,7 +51,7 @@ def from_pictures(
             f"{c.lens.f_px[0]:.1f} ± {sd:.1f}",
             f"{found.camera_px[c.name][0]:.3f}",
             f"{found.camera_px[c.name][1]:.3f}",
-            ", ".join(f"{k} {v:.3f}" for k, v in i.held_out_px.items()),
+            ", ".join(f"{k} {v:.3f}" for k, v in i.held_out_px.items()) or "-",
         ]
         for c, i, sd in pairs
     ]

@@ -76,6 +76,9 @@ def images(
     lens: Annotated[
         str, typer.Option(help="brown2 (k1 k2), brown (5), rational (8), fisheye (4), or auto: by pictures held out.")
     ] = "auto",
+    lenses: Annotated[
+        Path | None, typer.Option(help="calibration.toml of the same cameras, whose lenses are held: places alone.")
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -86,8 +89,9 @@ def images(
     if not square_mm > 0:
         raise CalibrationError(f"--square-mm {square_mm:g}: a square has a side above 0")
     board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
-    cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, tell=_tell)
-    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=[folder]), out, as_json)
+    cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=_tell)
+    inputs = [p for p in (folder, lenses) if p is not None]
+    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs), out, as_json)
 
 
 @calibrate.command()

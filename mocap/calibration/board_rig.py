@@ -13,6 +13,7 @@ from mocap.calibration.detect import BoardViews
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, lens_trouble, place, without_ray
 from mocap.calibration.rig import RigCamera, in_world
 from mocap.errors import CalibrationError
+from mocap.lens import Lens
 
 UP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Board axes (x along the first row of corners, z into it) to world axes (z out of the board, up where it lies)."""
@@ -53,6 +54,7 @@ def calibrate_boards(
     *,
     world_frame: str | None = None,
     choices: Sequence[str] = tuple(CHOICES),
+    lenses: Mapping[str, Lens] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BoardCalibration:
     """Calibrate cameras from their views of one board.
@@ -62,6 +64,7 @@ def calibrate_boards(
         board: The board.
         world_frame: Instant whose board gives the world; None: the first that most cameras see.
         choices: Lens models to choose among (``intrinsics.CHOICES``).
+        lenses: Known lenses by camera, which are held; None: they are found.
         progress: Told of each stage.
 
     Raises:
@@ -70,6 +73,9 @@ def calibrate_boards(
     names = list(views)
     intrinsics = []
     for name in names:
+        if lenses is not None:
+            intrinsics.append(_held(lenses, name))
+            continue
         found = fit_intrinsics(list(views[name].corners.values()), views[name].size_px, name=name, choices=choices)
         intrinsics.append(found)
         progress(
@@ -94,10 +100,19 @@ def calibrate_boards(
         rotation=np.stack([boards[s][:3, :3] for s in stems]),
         position_m=np.stack([boards[s][:3, 3] for s in stems]),
     )
-    free = Free(coefficients=tuple(CHOICES[i.choice][1] for i in intrinsics), orientation=True)
+    if lenses is None:
+        free = Free(coefficients=tuple(CHOICES[i.choice][1] for i in intrinsics), orientation=True)
+    else:
+        free = Free(focal="none", centre=False, orientation=True)
     adjusted = adjust(scene, sightings, free=free)
     progress(f"all together: median error {np.median(np.hypot(*adjusted.error_px.T)):.3f} px")
     return _result(adjusted, sightings, pictures, views, tuple(intrinsics), stems, world_frame, left_out)
+
+
+def _held(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
+    if name not in lenses:
+        raise CalibrationError(f"camera {name!r} has no known lens: there are {', '.join(map(repr, lenses))}")
+    return Intrinsics(lens=lenses[name], choice="known", held_out_px={}, f_sd_px=0.0, rms_px=0.0)
 
 
 def _turn(board: Board) -> Array:

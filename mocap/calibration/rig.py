@@ -87,6 +87,14 @@ def rig_camera(camera: Camera) -> RigCamera:
     )
 
 
+def rig_lens(camera: Camera) -> Lens:
+    """The lens of a camera; of one that bends nothing, an identity with the camera's pinhole."""
+    if camera.lens is not None:
+        return camera.lens
+    k = decompose(camera).intrinsic
+    return BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2]))
+
+
 def upside_down(camera: RigCamera, height_px: float) -> RigCamera:
     """The same camera for pixel rows counted from the other edge of the picture, v -> height - v."""
     lens = camera.lens

@@ -11,7 +11,10 @@ from app.joint_design.solid import FOOT_MM, PLATE_MM, Kit, meander_line
 from eal.arrays import Array
 from eal.joint_design import Truss, equilibria
 
-INK, FAINT, REGION, CABLE, SPRING = "#1b1f27", "#9aa3b2", "#dfe7f3", "#0072b2", "#d55e00"
+INK, FAINT, REGION = "#1b1f27", "#9aa3b2", "#dfe7f3"
+COLOURS = {"cable": "#0072b2", "strut": "#009e73"}
+SPRING = "#d55e00"
+"""Colour of members of other laws."""
 
 
 def drawing(design: JointDesign) -> Canvas:
@@ -50,7 +53,7 @@ def _plan(axes: Axes, design: JointDesign) -> None:
         _sizes(axes, plate)
     nodes = np.concatenate([truss.fixed_m, q[None], equilibria(truss, q[None]).x_m[0]])
     for i, (start, end) in enumerate(truss.ends):
-        colour = CABLE if truss.laws[i] == "cable" else SPRING
+        colour = COLOURS.get(truss.laws[i], SPRING)
         line = nodes[[start, end]] if kit is None else _placed(kit.flexures[i], kit, q, nodes[start])
         axes.plot(*(line.T / MM), color=colour, linewidth=0.9, zorder=3)
         axes.add_patch(Circle(tuple(nodes[start] / MM), 2.0, facecolor="white", edgecolor=INK, zorder=4))
@@ -70,8 +73,11 @@ def _plan(axes: Axes, design: JointDesign) -> None:
     axes.margins(0.08)
     axes.set_xlabel("along the parent segment's axis (mm)")
     axes.set_ylabel("across it (mm)")
-    axes.set_title("Plan; springs orange, cables blue (slack inside); shaded: where V_z < level, dashed: V_z = 0.5")
-    axes.title.set_fontsize(9)
+    axes.set_title(
+        "Plan; springs orange, cables blue, struts green (drawn as they are at the point of least V_z);\n"
+        "shaded: where V_z < level, dashed: V_z = 0.5",
+        fontsize=9,
+    )
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
 
@@ -127,7 +133,7 @@ def member_rows(truss: Truss, kit: Kit | None) -> tuple[list[str], list[list[str
         for i, flexure in enumerate(kit.flexures):
             sizes = (flexure.width_m, flexure.thickness_m, flexure.depth_m, flexure.slot_m)
             rows[i] += [str(flexure.beams), *(f"{size / MM:.2f}" for size in sizes)]
-            rows[i] += [f"{100 * flexure.strain:.2f} %", str(list(kit.order).index(i) + 1)]
+            rows[i] += [f"{100 * flexure.strain:.2f} %", str(kit.stack.order.index(i) + 1)]
     return heads, rows
 
 
@@ -153,9 +159,16 @@ def _side(axes: Axes, kit: Kit | None) -> None:
     tops = [bottom + flexure.depth_m / MM for bottom, flexure in zip(kit.bottoms_mm, kit.flexures, strict=True)]
     bars = [(0.0, PLATE_MM, "base plate", FAINT), (PLATE_MM, PLATE_MM + FOOT_MM, "foot of the moving pin", INK)]
     bars += [
-        (kit.bottoms_mm[i], tops[i], f"member {i + 1}", SPRING if kit.flexures[i].slot_m == 0.0 else CABLE)
-        for i in kit.order
+        (
+            kit.bottoms_mm[i],
+            tops[i],
+            f"member {i + 1}" + (" (post hangs)" if i in kit.stack.hanging else ""),
+            COLOURS.get(kit.flexures[i].law, SPRING),
+        )
+        for i in kit.stack.order
     ]
+    if kit.stack.hanging:
+        bars.append((kit.top_mm, kit.top_mm + PLATE_MM, "top plate", FAINT))
     for low, high, name, colour in bars:
         axes.barh((low + high) / 2, 1.0, height=high - low, color=colour, alpha=0.45)
         axes.text(0.5, (low + high) / 2, name, ha="center", va="center", fontsize=7, color=INK)
@@ -167,7 +180,7 @@ def _side(axes: Axes, kit: Kit | None) -> None:
 def _notes(design: JointDesign) -> list[str]:
     lines = [
         f"U(V = 1) = {design.energy_j / MM:.3g} mJ; U - V_z inside the region: {design.fit.rms:.3f} RMS",
-        "lengths in mm as printed; rest: between pin centres (of a cable where it becomes taut)",
+        "lengths in mm as printed; rest: between pin centres (of cables and struts where their force begins)",
     ]
     if design.kit is not None:
         printing = design.kit.printing

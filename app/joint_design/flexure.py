@@ -1,4 +1,4 @@
-"""Members as printed springs: a meander between two eyes, and for a cable a slot in which its pin slides when slack.
+"""Members as printed springs: a meander between two eyes; of cables and struts one is a slot in which a pin slides.
 
 A meander of N beams of length h across the member, a pitch p = s / N apart, of thickness t and depth b, in a straight
 length s: with the force P on its centre line Castigliano's theorem gives, I = b t^3 / 12,
@@ -15,10 +15,13 @@ import numpy as np
 
 from app.joint_design.material import MakeError, Material
 from eal.arrays import Array
-from eal.joint_design import Truss
+from eal.joint_design import Law, Truss
 
 TURN = 0.3
 """Largest travel of a beam over its length, up to which the linear formulas are used."""
+
+PRINTED: tuple[Law, ...] = ("linear", "cable", "strut")
+"""Laws that meanders follow."""
 
 MM = 1e-3
 ROOT_M = 1.0 * MM
@@ -45,7 +48,7 @@ class Printing:
     wall_m: float = 0.8 * MM
     gap_m: float = 0.4 * MM
     width_m: float = 18.0 * MM
-    depths_m: tuple[float, float] = (2.0 * MM, 6.0 * MM)
+    depths_m: tuple[float, float] = (1.2 * MM, 6.0 * MM)
     slenderness: float = 10.0
     pin_m: float = 4.0 * MM
 
@@ -70,8 +73,9 @@ class Flexure:
     """One printed member; metres.
 
     Attributes:
-        rest_m: Between its pins at rest; of a cable where it becomes taut.
-        slot_m: How far its pin slides towards the other; 0 without slot.
+        law: Linear, cable or strut.
+        rest_m: Between its pins at rest; of a cable or strut where its pin comes to the end of the slot.
+        slot_m: Length of the slot; 0 without.
         beams: N.
         width_m: H, over the centres of the bends.
         thickness_m: T.
@@ -80,6 +84,7 @@ class Flexure:
         strain: Largest strain in the region.
     """
 
+    law: Law
     rest_m: float
     slot_m: float
     beams: int
@@ -88,6 +93,17 @@ class Flexure:
     depth_m: float
     stiffness_n_m: float
     strain: float
+
+    def slot_ends_m(self, length_m: Array | float) -> tuple[Array, Array]:
+        """Where the slot for the fixed pin begins and ends, from the moving pin, with the pins ``length_m`` apart.
+
+        A cable pulls with the slot's outer end and slides outward when slack, a strut pushes with the inner one.
+        """
+        if self.law == "cable":
+            outer = np.maximum(length_m, self.rest_m)
+            return outer - self.slot_m, outer
+        inner = np.minimum(length_m, self.rest_m) if self.law == "strut" else np.asarray(length_m)
+        return inner, inner + self.slot_m
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -104,6 +120,7 @@ class Forms:
         travel_m: Largest change of length from rest.
         slot_m: Slot.
         rest_m: Rest length.
+        law: Law.
     """
 
     beams: Array
@@ -115,6 +132,7 @@ class Forms:
     travel_m: float
     slot_m: float
     rest_m: float
+    law: Law
 
 
 def meander_stiffness(
@@ -129,27 +147,25 @@ def meander_strain(travel_m: Array, thickness_m: Array, beams: Array, h_m: Array
     return 3.0 * thickness_m * travel_m / (beams * h_m * (h_m + 3.0 * p_m))
 
 
-def forms(rest_m: float, least_m: float, most_m: float, law: str, printing: Printing, *, name: str) -> Forms:
+def forms(rest_m: float, least_m: float, most_m: float, law: Law, printing: Printing, *, name: str) -> Forms:
     """Meanders for a member that is ``rest_m`` long at rest and from ``least_m`` to ``most_m`` long in the region.
 
     Raises:
         MakeError: there is none; the message names the limit that binds.
     """
-    if law not in ("linear", "cable"):
-        raise MakeError(
-            f"{name} follows the law '{law}', but meanders are linear: give --laws linear,cable to print it"
-        )
-    slack = law == "cable"
-    slot = max(rest_m - least_m, 0.0) if slack else 0.0
-    room = rest_m - slot - printing.ends_m
-    travel = max(most_m - rest_m, 0.0 if slack else rest_m - least_m, 1e-9)
-    squeeze = 0.0 if slack else max(rest_m - least_m, 0.0)
+    if law not in PRINTED:
+        raise MakeError(f"{name} follows the law '{law}', and meanders only {', '.join(PRINTED)}: give these as --laws")
+    squeeze, pull = max(rest_m - least_m, 0.0), max(most_m - rest_m, 0.0)
+    slot = {"cable": squeeze, "strut": pull}.get(law, 0.0)
+    room = rest_m - printing.ends_m - (slot if law == "cable" else 0.0)
+    travel = max(0.0 if law == "cable" else squeeze, 0.0 if law == "strut" else pull, 1e-9)
+    squeeze = 0.0 if law == "cable" else squeeze
     t = np.arange(printing.wall_m, 4.01 * printing.wall_m, 0.125 * printing.wall_m)[:, None]
     n = np.arange(2.0, 61.0)[None]
     p = np.broadcast_to(room / n, (len(t), n.shape[1]))
     fits = p - squeeze / n >= t + printing.gap_m
     if not fits.any():
-        needed = printing.ends_m + squeeze + slot + 2.0 * (printing.wall_m + printing.gap_m)
+        needed = printing.ends_m + max(rest_m - least_m, 0.0) + 2.0 * (printing.wall_m + printing.gap_m)
         raise MakeError(
             f"{name} is {rest_m / MM:.1f} mm long at rest and would need {needed / MM:.1f} mm for its eyes, its "
             "contraction and two beams: the room for a meander binds; give a greater --size-mm or less --contraction"
@@ -158,7 +174,7 @@ def forms(rest_m: float, least_m: float, most_m: float, law: str, printing: Prin
     bent = 3.0 * t * travel / (n * printing.material.strain)
     by_strain = 0.5 * (np.sqrt(9.0 * p**2 + 4.0 * bent) - 3.0 * p)
     by_turn = travel / (n * TURN)
-    by_slenderness = 0.0 if slack else rest_m / printing.slenderness
+    by_slenderness = 0.0 if law == "cable" else rest_m / printing.slenderness
     narrow = np.maximum(np.maximum(by_strain, by_turn), np.maximum(np.maximum(by_slenderness, SLIM * t), p))
     possible = fits & (narrow <= printing.width_m)
     if not possible.any():
@@ -187,6 +203,7 @@ def forms(rest_m: float, least_m: float, most_m: float, law: str, printing: Prin
         travel_m=travel,
         slot_m=slot,
         rest_m=rest_m,
+        law=law,
     )
 
 
@@ -249,6 +266,7 @@ def _narrowest(found: Forms, stiffness_n_m: float, printing: Printing) -> Flexur
     h, b = np.where(shallow, wide, h), np.maximum(b, printing.depths_m[0])
     best = int(np.argmin(h * (1.0 + b / printing.depths_m[1])))
     return Flexure(
+        law=found.law,
         rest_m=found.rest_m,
         slot_m=found.slot_m,
         beams=int(n[best]),

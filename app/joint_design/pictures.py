@@ -10,11 +10,11 @@ from matplotlib.figure import Figure as Canvas
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
-from app.joint_design.drawing import CABLE, INK, SPRING
+from app.joint_design.drawing import COLOURS, INK, SPRING
 from app.joint_design.flexure import MM
 from app.joint_design.run import JointDesign
 from eal.arrays import Array
-from eal.joint_design import LEVELS
+from eal.joint_design import LEVELS, member_forces
 
 _FRAMES = 6
 
@@ -76,7 +76,7 @@ def motion(design: JointDesign) -> Canvas:
         axes.set_ylim(nodes[:, 1].min() - margin, nodes[:, 1].max() + margin)
     strip.suptitle(
         f"{design.source.name}: the truss over the recorded motion (mm at the animal's size); "
-        "orange springs, blue cables, pale where slack or without force",
+        "orange springs, blue cables, green struts, pale without force",
         fontsize=10,
     )
     axes = below.subplots()
@@ -105,10 +105,9 @@ def _truss_at(axes: Axes, design: JointDesign, k: int, unit: float) -> None:
     v = design.target.v.reshape(design.target.shape).T
     axes.contourf(*grid, v, levels=[-1.0, design.target.level], colors=["#eef2f8"])
     nodes = np.concatenate([truss.fixed_m, states.q_m[k : k + 1], states.x_m[k]]) * unit
-    force = truss.stiffness_n_m * truss.rest_m * np.abs(states.stretch[k] - 1.0)
-    force = np.where(np.array([law == "cable" for law in truss.laws]) & (states.stretch[k] < 1.0), 0.0, force)
+    force = np.abs(member_forces(truss, states.stretch[k]))
     for (a, b), law, pull in zip(truss.ends, truss.laws, force / max(force.max(), 1e-12), strict=True):
-        colour = CABLE if law == "cable" else SPRING
+        colour = COLOURS.get(law, SPRING)
         axes.plot(*nodes[[a, b]].T, color=colour, linewidth=1.2 + 1.6 * pull, alpha=0.25 + 0.75 * float(pull))
     axes.plot(*nodes[: len(truss.fixed_m)].T, "o", color="white", markeredgecolor=INK, markersize=5)
     axes.plot(*nodes[truss.moving], "o", color=INK, markersize=6)

@@ -5,7 +5,7 @@ import numpy as np
 from app.joint_design.drawing import member_rows
 from app.joint_design.flexure import MM
 from app.joint_design.run import ENERGY, JointDesign
-from app.joint_design.solid import keeps_wall
+from app.joint_design.solid import PLATE_MM, keeps_wall
 from eal.joint_design import GOAL, LEVELS, Truss
 
 Json = dict[str, object]
@@ -81,10 +81,11 @@ def parts_json(design: JointDesign) -> Json | None:
         "volumes_mm3": volumes,
         "volume_mm3": sum(volumes.values()),
         "mass_g": sum(volumes.values()) * 1e-6 * kit.printing.material.density_kg_m3,
-        "height_mm": float(kit.parts[-1].solid.bounding_box()[5]) + float(kit.parts[0].solid.bounding_box()[2]),
+        "height_mm": kit.top_mm + PLATE_MM,
         "walls_hold": all(part.outline is None or keeps_wall(part.outline, wall) for part in kit.parts),
         "largest_strain": max(flexure.strain for flexure in kit.flexures),
-        "layers_from_below": [i + 1 for i in kit.order],
+        "layers_from_below": [i + 1 for i in kit.stack.order],
+        "hanging_posts": sorted(i + 1 for i in kit.stack.hanging),
     }
 
 

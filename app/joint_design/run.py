@@ -9,7 +9,7 @@ from app.joint_design.flexure import MM, Printing, all_forms, energy_range, shap
 from app.joint_design.material import MakeError
 from app.joint_design.solid import Kit, make_kit
 from app.joint_design.source import JointSource
-from app.joint_design.stacking import layers
+from app.joint_design.stacking import stacked
 from eal.arrays import Array
 from eal.certificate import effective_sample_size
 from eal.joint_design import (
@@ -165,11 +165,8 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
     told(0.6)
     held, held_by_v = _released(design, coarse, source, wish.level)
     told(0.9)
-    way = follow(
-        design.truss,
-        np.asarray(source.path_m / unit, dtype=np.float64),
-        over_grid(design.truss, coarse).x_m[np.argmin(coarse.v)],
-    )
+    deepest = over_grid(design.truss, coarse).x_m[np.argmin(coarse.v)]
+    way = follow(design.truss, np.asarray(source.path_m / unit, dtype=np.float64), deepest)
     told(1.0)
     return JointDesign(
         source=source,
@@ -247,7 +244,7 @@ def _kit(
     truss = design.truss.scaled(metres=per_unit, joules=energy)
     flexures = shaped(found, truss.stiffness_n_m, printing)
     region = target.q[target.inside] * per_unit
-    return make_kit(truss, flexures, layers(truss, flexures, region, printing), region, printing), energy
+    return make_kit(truss, flexures, stacked(truss, flexures, region, printing), region, printing), energy
 
 
 def _released(design: Design, target: Target, source: JointSource, level: float) -> tuple[Release, Release]:

@@ -8,7 +8,7 @@ import numpy as np
 from manifold3d import CrossSection, JoinType, Manifold, OpType, set_min_circular_angle, set_min_circular_edge_length
 
 from app.joint_design.flexure import MM, ROOT_M, Flexure, Printing
-from app.joint_design.stacking import PLAY_M
+from app.joint_design.stacking import PLAY_M, Stack
 from eal.arrays import Array
 from eal.joint_design import Truss
 
@@ -16,6 +16,8 @@ PLATE_MM = 4.0
 RIM_MM = 6.0
 FOOT_RADIUS_MM = 8.0
 FOOT_MM = 3.0
+COLUMN_MM = 4.0
+"""Radius of the columns that carry a top plate."""
 _TIP_MM = 0.3
 
 
@@ -24,7 +26,7 @@ class Part:
     """One part to print.
 
     Attributes:
-        name: ``base``, ``member_1``, ... or ``mover``.
+        name: ``base``, ``member_1``, ..., ``mover`` or ``top``.
         solid: As printed, lying on z = 0.
         outline: Of a member its plane shape; None of the others.
     """
@@ -41,29 +43,29 @@ class Kit:
     Attributes:
         truss: At printed size.
         flexures: Its members.
-        order: Members from the lowest layer to the highest.
+        stack: Their order, and whose posts hang.
         printing: What they were made for.
         bottoms_mm: (m,) height of each member's lower face.
-        parts: Base, members, mover.
+        parts: Base, members, mover, and a top where posts hang.
+        top_mm: Height of the top's lower face.
     """
 
     truss: Truss
     flexures: Sequence[Flexure]
-    order: Sequence[int]
+    stack: Stack
     printing: Printing
     bottoms_mm: Array
     parts: tuple[Part, ...]
+    top_mm: float
 
 
-def make_kit(
-    truss: Truss, flexures: Sequence[Flexure], order: Sequence[int], region_m: Array, printing: Printing
-) -> Kit:
+def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: Array, printing: Printing) -> Kit:
     """All parts.
 
     Args:
         truss: At printed size, without internal nodes.
         flexures: Its members.
-        order: Members from below.
+        stack: Their order.
         region_m: (n, 2) where the moving point may be; the base reaches under all of it.
         printing: Sizes.
     """
@@ -71,7 +73,7 @@ def make_kit(
     set_min_circular_edge_length(0.2)
     bottoms = np.zeros(len(flexures))
     height = PLATE_MM + FOOT_MM + PLAY_M / MM
-    for i in order:
+    for i in stack.order:
         height += PLAY_M / MM
         bottoms[i] = height
         height += flexures[i].depth_m / MM
@@ -80,47 +82,97 @@ def make_kit(
         for i, flexure in enumerate(flexures)
         for outline in [member_outline(flexure, flexure.rest_m, printing)]
     ]
-    base = _base(truss, flexures, bottoms, region_m, printing)
+    top = height + 2.0 * PLAY_M / MM
+    posts = _posts(truss, flexures, bottoms, stack, top, printing)
+    edge = _edge(truss, flexures, region_m, printing)
+    columns = _columns(edge) if stack.hanging else []
+    rim = edge.offset(RIM_MM, JoinType.Round)
+    base = Manifold.extrude(rim, PLATE_MM) + Manifold.batch_boolean(
+        [posts[i] for i in range(len(flexures)) if i not in stack.hanging], OpType.Add
+    )
+    for x, y in columns:
+        column = Manifold.cylinder(top, COLUMN_MM) + Manifold.cylinder(top + PLATE_MM, COLUMN_MM / 2)
+        base += column.translate((x, y, 0.0))
     pin = Manifold.cylinder(height + _TIP_MM - PLATE_MM, printing.pin_m / MM / 2)
     mover = pin + Manifold.cylinder(FOOT_MM, FOOT_RADIUS_MM)
-    parts = (Part(name="base", solid=base, outline=None), *members, Part(name="mover", solid=mover, outline=None))
-    return Kit(truss=truss, flexures=flexures, order=order, printing=printing, bottoms_mm=bottoms, parts=parts)
+    parts = [Part(name="base", solid=base, outline=None), *members, Part(name="mover", solid=mover, outline=None)]
+    if stack.hanging:
+        plate = Manifold.extrude(rim, PLATE_MM).translate((0.0, 0.0, top))
+        for x, y in columns:
+            hole = Manifold.cylinder(2.0 * PLATE_MM, COLUMN_MM / 2 + printing.gap_m / MM / 2)
+            plate -= hole.translate((x, y, top - PLATE_MM / 2))
+        plate += Manifold.batch_boolean([posts[i] for i in stack.hanging], OpType.Add)
+        turned = plate.rotate((180.0, 0.0, 0.0)).translate((0.0, 0.0, top + PLATE_MM))
+        parts.append(Part(name="top", solid=turned, outline=None))
+    return Kit(
+        truss=truss,
+        flexures=flexures,
+        stack=stack,
+        printing=printing,
+        bottoms_mm=bottoms,
+        parts=tuple(parts),
+        top_mm=top,
+    )
 
 
-def _base(truss: Truss, flexures: Sequence[Flexure], bottoms: Array, region_m: Array, printing: Printing) -> Manifold:
-    anchors = truss.fixed_m / MM
-    corners = np.concatenate([anchors, region_m / MM])
-    rim = RIM_MM + printing.eye_m / MM
-    plate = CrossSection.hull_points(corners).offset(rim, JoinType.Round)
-    base = Manifold.extrude(plate, PLATE_MM)
-    for flexure, (start, _), bottom in zip(flexures, truss.ends, bottoms, strict=True):
-        x, y = (float(c) for c in anchors[start])
-        post = Manifold.cylinder(float(bottom) - PLAY_M / MM / 2, printing.eye_m / MM)
-        pin = Manifold.cylinder(float(bottom) + flexure.depth_m / MM + _TIP_MM, printing.pin_m / MM / 2)
-        base += (post + pin).translate((x, y, 0.0))
-    return base
+def _posts(
+    truss: Truss, flexures: Sequence[Flexure], bottoms: Array, stack: Stack, top: float, printing: Printing
+) -> list[Manifold]:
+    """Each member's post in place: thick up or down to its member, thin through the member's hole."""
+    posts = []
+    for i, (flexure, (start, _), bottom) in enumerate(zip(flexures, truss.ends, bottoms, strict=True)):
+        x, y = (float(c) for c in truss.fixed_m[start] / MM)
+        low, high, half = float(bottom), float(bottom) + flexure.depth_m / MM, PLAY_M / MM / 2
+        if i in stack.hanging:
+            post = _rod(high + half, top, printing.eye_m / MM) + _rod(low - _TIP_MM, top, printing.pin_m / MM / 2)
+        else:
+            post = _rod(0.0, low - half, printing.eye_m / MM) + _rod(0.0, high + _TIP_MM, printing.pin_m / MM / 2)
+        posts.append(post.translate((x, y, 0.0)))
+    return posts
+
+
+def _rod(low: float, high: float, radius: float) -> Manifold:
+    return Manifold.cylinder(high - low, radius).translate((0.0, 0.0, low))
+
+
+def _edge(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> CrossSection:
+    """A convex outline that no part crosses wherever the point is."""
+    reached, half = [region_m], printing.eye_m
+    for flexure, (start, _) in zip(flexures, truss.ends, strict=True):
+        way = truss.fixed_m[start] - region_m
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        reached.append(region_m + way / length * flexure.slot_ends_m(length)[1])
+        half = max(half, (flexure.width_m + flexure.thickness_m) / 2)
+    corners = np.concatenate(reached) / MM
+    return CrossSection.hull_points(corners).offset((half + PLAY_M) / MM, JoinType.Round)
+
+
+def _columns(edge: CrossSection) -> list[tuple[float, float]]:
+    """Four places just outside of the edge, far apart: where it reaches farthest along two diagonals."""
+    line = np.asarray(edge.offset(COLUMN_MM, JoinType.Round).to_polygons()[0])
+    return [
+        (float(x), float(y)) for x, y in (line[np.argmax(line @ way)] for way in ((1, 1), (-1, 1), (-1, -1), (1, -1)))
+    ]
 
 
 def member_outline(flexure: Flexure, length_m: float, printing: Printing) -> CrossSection:
     """A member in its plane when its pins are ``length_m`` apart: the moving pin at (0, 0), the other on the x axis.
 
-    The meander's pitch takes up the change of length; a cable that is slack keeps its shape and slides.
+    The meander's pitch takes up the change of length; a cable or strut without force keeps its shape and slides.
     """
-    taut = max(length_m, flexure.rest_m) if flexure.slot_m else length_m
     eye, hole, t = printing.eye_m / MM, printing.hole_m / MM / 2, flexure.thickness_m / MM
     line = meander_line(flexure, length_m, printing) / MM
     spring = CrossSection.batch_boolean([_bar(a, b, t) for a, b in pairwise(line)], OpType.Add)
-    inner = (taut - flexure.slot_m) / MM
-    far = CrossSection.batch_hull([CrossSection.circle(eye).translate((x, 0.0)) for x in (inner, taut / MM)])
-    slot = CrossSection.batch_hull([CrossSection.circle(hole).translate((x, 0.0)) for x in (inner, taut / MM)])
+    ends = [float(end) / MM for end in flexure.slot_ends_m(length_m)]
+    far = CrossSection.batch_hull([CrossSection.circle(eye).translate((x, 0.0)) for x in ends])
+    slot = CrossSection.batch_hull([CrossSection.circle(hole).translate((x, 0.0)) for x in ends])
     return (spring + CrossSection.circle(eye) + far) - CrossSection.circle(hole) - slot
 
 
 def meander_line(flexure: Flexure, length_m: float, printing: Printing) -> Array:
     """(K, 2) centre line of a member's meander in metres, from the root at the moving pin's eye to the other's."""
-    taut = max(length_m, flexure.rest_m) if flexure.slot_m else length_m
     first = printing.eye_m + ROOT_M
-    last = taut - flexure.slot_m - first
+    last = float(flexure.slot_ends_m(length_m)[0]) - first
     n, half = flexure.beams, flexure.width_m / 2
     x = np.repeat(np.linspace(first, last, n + 1), 2)
     side = half * np.where(np.arange(n) % 2 == 0, 1.0, -1.0)
@@ -136,9 +188,11 @@ def _bar(a: Array, b: Array, thickness: float) -> CrossSection:
 
 def assembled(kit: Kit, q_m: Array) -> list[tuple[str, Manifold]]:
     """All parts in place with the moving point at (2,) ``q_m``: members turned, and stretched as they then are."""
-    base, mover = kit.parts[0].solid, kit.parts[-1].solid
+    solids = {part.name: part.solid for part in kit.parts}
     x, y = (float(c) for c in q_m / MM)
-    placed = [("base", base), ("mover", mover.translate((x, y, PLATE_MM)))]
+    placed = [("base", solids["base"]), ("mover", solids["mover"].translate((x, y, PLATE_MM)))]
+    if "top" in solids:
+        placed.append(("top", solids["top"].rotate((180.0, 0.0, 0.0)).translate((0.0, 0.0, kit.top_mm + PLATE_MM))))
     for i, (flexure, (start, _)) in enumerate(zip(kit.flexures, kit.truss.ends, strict=True)):
         way = kit.truss.fixed_m[start] - q_m
         outline = member_outline(flexure, float(np.linalg.norm(way)), kit.printing)

@@ -1,6 +1,8 @@
 """Members one above the other: which must lie higher, because it sweeps over another's post."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
 
 import networkx as nx
 import numpy as np
@@ -14,11 +16,24 @@ PLAY_M = 0.5 * MM
 """Distance kept between a member and a post that it passes, and between layers."""
 
 
-def layers(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> list[int]:
-    """Members from the lowest to the highest.
+@dataclass(frozen=True, kw_only=True)
+class Stack:
+    """The order of members.
 
-    A post carries its member and ends there; a member that somewhere in the region comes over the place of another's
-    post must lie above that member.
+    Attributes:
+        order: Members from the lowest to the highest.
+        hanging: Members whose posts hang from a top plate; those of the others stand on the base.
+    """
+
+    order: tuple[int, ...]
+    hanging: frozenset[int]
+
+
+def stacked(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> Stack:
+    """An order in which no member meets another's post, with as few hanging posts as possible.
+
+    A post ends at its member. A member that somewhere in the region comes over the place of another's post must lie
+    above that member where the post stands, below where it hangs.
 
     Args:
         truss: Without internal nodes.
@@ -26,41 +41,51 @@ def layers(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing:
         region_m: (n, 2) positions of the moving point.
         printing: Sizes of eyes and posts.
 
-    Returns:
-        Indices of members.
-
     Raises:
-        MakeError: members sweep over each other's posts.
+        MakeError: three or more members sweep over each other's posts.
     """
+    sweeps = _sweeps(truss, flexures, region_m, printing)
     m = len(flexures)
-    above: nx.DiGraph = nx.DiGraph()
-    above.add_nodes_from(range(m))
+    mutual = [(i, j) for i, j in sweeps if i < j and (j, i) in sweeps]
+    needed = {k for pair in mutual for k in pair}
+    for count in range(m + 1):
+        for hanging in combinations(sorted(needed) if mutual else range(m), count):
+            above: nx.DiGraph = nx.DiGraph()
+            above.add_nodes_from(range(m))
+            above.add_edges_from((i, j) if j in hanging else (j, i) for i, j in sweeps)
+            if nx.is_directed_acyclic_graph(above):
+                order = tuple(nx.lexicographical_topological_sort(above))
+                return Stack(order=order, hanging=frozenset(hanging))
+    names = ", ".join(str(k + 1) for k in sorted(needed or {k for pair in sweeps for k in pair}))
+    raise MakeError(
+        f"members {names} sweep over each other's posts: they cannot be stacked; narrow them with a smaller "
+        "--width-mm, ask for fewer --members, or take another --seed"
+    )
+
+
+def _sweeps(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> set[tuple[int, int]]:
+    """Pairs (i, j): member i comes over the place of member j's post."""
+    found = set()
     anchors = truss.fixed_m[truss.ends[:, 0]]
     for i, flexure in enumerate(flexures):
-        half = max((flexure.width_m + flexure.thickness_m) / 2, printing.eye_m)
-        behind = _far_ends(anchors[i], region_m, flexure)
-        for j in range(m):
-            if i != j and _distance(region_m, behind, anchors[j]).min() < half + printing.eye_m + PLAY_M:
-                above.add_edge(j, i)
-    try:
-        return list(nx.lexicographical_topological_sort(above))
-    except nx.NetworkXUnfeasible:
-        loop = " and ".join(str(a + 1) for a, _ in nx.find_cycle(above))
-        raise MakeError(
-            f"members {loop} sweep over each other's posts: they cannot be stacked; narrow them with a smaller "
-            "--width-mm, ask for fewer --members, or take another --seed"
-        ) from None
-
-
-def _far_ends(anchor_m: Array, region_m: Array, flexure: Flexure) -> Array:
-    """(n, 2) ends of the member: its post, or behind it the end of a slot that slid back."""
-    way = anchor_m - region_m
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    return region_m + way * np.where(flexure.slot_m > 0.0, np.maximum(flexure.rest_m / length, 1.0), 1.0)
+        way = anchors[i] - region_m
+        length = np.linalg.norm(way, axis=1, keepdims=True)
+        inner, outer = (region_m + way / length * end for end in flexure.slot_ends_m(length))
+        spring = (flexure.width_m + flexure.thickness_m) / 2
+        for j, post in enumerate(anchors):
+            near = printing.eye_m + PLAY_M
+            clear = min(
+                float((_distance(region_m, inner, post) - spring).min()),
+                float((_distance(inner, outer, post) - printing.eye_m).min()),
+            )
+            if i != j and clear < near:
+                found.add((i, j))
+    return found
 
 
 def _distance(start: Array, end: Array, point: Array) -> Array:
     """(n,) distances of a point from segments."""
     way = end - start
-    share = np.clip(np.einsum("nd,nd->n", point - start, way) / np.einsum("nd,nd->n", way, way), 0.0, 1.0)
+    squared = np.maximum(np.einsum("nd,nd->n", way, way), 1e-30)
+    share = np.clip(np.einsum("nd,nd->n", point - start, way) / squared, 0.0, 1.0)
     return np.linalg.norm(start + share[:, None] * way - point, axis=1)

@@ -8,7 +8,7 @@ from eal.joint_design.measures import LEVELS, Fit, Tolerance, measure, potential
 from eal.joint_design.path import Followed, Snap, follow, over_grid
 from eal.joint_design.release import Release, recorded_velocities, release, truss_penalty
 from eal.joint_design.target import Target, make_target
-from eal.joint_design.truss import Truss
+from eal.joint_design.truss import Truss, member_forces
 
 __all__ = [
     "GOAL",
@@ -30,6 +30,7 @@ __all__ = [
     "follow",
     "make_target",
     "measure",
+    "member_forces",
     "over_grid",
     "potential_doubt",
     "recorded_velocities",

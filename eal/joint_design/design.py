@@ -14,7 +14,7 @@ from eal.joint_design.measures import measure, overlap
 from eal.joint_design.path import over_grid
 from eal.joint_design.refine import refine
 from eal.joint_design.target import Target
-from eal.joint_design.truss import Truss
+from eal.joint_design.truss import Truss, member_energies
 
 Progress = Callable[[float], None]
 
@@ -25,6 +25,7 @@ _LINES = 12
 """Grid lines of fixed nodes within reach, each way."""
 
 _EVALUATIONS = 60
+_IDLE = 0.01
 GOAL = 0.1
 """RMS inside the region that a design should reach."""
 
@@ -107,7 +108,7 @@ def design_truss(
         if not may_cross and crossings(refined.truss, target):
             crossed += 1
             continue
-        found.append((refined.truss, refined.stored))
+        found.append((_without_idle(refined.truss, target), refined.stored))
     progress(1.0)
     if not found:
         raise DesignError(f"members cross in all {crossed} designs: ask for fewer internal nodes, or let them cross")
@@ -127,6 +128,15 @@ def design_truss(
     return sorted(kept, key=lambda d: (d.rms > good, len(d.truss.rest_m) if d.rms <= good else 0, d.rms))
 
 
+def _without_idle(truss: Truss, target: Target) -> Truss:
+    """The truss without members to the moving point that hold less than ``_IDLE`` of V = 1 anywhere in the region."""
+    stretch = over_grid(truss, target).stretch[target.inside]
+    held = truss.stiffness_n_m * truss.rest_m**2 * member_energies(truss, stretch).max(axis=0)
+    direct = (truss.ends[:, 0] < truss.moving) & (truss.ends[:, 1] == truss.moving)
+    kept = (held >= _IDLE) | ~direct
+    return truss if kept.all() or truss.internal_m.size else truss.with_members(kept)
+
+
 def _broken_limit(truss: Truss, target: Target, limits: Limits) -> str | None:
     """A sentence on the first limit that a truss breaks; None where it keeps all."""
     states = over_grid(truss, target)
@@ -134,8 +144,7 @@ def _broken_limit(truss: Truss, target: Target, limits: Limits) -> str | None:
     lengths = np.stack([stretch.min(axis=0), stretch.max(axis=0)], axis=1) * truss.rest_m[:, None]
     ends = np.where(truss.ends < truss.moving, truss.ends, -1)
     away = np.append(np.linalg.norm(truss.fixed_m, axis=1), 0.0)
-    pushes = np.array([law != "cable" for law in truss.laws])
-    for name, excess in broken(limits, lengths, truss.rest_m, pushes, away[ends].max(axis=1)).items():
+    for name, excess in broken(limits, lengths, truss.rest_m, truss.laws, away[ends].max(axis=1)).items():
         member = int(np.argmax(excess))
         if excess[member] > 0.0:
             return (

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-Law = Literal["linear", "neo_hookean", "cable", "tape"]
+Law = Literal["linear", "neo_hookean", "cable", "strut", "tape"]
 """Laws of ``eal.joint_design.laws``."""
 
 

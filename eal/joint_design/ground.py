@@ -98,10 +98,14 @@ def candidates(target: Target, limits: Limits, nodes: Array, *, mirror: Array | 
             limits,
             np.broadcast_to([low, high], (len(rest), 2)),
             rest,
-            laws != "cable",
+            list(laws),
             np.full(len(rest), float(np.linalg.norm(node))),
         )
-        kept = np.all([part <= 0.0 for part in excess.values()], axis=0) & ((laws != "cable") | (rest < high))
+        kept = (
+            np.all([part <= 0.0 for part in excess.values()], axis=0)
+            & ((laws != "cable") | (rest < high))
+            & ((laws != "strut") | (rest > low))
+        )
         rows += [(node, float(r), law) for r, law in zip(rest[kept], laws[kept], strict=True)]
         for name, part in excess.items():
             counts[name] = counts.get(name, 0) + int((part > 0.0).sum())

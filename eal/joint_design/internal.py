@@ -36,7 +36,7 @@ def with_internal_node(truss: Truss, target: Target, rng: np.random.Generator) -
     ends[opened] = (anchor, node)
     rest[opened] *= 0.5
     stiffness[opened] *= 2.0
-    law: Law = "linear" if truss.laws[opened] == "cable" else truss.laws[opened]
+    law: Law = "linear" if truss.laws[opened] in ("cable", "strut") else truss.laws[opened]
     laws = tuple(law if i == opened else name for i, name in enumerate(truss.laws))
     return replace(
         truss,

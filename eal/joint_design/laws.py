@@ -1,16 +1,18 @@
 """Axial energy of a truss member under large displacement, each law under its formula.
 
 The energy of a member of rest length L and stiffness k is k L^2 w(s), s = l / L its stretch. Every law has w(1) = 0,
-w'(1) = 0 and w''(1) = 1 (a cable from the taut side), so that k is the axial stiffness E A / L at rest, in N/m.
+w'(1) = 0 and w''(1) = 1 (of a cable and a strut on the side where they hold), so that k is the axial stiffness
+E A / L at rest, in N/m.
 """
 
+from collections.abc import Sequence
 from typing import Any, get_args
 
 import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError, Law
+from eal.joint_design.errors import DesignError, Law, Mask
 
 LAWS: tuple[str, ...] = get_args(Law)
 """In the order of the codes of ``law_codes``."""
@@ -40,6 +42,11 @@ def cable(s: Any) -> Any:
     return 0.5 * jnp.maximum(s - 1.0, 0.0) ** 2
 
 
+def strut(s: Any) -> Any:
+    """W = min(s - 1, 0)^2 / 2: linear when pushed together, nothing when apart."""
+    return 0.5 * jnp.minimum(s - 1.0, 0.0) ** 2
+
+
 def tape(s: Any) -> Any:
     """A member like a tape spring: stiff at first, then its force falls from a peak to a plateau, both ways.
 
@@ -54,9 +61,19 @@ def tape(s: Any) -> Any:
     return (1.0 - TAPE_PLATEAU) * peak + TAPE_PLATEAU * plateau
 
 
+def pushes(laws: Sequence[Law]) -> Mask:
+    """(m,) whether members resist being shortened."""
+    return np.array([law != "cable" for law in laws], dtype=bool)
+
+
+def pulls(laws: Sequence[Law]) -> Mask:
+    """(m,) whether members resist being stretched."""
+    return np.array([law != "strut" for law in laws], dtype=bool)
+
+
 def member_energy(s: Any, code: Any) -> Any:
     """W of stretches s by the codes of their laws (``law_codes``); both (...)."""
-    return jnp.select([code == i for i in range(len(LAWS))], [linear(s), neo_hookean(s), cable(s), tape(s)])
+    return jnp.select([code == i for i in range(len(LAWS))], [linear(s), neo_hookean(s), cable(s), strut(s), tape(s)])
 
 
 def law_codes(laws: tuple[Law, ...]) -> Array:

@@ -1,11 +1,13 @@
 """What members and nodes may be, in the units of the design."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from eal.arrays import Array
-from eal.joint_design.errors import DesignError, Law, Mask
+from eal.joint_design.errors import DesignError, Law
+from eal.joint_design.laws import pulls, pushes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +20,7 @@ class Limits:
         longest: No member becomes longer.
         reach: Fixed nodes lie within this distance of the joint.
         contraction: No member of a law that pushes becomes shorter than (1 - contraction) times its rest length.
-        extension: No member becomes longer than (1 + extension) times its rest length.
+        extension: No member of a law that pulls becomes longer than (1 + extension) times its rest length.
         spacing: Two fixed nodes are at least so far from each other.
         laws: What members may be.
         prestress: What storing energy everywhere costs: residual a square root of stored energy over normalised one.
@@ -31,7 +33,7 @@ class Limits:
     contraction: float = 0.5
     extension: float = 0.8
     spacing: float = 0.0
-    laws: tuple[Law, ...] = ("linear", "cable")
+    laws: tuple[Law, ...] = ("linear", "cable", "strut")
     prestress: float = 0.02
 
     def __post_init__(self) -> None:
@@ -49,14 +51,14 @@ class Limits:
             raise DesignError("laws is empty: name at least one law of members")
 
 
-def broken(limits: Limits, lengths: Array, rest: Array, pushes: Mask, from_joint: Array) -> dict[str, Array]:
+def broken(limits: Limits, lengths: Array, rest: Array, laws: Sequence[Law], from_joint: Array) -> dict[str, Array]:
     """By how much each member breaks each limit; not above 0 where it keeps it.
 
     Args:
         limits: The limits.
         lengths: (m, 2) least and greatest length of each member in the region.
         rest: (m,) rest lengths.
-        pushes: (m,) whether the member pushes when it is short.
+        laws: m laws.
         from_joint: (m,) distance of its farthest fixed node from the joint.
 
     Returns:
@@ -67,6 +69,6 @@ def broken(limits: Limits, lengths: Array, rest: Array, pushes: Mask, from_joint
         "shortest": 1.0 - low / limits.shortest,
         "longest": high / limits.longest - 1.0,
         "reach": from_joint / limits.reach - 1.0,
-        "contraction": np.where(pushes, 1.0 - limits.contraction - low / rest, -1.0),
-        "extension": high / rest - 1.0 - limits.extension,
+        "contraction": np.where(pushes(laws), 1.0 - limits.contraction - low / rest, -1.0),
+        "extension": np.where(pulls(laws), high / rest - 1.0 - limits.extension, -1.0),
     }

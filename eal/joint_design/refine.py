@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 
 from eal.arrays import Array
 from eal.joint_design.equilibrium import descend
+from eal.joint_design.laws import pulls, pushes
 from eal.joint_design.limits import Limits
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
@@ -90,6 +91,8 @@ def refine(
             "base": base,
             "tie": tie,
             "real": np.arange(limits.members) < m,
+            "pushes": pushes(full.laws),
+            "pulls": pulls(full.laws),
             "real_node": np.arange(limits.members) < nodes,
             **{name: full.parameters()[name] for name in ("start", "end", "law")},
         }
@@ -198,13 +201,13 @@ def _compiled(shape: tuple[int, int, int]) -> tuple[Any, Any, Any]:
 
     def excess(lengths: Any, p: dict[str, Any], data: Any) -> Any:
         """What ``eal.joint_design.limits.broken`` says, for all members and nodes that are real."""
-        limits, real, pushes = data["limits"], data["real"], data["law"] != 2
+        limits, real = data["limits"], data["real"]
         least, most = lengths.min(axis=0), lengths.max(axis=0)
         members = [
             1.0 - least / limits["shortest"],
             most / limits["longest"] - 1.0,
-            jnp.where(pushes, 1.0 - limits["contraction"] - least / p["rest"], -1.0),
-            most / p["rest"] - 1.0 - limits["extension"],
+            jnp.where(data["pushes"], 1.0 - limits["contraction"] - least / p["rest"], -1.0),
+            jnp.where(data["pulls"], most / p["rest"] - 1.0 - limits["extension"], -1.0),
         ]
         away = jnp.sqrt(jnp.sum(p["fixed"] ** 2, axis=1) + 1e-24) / limits["reach"] - 1.0
         apart = p["fixed"][:, None] - p["fixed"]

@@ -3,11 +3,12 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array, frozen
-from eal.joint_design.errors import DesignError, Indices, Law
+from eal.joint_design.errors import DesignError, Indices, Law, Mask
 from eal.joint_design.laws import law_codes, member_energy
 
 
@@ -87,6 +88,18 @@ class Truss:
             laws=(*self.laws, *lines * idle),
         )
 
+    def with_members(self, kept: Mask) -> "Truss":
+        """The truss of some members to the moving point, each from a fixed node of its own; no internal nodes."""
+        count = int(kept.sum())
+        return Truss(
+            fixed_m=self.fixed_m[self.ends[kept, 0]],
+            internal_m=self.internal_m,
+            ends=np.column_stack([np.arange(count), np.full(count, count)]),
+            rest_m=self.rest_m[kept],
+            stiffness_n_m=self.stiffness_n_m[kept],
+            laws=tuple(law for law, keep in zip(self.laws, kept, strict=True) if keep),
+        )
+
     def parameters(self) -> dict[str, Array | Indices]:
         """Everything that ``truss_energy`` reads, as arrays."""
         return {
@@ -97,6 +110,21 @@ class Truss:
             "end": self.ends[:, 1],
             "law": law_codes(self.laws),
         }
+
+
+def member_energies(truss: Truss, stretch: Array) -> Array:
+    """(..., m) w(s) of (..., m) stretches."""
+    with jax.enable_x64(True):
+        return np.asarray(member_energy(jnp.asarray(stretch), jnp.asarray(law_codes(truss.laws))))
+
+
+def member_forces(truss: Truss, stretch: Array) -> Array:
+    """(..., m) k L w'(s), positive where a member pulls, from (..., m) stretches."""
+    with jax.enable_x64(True):
+        slope = jax.vmap(jax.grad(member_energy))(
+            stretch.ravel(), np.broadcast_to(law_codes(truss.laws), stretch.shape).ravel()
+        )
+        return truss.stiffness_n_m * truss.rest_m * np.asarray(slope).reshape(stretch.shape)
 
 
 def member_lengths(q: Any, x: Any, p: dict[str, Any]) -> Any:

@@ -15,7 +15,7 @@ from datasets.observe import WIND_TUNNEL, Digitiser
 from datasets.occlusion import Solid
 from datasets.recording import SyntheticRecording
 from datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
-from datasets.scene import Scene, frame_times, start_times
+from datasets.scene import Motion, Scene, frame_times, start_times
 from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
 from mocap.cameras import Camera
@@ -83,8 +83,7 @@ def make_bat(
         cameras = tunnel_cameras(n_cameras, lens=lens)
     else:
         rig = f"{len(cameras)} cameras given by the caller"
-    motion_seed, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
-    motion = partial(bat_scene, seed=motion_seed, skin_m=skin_m, rolling=rolling, folding=folding, manoeuvre=manoeuvre)
+    _, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
     card = {
         "name": "bat",
         "species": f"bat of 30 g and 0.34 m span, {'level flight' if manoeuvre == 'level' else 'U-turns'}",
@@ -95,7 +94,7 @@ def make_bat(
         "rolling": rolling,
     }
     return film(
-        motion,
+        bat_motion(seed, skin_m=skin_m, rolling=rolling, folding=folding, manoeuvre=manoeuvre),
         frame_times(n_frames, fps),
         cameras,
         name="bat",
@@ -123,6 +122,19 @@ def make_bat_wind_tunnel(
         folding=(1.6, 0.7),
         digitiser=digitiser,
     )
+
+
+def bat_motion(
+    seed: int,
+    *,
+    skin_m: float = 0.0005,
+    rolling: float = 0.0,
+    folding: tuple[float, float] = (1.0, 1.0),
+    manoeuvre: Manoeuvre = "level",
+) -> Motion:
+    """The bat that ``make_bat`` films, as a function of time."""
+    own = np.random.SeedSequence(seed).spawn(3)[0]
+    return partial(bat_scene, seed=own, skin_m=skin_m, rolling=rolling, folding=folding, manoeuvre=manoeuvre)
 
 
 def bat_scene(

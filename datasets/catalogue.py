@@ -7,14 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from datasets.bat import make_bat, make_bat_wind_tunnel
+from datasets.bat import bat_motion, make_bat, make_bat_wind_tunnel
 from datasets.boards import Board
 from datasets.calibration_session import board_session, write_board_session
 from datasets.folder import write_recording
-from datasets.lizard import SLOPE_RAD, make_lizard
+from datasets.lizard import SLOPE_RAD, lizard_motion, make_lizard
+from datasets.movie import write_movies
 from datasets.pendulums import Pendulum, make_pendulum, write_pendulum
 from datasets.recording import SyntheticRecording
 from datasets.rig import LensKind, tank_cameras, tunnel_cameras
+from datasets.scene import Motion
 from datasets.wand import wand_sweep, write_wand_sweep
 from mocap.cameras import Camera
 from mocap.errors import MocapError
@@ -44,6 +46,24 @@ class Entry:
 def _recording(name: str, what: str, make: Callable[[int], SyntheticRecording]) -> Entry:
     def write(seed: int, folder: Path, _: Progress) -> None:
         write_recording(make(seed), folder, others=True)
+
+    return Entry(name=name, what=what, write=write)
+
+
+def _movies(name: str, what: str, make: Callable[[int], SyntheticRecording], motion: Callable[[int], Motion]) -> Entry:
+    def write(seed: int, folder: Path, progress: Progress) -> None:
+        recording = make(seed)
+        write_recording(recording, folder, others=True)
+        write_movies(
+            motion(seed),
+            recording.truth.t_s,
+            recording.cameras,
+            folder,
+            fps=recording.fps,
+            start_s=recording.start_s,
+            seed=seed,
+            progress=progress,
+        )
 
     return Entry(name=name, what=what, write=write)
 
@@ -107,6 +127,18 @@ ENTRIES = (
     _recording("lizard", "a walk up a rod, 24 markers, 4 high-speed cameras, 250 Hz", lambda s: make_lizard(seed=s)),
     _recording(
         "lizard_imperfect", "the same with joints that roll", lambda s: make_lizard(seed=s, rolling=0.04, skin_m=0.0004)
+    ),
+    _movies(
+        "bat_movies",
+        "a quarter of a second of flight with the movies of 4 cameras",
+        lambda s: make_bat(seed=s, n_cameras=4, n_frames=60),
+        bat_motion,
+    ),
+    _movies(
+        "lizard_movies",
+        "a second of the walk with the movies of 4 cameras",
+        lambda s: make_lizard(seed=s, n_frames=250),
+        lizard_motion,
     ),
     _pendulum("pendulum_planar", "400 samples of the paper's pendulum in the plane, polar", "planar", 0.0),
     _pendulum("pendulum_planar_noisy", "with uniform noise of 0.1 m width on its radius", "planar", 0.1),

@@ -47,7 +47,7 @@ def film(
     scene = motion(t_s)
     scenes = [scene if late_s == 0 else motion(t_s + late_s) for late_s in start_s]
     views = [
-        _view(seen, camera, grazing_rad=digitiser.grazing_rad) for seen, camera in zip(scenes, cameras, strict=True)
+        view(seen, camera, grazing_rad=digitiser.grazing_rad) for seen, camera in zip(scenes, cameras, strict=True)
     ]
     exact_px, hidden = np.stack([exact for exact, _ in views]), np.stack([behind for _, behind in views])
     index = {marker: m for m, marker in enumerate(scene.skeleton.markers)}
@@ -81,7 +81,7 @@ def film(
     )
 
 
-def _view(scene: Scene, camera: Camera, *, grazing_rad: float) -> tuple[Array, NDArray[np.bool_]]:
+def view(scene: Scene, camera: Camera, *, grazing_rad: float = 0.0) -> tuple[Array, NDArray[np.bool_]]:
     """Recorded pixels (T, M, 2) of a scene, and where a marker is hidden or off the picture (T, M)."""
     exact_px = record([camera], scene.xyz_m)
     behind = occluded(

@@ -12,7 +12,7 @@ from datasets.observe import Digitiser
 from datasets.occlusion import Solid
 from datasets.recording import SyntheticRecording
 from datasets.rig import tank_cameras
-from datasets.scene import Scene, frame_times, start_times
+from datasets.scene import Motion, Scene, frame_times, start_times
 from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
 
@@ -77,8 +77,7 @@ def make_lizard(
     """
     digitiser = digitiser or Digitiser(bursts_per_s=0.4)
     cameras = tank_cameras(n_cameras, slope_rad=SLOPE_RAD)
-    motion_seed, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
-    motion = partial(lizard_scene, seed=motion_seed, skin_m=skin_m, rolling=rolling)
+    _, clicks_seed, starts_seed = np.random.SeedSequence(seed).spawn(3)
     card = {
         "name": "lizard",
         "species": "brown anole (Anolis sagrei), adult, walking up a rod",
@@ -91,7 +90,7 @@ def make_lizard(
         "rolling": rolling,
     }
     return film(
-        motion,
+        lizard_motion(seed, skin_m=skin_m, rolling=rolling),
         frame_times(n_frames, fps),
         cameras,
         name="lizard",
@@ -101,6 +100,11 @@ def make_lizard(
         rng=np.random.default_rng(clicks_seed),
         card=card,
     )
+
+
+def lizard_motion(seed: int, *, skin_m: float = 0.0002, rolling: float = 0.0) -> Motion:
+    """The lizard that ``make_lizard`` films, as a function of time."""
+    return partial(lizard_scene, seed=np.random.SeedSequence(seed).spawn(3)[0], skin_m=skin_m, rolling=rolling)
 
 
 def lizard_scene(t_s: Array, *, seed: np.random.SeedSequence, skin_m: float, rolling: float) -> Scene:

@@ -21,13 +21,20 @@ from app.view.viewer import HOST, free_ports, quiet_environment, viewer_program
 class Headless:
     """A viewer process and its remote control; a context manager."""
 
-    def __init__(self, *, size: tuple[int, int] = (900, 650)) -> None:
-        """Start it with a window of ``size`` pixels."""
+    def __init__(self, *, size: tuple[int, int] = (900, 650), display: str | None = None) -> None:
+        """Start it.
+
+        Args:
+            size: Of its window, in pixels.
+            display: An X display on which it opens a real window, which a pointer can hover over; None: no window.
+        """
         (port,) = free_ports(1)
-        command = [viewer_program(), "--headless", "--bind", HOST, "--port", str(port), "--hide-welcome-screen"]
+        command = [viewer_program(), "--bind", HOST, "--port", str(port), "--hide-welcome-screen"]
+        command += [] if display else ["--headless"]
         command += ["--window-size", f"{size[0]}x{size[1]}"]
         # the viewer would look for a newer version of itself: no way out of this computer
         environment = {**quiet_environment(os.environ), "HTTPS_PROXY": f"http://{HOST}:9"}
+        environment |= {"DISPLAY": display, "WAYLAND_DISPLAY": ""} if display else {}
         self.process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         self.client = self._connect(f"rerun+http://{HOST}:{port}/proxy")
         self.stream: rr.RecordingStream | None = None

@@ -1,0 +1,82 @@
+"""What a person reads who points at a marker: its name and position, at the pixel that our camera model predicts."""
+
+import io
+import re
+import time
+
+import numpy as np
+import pytest
+from flapping import SIZE_PX, make_run
+from PIL import Image
+from pointer import Pointer, screen
+from test_view_pictures import loaded, tile
+from vulkan import need_vulkan
+
+from app.view import paths
+from app.view.headless import Headless
+from mocap.cameras import project, stacked
+from mocap.records import Origin
+
+pytestmark = pytest.mark.viewer
+FRAME = 33
+
+
+def corner_of(picture, window):
+    """(x, y) where a picture of a view lies in that of the window."""
+    (h, w), (height, width) = picture.shape[:2], window.shape[:2]
+    for y in range(height - h, -1, -1):
+        for x in range(width - w + 1):
+            if (window[y : y + h, x : x + w] == picture).all():
+                return np.array([x, y])
+    raise AssertionError("the view is not in its window")
+
+
+def read_at(pointer, place, word, *, patience_s=6.0):
+    """All texts when the pointer is at a place, as soon as one holds the word; "" if none does in time."""
+    end = time.monotonic() + patience_s
+    while time.monotonic() < end:
+        text = "\n".join(pointer.hover(float(place[0]), float(place[1])))
+        if word in text:
+            return text
+    return ""
+
+
+def numbers(text):
+    """What a tool tip says of positions."""
+    found = re.search(r"positions\n\[([^]]*)\]", text)
+    assert found is not None, text
+    clean = found[1].replace("−", "-").replace("\u2009", "").replace(" ", "")
+    return np.array([float(part) for part in clean.split(",")])
+
+
+def test_pointing_at_a_marker_reads_its_name_and_position(tmp_path):
+    """In a camera's tile the viewer projects, picks and prints; beside the markers it has nothing to say.
+
+    Balls of the scene say where they are in metres, dots of the tracks where they are in pixels.
+    """
+    need_vulkan()
+    run = make_run(n_frames=60, n_cameras=2)
+    markers = run.tracked.markers
+    uv = project(stacked(run.cameras), markers.xyz_m[FRAME])[0]
+    entities = {
+        paths.child(paths.MARKERS, "measured"): markers.xyz_m[FRAME],
+        f"{paths.image('cam1')}/reprojected": run.tracked.reprojected_px[0, FRAME],
+    }
+    apart = np.linalg.norm(uv[:, None] - uv, axis=-1) + 1e3 * np.eye(len(uv))
+    lonely = [m for m in np.argsort(-apart.min(axis=1)) if markers.origin[FRAME, m] == Origin.MEASURED][:2]
+    with screen() as display, Headless(size=(1000, 700), display=display) as viewer:
+        run = loaded(viewer, run, tmp_path)
+        with Pointer(viewer.client.url.removeprefix("rerun+").removesuffix("/proxy")) as pointer:
+            for entity, expected in entities.items():
+                picture = viewer.picture(tile(run, "cam1", entity), frame=FRAME)
+                window = np.asarray(Image.open(io.BytesIO(viewer.client.take_screenshot())).convert("RGB"))
+                size = np.array(picture.shape[1::-1])
+                scale = min(size / SIZE_PX)
+                places = (uv - np.array(SIZE_PX) / 2) * scale + size / 2 + corner_of(picture, window)
+                for m in lonely:
+                    text = read_at(pointer, places[m], "positions")
+                    assert f"{entity.rsplit('/', 1)[1]}[" in text
+                    assert f'"{markers.names[m]}"' in text
+                    # the viewer prints six digits or more of float32
+                    np.testing.assert_allclose(numbers(text), expected[m], rtol=2e-6, atol=1e-6)
+                assert not read_at(pointer, places[lonely[0]] + (0, 60), "positions", patience_s=1.0)

@@ -1,6 +1,7 @@
 """A bat in a flight tunnel, filmed by wide action cameras."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -114,7 +115,7 @@ def make_bat_wind_tunnel(
     Rig, clicks and folding are tuned to three flights (078A3 F2, F3, F5) of the recordings that ``mocap data path
     bat_windtunnel_dltdv8`` names; ``benchmarks/twins.py`` shows how near it comes.
     """
-    return make_bat(
+    recording = make_bat(
         seed=seed,
         n_frames=n_frames,
         fps=700.0,
@@ -122,6 +123,7 @@ def make_bat_wind_tunnel(
         folding=(1.6, 0.7),
         digitiser=digitiser,
     )
+    return replace(recording, card={**recording.card, "rig": "wind tunnel, 4 high-speed cameras about 1 m away"})
 
 
 def bat_motion(

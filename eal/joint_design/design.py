@@ -9,12 +9,13 @@ from eal.arrays import Array
 from eal.joint_design.errors import DesignError
 from eal.joint_design.ground import candidates, fixed_nodes, sparse
 from eal.joint_design.internal import crossings, with_internal_node
+from eal.joint_design.laws import energy_and_slope
 from eal.joint_design.limits import Limits, broken
 from eal.joint_design.measures import measure, overlap
 from eal.joint_design.path import over_grid
 from eal.joint_design.refine import refine
 from eal.joint_design.target import Target
-from eal.joint_design.truss import Truss, member_energies
+from eal.joint_design.truss import Truss
 
 Progress = Callable[[float], None]
 
@@ -131,7 +132,7 @@ def design_truss(
 def _without_idle(truss: Truss, target: Target) -> Truss:
     """The truss without members to the moving point that hold less than ``_IDLE`` of V = 1 anywhere in the region."""
     stretch = over_grid(truss, target).stretch[target.inside]
-    held = truss.stiffness_n_m * truss.rest_m**2 * member_energies(truss, stretch).max(axis=0)
+    held = truss.stiffness_n_m * truss.rest_m**2 * energy_and_slope(stretch, truss.laws)[0].max(axis=0)
     direct = (truss.ends[:, 0] < truss.moving) & (truss.ends[:, 1] == truss.moving)
     kept = (held >= _IDLE) | ~direct
     return truss if kept.all() or truss.internal_m.size else truss.with_members(kept)

@@ -10,13 +10,12 @@ max(level - sum_j k_j W_j + c, 0)^2 outside, plus alpha sum_j k_j / (k_j' + e), 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax
 import numpy as np
 from scipy.optimize import minimize
 
 from eal.arrays import Array
 from eal.joint_design.errors import DesignError, Law
-from eal.joint_design.laws import law_codes, member_energy
+from eal.joint_design.laws import energy_and_slope
 from eal.joint_design.limits import Limits, broken
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss
@@ -134,8 +133,7 @@ def candidates(target: Target, limits: Limits, nodes: Array, *, mirror: Array | 
 def _energies(q: Array, node: Array, rest: Array, laws: Sequence[Law]) -> Array:
     """(n, C) L^2 w(l / L) of unit stiffness."""
     lengths = np.linalg.norm(q[:, None] - node, axis=-1)
-    with jax.enable_x64(True):
-        return np.asarray(member_energy(lengths / rest, law_codes(tuple(laws)))) * rest**2
+    return energy_and_slope(lengths / rest, laws)[0] * rest**2
 
 
 def sparse(target: Target, found: Candidates, *, most: int, alpha: float, rounds: int = 12) -> tuple[Truss, float]:

@@ -6,8 +6,10 @@ E A / L at rest, in N/m.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any, get_args
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -74,6 +76,26 @@ def pulls(laws: Sequence[Law]) -> Mask:
 def member_energy(s: Any, code: Any) -> Any:
     """W of stretches s by the codes of their laws (``law_codes``); both (...)."""
     return jnp.select([code == i for i in range(len(LAWS))], [linear(s), neo_hookean(s), cable(s), strut(s), tape(s)])
+
+
+def energy_and_slope(stretch: Array, laws: Sequence[Law]) -> tuple[Array, Array]:
+    """W and dw/ds of (..., m) stretches by the laws of m members; both (..., m).
+
+    Raises:
+        DesignError: a law has no such name.
+    """
+    flat = np.asarray(stretch, dtype=np.float64).ravel()
+    codes = np.broadcast_to(law_codes(tuple(laws)), stretch.shape).ravel()
+    more = (1 << max(len(flat) - 1, 0).bit_length()) - len(flat)
+    with jax.enable_x64(True):
+        both = _energy_and_slope()(np.append(flat, np.ones(more)), np.append(codes, np.zeros(more)))
+        w, slope = (np.asarray(part)[: len(flat)].reshape(stretch.shape) for part in both)
+    return w, slope
+
+
+@lru_cache(maxsize=1)
+def _energy_and_slope() -> Any:
+    return jax.jit(jax.vmap(jax.value_and_grad(member_energy)))
 
 
 def law_codes(laws: tuple[Law, ...]) -> Array:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -9,45 +11,37 @@ from eal.arrays import Array
 from eal.integrators import simulate
 from eal.joint_design.equilibrium import Equilibria, equilibria
 from eal.joint_design.errors import Indices
-from eal.joint_design.truss import Truss
-from eal.lagrangian import LagrangianSystem, PenalisedModel, Penalty
+from eal.joint_design.truss import Truss, truss_energy
+from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel, Penalty
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TrussPenalty:
+def truss_penalty(truss: Truss, stored: float, found: Equilibria) -> AnalyticPenalty:
     """The energy of a truss as a penalty of ``eal.lagrangian``: a single-valued U(q) on the branch of a map.
 
-    Attributes:
+    Args:
         truss: The truss.
         stored: Subtracted from its energy.
-        map: The truss over a grid; internal nodes start from the nearest point's.
-        curvature_limit: Largest eigenvalue of its stiffness on the map.
+        found: The truss over a grid (``over_grid``); internal nodes start from the nearest point's, and the largest
+            eigenvalue of its stiffness there limits the step.
     """
+    nearest = KDTree(found.q_m)
+    with jax.enable_x64(True):
+        p = {name: jnp.asarray(value) for name, value in truss.parameters().items()}
+        at = jax.jit(jax.vmap(lambda q, x: jax.value_and_grad(truss_energy)(q, x, p)))
 
-    truss: Truss
-    stored: float
-    map: Equilibria
-    curvature_limit: float
-
-    def value(self, q: Array, /) -> Array:
-        """U - stored: (..., d) to (...)."""
-        return self._at(q).energy_j.reshape(q.shape[:-1]) - self.stored
-
-    def gradient(self, q: Array, /) -> Array:
-        """DU/dq: (..., d) to (..., d)."""
-        return self._at(q).force_n.reshape(q.shape)
-
-    def _at(self, q: Array) -> Equilibria:
+    def both(q: Array) -> tuple[Array, Array]:
         flat = q.reshape(-1, q.shape[-1])
-        if not self.truss.internal_m.size:
-            return equilibria(self.truss, flat)
-        return equilibria(self.truss, flat, self.map.x_m[KDTree(self.map.q_m).query(flat)[1]])
+        start = found.x_m[nearest.query(flat)[1]] if truss.internal_m.size else np.empty((len(flat), 0, q.shape[-1]))
+        x = equilibria(truss, flat, start).x_m if truss.internal_m.size else start
+        with jax.enable_x64(True):
+            energy, slope = at(flat, x)
+        return np.asarray(energy).reshape(q.shape[:-1]) - stored, np.asarray(slope).reshape(q.shape)
 
-
-def truss_penalty(truss: Truss, stored: float, found: Equilibria) -> TrussPenalty:
-    """The penalty over a map that ``over_grid`` made."""
-    limit = float(np.linalg.eigvalsh(found.stiffness_n_m)[:, -1].max())
-    return TrussPenalty(truss=truss, stored=stored, map=found, curvature_limit=limit)
+    return AnalyticPenalty(
+        value=lambda q: both(q)[0],
+        gradient=lambda q: both(q)[1],
+        curvature_limit=float(np.linalg.eigvalsh(found.stiffness_n_m)[:, -1].max()),
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -3,13 +3,12 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array, frozen
 from eal.joint_design.errors import DesignError, Indices, Law, Mask
-from eal.joint_design.laws import law_codes, member_energy
+from eal.joint_design.laws import energy_and_slope, law_codes, member_energy
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -112,19 +111,9 @@ class Truss:
         }
 
 
-def member_energies(truss: Truss, stretch: Array) -> Array:
-    """(..., m) w(s) of (..., m) stretches."""
-    with jax.enable_x64(True):
-        return np.asarray(member_energy(jnp.asarray(stretch), jnp.asarray(law_codes(truss.laws))))
-
-
 def member_forces(truss: Truss, stretch: Array) -> Array:
     """(..., m) k L w'(s), positive where a member pulls, from (..., m) stretches."""
-    with jax.enable_x64(True):
-        slope = jax.vmap(jax.grad(member_energy))(
-            stretch.ravel(), np.broadcast_to(law_codes(truss.laws), stretch.shape).ravel()
-        )
-        return truss.stiffness_n_m * truss.rest_m * np.asarray(slope).reshape(stretch.shape)
+    return truss.stiffness_n_m * truss.rest_m * energy_and_slope(stretch, truss.laws)[1]
 
 
 def member_lengths(q: Any, x: Any, p: dict[str, Any]) -> Any:

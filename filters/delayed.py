@@ -38,10 +38,10 @@ class DelaySettings:
     ranks: tuple[int, ...]
     body_hz: float = 3.0
     turns: bool = True
-    lags: tuple[float, ...] = (-0.7, -0.35, 0.0, 0.35, 0.7)
-    memory: float = 3.0
-    cutoff: float = 2.0
-    ridge: float = 1e-2
+    lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
+    memory: float = 1.0
+    cutoff: float = 4.0
+    ridge: float = 0.1
     certain: float = 0.8
 
 

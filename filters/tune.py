@@ -122,14 +122,10 @@ def held_pose(search: Search, bare: PoseSettings, potentials: Sequence[Potential
     return search.improve(first, [{"weight": 0.25 * first.weight}, {"weight": 4 * first.weight}])
 
 
-FAR = (-2.0, -0.7, 0.0, 0.7, 2.0)
-"""Delays of a third of a turn, in place of a ninth."""
-
-
 def delay_kind(search: Search, free: PoseSettings) -> DelaySettings:
     """The regression on delayed poses of the subspace and body of a pose model."""
     start = DelaySettings(ranks=free.ranks, body_hz=free.body_hz, turns=free.turns)
-    return search.improve(start, [{"lags": FAR}, {"ridge": 1e-4}, {"cutoff": 3 * start.cutoff}])
+    return search.improve(start, [{"ridge": 0.01}, {"memory": 3.0}, {"cutoff": 2.0}, {"ridge": 0.001}])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -46,12 +46,12 @@ def test_it_speaks_of_gaps_alone():
 def test_a_marker_that_moves_with_others_is_found(lags):
     """All wings are on one loop of shapes: what the others show says where the hidden one is.
 
-    Motion that turns by a radian in a unit of time is smoothed by 1 / (1 + (1 / cutoff)^4), 6 %, of the 20 mm that a
-    wing deviates by; noise is 0.1 mm.
+    Three wings of four are seen. The ridge, a tenth of the mean variance, takes less than a tenth of the 20 mm that a
+    wing deviates by; smoothing at a cutoff of 4 takes 1 / 4^4 of it; noise is 0.1 mm.
     """
     trial = lost(trial_of(3), 5, slice(40, 70))
     miss = (filled(trial, settings=replace(SETTINGS, lags=lags)).xyz_m - trial_of(3).xyz_m)[40:70, 5]
-    assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 1.2e-3
+    assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 2e-3
 
 
 def test_all_hidden_at_once_are_as_in_the_mean():
@@ -66,7 +66,7 @@ def test_all_hidden_at_once_are_as_in_the_mean():
     assert (np.linalg.norm(middle - recorded.mean(axis=0), axis=-1) < 0.5 * extent + 2e-3).all()
     sd = np.sqrt(np.trace(found.cov_m2[60], axis1=-2, axis2=-1))
     assert (sd[4:] > 0.2 * extent[4:]).all()
-    assert (sd[4:] > 5 * sd[:4].max()).all()
+    assert sd[4:].min() > 1.5 * sd[:4].max()
 
 
 def test_turned_and_moved_worlds_change_nothing_else():

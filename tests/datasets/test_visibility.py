@@ -9,13 +9,13 @@ from datasets.visibility import distances, merged, pooled, visibility
 
 
 def test_by_hand():
-    """Two cameras, two markers, frames 1 to 6 of 8: the first and the last show nothing."""
-    seen = np.zeros((2, 8, 2), dtype=bool)
+    """Two cameras and a blind one, two markers, frames 1 to 6 of 8: the first and the last show nothing."""
+    seen = np.zeros((3, 8, 2), dtype=bool)
     seen[0, 1:7, 0] = [1, 1, 0, 0, 1, 1]
     seen[1, 1:7, 0] = [1, 1, 1, 1, 1, 1]
     seen[0, 1:7, 1] = [0, 1, 0, 1, 0, 1]
     found = visibility(seen, fps=3.0)
-    np.testing.assert_allclose(found.view, [[4 / 6, 3 / 6], [1, 0]])
+    np.testing.assert_allclose(found.view, [[4 / 6, 3 / 6], [1, 0], [0, 0]])
     np.testing.assert_allclose(found.solid, [4 / 6, 0])
     assert sorted(found.gaps) == [1, 1, 2]
     assert found.gaps_3d.tolist() == [2]

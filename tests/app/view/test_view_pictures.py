@@ -12,10 +12,11 @@ from vulkan import need_vulkan
 
 from app.run import Run
 from app.view import palette, paths
-from app.view.blueprint import camera_view, make_blueprint
+from app.view.blueprint import camera_view, gap_map_view, heat_map_view, make_blueprint, series_view, spectrum_view
 from app.view.headless import Headless
 from app.view.record import make_layout, recording_id, write_recording
-from app.view.scene_views import scene_view
+from app.view.row_map import WIDE, row_map_view
+from app.view.scene_views import scene_view, surface_view, volume_view
 from mocap.cameras import Camera, project, stacked
 from mocap.records import Origin
 
@@ -73,8 +74,10 @@ def share_found(picture: NDArray, uv_px: NDArray, color: palette.Rgb, *, size_px
     return float(np.mean(found))
 
 
-def amount(picture: NDArray, color: palette.Rgb) -> int:
-    """Number of pixels that have the colour."""
+def amount(picture: NDArray, color: palette.Rgb | None) -> int:
+    """Number of pixels that have the colour; None: one that is not that of the ground."""
+    if color is None:
+        return int((np.linalg.norm(picture.astype(float) - palette.GROUND, axis=-1) > NEAR).sum())
     return int((np.linalg.norm(picture.astype(float) - color, axis=-1) < NEAR).sum())
 
 
@@ -162,3 +165,71 @@ def test_every_tab_is_shown_without_reports(viewer, tmp_path, n_cameras, n_joint
         blueprint.root_container.active_tab = i
         pictures.append(viewer.show(blueprint, frame=20).tobytes())
     assert len(set(pictures)) == len(pictures) >= 3
+
+
+JOINT = "L_elbow"
+SURFACE, HEAT_MAP, CLOUD = paths.surface(JOINT), paths.heat_map(JOINT), paths.volume(JOINT)
+SHOWN = {
+    "scene": (scene_view, [(paths.SKELETON, palette.GREY), (paths.PATH, palette.BLUE), (paths.TRAILS, palette.DIM)]),
+    "surface": (lambda x: surface_view(x, JOINT), [(f"{SURFACE}/now", palette.VERMILLION)]),
+    "heat map": (
+        lambda x: heat_map_view(x, JOINT),
+        [(f"{HEAT_MAP}/{part}", color) for part, color in (("range", palette.WHITE), ("potential", (253, 231, 37)))],
+    ),
+    "volume": (lambda x: volume_view(x, JOINT), [(f"{CLOUD}/potential", None)]),
+    "spectrum": (
+        lambda _: spectrum_view(JOINT),
+        [(f"{paths.spectrum(JOINT)}/dots", palette.SKY_BLUE), (f"{paths.spectrum(JOINT)}/lines", palette.ORANGE)],
+    ),
+    "gap map": (
+        lambda _: gap_map_view(),
+        [(f"{paths.GAP_MAP}/now", palette.WHITE), (f"{paths.GAP_MAP}/samples", palette.YELLOW)],
+    ),
+    "error map": (
+        lambda _: row_map_view(paths.RESIDUAL_MAP, "map", WIDE),
+        [(f"{paths.RESIDUAL_MAP}/now", palette.WHITE), (f"{paths.RESIDUAL_MAP}/samples", (253, 231, 37))],
+    ),
+    "series": (
+        lambda _: series_view(f"{paths.joint_series(JOINT)}/potential", "V", legend=False),
+        [(f"{paths.joint_series(JOINT)}/potential/value", palette.ORANGE)],
+    ),
+}
+"""For each kind of view what it shows, and the colour that nothing else in it has; None: any that is no ground."""
+
+
+@pytest.fixture(scope="module")
+def layered(viewer, tmp_path_factory):
+    return loaded(viewer, make_run(n_frames=120, n_cameras=6), tmp_path_factory.mktemp("layered"))
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_what_is_hidden_in_a_view_is_gone(viewer, layered, tmp_path, name):
+    """Each view shows what it is for: hidden, its colour is gone, or nearly where others blend to it."""
+    make, layers = SHOWN[name]
+    run = loaded(viewer, layered, tmp_path)
+    layout = make_layout(run)
+    whole = viewer.picture(make(layout), frame=FRAME)
+    for path, color in layers:
+        view = make(layout)
+        view.visualizer_overrides[path] = rrb.EntityBehavior(visible=False)
+        without = viewer.picture(view, frame=FRAME)
+        assert amount(whole, color) > 8 + 2 * amount(without, color), path
+
+
+@pytest.mark.parametrize("n_cameras", [4, 30])
+@pytest.mark.parametrize("size", [(1900, 700), (760, 1000)])
+def test_wide_and_narrow_windows_show_the_animal_and_every_camera(tmp_path, n_cameras, size):
+    """In any window the scene shows the body, and each camera's tile some of it: no picture of one colour."""
+    need_vulkan()
+    run = replace(make_run(n_frames=40, n_cameras=n_cameras, n_joints=0), name="window")
+    write_recording(run, tmp_path / "r.rrd")
+    with Headless(size=size) as viewer:
+        viewer.load(tmp_path / "r.rrd", recording_id(run))
+        for tab in (0, 1):
+            blueprint = make_blueprint(make_layout(run))
+            blueprint.root_container.active_tab = tab
+            picture = viewer.show(blueprint, frame=20)
+            assert amount(picture[100:], palette.GREY) > 200
+            assert amount(picture[100:], palette.SKY_BLUE) + amount(picture[100:], palette.GREEN) > 20 * min(
+                n_cameras, 5
+            )

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mocap.audit import audit_recording
 from mocap.errors import FormatError
 from mocap.formats.describe import summary
 from mocap.formats.format import Hints
 from mocap.formats.recording import Recording
-from mocap.formats.registry import by_name, identify
+from mocap.formats.registry import by_name, identify, read_as
 from mocap.formats.together import joined
 
 _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
@@ -26,26 +27,36 @@ def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
         try:
             format = identify(path) if hints.format is None else by_name(hints.format)
             name = format.name
-            recording = format.read(path, hints)
+            recording = read_as(format, path, hints)
         except FormatError as error:
             found.append({"format": name, **_NOTHING, "findings": [str(error)], "file": str(path), "error": str(error)})
         else:
             recordings.append((recording, len(found)))
-            found.append({**summary(recording), "file": str(path), "title": format.title})
+            found.append(_audited({**summary(recording), "file": str(path), "title": format.title}, recording))
     if len(recordings) == len(found) > 1:
-        found[0]["findings"] += _together([recording for recording, _ in recordings])
+        _together(found[0], [recording for recording, _ in recordings])
     return found
 
 
-def _together(recordings: Sequence[Recording]) -> list[str]:
+def _audited(found: dict[str, Any], recording: Recording) -> dict[str, Any]:
+    """With what the audit says: sentences among ``findings``, everything under ``audit``."""
+    audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
+    found["audit"] = [*found.get("audit", []), *(f.as_json() for f in audited)]
+    found["findings"] += [f.text for f in audited]
+    return found
+
+
+def _together(found: dict[str, Any], recordings: Sequence[Recording]) -> None:
     try:
         whole = joined(recordings)
     except FormatError as error:
-        return [str(error)]
-    return [
+        found["findings"].append(str(error))
+        return
+    found["findings"].append(
         f"together with {', '.join(path.name for path in whole.paths[1:])}: {len(whole.names)} points, "
         f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
-    ]
+    )
+    _audited(found, whole)
 
 
 def readable(found: dict[str, Any]) -> str:

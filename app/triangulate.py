@@ -8,6 +8,7 @@ import numpy as np
 from app.source import Source, audit_points, load_filmed, load_skeleton
 from app.tables import check_target
 from mocap import triangulate
+from mocap.arrays import Array
 from mocap.formats import dltdv
 from mocap.records import MarkerTracks, Origin
 
@@ -27,6 +28,26 @@ class TriangulationSummary:
     samples: int
     residual_px: float
     findings: tuple[str, ...]
+
+
+def linear_in_blocks(matrices: Array, uv_px: Array, *, frames: int = 2000) -> tuple[Array, Array]:
+    """``triangulate.linear`` and its residual, some frames at a time: little more memory than the arrays.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels.
+        frames: So many at a time.
+
+    Returns:
+        (T, M, 3) points and (T, M) residuals in pixels.
+    """
+    xyz = np.empty((*uv_px.shape[1:3], 3))
+    residual = np.empty(uv_px.shape[1:3])
+    for start in range(0, uv_px.shape[1], frames):
+        part = slice(start, start + frames)
+        xyz[part] = triangulate.linear(matrices, uv_px[:, part])
+        residual[part] = triangulate.residual_px(matrices, uv_px[:, part], xyz[part])
+    return xyz, residual
 
 
 def triangulate_file(source: Source, out: Path, *, refine: bool, force: bool) -> TriangulationSummary:
@@ -49,9 +70,8 @@ def triangulate_file(source: Source, out: Path, *, refine: bool, force: bool) ->
         found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd)
         xyz, cov, residual = found.xyz_m, found.cov_m2, found.residual_px
     else:
-        xyz = triangulate.linear(filmed.matrices, filmed.ideal_px)
-        cov = np.full((*xyz.shape, 3), np.nan)
-        residual = triangulate.residual_px(filmed.matrices, filmed.ideal_px, xyz)
+        xyz, residual = linear_in_blocks(filmed.matrices, filmed.ideal_px)
+        cov = np.broadcast_to(np.nan, (*xyz.shape, 3))
     seen = np.isfinite(xyz[..., 0])
     tracks = MarkerTracks(
         names=names,

@@ -16,6 +16,9 @@ from mocap.arrays import Array
 from mocap.errors import FormatError
 
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
+BLOCK = 1 << 24
+"""Bytes that are read at once: a table takes little more memory than its numbers."""
+_TRUTH = re.compile(rb"true|false", re.IGNORECASE)
 _NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1')
 
 
@@ -32,30 +35,81 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
     Raises:
         FormatError: the file is missing, empty, cut, ragged, or has a cell that is no number.
     """
-    data = _bytes_of(path).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    end = data.find(b"\n") + 1 if header else 0
-    if header and end == 0:
-        end = len(data)
-    try:
-        names = next(csv.reader([data[:end].decode("utf-8-sig").strip()])) if header else []
-    except UnicodeDecodeError:
-        raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
-    names = [name.strip() for name in names]
-    body = data[end:].rstrip(b"\n \t")
-    if b" " in body or b"\t" in body:
-        body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
-    if not body:
+    names, parts, line = [], [], 1
+    width, last, text = None, False, b""
+    for block, last in _blocks(path):
+        text = block
+        if line == 1:
+            if b";" in block and b"," not in block:
+                raise FormatError(f"{path.name}: cells are separated by semicolons; export it with commas")
+            if header:
+                names, block = _names(path, block)
+                width, line = len(names), 2
+        block = block.rstrip(b"\n \t") if last else block.removesuffix(b"\n")
+        if block:
+            parts.append(_numbers(path, block, names, width, line, open_end=last and not text.endswith(b"\n")))
+            width, line = parts[-1].shape[1], line + len(parts[-1])
+    if not parts:
         raise FormatError(
             f"{path.name}: holds no rows of numbers; expected a table with a row a frame: export it again"
         )
-    if b";" in data and b"," not in data:
-        raise FormatError(f"{path.name}: cells are separated by semicolons; export it with commas")
-    first_line = 2 if header else 1
-    _check_columns(path, body, len(names) if header else None, first_line)
-    if not data.endswith(b"\n"):
+    return names, parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
+    """Whole lines of the file, some megabytes at a time, with line ends of one kind; and whether they are the last.
+
+    Raises:
+        FormatError: the file cannot be read, or is empty.
+    """
+    try:
+        with path.open("rb") as stream:
+            held, empty = b"", True
+            while chunk := stream.read(BLOCK):
+                held += chunk
+                empty = empty and not held.strip()
+                cut = held.rfind(b"\n") + 1
+                if cut and len(chunk) == BLOCK:
+                    yield held[:cut].replace(b"\r\n", b"\n").replace(b"\r", b"\n"), False
+                    held = held[cut:]
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    if empty:
+        raise FormatError(f"{path.name}: the file is empty: export it again")
+    yield held.replace(b"\r\n", b"\n").replace(b"\r", b"\n"), True
+
+
+def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
+    """The names of the first line, and what follows it."""
+    first, _, rest = block.partition(b"\n")
+    try:
+        names = next(csv.reader([first.decode("utf-8-sig").strip()]), [])
+    except (UnicodeDecodeError, csv.Error):
+        raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
+    return [name.strip() for name in names], rest
+
+
+def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line: int, *, open_end: bool) -> Array:
+    """The (rows, columns) numbers of a block.
+
+    Args:
+        path: Of the file, for messages.
+        body: Lines, the last without its end.
+        names: Of the columns; empty where there is no header.
+        width: Cells that each line must have; None: as many as the first.
+        line: Number of the first line in the file.
+        open_end: Whether the file ends with these lines and the last has no end.
+
+    Raises:
+        FormatError: a line has other cells, or a cell is no number.
+    """
+    if b" " in body or b"\t" in body:
+        body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
+    _check_columns(path, body, width, line)
+    if open_end:
         _check_last_cell(path, body)
     try:
-        if re.search(rb"true|false", body, re.IGNORECASE):
+        if any(letter in body for letter in (b"u", b"U", b"l", b"L")) and _TRUTH.search(body):
             raise ValueError("pandas reads these as 1 and 0")
         table = pd.read_csv(
             io.BytesIO(body),
@@ -66,30 +120,20 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
             skip_blank_lines=False,
         )
     except ValueError:
-        raise FormatError(_bad_cell(path, body, names, first_line)) from None
+        raise FormatError(_bad_cell(path, body, names, line)) from None
     values = table.to_numpy()
     if np.isinf(values).any():
         row, column = np.argwhere(np.isinf(values))[0]
         where = names[column] if names else f"column {column + 1}"
-        raise FormatError(f"{path.name}: line {row + first_line}, {where}: infinite; expected a number or NaN")
-    return names, values
-
-
-def _bytes_of(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
-    if not data.strip():
-        raise FormatError(f"{path.name}: the file is empty: export it again")
-    return data
+        raise FormatError(f"{path.name}: line {row + line}, {where}: infinite; expected a number or NaN")
+    return values
 
 
 def _check_columns(path: Path, body: bytes, expected: int | None, first_line: int) -> None:
     """Every line has as many cells as the header (or the first line) has."""
-    raw = np.frombuffer(body, dtype=np.uint8)
-    ends = np.append(np.flatnonzero(raw == ord("\n")), len(raw))
-    cells = np.diff(np.searchsorted(np.flatnonzero(raw == ord(",")), ends), prepend=0) + 1
+    raw = np.frombuffer(body + b"\n", dtype=np.uint8)
+    starts = np.append(0, np.flatnonzero(raw == ord("\n"))[:-1] + 1)
+    cells = np.add.reduceat(raw == ord(","), starts, dtype=np.int64) + 1
     expected = expected or int(cells[0])
     wrong = np.flatnonzero(cells != expected)
     if len(wrong):

@@ -49,11 +49,13 @@ def read_pixels(path: Path, *, fps: float) -> PixelTracks:
             f"{path.name}: marker {list(names)[marker]!r} has no X and Y columns for cam{order[camera]}: "
             f"{len(header)} columns are not {len(names)} markers x {len(order)} cameras x 2"
         )
-    uv = values[:, columns].reshape(len(values), len(order), len(names), 2)
+    frames = len(values)
+    values = values[:, columns]  # and nothing but that: the table may be large
+    uv = values.reshape(frames, len(order), len(names), 2)
     return PixelTracks(
         names=tuple(names),
         cameras=tuple(f"cam{c}" for c in order),
-        t_s=np.arange(len(values)) / fps,
+        t_s=np.arange(frames) / fps,
         uv_px=np.moveaxis(uv, 1, 0),
     )
 

@@ -69,7 +69,7 @@ class Head:
             return frozenset()
         try:
             with h5py.File(self.path, "r") as file:
-                return frozenset(file)
+                return frozenset(str(name) for name in file)
         except (OSError, RuntimeError, KeyError, ValueError, UnicodeError) as error:
             raise FormatError(
                 f"{self.path.name}: an HDF5 file that cannot be opened ({error}): it is cut or damaged; copy or "

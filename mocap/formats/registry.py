@@ -92,8 +92,24 @@ def read(path: Path, hints: Hints | None = None) -> Recording:
         FormatError: it is of none, or not what its format promises.
     """
     hints = hints or Hints()
-    format = identify(path) if hints.format is None else by_name(hints.format)
-    return format.read(path, hints)
+    return read_as(identify(path) if hints.format is None else by_name(hints.format), path, hints)
+
+
+def read_as(format: Format, path: Path, hints: Hints) -> Recording:
+    """Read a file of a known format; a text whose last line has no end is told to be so.
+
+    Raises:
+        FormatError: it is not what the format promises.
+    """
+    recording = format.read(path, hints)
+    with path.open("rb") as stream:
+        text = b"\0" not in stream.read(1024)
+        stream.seek(-1, 2)
+        open_end = stream.read(1) not in b"\r\n"
+    if not (text and open_end):
+        return recording
+    doubt = "the last line has no end: if the file was cut there, its last number is wrong"
+    return replace(recording, findings=(*recording.findings, doubt))
 
 
 def writer(path: Path, name: str | None) -> Format:

@@ -21,12 +21,16 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
     """
     try:
         with h5py.File(path, "r") as file:
-            return {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
+            table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         raise FormatError(
             f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {error}): it is cut or damaged; export it "
             "again"
         ) from None
+    lacking = [name for name in ("tracks", "node_names") if name in names and name not in table]
+    if lacking:
+        raise FormatError(f"{path.name}: the dataset {lacking[0]} is damaged: copy or export the file again")
+    return table
 
 
 def _words(path: Path, table: dict[str, Any], name: str, count: int, plain: str) -> list[str]:

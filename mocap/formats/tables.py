@@ -1,6 +1,7 @@
 """What our own tables share: origins as words, and rows that are checked before they are believed."""
 
 import csv
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -64,15 +65,17 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
     if path.read_bytes()[-1:] not in (b"\n", b"\r"):
         raise FormatError(f"{path.name}: the last line has no end, the file seems to be cut: export it again")
     try:
-        table = pd.read_csv(
-            path,
-            dtype=kinds,  # type: ignore[arg-type]
-            na_values=["", "NaN"],
-            keep_default_na=False,
-            encoding="utf-8-sig",
-            index_col=False,
-        )
-    except (ValueError, OverflowError) as error:  # ParserError and UnicodeDecodeError are ValueErrors
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row longer than the header
+            table = pd.read_csv(
+                path,
+                dtype=kinds,  # type: ignore[arg-type]
+                na_values=["", "NaN"],
+                keep_default_na=False,
+                encoding="utf-8-sig",
+                index_col=False,
+            )
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # UnicodeDecodeError is a ValueError
         raise FormatError(f"{path.name}: {' '.join(str(error).split())[:200]}; correct it or export it again") from None
     if table.empty:
         raise FormatError(f"{path.name}: holds no rows: export it again")

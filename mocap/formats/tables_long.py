@@ -132,14 +132,13 @@ def _write_csv(path: Path, recording: Recording) -> None:
 
 
 def _read_parquet(path: Path, _hints: Hints) -> Recording:
-    import pyarrow
     import pyarrow.parquet as parquet
 
     try:
         table = parquet.read_table(path)
         fps = json.loads((table.schema.metadata or {}).get(_META, b"{}")).get("fps")
         rows = table.to_pandas()
-    except (pyarrow.ArrowException, OSError, ValueError, TypeError, MemoryError, AttributeError) as error:
+    except Exception as error:  # pyarrow raises its own and whatever damaged metadata bring about
         raise FormatError(
             f"{path.name}: cannot be read as Parquet ({' '.join(str(error).split())[:160]}): it is cut or damaged; "
             "export it again"
@@ -148,8 +147,10 @@ def _read_parquet(path: Path, _hints: Hints) -> Recording:
         raise FormatError(f"{path.name}: holds no rows: export it again")
     try:
         return _recording(path, "parquet", rows, fps)
-    except (TypeError, ValueError) as error:
-        raise FormatError(f"{path.name}: a column of numbers holds something else ({error}): export it again") from None
+    except FormatError:
+        raise
+    except Exception as error:  # as above: columns are arrow's until they are looked at
+        raise FormatError(f"{path.name}: a column holds something else ({error}): export it again") from None
 
 
 def _write_parquet(path: Path, recording: Recording) -> None:

@@ -112,7 +112,7 @@ class Adjusted:
         scene: The unknowns as found.
         error_px: (N, 2) recorded minus predicted pixels.
         weight: (N,) how far each sighting was believed, 0 to 1.
-        sd_px: Standard deviation of a pixel coordinate, from the median error.
+        sd_px: Standard deviation of a pixel coordinate, from the median error and the share that the unknowns take up.
         converged: False where the steps ran out.
         f_sd_px: (C,) standard deviation of each focal length; 0 where it was not free.
     """
@@ -149,11 +149,13 @@ def adjust(
         most_steps: Steps of a round.
     """
     problem = _Problem(scene, sightings, free, lengths)
+    n, unknowns = problem.groups.size, int(problem.start[-1])
+    taken_up = np.sqrt(n / max(n - unknowns, 1))
     sd, minimum = median_sd(problem.error_px(scene)), None
     for _ in range(rounds if robust is not None else 1):
         minimum = problem.solve(scene, sd, robust, most_steps)
         scene, last = minimum.state, sd
-        sd = median_sd(problem.error_px(scene))
+        sd = taken_up * median_sd(problem.error_px(scene))
         if abs(sd - last) < 0.02 * last:
             break
     assert minimum is not None

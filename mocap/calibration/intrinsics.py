@@ -30,7 +30,8 @@ class Intrinsics:
     Attributes:
         lens: The lens.
         choice: Its name in ``CHOICES``.
-        held_out_px: Root mean square error on pictures held out, by choice; inf where a model failed.
+        held_out_px: Root mean square error on pictures held out, by choice; inf where a model failed; empty where there
+            was one choice.
         f_sd_px: Standard deviation of its focal length.
         rms_px: Root mean square error on all pictures.
     """
@@ -76,7 +77,9 @@ def fit_intrinsics(
     for choice in choices:
         try:
             fits[choice] = _fit(views, size_px, choice, name)
-            errors[choice] = _held_out(views, size_px, choice, name, folds)
+            errors[choice] = (
+                _held_out(views, size_px, choice, name, folds) if len(choices) > 1 else np.zeros(len(views))
+            )
         except CalibrationError as error:
             fits.pop(choice, None)
             failures.append(str(error))
@@ -86,7 +89,9 @@ def fit_intrinsics(
     return Intrinsics(
         lens=_lens(fits[choice]),
         choice=choice,
-        held_out_px={c: float(np.sqrt(np.mean(errors[c]))) if c in errors else float("inf") for c in choices},
+        held_out_px={c: float(np.sqrt(np.mean(errors[c]))) if c in errors else float("inf") for c in choices}
+        if len(choices) > 1
+        else {},
         f_sd_px=float(fits[choice].f_sd_px[0]),
         rms_px=float(np.sqrt(np.mean(np.sum(fits[choice].error_px ** 2, axis=-1)))),
     )

@@ -32,6 +32,16 @@ class CalibrationReport:
     lines: Sequence[str]
 
 
+def check_folder(folder: Path, *, force: bool, inputs: Sequence[Path]) -> None:
+    """Refuse to replace an earlier calibration unasked, and to write where something is read from.
+
+    Raises:
+        MocapError: as said.
+    """
+    if any((folder / name).exists() for name in FILES) or not folder.is_dir():
+        check_target(folder, force=force, inputs=inputs)
+
+
 def write_calibration_folder(
     folder: Path,
     cameras: Sequence[Camera],
@@ -59,9 +69,7 @@ def write_calibration_folder(
     Raises:
         MocapError: the folder holds a calibration and ``force`` is not given, or it cannot be written.
     """
-    clean = [*inputs]
-    if any((folder / name).exists() for name in FILES) or not folder.is_dir():
-        check_target(folder, force=force, inputs=clean)
+    check_folder(folder, force=force, inputs=inputs)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".calibration.", dir=folder) as name:

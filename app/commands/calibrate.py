@@ -84,13 +84,14 @@ def images(
 ) -> None:
     """Pictures of a checkerboard or ChArUco board: lenses and places of 1 to 30 cameras."""
     from app.calibrating import from_pictures
-    from app.calibration import write_calibration_folder
+    from app.calibration import check_folder, write_calibration_folder
 
     if not square_mm > 0:
         raise CalibrationError(f"--square-mm {square_mm:g}: a square has a side above 0")
     board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
-    cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=_tell)
     inputs = [p for p in (folder, lenses) if p is not None]
+    check_folder(out, force=force, inputs=inputs)
+    cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=_tell)
     _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs), out, as_json)
 
 
@@ -112,8 +113,10 @@ def wand(
 ) -> None:
     """Two points of known distance waved through the volume, with background points."""
     from app.calibrating import from_wand
-    from app.calibration import write_calibration_folder
+    from app.calibration import check_folder, write_calibration_folder
 
+    inputs = [p for p in (file, background, profile) if p is not None]
+    check_folder(out, force=force, inputs=inputs)
     cameras, upright, report = from_wand(
         file,
         background=background,
@@ -123,7 +126,6 @@ def wand(
         lower_left=origin is PixelOrigin.lower_left,
         tell=_tell,
     )
-    inputs = [p for p in (file, background, profile) if p is not None]
     _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, upright=upright), out, as_json)
 
 
@@ -140,13 +142,14 @@ def dlt(
 ) -> None:
     """11 DLT coefficients a camera from points whose places are known."""
     from app.calibrating import from_points
-    from app.calibration import write_calibration_folder
+    from app.calibration import check_folder, write_calibration_folder
 
     scale = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}.get(unit)
     if scale is None:
         raise CalibrationError(f"--unit {unit!r}: m, cm or mm")
-    cameras, report = from_points(points, pixels, unit_m=scale)
     inputs = [points, pixels]
+    check_folder(out, force=force, inputs=inputs)
+    cameras, report = from_points(points, pixels, unit_m=scale)
     _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, lenses=False), out, as_json)
 
 
@@ -168,7 +171,7 @@ def refine(
 ) -> None:
     """Self-calibration: cameras moved until the rays of the markers meet, the scale kept by bones or as it was."""
     from app.calibrating import from_tracks
-    from app.calibration import write_calibration_folder
+    from app.calibration import check_folder, write_calibration_folder
     from app.source import Source
 
     source = Source(
@@ -180,6 +183,7 @@ def refine(
         coefficient_origin=dlt_origin.value if dlt_origin else None,
         image_height_px=image_height,
     )
-    cameras, report = from_tracks(source, bones=bone or [], focal=focal)
     inputs = [p for p in source.inputs if p is not None]
+    check_folder(out, force=force, inputs=inputs)
+    cameras, report = from_tracks(source, bones=bone or [], focal=focal)
     _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, lenses=False), out, as_json)

@@ -1,6 +1,10 @@
 """``mocap track``."""
 
+import shlex
+import sys
 from contextlib import nullcontext, suppress
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, cast, get_args
 
@@ -101,6 +105,7 @@ def track(
         with progress() as stages:
             watch = None if watched is None else watched[0].watch
             run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate, watch=watch)
+            run = replace(run, report_text=f"{run.report_text}\n## The same again\n\n    {again()}\n")
             if movies:
                 run = with_footage(run, movies, offsets=offsets_of(tracks, video_offset), straight=video_straight)
             with stages.stage("write"):
@@ -110,6 +115,11 @@ def track(
             watched[0].show(out / "recording.rrd", recording_id(run))
             with suppress(KeyboardInterrupt):
                 watched[1].wait()
+
+
+def again() -> str:
+    """The command as it was called, and with which version."""
+    return f"{shlex.join(['mocap', *sys.argv[1:]])}    # version {version('eal-mocap')}"
 
 
 def announce(line: str) -> None:

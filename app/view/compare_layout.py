@@ -13,7 +13,7 @@ from app.view.row_map import row_map_view
 from app.view.scene_views import eye, last_frames, world_view
 from app.view.stored import Stored
 
-_TILES = 4
+_TILES = 2
 
 
 def compare_blueprint(runs: Sequence[Stored], limits: Sequence[float]) -> rrb.Blueprint:
@@ -78,8 +78,14 @@ def _cameras(runs: Sequence[Stored]) -> list[rrb.Container]:
         for i, run in enumerate(runs):
             image, root = f"{paths.run(i)}{paths.CAMERAS}/{camera}/image", paths.run(i)
             contents = ["$origin/**", f"{root}{paths.SKELETON}", f"{root}{paths.MARKERS}/filled"]
-            name = f"{run.name}, {camera} (px)"
-            tiles.append(rrb.Spatial2DView(origin=image, name=name, contents=contents, background=palette.GROUND))
+            tile = rrb.Spatial2DView(
+                origin=image,
+                name=f"{run.name}, {camera} (px)",
+                contents=contents,
+                background=palette.GROUND,
+                visual_bounds=_tile_bounds(run, f"{paths.CAMERAS}/{camera}/image/reprojected"),
+            )
+            tiles.append(tile)
         rows.append(rrb.Horizontal(*tiles))
     return [rrb.Vertical(*rows, name="Cameras")] if rows else []
 
@@ -104,6 +110,16 @@ def _joints(runs: Sequence[Stored]) -> list[rrb.Container]:
             columns.append(rrb.Vertical(heat_map, value, row_shares=[5, 2]))
         tabs.append(rrb.Horizontal(*columns, name=joint))
     return [rrb.Tabs(*tabs, active_tab=0, name="Joints")] if tabs else []
+
+
+def _tile_bounds(run: Stored, path: str) -> rrb.VisualBounds2D | None:
+    """The part of an image that holds nearly all of the motion; None where there is none."""
+    uv_px = run.points2d(path)
+    if not len(uv_px):
+        return None
+    low, high = np.quantile(uv_px, (0.005, 0.995), axis=0)
+    margin = 0.15 * max(high - low)
+    return rrb.VisualBounds2D(x_range=[low[0] - margin, high[0] + margin], y_range=[low[1] - margin, high[1] + margin])
 
 
 def _map_bounds(run: Stored, path: str) -> rrb.VisualBounds2D:

@@ -97,7 +97,8 @@ class Headless:
             if any(r.store_id.endswith(f":{self.recording_id}") and r.current_time == frame + 1 for r in recordings):
                 return
             time.sleep(0.02)
-        raise TimeoutError(f"the viewer did not go to frame {frame} of {self.recording_id}: {self.client.get_state()}")
+        there = [(r.store_id, r.current_time) for r in self.client.get_state().recordings]
+        raise TimeoutError(f"the viewer did not go to frame {frame} of {self.recording_id}, but is at {there}")
 
     def _still(self, view_id: str | None) -> NDArray[np.uint8]:
         """A picture that stays the same, after the messages of the start have faded and the view is there."""

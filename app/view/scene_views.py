@@ -15,7 +15,7 @@ from mocap.arrays import Array
 
 def scene_view(layout: Layout) -> rrb.View:
     """The scene, all of the motion in sight."""
-    return _world_view(layout, f"Scene (m, ellipsoids {ELLIPSOID_SD:g} sd)", 1.75 * layout.scene.radius_m)
+    return _world_view(layout, f"Scene (m, ellipsoids {ELLIPSOID_SD:g} sd)", 1.85 * layout.scene.radius_m)
 
 
 def rig_view(layout: Layout) -> rrb.View:
@@ -98,6 +98,7 @@ def _world_view(layout: Layout, name: str, distance_m: float) -> rrb.View:
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=eye(scene.centre_m, distance_m, scene.up),
         trail=(paths.TRAILS, layout.trail_frames),
+        frusta=cameras,
     )
 
 
@@ -109,6 +110,7 @@ def world_view(
     ground: tuple[Array, float, float],
     look: rrb.EyeControls3D,
     trail: tuple[str, int],
+    frusta: Sequence[str] = (),
 ) -> rrb.View:
     """Things over a ground.
 
@@ -119,6 +121,7 @@ def world_view(
         ground: The signed axis that points up, the height of the ground along it, and the radius of what is shown.
         look: The eye.
         trail: The entity that is shown of several frames, and of how many.
+        frusta: Cameras that are shown as frusta alone, without the arrows of their axes.
     """
     up, height_m, radius_m = ground
     return rrb.Spatial3DView(
@@ -133,5 +136,8 @@ def world_view(
             color=(*palette.DIM, 70),
         ),
         eye_controls=look,
-        overrides={trail[0]: last_frames(trail[1])},
+        overrides={
+            trail[0]: last_frames(trail[1]),
+            **{camera: rr.Pinhole.from_fields().visualizer() for camera in frusta},
+        },
     )

@@ -46,6 +46,16 @@ class Stored:
         """The value of a component that does not change, as Python has it; raises KeyError where there is none."""
         return _static(self.chunks, entity, component)
 
+    def points2d(self, entity: str) -> Array:
+        """(N, 2) all positions that an entity ever has."""
+        component, parts = "Points2D:positions", [np.zeros((0, 2))]
+        for chunk in self.chunks:
+            if chunk.entity_path == entity and not chunk.is_static:
+                flat = chunk.to_record_batch().column(component).flatten().flatten()
+                parts.append(np.asarray(flat, dtype=np.float64).reshape(-1, 2))
+        points = np.concatenate(parts)
+        return points[np.isfinite(points).all(axis=1)]
+
     def below(self, parent: str) -> list[str]:
         """Names of the entities right below a path, in order."""
         starts = [c.entity_path[len(parent) + 1 :] for c in self.chunks if c.entity_path.startswith(f"{parent}/")]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from datasets.rig import picture_size
 from mocap.arrays import Array
 from mocap.cameras import Camera
 
@@ -87,9 +88,7 @@ def viewfinder(camera: Camera) -> Viewfinder:
     Raises:
         ValueError: the camera has no size, or its lens shows the same direction twice within the picture.
     """
-    if camera.size_px is None:
-        raise ValueError(f"camera {camera.name!r} has no size_px: give it, to draw its picture")
-    u, v = (np.arange(-2.0 * _GRID_PX, n + 3 * _GRID_PX, _GRID_PX) for n in camera.size_px)
+    u, v = (np.arange(-2.0 * _GRID_PX, n + 3 * _GRID_PX, _GRID_PX) for n in picture_size(camera))
     recorded = np.stack(np.meshgrid(u, v), axis=-1)
     ideal = recorded if camera.lens is None else camera.lens.undistort(recorded)
     if not np.isfinite(ideal).all():
@@ -128,8 +127,7 @@ def photograph(
         (height, width) grey levels; None where no part of the front of the board is in the picture.
     """
     camera = finder.camera
-    assert camera.size_px is not None
-    width, height = camera.size_px
+    width, height = picture_size(camera)
     plane = camera.matrix @ np.vstack([np.column_stack([rotation[:, :2], translation_m]), [0, 0, 1]])
     if np.linalg.det(plane) <= 0:  # seen from behind
         return None

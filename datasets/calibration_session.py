@@ -10,6 +10,7 @@ import numpy as np
 
 from datasets.boards import Board, photograph, viewfinder
 from datasets.linkage import turn, unit
+from datasets.rig import picture_size
 from mocap.arrays import Array, frozen
 from mocap.cameras import Camera, decompose, record
 
@@ -76,10 +77,9 @@ def board_session(
     rotation, translation = [], []
     for frame in range(n_frames):
         camera = cameras[frame % len(cameras)]
-        finder, eye = viewfinder(camera), decompose(camera)
-        assert camera.size_px is not None
-        u, v = rng.uniform(0.2, 0.8, 2) * camera.size_px
-        ray = np.linalg.solve(eye.intrinsic, np.append(finder.ideal(np.array([v]), np.array([u]))[0, 0], 1.0))
+        eye, recorded = decompose(camera), rng.uniform(0.2, 0.8, 2) * picture_size(camera)
+        ideal = recorded if camera.lens is None else camera.lens.undistort(recorded)
+        ray = np.linalg.solve(eye.intrinsic, np.append(ideal, 1.0))
         distance = rng.uniform(*depth) * np.linalg.norm(eye.position_m)
         centre = eye.position_m + distance * eye.rotation.T @ unit(ray)
         upright = turn(2, rng.uniform(-0.4, 0.4))

@@ -10,6 +10,7 @@ from datasets.gaps import gap_statistics
 from datasets.observe import Digitiser, click_noise, lost, misplace
 from datasets.occlusion import occluded
 from datasets.recording import SyntheticRecording
+from datasets.rig import picture_size
 from datasets.scene import Motion, Scene
 from mocap.arrays import Array
 from mocap.cameras import Camera, record, stacked
@@ -106,10 +107,7 @@ def outside(cameras: Sequence[Camera], xyz_m: Array, uv_px: Array) -> NDArray[np
     Raises:
         ValueError: a camera has no size.
     """
-    for camera in cameras:
-        if camera.size_px is None:
-            raise ValueError(f"camera {camera.name!r} has no size_px: give it, to tell what is out of its picture")
-    size_px = np.array([c.size_px for c in cameras])[:, None, None, :]
+    size_px = np.array([picture_size(c) for c in cameras])[:, None, None, :]
     normals = stacked(cameras)[:, 2]
     depth_m = np.einsum("ci,tmi->ctm", normals[:, :3], xyz_m) + normals[:, 3, None, None]
     return (depth_m <= 0) | ((uv_px < -0.5) | (uv_px > size_px - 0.5)).any(axis=-1)

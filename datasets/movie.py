@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from datasets.film import view
 from datasets.linkage import unit
 from datasets.occlusion import Solid
+from datasets.rig import picture_size
 from datasets.scene import Motion, Scene
 from mocap.arrays import Array
 from mocap.cameras import Camera, decompose, record
@@ -59,11 +60,10 @@ def write_movies(
         scene = motion(t_s + late_s)
         uv_px, hidden = view(scene, camera)
         rng = np.random.default_rng([seed, c])
-        assert camera.size_px is not None
         paths.append(folder / f"{camera.name}.mp4")
         with av.open(str(paths[-1]), "w") as container:
             stream = container.add_stream("libx264", rate=round(fps), options={"crf": _LOSS, "preset": "veryfast"})
-            stream.width, stream.height = camera.size_px
+            stream.width, stream.height = picture_size(camera)
             stream.pix_fmt = "yuv420p"
             for frame in range(len(t_s)):
                 progress((c + frame / len(t_s)) / len(cameras))
@@ -90,8 +90,7 @@ def picture(scene: Scene, camera: Camera, frame: int, uv_px: Array, hidden: NDAr
     Returns:
         (height, width) grey levels between 0 and 255.
     """
-    assert camera.size_px is not None
-    width, height = camera.size_px
+    width, height = picture_size(camera)
     drawn = np.full((height, width), _BACKGROUND, dtype=np.uint8)
     normal = camera.matrix[2] / np.linalg.norm(camera.matrix[2, :3])
     eye_m, xyz_m = decompose(camera).position_m, scene.xyz_m[frame]

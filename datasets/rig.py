@@ -31,6 +31,17 @@ def aimed(name: str, *, position_m: Array, target_m: Array, size_px: tuple[int, 
     )
 
 
+def picture_size(camera: Camera) -> tuple[int, int]:
+    """Width and height of a camera's picture in pixels.
+
+    Raises:
+        ValueError: they are not known.
+    """
+    if camera.size_px is None:
+        raise ValueError(f"camera {camera.name!r} has no size_px: give it, to tell what is in its picture")
+    return camera.size_px
+
+
 def tunnel_cameras(n_cameras: int, *, lens: LensKind = "brown") -> tuple[Camera, ...]:
     """Wide action cameras on the walls and ceiling of a flight tunnel along x, about 0.7 m from its middle.
 

@@ -35,7 +35,7 @@ def convert_files(
         force: Whether to replace what exists.
 
     Returns:
-        ``format``, the files ``written``, and ``remarks`` on what is not held or held otherwise.
+        ``format``, the files ``written``, ``remarks`` on what is not held or held otherwise, ``findings`` of readers.
 
     Raises:
         MocapError: a file cannot be read, the format cannot hold it, or a file exists.
@@ -49,4 +49,9 @@ def convert_files(
     for path in written:
         check_target(path, force=force, inputs=files, folder=False)
     remarks = write(recording, out, format.name, filled=filled)
-    return {"format": format.name, "written": [str(path) for path in written], "remarks": remarks}
+    return {
+        "format": format.name,
+        "written": [str(path) for path in written],
+        "remarks": remarks,
+        "findings": list(recording.findings),
+    }

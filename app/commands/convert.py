@@ -38,6 +38,6 @@ def convert(
     if as_json:
         print(json.dumps(done))  # noqa: T201
         return
-    for remark in done["remarks"]:
+    for remark in [*done["findings"], *done["remarks"]]:
         errors.print(remark, highlight=False, soft_wrap=True, markup=False)
     errors.print(f"wrote {', '.join(done['written'])}", highlight=False, soft_wrap=True, markup=False)

@@ -159,15 +159,18 @@ def calibration_recording(
 
 def _project(path: Path, _hints: Hints) -> Recording:
     project = read_project(path, fps=1.0)
-    told = read_project(path).fps
-    findings = [f"the project states {told:g} frames a second, which may be the rate of playback", _NO_UNIT]
+    try:
+        told = read_project(path).fps
+        findings = [f"the project states {told:g} frames a second, which may be the rate of playback", _NO_UNIT]
+    except FormatError:
+        told, findings = None, ["the project states no frame rate", _NO_UNIT]
     if not project.cameras:
         findings.append("the project has no DLT coefficients")
     if project.offset_frames.any():
         findings.append(
             f"cameras are offset by {project.offset_frames.min():g} to {project.offset_frames.max():g} frames"
         )
-    return Recording(
+    recording = Recording(
         format="dltdv-project",
         paths=(path,),
         names=project.pixels.names,
@@ -180,7 +183,8 @@ def _project(path: Path, _hints: Hints) -> Recording:
         pixel_origin="upper-left",
         tables={"offset_frames": project.offset_frames},
         findings=tuple(findings),
-    ).with_rate(told)
+    )
+    return recording if told is None else recording.with_rate(told)
 
 
 def _ends(*ends: str):

@@ -137,6 +137,8 @@ def parts(recording: Recording) -> dict[str, str]:
     found = {}
     if recording.pixels is not None:
         found["pixels"] = f"pixels of {len(recording.camera_names)} cameras"
+        if recording.pixel_origin is not None:
+            found["pixel_origin"] = f"that pixel rows count from the {recording.pixel_origin}"
     if recording.points is not None:
         found["points"] = "positions"
         if np.isfinite(recording.points.sd_m).any():

@@ -16,7 +16,9 @@ from mocap.formats.recording import Recording
 from mocap.records import Origin
 
 WORDS = np.array([origin.name.lower() for origin in Origin])
-_CODES = {str(word): code for code, word in enumerate(WORDS)}
+REPAIRED = "repaired"
+"""What a run calls a measured sample that bore another marker's name in its file."""
+_CODES = {str(word): code for code, word in enumerate(WORDS)} | {REPAIRED: Origin.MEASURED}
 
 
 def codes(path: Path, words: Any) -> NDArray[np.int8]:

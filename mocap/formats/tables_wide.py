@@ -11,7 +11,7 @@ from mocap.formats.csv_table import whole_path
 from mocap.formats.format import Format, Hints
 from mocap.formats.optical import rate_of_times
 from mocap.formats.recording import Recording, point_recording, points_of
-from mocap.formats.tables import WORDS, check_origins, codes, frame_numbers, read_rows, titles, with_sd
+from mocap.formats.tables import REPAIRED, WORDS, check_origins, codes, frame_numbers, read_rows, titles, with_sd
 
 _ENDS = ("x", "y", "z", "sd", "origin")
 
@@ -29,7 +29,8 @@ def _read(path: Path, _hints: Hints) -> Recording:
         )
     table = read_rows(path, {title: str if title.endswith("_origin") else float for title in header})
     xyz = table[[f"{n}_{axis}" for n in names for axis in "xyz"]].to_numpy().reshape(len(table), -1, 3)
-    origin = np.stack([codes(path, table[f"{name}_origin"].fillna("")) for name in names], axis=1)
+    words = table[[f"{name}_origin" for name in names]].fillna("").to_numpy(dtype=str)
+    origin = codes(path, words)
     check_origins(path, xyz, origin)
     fps, findings, times = None, ["the file does not hold the frame rate"], None
     if "t_s" in header:
@@ -37,6 +38,8 @@ def _read(path: Path, _hints: Hints) -> Recording:
         if np.isnan(times).any():
             raise FormatError(f"{path.name}: a time is missing: the file is cut or edited")
         fps, findings = rate_of_times(path, times)
+    if (words == REPAIRED).any():
+        findings.append(f"{(words == REPAIRED).sum()} measured samples bore another marker's name in the file tracked")
     recording = point_recording(
         path,
         "csv-wide",

@@ -17,7 +17,7 @@ from tests.mocap.recordings import points
 ENV = Path(__file__).resolve().parents[2] / ".venv-movement"
 VERSION = "0.17.0"
 NEEDS = (3, 12)
-IMPORTS = ("attrs", "loguru", "scipy", "xarray", "h5netcdf")
+IMPORTS = ("attrs", "loguru", "scipy", "xarray", "h5netcdf", "h5py")
 """What its validators and kinematics import; all that it depends on (napari's formats, videos) is a gigabyte."""
 SCRIPT = """
 import json, sys, xarray

@@ -25,6 +25,8 @@ PRINTED: tuple[Law, ...] = ("linear", "cable", "strut")
 
 MM = 1e-3
 ROOT_M = 1.0 * MM
+SPARE_M = 0.3 * MM
+"""What a slot is longer than its pin's way in the region."""
 
 SLIM = 6.0
 """Least width of a meander over its thickness: its beams are slender."""
@@ -156,7 +158,7 @@ def forms(rest_m: float, least_m: float, most_m: float, law: Law, printing: Prin
     if law not in PRINTED:
         raise MakeError(f"{name} follows the law '{law}', and meanders only {', '.join(PRINTED)}: give these as --laws")
     squeeze, pull = max(rest_m - least_m, 0.0), max(most_m - rest_m, 0.0)
-    slot = {"cable": squeeze, "strut": pull}.get(law, 0.0)
+    slot = {"cable": squeeze + SPARE_M, "strut": pull + SPARE_M}.get(law, 0.0)
     room = rest_m - printing.ends_m - (slot if law == "cable" else 0.0)
     travel = max(0.0 if law == "cable" else squeeze, 0.0 if law == "strut" else pull, 1e-9)
     squeeze = 0.0 if law == "cable" else squeeze

@@ -55,6 +55,7 @@ def _surface(axes: Axes3D, x: Array, y: Array, value: Array, name: str) -> None:
     )
     axes.set_box_aspect((np.ptp(x), np.ptp(y), 0.2 * max(np.ptp(x), np.ptp(y))), zoom=1.3)  # pyright: ignore[reportArgumentType]
     axes.set_zlim(0.0, 1.0)
+    axes.zaxis.set_ticks([0.0, 1.0])
     axes.view_init(elev=60, azim=-80)
     axes.set_xlabel("$q_1$ (mm)")
     axes.set_ylabel("$q_2$ (mm)")

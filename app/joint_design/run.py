@@ -147,11 +147,11 @@ def design_joint(source: JointSource, wish: Wish, *, stage: Callable[[str], Call
         millimetres = per_unit / MM
         raise MakeError(f"{error} (lengths in units of {millimetres:.3g} mm at printed size)") from None
     told = stage("shape the parts")
-    taken, kit, energy = _first_that_can_be_made(designs, coarse, per_unit, wish)
+    target = make_target(potential.value, samples, level=wish.level, points=FINE)
+    taken, kit, energy = _first_that_can_be_made(designs, target, per_unit, wish)
     told(1.0)
     told = stage("check")
     design = designs[taken]
-    target = make_target(potential.value, samples, level=wish.level, points=FINE)
     fit = measure(design.truss, design.stored, target, curvature=potential.hessian)
     told(0.3)
     tolerance = Tolerance(

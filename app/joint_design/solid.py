@@ -8,7 +8,8 @@ import numpy as np
 from manifold3d import CrossSection, JoinType, Manifold, OpType, set_min_circular_angle, set_min_circular_edge_length
 
 from app.joint_design.flexure import MM, ROOT_M, Flexure, Printing
-from app.joint_design.stacking import PLAY_M, Stack
+from app.joint_design.material import MakeError
+from app.joint_design.stacking import PLAY_M, Stack, clearance
 from eal.arrays import Array
 from eal.joint_design import Truss
 
@@ -84,9 +85,9 @@ def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: 
     ]
     top = height + 2.0 * PLAY_M / MM
     posts = _posts(truss, flexures, bottoms, stack, top, printing)
-    edge = _edge(truss, flexures, region_m, printing)
-    columns = _columns(edge) if stack.hanging else []
-    rim = edge.offset(RIM_MM, JoinType.Round)
+    columns = _columns(truss, flexures, region_m, printing) if stack.hanging else np.empty((0, 2))
+    corners = np.concatenate([truss.fixed_m / MM, region_m / MM, columns])
+    rim = CrossSection.hull_points(corners).offset(RIM_MM + printing.eye_m / MM, JoinType.Round)
     base = Manifold.extrude(rim, PLATE_MM) + Manifold.batch_boolean(
         [posts[i] for i in range(len(flexures)) if i not in stack.hanging], OpType.Add
     )
@@ -135,24 +136,40 @@ def _rod(low: float, high: float, radius: float) -> Manifold:
     return Manifold.cylinder(high - low, radius).translate((0.0, 0.0, low))
 
 
-def _edge(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> CrossSection:
-    """A convex outline that no part crosses wherever the point is."""
-    reached, half = [region_m], printing.eye_m
-    for flexure, (start, _) in zip(flexures, truss.ends, strict=True):
-        way = truss.fixed_m[start] - region_m
-        length = np.linalg.norm(way, axis=1, keepdims=True)
-        reached.append(region_m + way / length * flexure.slot_ends_m(length)[1])
-        half = max(half, (flexure.width_m + flexure.thickness_m) / 2)
-    corners = np.concatenate(reached) / MM
-    return CrossSection.hull_points(corners).offset((half + PLAY_M) / MM, JoinType.Round)
+def _columns(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> Array:
+    """(4, 2) places in mm that nothing comes over, the nearest to the middle in each quadrant.
+
+    Raises:
+        MakeError: a quadrant has none.
+    """
+    fixed = np.concatenate([truss.fixed_m, region_m])
+    low, high = fixed.min(axis=0), fixed.max(axis=0)
+    wide = 0.5 * float((high - low).max())
+    lines = (np.arange(a - wide, b + wide, 4.0 * MM) for a, b in zip(low, high, strict=True))
+    places = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+    from_middle = places - (low + high) / 2
+    quadrant = (from_middle > 0).astype(int) @ np.array([1, 2])
+    radius = COLUMN_MM * MM + PLAY_M
+    chosen = []
+    for number in range(4):
+        nearest = places[quadrant == number][np.argsort(np.linalg.norm(from_middle[quadrant == number], axis=1))]
+        for some in np.array_split(nearest, max(len(nearest) // 50, 1)):
+            free = _away(some, truss.fixed_m) > radius + printing.eye_m
+            free &= _away(some, region_m) > radius + FOOT_RADIUS_MM * MM
+            free[free] = clearance(truss, flexures, region_m, printing, some[free]).min(axis=0) > radius
+            if free.any():
+                chosen.append(some[free][0] / MM)
+                break
+        else:
+            raise MakeError(
+                "no place is left for the columns of a top plate: ask for fewer --members or another --seed"
+            )
+    return np.array(chosen)
 
 
-def _columns(edge: CrossSection) -> list[tuple[float, float]]:
-    """Four places just outside of the edge, far apart: where it reaches farthest along two diagonals."""
-    line = np.asarray(edge.offset(COLUMN_MM, JoinType.Round).to_polygons()[0])
-    return [
-        (float(x), float(y)) for x, y in (line[np.argmax(line @ way)] for way in ((1, 1), (-1, 1), (-1, -1), (1, -1)))
-    ]
+def _away(places: Array, others: Array) -> Array:
+    """(P,) distance of (P, 2) places from the nearest of (n, 2) others."""
+    return np.linalg.norm(places[:, None] - others, axis=-1).min(axis=1)
 
 
 def member_outline(flexure: Flexure, length_m: float, printing: Printing) -> CrossSection:

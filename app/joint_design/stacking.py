@@ -65,21 +65,22 @@ def stacked(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing
 
 def _sweeps(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing) -> set[tuple[int, int]]:
     """Pairs (i, j): member i comes over the place of member j's post."""
-    found = set()
-    anchors = truss.fixed_m[truss.ends[:, 0]]
+    posts = truss.fixed_m[truss.ends[:, 0]]
+    near = clearance(truss, flexures, region_m, printing, posts) < printing.eye_m + PLAY_M
+    return {(i, j) for i, j in np.argwhere(near).tolist() if i != j}
+
+
+def clearance(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing: Printing, places_m: Array) -> Array:
+    """(m, P) least distance of each member, wherever the point is, from (P, 2) places; negative where it covers one."""
+    found = np.empty((len(flexures), len(places_m)))
     for i, flexure in enumerate(flexures):
-        way = anchors[i] - region_m
+        way = truss.fixed_m[truss.ends[i, 0]] - region_m
         length = np.linalg.norm(way, axis=1, keepdims=True)
         inner, outer = (region_m + way / length * end for end in flexure.slot_ends_m(length))
         spring = (flexure.width_m + flexure.thickness_m) / 2
-        for j, post in enumerate(anchors):
-            near = printing.eye_m + PLAY_M
-            clear = min(
-                float((_distance(region_m, inner, post) - spring).min()),
-                float((_distance(inner, outer, post) - printing.eye_m).min()),
-            )
-            if i != j and clear < near:
-                found.add((i, j))
+        for k, place in enumerate(places_m):
+            meander = float(_distance(region_m, inner, place).min()) - spring
+            found[i, k] = min(meander, float(_distance(inner, outer, place).min()) - printing.eye_m)
     return found
 
 

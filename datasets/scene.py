@@ -62,7 +62,9 @@ Motion = Callable[[Array], Scene]
 
 
 def start_times(seed: np.random.SeedSequence, n_cameras: int, spread_s: float) -> Array:
-    """(C,) times by which each camera starts late, uniform within ``spread_s`` about 0, the first at 0.
+    """(C,) times by which each camera starts late: the first at 0, the others uniform within ``spread_s`` about it.
+
+    With a spread of up to a frame, equal frame numbers stay the nearest in time, as after matching frames by eye.
 
     Raises:
         ValueError: the spread is negative.
@@ -70,7 +72,8 @@ def start_times(seed: np.random.SeedSequence, n_cameras: int, spread_s: float) -
     if not spread_s >= 0:
         raise ValueError(f"cameras start within {spread_s:g} s of each other: give 0 or more")
     late_s = np.random.default_rng(seed).uniform(-spread_s / 2, spread_s / 2, n_cameras)
-    return late_s - late_s[0]
+    late_s[0] = 0.0
+    return late_s
 
 
 def frame_times(n_frames: int, fps: float) -> Array:

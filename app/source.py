@@ -35,6 +35,7 @@ class Source:
         stored_points: xyzpts to audit; None: the file beside ``tracks`` that is named so.
         pixel_sd: Standard deviation of a pixel; None: estimated.
         unit: Unit of lengths, where the files do not state it; None: metres.
+        in_step: Whether cameras that run late by the audit are read between their frames.
     """
 
     tracks: Path
@@ -48,6 +49,7 @@ class Source:
     stored_points: Path | None = None
     pixel_sd: float | None = None
     unit: str | None = None
+    in_step: bool = False
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -99,12 +101,14 @@ class Filmed:
         cameras: The C cameras.
         pixel_origin: Decision on where rows are counted from.
         ideal_px: (C, T, M, 2) undistorted pixels in the convention of the coefficients.
+        late_frames: (C,) offsets that were taken out of ``ideal_px``; None: none was asked to be.
     """
 
     pixels: PixelTracks
     cameras: tuple[Camera, ...]
     pixel_origin: origin.PixelOrigin
     ideal_px: Array
+    late_frames: Array | None = None
 
     @property
     def matrices(self) -> Array:
@@ -141,7 +145,9 @@ def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...]
         calibration = _calibration(source.coefficients)
         calibration = calibration if source.unit is None else calibration.with_unit(source.unit)
         if not calibration.cameras:
-            raise FormatError(f"{source.coefficients.name}: holds no cameras ({calibration.format}); expected --dlt")
+            raise FormatError(
+                f"{source.coefficients.name}: holds no cameras ({calibration.format}): give a calibration"
+            )
         return recording.pixels, calibration.cameras, source.coefficients.name
     if not recording.cameras:
         project = recording.format == "dltdv-project"
@@ -215,7 +221,11 @@ def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
         height_px=decision.height_px,
         iterations=iterations,
     )
-    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal)
+    late = None
+    if source.in_step and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
+        late = audit.late_cameras(found)
+        ideal = audit.in_step(ideal, late)
+    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late)
 
 
 def stored_points(source: Source) -> Path | None:

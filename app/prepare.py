@@ -170,6 +170,9 @@ def prepare(source: Source) -> Prepared:
     stale, findings = audit_points(source, filmed)
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
     told = [f.text for f in audited if f.alarm and f.kind != "mirrored world"]
+    if filmed.late_frames is not None:
+        shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
+        told += [f"camera {c.name!r} was read {late:+.2f} frames off, as asked" for c, late in shifts if late]
     findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *told, *findings]
     if bias.sd_px:
         findings.append(

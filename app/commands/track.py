@@ -43,6 +43,9 @@ def track(
     image_height: ImageHeight = None,
     stored: Annotated[Path | None, typer.Option(help="xyzpts to audit; if not given, the one beside xypts.")] = None,
     pixel_sd: PixelSd = None,
+    in_step: Annotated[
+        bool, typer.Option("--in-step", help="Read cameras that run late, by the audit, between their frames.")
+    ] = False,
     model: Annotated[
         str,
         typer.Option(
@@ -93,6 +96,7 @@ def track(
         image_height_px=image_height,
         stored_points=stored,
         pixel_sd=pixel_sd,
+        in_step=in_step,
         unit=unit,
     )
     learned = None if model in get_args(Model) else load_model(existing_model(model))

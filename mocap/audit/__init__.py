@@ -1,7 +1,7 @@
 """Audit: what pixels, cameras and points tell of each other, and of faults that programs leave in files."""
 
 from mocap.audit.finding import Finding, alarms
-from mocap.audit.offsets import Offsets, estimate_offsets
+from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.run import audit_filmed, audit_recording
 from mocap.audit.samples import pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, stale_points
@@ -14,6 +14,8 @@ __all__ = [
     "audit_filmed",
     "audit_recording",
     "estimate_offsets",
+    "in_step",
+    "late_cameras",
     "pixel_findings",
     "point_findings",
     "stale_points",

@@ -87,6 +87,20 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
     return Offsets(offset_frames=delay - delay.mean(), sd_frames=sd, before_px=before, after_px=after, samples=samples)
 
 
+def late_cameras(found: Offsets) -> Array:
+    """(C,) offsets of the cameras that stand clear of the others, counted from the median camera; 0 for the others."""
+    offset = found.offset_frames - np.median(found.offset_frames)
+    return np.where(np.abs(offset) > np.maximum(CLEAR_SD * found.sd_frames, LEAST_FRAMES), offset, 0.0)
+
+
+def in_step(ideal_px: Array, offset_frames: Array) -> Array:
+    """(C, T, M, 2) ideal pixels as if no camera were late: each track is read at t - offset, by a cubic.
+
+    A sample that has none within two frames before and after is lost, where its camera is moved.
+    """
+    return _shifted(ideal_px, _splines(ideal_px), -offset_frames)
+
+
 def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
     """Offsets that stand clear of their uncertainty; they are reported, and applied only when asked.
 

@@ -92,7 +92,8 @@ def wands() -> None:
             )
             print(
                 f"| {name.split('/')[0]} | {found.wands} | {theirs:.3f} | {found.score:.3f} | "
-                f"{found.held_out_score:.3f} | {moves} | {time.perf_counter() - start:.1f} | {found.held_out_score / theirs:.2f} |"
+                f"{found.held_out_score:.3f} | {moves} | {time.perf_counter() - start:.1f} | "
+                f"{found.held_out_score / theirs:.2f} |"
             )
 
 

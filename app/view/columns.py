@@ -1,6 +1,8 @@
 """Whole columns of a recording: time axes, points that are not always there, line segments."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numpy as np
 import pyarrow as pa
@@ -16,8 +18,23 @@ FRAME = "frame"
 TIME = "time"
 
 
+_FIRST: ContextVar[int] = ContextVar("first", default=1)
+
+
+@contextmanager
+def numbered_from(first: int) -> Iterator[None]:
+    """Frames are numbered from ``first`` inside: a recording of a part keeps the numbers of the whole."""
+    token = _FIRST.set(first)
+    try:
+        yield
+    finally:
+        _FIRST.reset(token)
+
+
 def time_columns(t_s: Array, *, at: NDArray | None = None) -> list[rr.TimeColumn]:
     """The two time axes: the number of the frame, from 1 as in the tables, and the time in whole nanoseconds.
+
+    See ``numbered_from`` for recordings of a part.
 
     Args:
         t_s: (T,) times in seconds.
@@ -25,7 +42,10 @@ def time_columns(t_s: Array, *, at: NDArray | None = None) -> list[rr.TimeColumn
     """
     frames = np.arange(len(t_s)) if at is None else at
     ns = np.round(t_s[frames] * 1e9).astype(np.int64)
-    return [rr.TimeColumn(FRAME, sequence=frames + 1), rr.TimeColumn(TIME, duration=ns.astype("timedelta64[ns]"))]
+    return [
+        rr.TimeColumn(FRAME, sequence=frames + _FIRST.get()),
+        rr.TimeColumn(TIME, duration=ns.astype("timedelta64[ns]")),
+    ]
 
 
 def changing(counts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from app.view import palette, paths
-from app.view.columns import segments, single, time_columns
+from app.view.columns import numbered_from, segments, single, time_columns
 from app.view.compare_layout import compare_blueprint
 from app.view.landscape import MM_PER_M
 from app.view.log_health import log_line, usual_limit
@@ -46,9 +46,11 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
         rec.save(partial, default_blueprint=compare_blueprint(stored, limits))
         for number, run in enumerate(stored):
             rec.send_chunks([c.with_entity_path(f"{paths.run(number)}{c.entity_path}".rstrip("/")) for c in run.chunks])
-            _log_body(rec, number, run)
-        for number, (names, apart) in enumerate(differences, start=1):
-            _log_difference(rec, number, stored[number].name, stored[0].t_s, names, apart)
+            with numbered_from(run.first):
+                _log_body(rec, number, run)
+        with numbered_from(stored[0].first):
+            for number, (names, apart) in enumerate(differences, start=1):
+                _log_difference(rec, number, stored[number].name, stored[0].t_s, names, apart)
         rec.flush(timeout_sec=60)
         rec.disconnect()
         os.replace(partial, out)
@@ -88,10 +90,14 @@ def difference_mm(first: Stored, other: Stored) -> tuple[tuple[str, ...], Array]
     names = tuple(name for name in first.names if name in other.names)
     if not names:
         raise MocapError(f"{first.name} and {other.name} share no marker: compare runs of one recording")
-    both = min(len(first.t_s), len(other.t_s))
-    a, b = (run.xyz_m[:both][:, [run.names.index(name) for name in names]] for run in (first, other))
+    begin = max(first.first, other.first)
+    end = max(min(first.first + len(first.t_s), other.first + len(other.t_s)), begin)
+    a, b = (
+        run.xyz_m[begin - run.first : end - run.first][:, [run.names.index(name) for name in names]]
+        for run in (first, other)
+    )
     apart = np.full((len(names), len(first.t_s)), np.nan)
-    apart[:, :both] = MM_PER_M * np.linalg.norm(a - b, axis=-1).T
+    apart[:, begin - first.first : end - first.first] = MM_PER_M * np.linalg.norm(a - b, axis=-1).T
     return names, apart
 
 

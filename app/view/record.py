@@ -12,6 +12,8 @@ import rerun as rr
 from app.potentials import joint_potentials
 from app.run import Run
 from app.view.blueprint import make_blueprint
+from app.view.columns import numbered_from
+from app.view.cut import cut, known_part
 from app.view.landscape import landscape
 from app.view.layout import Layout, joint_frames, run_layout
 from app.view.log_cameras import log_cameras, log_pixels
@@ -39,6 +41,8 @@ class RecordingError(MocapError):
 def write_recording(run: Run, path: Path) -> None:
     """Write all views of a run to a file, whole or not at all.
 
+    Frames before the first and after the last position of any marker are left out: there is nothing to see in them.
+
     Args:
         run: The run.
         path: The ``.rrd`` to write; its folder exists.
@@ -46,11 +50,13 @@ def write_recording(run: Run, path: Path) -> None:
     Raises:
         RecordingError: the file cannot be written there.
     """
-    layout = make_layout(run)
+    shown = known_part(run)
+    part = cut(run, shown)
+    layout = make_layout(part)
     partial = path.with_name(f".{path.name}.partial")
     try:
-        with _stream(partial, run, layout) as rec:
-            log_run(rec, run, layout)
+        with _stream(partial, run, layout) as rec, numbered_from(shown.start + 1):
+            log_run(rec, part, layout)
         os.replace(partial, path)
     except (OSError, RuntimeError) as error:
         raise RecordingError(

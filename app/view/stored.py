@@ -9,7 +9,7 @@ import pyarrow as pa
 from rerun.chunk import Chunk, RrdReader
 
 from app.view import paths
-from app.view.columns import TIME
+from app.view.columns import FRAME, TIME
 from mocap.arrays import Array
 from mocap.errors import MocapError
 
@@ -29,7 +29,8 @@ class Stored:
         chunks: All that it holds.
         names: The M markers.
         bones: Pairs of markers.
-        t_s: (T,) times of frames 1 to T.
+        first: Number of its first frame.
+        t_s: (T,) times of the frames, which follow one another.
         xyz_m: (T, M, 3) the body in the scene; NaN where there is none.
         up: (3,) signed axis that points up in the scene.
     """
@@ -38,6 +39,7 @@ class Stored:
     chunks: tuple[Chunk, ...]
     names: tuple[str, ...]
     bones: tuple[tuple[int, int], ...]
+    first: int
     t_s: Array
     xyz_m: Array
     up: Array
@@ -77,7 +79,7 @@ def read_recording(path: Path, *, name: str) -> Stored:
         chunks = tuple(RrdReader(str(file)).store().stream())
         context = _static(chunks, "/", "AnnotationContext:context")
         axes = _static(chunks, paths.WORLD, "ViewCoordinates:xyz")[0]
-        t_s, xyz = _body(chunks)
+        first, t_s, xyz = _body(chunks)
     except (KeyError, ValueError, OSError, RuntimeError) as error:
         raise StoredError(f"{file}: not a recording of mocap track or mocap demo ({error}): make it anew") from None
     body = context[0][0]["class_description"]
@@ -87,6 +89,7 @@ def read_recording(path: Path, *, name: str) -> Stored:
         chunks=chunks,
         names=tuple(point["label"] for point in body["keypoint_annotations"]),
         bones=tuple((pair["keypoint0"], pair["keypoint1"]) for pair in body["keypoint_connections"]),
+        first=first,
         t_s=t_s,
         xyz_m=xyz,
         up=up,
@@ -115,16 +118,16 @@ def _static(chunks: tuple[Chunk, ...], entity: str, component: str) -> Any:
     raise KeyError(f"no {component} of {entity}")
 
 
-def _body(chunks: tuple[Chunk, ...]) -> tuple[Array, Array]:
-    """Times and positions of all markers, frame by frame from the first."""
+def _body(chunks: tuple[Chunk, ...]) -> tuple[int, Array, Array]:
+    """The number of the first frame; times and positions of all markers, frame by frame."""
     component, parts = "Points3D:positions", []
     for chunk in chunks:
         if chunk.entity_path == paths.SKELETON and not chunk.is_static:
             batch = chunk.to_record_batch()
             t_s = np.asarray(batch.column(TIME).cast(pa.int64())) / 1e9
             points = np.asarray(batch.column(component).flatten().flatten(), dtype=np.float64)
-            parts.append((t_s, points.reshape(len(t_s), -1, 3)))
+            parts.append((int(batch.column(FRAME)[0].as_py()), t_s, points.reshape(len(t_s), -1, 3)))
     if not parts:
         raise KeyError(f"no {component} of {paths.SKELETON}")
-    parts.sort(key=lambda part: float(part[0][0]))
-    return np.concatenate([t_s for t_s, _ in parts]), np.concatenate([points for _, points in parts])
+    parts.sort(key=lambda part: part[0])
+    return parts[0][0], np.concatenate([t_s for _, t_s, _ in parts]), np.concatenate([points for *_, points in parts])

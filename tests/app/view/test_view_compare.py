@@ -60,6 +60,9 @@ def test_what_differs_is_seen_where_it_does(runs):
     np.testing.assert_allclose(rms[20:30], 5 / np.sqrt(seen[20:30]), atol=1e-3)
     np.testing.assert_array_equal(np.delete(rms, np.s_[20:30]), 0.0)
     a, b = (read_recording(folder, name=folder.name) for folder in folders)
+    later = replace(b, first=b.first + 4, t_s=b.t_s[4:], xyz_m=b.xyz_m[4:])  # that begins at frame 5
+    np.testing.assert_array_equal(difference_mm(a, later)[1][:, 4:], difference_mm(a, b)[1][:, 4:])
+    assert np.isnan(difference_mm(a, later)[1][:, :4]).all()
     names, apart = difference_mm(a, b)
     assert names == first.tracked.markers.names
     np.testing.assert_allclose(apart[6, 20:30], 5.0, atol=1e-3)

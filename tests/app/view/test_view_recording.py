@@ -325,6 +325,27 @@ def test_a_camera_that_goes_bad_is_a_bright_stretch_of_its_row(tmp_path):
     assert np.ptp(bright[[0, 1, 2, 3, 5]][:, bad].mean(axis=1)) < 30
 
 
+def test_frames_with_nothing_to_see_are_left_out(tmp_path):
+    """Where no marker has a position at either end, the recording starts later and keeps the numbers of the frames."""
+    run = make_run(n_frames=60, n_cameras=2, n_joints=1)
+    markers = run.tracked.markers
+    dark = np.r_[0:17, 50:60]
+    xyz, cov, origin = markers.xyz_m.copy(), markers.cov_m2.copy(), markers.origin.copy()
+    xyz[dark], cov[dark], origin[dark] = np.nan, np.nan, Origin.MISSING
+    later = replace(run, tracked=replace(run.tracked, markers=replace(markers, xyz_m=xyz, cov_m2=cov, origin=origin)))
+    write_recording(later, tmp_path / "r.rrd")
+    for entity, component, values in (
+        (paths.SKELETON, "Points3D:positions", xyz),
+        (f"{paths.image('cam2')}/reprojected", "Points2D:positions", run.tracked.reprojected_px[1]),
+        (paths.ROWS, "Scalars:scalars", run.tracked.n_rows),
+    ):
+        frames, _, found = column(tmp_path / "r.rrd", entity, component)
+        np.testing.assert_array_equal(frames, np.arange(17, 50))
+        np.testing.assert_array_equal(found.ravel(), values[17:50].astype(found.dtype).ravel())
+    times, _, _ = column(tmp_path / "r.rrd", paths.SKELETON, "Points3D:positions", index="time")
+    np.testing.assert_array_equal(times, np.round(markers.t_s[17:50] * 1e9).astype(np.int64))
+
+
 def test_nothing_known_is_a_recording_too(tmp_path):
     """No position of any marker, ever: no point, no path, a map without colour."""
     run = make_run(n_frames=4, n_cameras=2, n_joints=1)

@@ -28,8 +28,12 @@ def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
             format = identify(path) if hints.format is None else by_name(hints.format)
             name = format.name
             recording = read_as(format, path, hints)
-        except FormatError as error:
-            found.append({"format": name, **_NOTHING, "findings": [str(error)], "file": str(path), "error": str(error)})
+        except Exception as error:  # whatever it is, the other files are looked at too
+            known = isinstance(error, FormatError)
+            text = (
+                str(error) if known else f"{path.name}: cannot be read ({type(error).__name__}: {error}): report this"
+            )
+            found.append({"format": name, **_NOTHING, "findings": [text], "file": str(path), "error": text})
         else:
             recordings.append((recording, len(found)))
             found.append(_audited({**summary(recording), "file": str(path), "title": format.title}, recording))
@@ -40,7 +44,11 @@ def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
 
 def _audited(found: dict[str, Any], recording: Recording) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
-    audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
+    try:
+        audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
+    except (ValueError, ArithmeticError) as error:  # NumPy's LinAlgError is one: numbers that no rig has
+        found["findings"].append(f"the audit came to no end: {error}")
+        audited = []
     found["audit"] = [*found.get("audit", []), *(f.as_json() for f in audited)]
     found["findings"] += [f.text for f in audited]
     return found

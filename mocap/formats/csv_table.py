@@ -53,7 +53,10 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
         raise FormatError(
             f"{path.name}: holds no rows of numbers; expected a table with a row a frame: export it again"
         )
-    return names, parts[0] if len(parts) == 1 else np.concatenate(parts)
+    values = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    if names and not names[-1] and np.isnan(values[:, -1]).all():  # every line ends in a comma
+        return names[:-1], values[:, :-1]
+    return names, values
 
 
 def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:

@@ -55,6 +55,8 @@ class Head:
             row = next(csv.reader([self.lines[line]], skipinitialspace=True), [])
         except csv.Error:
             return ()
+        while row and not row[-1].strip():
+            row.pop()
         return tuple(cell.strip() for cell in row)
 
     @cached_property

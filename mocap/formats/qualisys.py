@@ -22,8 +22,9 @@ _ORIGIN = np.array([Origin.MISSING, Origin.MEASURED, Origin.INTERPOLATED, Origin
 def read_tsv(path: Path) -> Recording:
     """Read a 3D text export: head lines from ``NO_OF_FRAMES`` to ``MARKER_NAMES``, column titles, a row a frame.
 
-    QTM's frame n is at (n - 1) / FREQUENCY seconds; the first frame need not be 1. The file does not tell filled
-    samples from measured ones: all that have a position are called measured.
+    Titles, and the columns Frame and Time, may be left out: then the first row is frame 1. QTM's frame n is at
+    (n - 1) / FREQUENCY seconds; the first frame need not be 1. The file does not tell filled samples from measured
+    ones: all that have a position are called measured.
 
     Raises:
         FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
@@ -39,15 +40,14 @@ def read_tsv(path: Path) -> Recording:
         if not head.get(key):
             raise FormatError(f"{path.name}: no line {key}; expected a 3D text export of Qualisys Track Manager (.tsv)")
     start = len(head)
-    if start < len(lines) and lines[start].startswith("Frame"):
-        titles, start = lines[start].rstrip("\t").split("\t"), start + 1
-    else:
-        raise FormatError(f"{path.name}: line {start + 1} does not begin with Frame: export it with column headers")
+    titles = lines[start].removesuffix("\t").split("\t") if start < len(lines) else []
+    start += titles[:1] == ["Frame"]
     names, fps = head["MARKER_NAMES"], rate(path, head["FREQUENCY"][0])
-    if head["NO_OF_MARKERS"][0].strip() != str(len(names)) or len(titles) != 2 + 3 * len(names):
+    timed = len(titles) == 2 + 3 * len(names)
+    if head["NO_OF_MARKERS"][0].strip() != str(len(names)) or not (timed or len(titles) == 3 * len(names)):
         raise FormatError(
             f"{path.name}: NO_OF_MARKERS is {head['NO_OF_MARKERS'][0]}, with {len(names)} names and {len(titles)} "
-            "columns (expected Frame, Time and three a marker): export it again"
+            "columns (expected three a marker, after Frame and Time or without them): export it again"
         )
     rows = lines[start:]
     while rows and not rows[-1].strip():
@@ -57,8 +57,10 @@ def read_tsv(path: Path) -> Recording:
             f"{path.name}: {len(rows)} rows, but NO_OF_FRAMES says {head['NO_OF_FRAMES'][0]}: "
             "the file seems to be cut; export it again"
         )
-    rows = [row.removesuffix("\t") for row in rows]  # QTM ends every row so; nothing missing is empty here
     values = numbers(path, rows, separator="\t", columns=len(titles), first_line=start + 1)
+    if not timed:
+        count = 1.0 + np.arange(len(values))
+        values = np.column_stack([count, (count - 1) / fps, values])
     t_s = (values[:, 0] - 1) / fps
     off = np.flatnonzero(~(np.abs(t_s - values[:, 1]) < 0.5 / fps))
     if len(off):

@@ -228,6 +228,7 @@ def test_deeplabcut_hdf5(tmp_path, fixed, individuals):
     assert not recording.pixels.seen[0, 2, 0]
 
 
+QTM = "NO_OF_FRAMES\t2\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nMARKER_NAMES\ta\tb\nTRAJECTORY_TYPES\tMeasured\tMixed\n"
 SMALL = {
     "DLTdv 8.4": ("x.csv", "tip_cam1_U,tip_cam1_V\n1,2\n3,4\n", "dltdv-xypts", 1, 1, 2),
     "DLTdv filtered": ("x.csv", "pt1filt_X,pt1filt_Y,pt1filt_Z\n1,2,3\n", "dltdv-xyzpts", 1, 0, 1),
@@ -295,6 +296,16 @@ SMALL = {
         1,
         2,
     ),
+    "a comma at each line's end": ("x.csv", "pt1_cam1_X,pt1_cam1_Y,\n1,2,\n3,4,\n", "dltdv-xypts", 1, 1, 2),
+    "QTM without titles": ("x.tsv", QTM + "1\t2\t3\t4\t5\t6\n7\t8\t9\t\t\t\n", "qualisys-tsv", 2, 0, 2),
+    "QTM with frames, without titles": (
+        "x.tsv",
+        QTM + "7\t0.06\t1\t2\t3\t4\t5\t6\t\n8\t0.07\t7\t8\t9\t\t\t\t\n",
+        "qualisys-tsv",
+        2,
+        0,
+        2,
+    ),
     "plain": ("x.csv", "time,hip.x,hip.y,hip.z\n0,1,2,3\n0.1,4,5,6\n", "csv", 1, 0, 2),
 }
 
@@ -326,6 +337,10 @@ def test_values_of_small_files(tmp_path):
     np.testing.assert_array_equal(small("Anipose").points.origin[:, 0], [Origin.MEASURED, Origin.INTERPOLATED])
     np.testing.assert_array_equal(small("Argus sparse").pixels.seen[0, :, 0], np.arange(9) == 1)
     assert small("plain").fps == 10.0
+    for case, first in (("QTM without titles", 1), ("QTM with frames, without titles", 7)):
+        assert small(case).frames[0] == first
+        np.testing.assert_allclose(small(case).points.xyz_m[0], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
+        np.testing.assert_array_equal(small(case).points.seen[1], [True, False])
     assert small("two animals").animals == (("i", "a"), ("j", "a"))
 
 

@@ -166,7 +166,10 @@ DAMAGED_TSV = {
     "a cell short": (TSV.replace("\t5\t", "\t"), "line 7 has 7 cells, expected 8"),
     "no rate": (TSV.replace("FREQUENCY\t100", "FREQUENCY\t0"), "the frame rate is 0"),
     "another rate": (TSV.replace("FREQUENCY\t100", "FREQUENCY\t120"), "line 6: frame 11 at 120 Hz is not at 0.1 s"),
-    "no column titles": (re.sub(r"Frame\tTime[^\n]*\n", "", TSV), "does not begin with Frame"),
+    "neither titles nor times, one cell left": (
+        re.sub(r"Frame\tTime[^\n]*\n", "", TSV).replace("11\t0.10000\t1", "1"),
+        "2 names and 6 columns|line 6 has",
+    ),
     "frames backwards": (TSV.replace("12\t0.11", "10\t0.09"), "t_s must increase"),
     "not text": (b"MATLAB\0\xff\xfe\n", "not a text file"),
 }

@@ -57,6 +57,8 @@ def read_tsv(path: Path) -> Recording:
             f"{path.name}: {len(rows)} rows, but NO_OF_FRAMES says {head['NO_OF_FRAMES'][0]}: "
             "the file seems to be cut; export it again"
         )
+    if any(row.count("\t") == len(titles) for row in rows):  # QTM ends every row so, or none
+        rows = [row.removesuffix("\t") for row in rows]
     values = numbers(path, rows, separator="\t", columns=len(titles), first_line=start + 1)
     if not timed:
         count = 1.0 + np.arange(len(values))

@@ -17,10 +17,10 @@ FEWEST_PICTURES = 5
 CHOICES: dict[str, tuple[type[Lens], tuple[bool, ...]]] = {
     "brown2": (BrownLens, (True, True, False, False, False)),
     "brown": (BrownLens, (True,) * 5),
-    "rational": (RationalLens, (True,) * 8),
     "fisheye": (FisheyeLens, (True,) * 4),
+    "rational": (RationalLens, (True,) * 8),
 }
-"""Lens models that are tried, simple ones first, and which of their coefficients are free."""
+"""Lens models that are tried, and which of their coefficients are free: Brown's first, which every format holds."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,7 +55,7 @@ def fit_intrinsics(
 
     Every model is fitted with a quarter of the pictures left out, whose boards are then placed with that lens; what is
     left there counts (each corner's error up to five median ones, so that a corner found wrongly does not choose). The
-    simplest model is taken that no other beats by more than 3 % and by one standard error over the pictures; a lens
+    first model is taken that no other beats by more than 3 % and by one standard error over the pictures; a lens
     that folds in the corners of the picture only where every other is 5 % worse.
 
     Args:
@@ -109,10 +109,10 @@ def _held_out(views: Sequence[Corners], size_px: tuple[int, int], choice: str, n
 
 
 def _chosen(models: dict[str, tuple[Array, float]]) -> str:
-    """The simplest model that none beats clearly; one that has a ray for every pixel, where it costs at most 5 %.
+    """The first model that none beats clearly; one that has a ray for every pixel, where it costs at most 5 %.
 
     Args:
-        models: Each picture's held-out error, and the share of the picture without a ray; simple models first.
+        models: Each picture's held-out error, and the share of the picture without a ray; the preferred first.
     """
     level = {c: float(np.sqrt(np.mean(e**2))) for c, (e, _) in models.items()}
     best = min(level, key=lambda c: level[c])

@@ -1,5 +1,6 @@
 """Files that belong together: pixels with their calibration, one camera a file, points beside pixels."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +16,14 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     """One recording from all of them.
 
     Pixel files of one camera each become one recording with a camera a file, in the order given (or in that of the
-    calibration, where its cameras are named so). A calibration, lenses, points, residuals, intervals and offsets go
+    calibration, where its cameras are named so), lenses of one camera each one set, by the numbers in their files'
+    names. A calibration, lenses, points, residuals, intervals and offsets go
     with the pixels.
 
     Raises:
         FormatError: two files hold the same, or the files do not belong together.
     """
+    recordings = _one_set_of_lenses(recordings)
     pixels = [r for r in recordings if r.pixels is not None]
     base = _views(pixels, recordings) if pixels else next((r for r in recordings if r.points is not None), None)
     if base is None:
@@ -30,6 +33,25 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     for other in rest:
         base = _with(base, other)
     return base
+
+
+def _one_set_of_lenses(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings with Tforms files, which hold a lens each, put together."""
+    single = [r for r in recordings if r.lenses and not r.cameras and r.pixels is None and len(r.lenses) == 1]
+    if len(single) < 2:
+        return list(recordings)
+    numbers = [re.search(r"cam(\d+)", r.paths[0].name, re.IGNORECASE) for r in single]
+    if all(numbers):
+        order = np.argsort([int(number[1]) for number in numbers if number])
+        single = [single[i] for i in order]
+    whole = replace(
+        single[0],
+        paths=tuple(path for r in single for path in r.paths),
+        camera_names=tuple(f"cam{c + 1}" for c in range(len(single))),
+        lenses=tuple(r.lenses[0] for r in single),
+        findings=tuple(dict.fromkeys(f for r in single for f in r.findings)),
+    )
+    return [*(r for r in recordings if r not in single), whole]
 
 
 def _views(pixels: Sequence[Recording], recordings: Sequence[Recording]) -> Recording:

@@ -141,8 +141,8 @@ def from_wand(
                 raise
             continue
         results[choice] = found
-        tell(f"free {choice}: wand score {found.score:.3f}, held out {found.held_out_score:.3f}")
-    chosen = min(results, key=lambda c: results[c].held_out_score)
+        tell(f"free {choice}: wand score {found.good_score:.3f} over {found.good_wands} of {found.wands} wands")
+    chosen = min(results, key=lambda c: results[c].good_held_out_score)
     best = results[chosen]
     rig: Sequence[RigCamera] = best.cameras
     upright = rig
@@ -158,7 +158,9 @@ def from_wand(
         f"# Calibration of {len(rig)} cameras with a wand of {length_m:g} m",
         "",
         f"Wand score (100 SD / mean of its length, linear triangulation) {best.score:.3f} over {best.wands} instants, "
-        f"**{best.held_out_score:.3f}** on instants held out. Free: {chosen}; median error {best.median_px:.2f} px, "
+        f"{best.held_out_score:.3f} on instants held out; over the {best.good_wands} whose clicks are believed "
+        f"{best.good_score:.3f}, **{best.good_held_out_score:.3f}** held out. Free: {chosen}; "
+        f"median error {best.median_px:.2f} px, "
         f"{best.believed * 100:.0f} % of the sightings believed.",
         "",
         *table(["camera", "f px", "RMS px (all sightings)", "place m"], rows),
@@ -170,11 +172,16 @@ def from_wand(
     ]
     numbers = {
         "method": "wand",
-        "wand_score": best.score,
+        "wand_score": number(best.score),
         "held_out_score": number(best.held_out_score),
         "wands": best.wands,
+        "good_wands": best.good_wands,
+        "good_score": number(best.good_score),
+        "good_held_out_score": number(best.good_held_out_score),
         "free": chosen,
-        "tried": {k: {"score": r.score, "held_out": number(r.held_out_score)} for k, r in results.items()},
+        "tried": {
+            k: {"score": number(r.good_score), "held_out": number(r.good_held_out_score)} for k, r in results.items()
+        },
         "median_px": best.median_px,
         "believed": best.believed,
         "cameras": {

@@ -112,6 +112,7 @@ class Adjusted:
         scene: The unknowns as found.
         error_px: (N, 2) recorded minus predicted pixels.
         weight: (N,) how far each sighting was believed, 0 to 1.
+        length_weight: (K,) how far each length was.
         sd_px: Standard deviation of a pixel coordinate, from the median error and the share that the unknowns take up.
         converged: False where the steps ran out.
         f_sd_px: (C,) standard deviation of each focal length; 0 where it was not free.
@@ -120,6 +121,7 @@ class Adjusted:
     scene: Scene
     error_px: Array
     weight: Array
+    length_weight: Array
     sd_px: float
     converged: bool
     f_sd_px: Array
@@ -164,6 +166,7 @@ def adjust(
         scene=scene,
         error_px=error,
         weight=minimum.weight[: len(error)],
+        length_weight=minimum.weight[len(error) :],
         sd_px=sd,
         converged=minimum.converged,
         f_sd_px=problem.focal_sd(minimum),

@@ -34,6 +34,9 @@ class WandCalibration:
         camera_px: (C,) root mean square error of each camera.
         median_px: Median error.
         believed: Share of the sightings believed by more than half.
+        good_wands: Instants at which all sightings of the wand, and its length, were believed by more than a tenth.
+        good_score: The score on these.
+        good_held_out_score: The held-out score on these.
         f_sd_px: (C,) standard deviations of focal lengths; 0 where held.
     """
 
@@ -44,6 +47,9 @@ class WandCalibration:
     camera_px: tuple[float, ...]
     median_px: float
     believed: float
+    good_wands: int
+    good_score: float
+    good_held_out_score: float
     f_sd_px: Array
 
 
@@ -116,18 +122,26 @@ def calibrate_wand(
 
     adjusted, sightings = solve(np.ones(len(at), dtype=bool))
     cameras = adjusted.scene.cameras
-    misses = []
+    held_out = np.full(len(at), np.nan)
     for fold in range(folds if folds > 1 else 0):
         out = np.arange(len(at)) % folds == fold
-        misses.append(wand_lengths([c.camera() for c in solve(~out)[0].scene.cameras], used_px[:, out]))
+        held_out[out] = wand_lengths([c.camera() for c in solve(~out)[0].scene.cameras], used_px[:, out])
+    lengths = wand_lengths([c.camera() for c in cameras], used_px)
+    least = np.ones(2 * len(at))
+    ends = sightings.body < 2 * len(at)  # all wands were kept: the first bodies are their ends
+    np.minimum.at(least, sightings.body[ends], adjusted.weight[ends])
+    good = np.minimum(least.reshape(2, -1).min(axis=0), adjusted.length_weight) > 0.1
     result = WandCalibration(
         cameras=cameras,
         wands=len(at),
-        score=wand_score(wand_lengths([c.camera() for c in cameras], wand_px[:, at])),
-        held_out_score=wand_score(np.concatenate(misses)) if misses else float("nan"),
+        score=wand_score(lengths),
+        held_out_score=wand_score(held_out),
         camera_px=tuple(camera_rms(adjusted, sightings, len(cameras))),
         median_px=float(np.median(np.hypot(*adjusted.error_px.T))),
         believed=float(np.mean(adjusted.weight > 0.5)),
+        good_wands=int(good.sum()),
+        good_score=wand_score(lengths[good]),
+        good_held_out_score=wand_score(held_out[good]),
         f_sd_px=adjusted.f_sd_px,
     )
     _refuse(result, lenses, names)
@@ -141,9 +155,12 @@ def wand_lengths(cameras: Sequence[Camera], wand_px: Array, *, iterations: int |
 
 
 def wand_score(length: Array) -> float:
-    """The score of easyWand: 100 x standard deviation / mean of the (T,) lengths of the wand, NaN left out."""
+    """The score of easyWand: 100 x standard deviation / mean of the (T,) lengths of the wand, NaN left out.
+
+    NaN where fewer than two are left.
+    """
     length = length[np.isfinite(length)]
-    return float(100 * length.std(ddof=1) / length.mean())
+    return float(100 * length.std(ddof=1) / length.mean()) if len(length) > 1 else float("nan")
 
 
 def _solve(
@@ -201,8 +218,8 @@ def _refuse(result: WandCalibration, lenses: Sequence[Lens], names: Sequence[str
                 f"camera {name!r}: the wand leaves its focal length open ({camera.lens.f_px[0]:.0f} +- {sd:.0f} px): "
                 "hold it with --free none, or wave the wand nearer and farther"
             )
-    if not result.score < 10:
+    if not result.good_score < 10:
         raise CalibrationError(
-            f"the wand's length varies by {result.score:.0f} % of its mean: check that the two ends are the same "
+            f"the wand's length varies by {result.good_score:.0f} % of its mean: check that the two ends are the same "
             "markers in all cameras, and that the cameras ran in step"
         )

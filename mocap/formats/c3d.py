@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.formats.c3d_process import REFUSED
 from mocap.formats.optical import UNIT_M, metres, told_apart
@@ -39,6 +40,7 @@ def read_c3d(path: Path) -> Recording:
         raise FormatError(f"{path.name}: holds no points: export the trajectories, not only analog channels")
     _check_whole(path, data.shape[2])
     names = _labels(path, parameters, data.shape[1])
+    told = _last_frame(table["last_field"])
     model = {label.strip() for group in _NOT_POSITIONS for label in _values(parameters, group)}
     keep = np.array([name not in model for name in names])
     findings = [f"{(~keep).sum()} modelled quantities (angles, forces, ...) are left out"] if not keep.all() else []
@@ -48,6 +50,8 @@ def read_c3d(path: Path) -> Recording:
     unit = said if said in UNIT_M else None
     if unit is None:
         findings.append(f"the unit of lengths is {said!r}" if said else "the unit of lengths is not in the file")
+    if told > int(table["first_frame"]) + data.shape[2]:
+        findings.append(f"TRIAL:ACTUAL_END_FIELD announces frames up to {told}, which were not read: the file is cut")
     hertz = float(table["rate_hz"])
     fps = hertz if np.isfinite(hertz) and hertz > 0 else None
     if fps is None:
@@ -93,9 +97,10 @@ def _read(path: Path) -> dict[str, Any]:
         except subprocess.TimeoutExpired:
             raise FormatError(f"{path.name}: the head of this C3D file is damaged: copy or export it again") from None
         if done.returncode == REFUSED:
+            reason, _, _ = done.stdout.partition(", please")
             raise FormatError(
-                f"{path.name}: cannot be read as C3D ({done.stdout}): export it again, little-endian (Intel) if the "
-                "program asks"
+                f"{path.name}: cannot be read as C3D ({reason}): export it again, little-endian (Intel) if the program "
+                "asks"
             )
         if done.returncode != 0 or not out.exists():
             raise FormatError(f"{path.name}: the head of this C3D file is damaged: copy or export it again")
@@ -117,6 +122,12 @@ def _check_whole(path: Path, frames: int) -> None:
         raise FormatError(
             f"{path.name}: {announced} frames are announced, {frames} are there: the file is cut; export it again"
         )
+
+
+def _last_frame(field: Array) -> int:
+    """Number of the last frame of a recording that is too long for 16 bits: two words, the lower first; 0 without."""
+    words = [int(word) & 0xFFFF for word in field[:2] if np.isfinite(word)]
+    return words[0] + (words[1] << 16) if len(words) == 2 else 0
 
 
 def _values(parameters: dict[str, Any], key: str) -> list[str]:

@@ -15,7 +15,7 @@ REFUSED = 3
 
 
 def main(path: str, out: str) -> int:
-    """Read with ezc3d; write points (4, M, T), residuals (M, T), first frame, rate, and the group POINT as JSON."""
+    """Read with ezc3d; write points (4, M, T), residuals (M, T), first frame, rate, last field, and POINT as JSON."""
     try:
         import resource
 
@@ -33,6 +33,7 @@ def main(path: str, out: str) -> int:
             first_frame=int(header["first_frame"]),
             rate_hz=float(header["frame_rate"]),
             parameters=np.array(json.dumps(values)),
+            last_field=np.ravel(table["parameters"].get("TRIAL", {}).get("ACTUAL_END_FIELD", {}).get("value", [])),
         )
     except Exception as error:  # ezc3d hands on whatever its C++ code throws
         sys.stdout.write(" ".join(str(error).split()) or type(error).__name__)

@@ -51,14 +51,14 @@ def _units(recording: Recording) -> str | None:
 
 def _holds(recording: Recording) -> list[str]:
     """The parts that are there."""
-    named = ("pixels", "points", "cameras", "lenses", "score")
-    there = [name for name in named if getattr(recording, name) is not None and len_or_one(getattr(recording, name))]
-    return there + list(recording.tables)
-
-
-def len_or_one(part: object) -> int:
-    """Length of a tuple or array; 1 of a record."""
-    return len(part) if isinstance(part, tuple | np.ndarray) else 1
+    there = {
+        "pixels": recording.pixels is not None,
+        "points": recording.points is not None,
+        "cameras": bool(recording.cameras),
+        "lenses": bool(recording.lenses),
+        "score": recording.score is not None,
+    }
+    return [name for name, has in there.items() if has] + list(recording.tables)
 
 
 def gaps(seen: NDArray[np.bool_]) -> dict[str, int | float]:

@@ -60,19 +60,6 @@ def read_pixels(path: Path, *, fps: float) -> PixelTracks:
     )
 
 
-def holds_pixels(path: Path) -> bool:
-    """Whether the first line names pixel columns.
-
-    Raises:
-        FormatError: the file cannot be read.
-    """
-    try:
-        with path.open(encoding="utf-8", errors="replace") as stream:
-            return bool(_PIXEL.match(stream.readline().split(",")[0].strip()))
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
-
-
 def holds_deviations(path: Path) -> bool:
     """Whether the first line names columns ``<name>_sd``, as only ``write_points`` writes them."""
     with path.open(encoding="utf-8", errors="replace") as stream:

@@ -121,7 +121,7 @@ def writer(path: Path, name: str | None) -> Format:
     if name is not None:
         format = by_name(name)
     else:
-        ends = [(len(end), f) for f in FORMATS for end in f.suffixes if path.name.lower().endswith(end)]
+        ends = [(len(end), f) for f in FORMATS for end in f.suffixes if path.name.lower().endswith(end.lower())]
         if not ends:
             known = ", ".join(dict.fromkeys(end for f in FORMATS for end in f.suffixes))
             raise FormatError(f"{path.name}: the end of the name means no format that is written ({known}): give --to")

@@ -238,3 +238,20 @@ def test_a_head_that_brings_ezc3d_down_is_a_damaged_file(tmp_path, monkeypatch, 
     path.write_bytes(data)
     with pytest.raises(FormatError, match=r"damaged\.c3d: the head of this C3D file is damaged"):
         read_c3d(path)
+
+
+def test_a_recording_longer_than_its_head_can_say_is_called_cut(tmp_path):
+    """16 bits count the frames of a C3D file; the parameter that counts the others is compared with what came."""
+    import ezc3d
+
+    path = tmp_path / "long.c3d"
+    for words, cut in (([70000 & 0xFFFF, 70000 >> 16], True), ([5, 0], False)):
+        file = ezc3d.c3d()
+        file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+        file["parameters"]["POINT"]["LABELS"]["value"] = ["a"]
+        file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+        file.add_parameter("TRIAL", "ACTUAL_END_FIELD", words)
+        file["data"]["points"] = np.ones((4, 1, 5))
+        file.write(str(path))
+        findings = " ".join(read_c3d(path).findings)
+        assert ("frames up to 70000, which were not read" in findings) == cut

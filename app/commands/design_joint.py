@@ -45,7 +45,7 @@ def design_joint(
     energy_mj: Annotated[float | None, typer.Option(help="Energy at V = 1; if not given, amid what fits.")] = None,
     error_mm: Annotated[float, typer.Option(help="Deviation of posts and lengths as built.")] = 0.1,
     error_stiffness: Annotated[float, typer.Option(help="The same of stiffnesses, relative.")] = 0.1,
-    starts: Annotated[int, typer.Option(min=1, help="Ground structures tried.")] = 8,
+    starts: Annotated[int, typer.Option(min=1, help="Ground structures tried.")] = 4,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same truss.")] = 0,
     force: Force = False,
     as_json: AsJson = False,

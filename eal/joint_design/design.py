@@ -7,7 +7,7 @@ import numpy as np
 
 from eal.arrays import Array
 from eal.joint_design.errors import DesignError
-from eal.joint_design.ground import candidates, fixed_nodes, sparse
+from eal.joint_design.ground import candidates, fixed_nodes, sparse, with_members
 from eal.joint_design.internal import crossings, with_internal_node
 from eal.joint_design.laws import energy_and_slope
 from eal.joint_design.limits import Limits, broken
@@ -19,13 +19,16 @@ from eal.joint_design.truss import Truss
 
 Progress = Callable[[float], None]
 
-_ALPHAS = (1e-4, 3e-3)
+_ALPHAS = (3e-4, 3e-3)
 """Range of the weight of stiffnesses, one drawn a start: few members or many."""
 
-_LINES = 12
-"""Grid lines of fixed nodes within reach, each way."""
+_LINES = {2: 12, 3: 6}
+"""Grid lines of fixed nodes within reach each way, in the plane and in space."""
 
-_EVALUATIONS = 60
+_ROUNDS = 3
+"""Times that the refined members join the candidates, and members are selected and refined again."""
+
+_EVALUATIONS = 40
 _IDLE = 0.01
 GOAL = 0.1
 """RMS inside the region that a design should reach."""
@@ -57,7 +60,7 @@ def design_truss(
     limits: Limits,
     *,
     rng: np.random.Generator,
-    starts: int = 6,
+    starts: int = 4,
     internal: int = 0,
     mirror: Array | None = None,
     may_cross: bool = True,
@@ -76,8 +79,8 @@ def design_truss(
         progress: Told the share done.
 
     Returns:
-        One design a start within the limits, in order of preference: those nearly as good as the best by the number
-        of their members, then the others by their RMS.
+        Designs within the limits, up to three a start, in order of preference: those nearly as good as the best by the
+        number of their members, then the others by their RMS.
 
     Raises:
         DesignError: no truss within the limits comes near; the message names the limit that binds.
@@ -87,30 +90,23 @@ def design_truss(
     if 2 * internal + 2 > limits.members:
         raise DesignError(f"{internal} internal nodes need {2 * internal + 2} members, but members is {limits.members}")
     found: list[tuple[Truss, float]] = []
-    crossed = 0
+    crossed, rounds = 0, 1 if internal else _ROUNDS
     for start in range(starts):
-        done = start / starts
-        nodes = fixed_nodes(target, limits, rng, mirror=mirror, lines=_LINES)
+        nodes = fixed_nodes(target, limits, rng, mirror=mirror, lines=_LINES[target.q.shape[1]])
         offered = candidates(target, limits, nodes, mirror=mirror)
         alpha = float(np.exp(rng.uniform(*np.log(_ALPHAS))))
-        truss, stored = sparse(target, offered, most=limits.members - 2 * internal, alpha=alpha)
-        for _ in range(internal):
-            truss = with_internal_node(truss, target, rng)
-        count = iter(range(1, 10**6))
-        refined = refine(
-            target,
-            truss,
-            stored,
-            limits,
-            mirror=mirror,
-            evaluations=_EVALUATIONS,
-            progress=lambda done=done, count=count: progress(done + min(next(count) / _EVALUATIONS, 1.0) / starts),
-        )
-        if not may_cross and crossings(refined.truss, target):
-            crossed += 1
-            continue
-        found.append((_without_idle(refined.truss, target), refined.stored))
-    progress(1.0)
+        for i in range(rounds):
+            truss, stored = sparse(target, offered, most=limits.members - 2 * internal, alpha=alpha)
+            for _ in range(internal):
+                truss = with_internal_node(truss, target, rng)
+            refined = refine(target, truss, stored, limits, mirror=mirror, evaluations=_EVALUATIONS)
+            progress((start + (i + 1) / rounds) / starts)
+            if not may_cross and crossings(refined.truss, target):
+                crossed += 1
+                continue
+            found.append((_without_idle(refined.truss, target), refined.stored))
+            if i + 1 < rounds:
+                offered = with_members(target, offered, refined.truss)
     if not found:
         raise DesignError(f"members cross in all {crossed} designs: ask for fewer internal nodes, or let them cross")
     fits = [measure(truss, stored, target) for truss, stored in found]
@@ -170,7 +166,7 @@ def _what_binds(target: Target, limits: Limits, iou: float, mirror: Array | None
         changed = replace(limits, **change)
         rng = np.random.default_rng(0)
         try:
-            nodes = fixed_nodes(target, changed, rng, mirror=mirror, lines=_LINES)
+            nodes = fixed_nodes(target, changed, rng, mirror=mirror, lines=_LINES[target.q.shape[1]])
             offered = candidates(target, changed, nodes, mirror=mirror)
             truss, stored = sparse(target, offered, most=changed.members, alpha=1e-3)
         except DesignError:

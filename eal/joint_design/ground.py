@@ -130,6 +130,24 @@ def candidates(target: Target, limits: Limits, nodes: Array, *, mirror: Array | 
     )
 
 
+def with_members(target: Target, found: Candidates, truss: Truss) -> Candidates:
+    """The candidates and the members of a refined truss: of a symmetric one the first of each pair."""
+    m = len(truss.rest_m) if found.mirror is None else len(truss.rest_m) // 2
+    node, rest, laws = truss.fixed_m[truss.ends[:m, 0]], truss.rest_m[:m], truss.laws[:m]
+    energy = _energies(target.q, node, rest, laws)
+    if found.mirror is not None:
+        energy = energy + _energies(target.q, node @ found.mirror, rest, laws)
+    scale = np.maximum(energy[target.inside].mean(axis=0), 1e-9)
+    return Candidates(
+        node=np.concatenate([found.node, node]),
+        rest=np.append(found.rest, rest),
+        laws=found.laws + laws,
+        energy=np.concatenate([found.energy, energy / scale], axis=1),
+        scale=np.append(found.scale, scale),
+        mirror=found.mirror,
+    )
+
+
 def _energies(q: Array, node: Array, rest: Array, laws: Sequence[Law]) -> Array:
     """(n, C) L^2 w(l / L) of unit stiffness."""
     lengths = np.linalg.norm(q[:, None] - node, axis=-1)

@@ -167,10 +167,12 @@ def _predicted(q: Any, way: Any, x: Any, p: dict[str, Any]) -> tuple[Any, ...]:
     flat = x.reshape(-1)
     mixed = jax.jacfwd(slope)(q, flat)
     guess = flat - jnp.linalg.solve(curvature(q, flat), mixed @ way)
-    new, step = guess, jnp.zeros_like(guess)
-    for _ in range(6):
-        step = jnp.linalg.solve(curvature(q + way, new), slope(q + way, new))
-        new = new - step
+
+    def newton(_: Any, state: tuple[Any, Any]) -> tuple[Any, Any]:
+        step = jnp.linalg.solve(curvature(q + way, state[0]), slope(q + way, state[0]))
+        return state[0] - step, step
+
+    new, step = jax.lax.fori_loop(0, 6, newton, (guess, jnp.zeros_like(guess)))
     softest = jnp.linalg.eigvalsh(curvature(q + way, new))[0]
     error = jnp.where(jnp.isfinite(new).all(), jnp.abs(step).max(), jnp.inf)
     return guess.reshape(x.shape), new.reshape(x.shape), error, softest

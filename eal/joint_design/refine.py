@@ -1,6 +1,5 @@
 """Positions of nodes, rest lengths and stiffnesses refined together under the limits, by nonlinear least squares."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -48,7 +47,6 @@ def refine(
     *,
     mirror: Array | None = None,
     evaluations: int = 60,
-    progress: Callable[[], None] | None = None,
 ) -> Refined:
     """Minimise the differences between energy and potential, with the limits as steep penalties.
 
@@ -63,7 +61,6 @@ def refine(
         mirror: Members i and i + m/2 are images of each other under this (d, d) reflection, and stay so; no internal
             nodes.
         evaluations: Most evaluations of the residuals.
-        progress: Called at each of them.
     """
     inside = target.inside
     m, nodes = len(truss.rest_m), truss.moving
@@ -78,7 +75,7 @@ def refine(
     )
     tie = _tie(truss, limits.members, mirror)
     theta = np.linalg.lstsq(tie, start, rcond=None)[0]
-    base = start - tie @ theta
+    base = np.where(tie.any(axis=1), 0.0, start)
     positions = {"inside": target.q[inside], "outside": target.q[~inside]}
     x = {name: np.broadcast_to(full.internal_m, (len(q), *full.internal_m.shape)) for name, q in positions.items()}
     with jax.enable_x64(True):
@@ -104,13 +101,8 @@ def refine(
                 x.update(settle(values, x["inside"], x["outside"], data))
             return np.asarray(function(values, x["inside"], x["outside"], data))
 
-        def at(values: Array) -> Array:
-            if progress is not None:
-                progress()
-            return settled(residual, values)
-
         found = least_squares(
-            at,
+            lambda values: settled(residual, values),
             theta,
             jac=lambda values: settled(jacobian, values),  # pyright: ignore[reportArgumentType]
             method="trf",

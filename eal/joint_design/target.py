@@ -38,15 +38,17 @@ class Target:
         return tuple(len(axis) for axis in self.axes)
 
 
-def make_target(value: Value, samples: Array, *, level: float = 0.9, points: int = 1600, margin: float = 0.4) -> Target:
-    """The potential on a grid over the samples, with a margin as in the paper's figure 7.
+def make_target(
+    value: Value, samples: Array, *, level: float = 0.9, points: int = 1600, margin: float = 0.25
+) -> Target:
+    """The potential on a grid over its region below a level, with a margin as in the paper's figure 7.
 
     Args:
         value: V: (..., d) to (...).
-        samples: (N, d) positions that the region must hold.
+        samples: (N, d) positions in the region; it is looked for round them, ever wider.
         level: Edge of the region.
         points: About how many points the grid has.
-        margin: On each side, as a share of the samples' largest extent; doubled until V >= level all round.
+        margin: On each side, as a share of the region's largest extent.
 
     Raises:
         DesignError: level is not in (0, 1), or V stays below it however wide the grid.
@@ -57,16 +59,20 @@ def make_target(value: Value, samples: Array, *, level: float = 0.9, points: int
     extent = float((high - low).max())
     if not extent > 0.0:
         raise DesignError("all samples lie on one point: there is no motion to design a joint for")
+    reach = 0.4 * extent
     for _ in range(4):
-        target = _grid(value, low - margin * extent, high + margin * extent, level, points)
-        edge = np.zeros(target.shape, dtype=bool)
+        wide = _grid(value, low - reach, high + reach, level, points)
+        edge = np.zeros(wide.shape, dtype=bool)
         for axis in range(edge.ndim):
             np.moveaxis(edge, axis, 0)[[0, -1]] = True
-        if target.v[edge.reshape(-1)].min() >= level:
-            return target
-        margin *= 2.0
+        if wide.v[edge.reshape(-1)].min() >= level and wide.inside.any():
+            low, high = wide.q[wide.inside].min(axis=0), wide.q[wide.inside].max(axis=0)
+            around = margin * float((high - low).max()) + wide.axes[0][1] - wide.axes[0][0]
+            return _grid(value, low - around, high + around, level, points)
+        reach *= 2.0
     raise DesignError(
-        f"V stays below {level:g} at {margin / 2:g} times the samples' extent: there is no edge to design to"
+        f"V stays below {level:g} at {reach / (2 * extent):g} times the samples' extent, or is nowhere below it: there "
+        "is no edge to design to; give another level"
     )
 
 

@@ -7,11 +7,12 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.calibration.boards import Board
-from mocap.calibration.bundle import Adjusted, Free, Scene, Sightings, adjust
+from mocap.calibration.bundle import adjust
 from mocap.calibration.chain import chained, rigid
 from mocap.calibration.detect import BoardViews
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, lens_trouble, place, without_ray
 from mocap.calibration.rig import RigCamera, in_world
+from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
 from mocap.errors import CalibrationError
 from mocap.lens import Lens
 

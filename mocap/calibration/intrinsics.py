@@ -8,8 +8,9 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.calibration.boards import Corners
-from mocap.calibration.bundle import Adjusted, Free, Scene, Sightings, adjust
+from mocap.calibration.bundle import adjust
 from mocap.calibration.rig import RigCamera
+from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
 from mocap.errors import CalibrationError
 from mocap.lens import BrownLens, FisheyeLens, Lens, RationalLens
 

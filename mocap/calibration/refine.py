@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
-from mocap.calibration.bundle import Free, Lengths, Scene, Sightings, adjust
+from mocap.calibration.bundle import adjust
 from mocap.calibration.rig import in_world, rig_camera, similarity
+from mocap.calibration.scene import Free, Lengths, Scene, Sightings
 from mocap.cameras import Camera, stacked
 from mocap.errors import CalibrationError
 from mocap.triangulate import linear, residual_px, robust

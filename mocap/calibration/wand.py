@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
-from mocap.calibration.bundle import Adjusted, Free, Lengths, Scene, Sightings, adjust, camera_rms
+from mocap.calibration.bundle import adjust, camera_rms
 from mocap.calibration.chain import rigid
 from mocap.calibration.first_look import first_stands
 from mocap.calibration.rig import RigCamera, in_world
+from mocap.calibration.scene import Adjusted, Free, Lengths, Scene, Sightings
 from mocap.cameras import Camera, stacked, undistorted
 from mocap.errors import CalibrationError
 from mocap.lens import Lens

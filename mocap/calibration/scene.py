@@ -1,0 +1,119 @@
+"""What bundle adjustment moves, what it sees, and what comes out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array, frozen
+from mocap.calibration.rig import RigCamera
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sightings:
+    """Which camera saw which point of which body where; N of them.
+
+    Attributes:
+        camera: (N,) camera number.
+        body: (N,) body number.
+        local_m: (N, 3) the point in the body's own axes; zero for bodies that are points.
+        uv_px: (N, 2) recorded pixels.
+    """
+
+    camera: NDArray[np.int64]
+    body: NDArray[np.int64]
+    local_m: Array
+    uv_px: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        n = len(self.camera)
+        object.__setattr__(self, "camera", frozen("camera", self.camera, (n,), dtype=np.int64))
+        object.__setattr__(self, "body", frozen("body", self.body, (n,), dtype=np.int64))
+        object.__setattr__(self, "local_m", frozen("local_m", self.local_m, (n, 3)))
+        object.__setattr__(self, "uv_px", frozen("uv_px", self.uv_px, (n, 2)))
+
+    def only(self, keep: NDArray) -> "Sightings":
+        """Those that a mask or index array keeps."""
+        return Sightings(
+            camera=self.camera[keep], body=self.body[keep], local_m=self.local_m[keep], uv_px=self.uv_px[keep]
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Lengths:
+    """Known distances between bodies; K of them.
+
+    Attributes:
+        first: (K,) body number.
+        second: (K,) body number.
+        length_m: (K,) their distance.
+        sd_m: (K,) its standard deviation.
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    length_m: Array
+    sd_m: Array
+
+
+NO_LENGTHS = Lengths(first=np.zeros(0, int), second=np.zeros(0, int), length_m=np.zeros(0), sd_m=np.ones(0))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene:
+    """The unknowns.
+
+    Attributes:
+        cameras: The C cameras.
+        rotation: (B, 3, 3) axes of the bodies to those of the world.
+        position_m: (B, 3) places of the bodies in the world.
+    """
+
+    cameras: tuple[RigCamera, ...]
+    rotation: Array
+    position_m: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Free:
+    """What may move.
+
+    Attributes:
+        focal: ``none``, ``one`` (fx and fy by one factor) or ``two``.
+        centre: Whether principal points move.
+        coefficients: For each camera which distortion coefficients move, in OpenCV's order; empty: none of any.
+        orientation: Whether bodies turn (boards) or not (points).
+        held: Camera whose pose is held, which fixes the world frame; None: no camera is.
+        poses: Whether the other cameras move at all.
+    """
+
+    focal: str = "two"
+    centre: bool = True
+    coefficients: tuple[tuple[bool, ...], ...] = ()
+    orientation: bool = False
+    held: int | None = 0
+    poses: bool = True
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Adjusted:
+    """An adjusted scene.
+
+    Attributes:
+        scene: The unknowns as found.
+        error_px: (N, 2) recorded minus predicted pixels.
+        weight: (N,) how far each sighting was believed, 0 to 1.
+        length_weight: (K,) how far each length was.
+        sd_px: Standard deviation of a pixel coordinate, from the median error and the share that the unknowns take up.
+        converged: False where the steps ran out.
+        f_sd_px: (C,) standard deviation of each focal length; 0 where it was not free.
+    """
+
+    scene: Scene
+    error_px: Array
+    weight: Array
+    length_weight: Array
+    sd_px: float
+    converged: bool
+    f_sd_px: Array

@@ -10,6 +10,7 @@ were refused, and the defects; the exit code is their number.
 import argparse
 import multiprocessing
 import os
+import pickle
 import sys
 import tempfile
 import time
@@ -19,17 +20,21 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import h5py
 import numpy as np
+from scipy.io import savemat
 
 from mocap.errors import FormatError
 from mocap.formats.recording import Recording, pixel_recording, point_recording
 from mocap.formats.registry import read, write
 
-SECONDS = 30.0
-"""A file of these sizes that takes longer hangs."""
+SECONDS = 60.0
+"""A file of these sizes that takes longer hangs; readers that start a process give up after 20 s."""
 LARGEST = 400_000
 """Bytes of real files that are worth mutating; larger ones take seconds each."""
 REAL = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+APART = ("c3d", "qualisys-mat", "easywand", "easywand-tforms")
+"""Formats whose readers start a process a file: they get a tenth of the cases that others do."""
 SMALL = {
     "xypts.csv": "pt1_cam1_X,pt1_cam1_Y,pt1_cam2_X,pt1_cam2_Y\n" + "1.250000,2.500000,NaN,NaN\n" * 6,
     "argus.csv": "a_cam_1_x,a_cam_1_y,b_cam_1_x,b_cam_1_y\n" + "1.5,2.5,3.5,4.5\n" * 6,
@@ -46,6 +51,8 @@ SMALL = {
     "dlc.csv": "scorer,s,s,s\nbodyparts,a,a,a\ncoords,x,y,likelihood\n"
     + "".join(f"{i},1.5,2.5,0.5\n" for i in range(6)),
     "plain.csv": "time,hip.x,hip.y,hip.z\n" + "".join(f"{i / 10},1.5,2.5,3.5\n" for i in range(6)),
+    "offsets.csv": "camera_1,camera_2\n" + "0,3\n" * 6,
+    "c-xyzres.csv": "a,b\n" + "0.125,0.250\n" * 6,
     "cis.csv": "a_x_lower,a_x_upper,a_y_lower,a_y_upper,a_z_lower,a_z_upper\n" + "0.1,1.1,0.2,2.2,0.3,3.3\n" * 6,
 }
 """Files as programs write them of which there is no real one here."""
@@ -77,7 +84,7 @@ def seeds(folder: Path, *, real: bool = True) -> list[Seed]:
     paths = [path for path in paths if path.stat().st_size <= LARGEST]
     for name, content in SMALL.items():
         (folder / name).write_text(content)
-    paths += [folder / name for name in SMALL] + _written(folder)
+    paths += [folder / name for name in SMALL] + _written(folder) + _binary(folder)
     out, per_format = [], Counter()
     for path in paths:
         try:
@@ -106,6 +113,21 @@ def _written(folder: Path) -> list[Path]:
     for name in ("p_long.csv", "p.parquet", "p.nc", "p_xypts.csv"):
         write(pixels, folder / name)
     return [folder / name for name in [*names, "p_long.csv", "p.parquet", "p.nc", "p_xypts.csv", "p_xyzres.csv"]]
+
+
+def _binary(folder: Path) -> list[Path]:
+    """Small files as Qualisys Track Manager and DeepLabCut lay them out; the real ones here are large or none."""
+    data = np.arange(40.0).reshape(2, 4, 5)
+    labelled = {"Count": 2, "Labels": np.array(["a", "b"], dtype=object), "Data": data, "Type": np.ones((2, 5))}
+    struct = {"Frames": 5, "StartFrame": 1, "FrameRate": 100.0, "Trajectories": {"Labeled": labelled}}
+    savemat(folder / "qtm.mat", {"trial": struct})
+    columns = [("s", part, axis) for part in ("a", "b") for axis in ("x", "y", "likelihood")]
+    rows = np.zeros(6, dtype=[("index", "<i8"), ("values_block_0", "<f8", (len(columns),))])
+    rows["index"], rows["values_block_0"] = np.arange(6), np.arange(36.0).reshape(6, 6)
+    with h5py.File(folder / "dlc.h5", "w") as file:
+        table = file.create_dataset("df_with_missing/table", data=rows)
+        table.attrs["values_block_0_kind"] = np.bytes_(pickle.dumps(columns, 0))
+    return [folder / "qtm.mat", folder / "dlc.h5"]
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> tuple[bytes, bool]:
@@ -188,14 +210,14 @@ def _work(jobs: Connection, folder: str, found: list[Seed]) -> None:
 
 def outcomes(found: list[Seed], cases: int, seed: int) -> Iterator[Outcome]:
     """Judge cases in a worker that is replaced where it crashes or hangs."""
-    slow = [i for i, s in enumerate(found) if s.format == "c3d"]  # a process a file
+    slow = [i for i, s in enumerate(found) if s.format in APART]
     rng = np.random.default_rng(seed)
     context = multiprocessing.get_context("fork")
     with tempfile.TemporaryDirectory() as folder:
         worker, pipe = _start(context, folder, found)
         for case in range(cases):
             index = int(rng.integers(len(found)))
-            if index in slow and rng.random() > 0.2:
+            if index in slow and rng.random() > 0.1:
                 index = int(rng.choice([i for i in range(len(found)) if i not in slow]))
             pipe.send((seed * cases + case, index))
             verdict = None

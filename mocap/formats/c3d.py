@@ -1,9 +1,7 @@
 """C3D files, through ezc3d."""
 
+import io
 import json
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.formats.c3d_process import REFUSED
+from mocap.formats.apart import read_apart
 from mocap.formats.optical import UNIT_M, metres, told_apart
 from mocap.formats.recording import Recording, point_recording
 from mocap.records import Origin
@@ -87,25 +85,8 @@ def _read(path: Path) -> dict[str, Any]:
     Raises:
         FormatError: ezc3d refuses the file, crashes on it, or does not come to an end.
     """
-    seconds = SECONDS + path.stat().st_size / 1e6
-    with tempfile.TemporaryDirectory() as scratch:
-        out = Path(scratch) / "points.npz"
-        script = Path(__file__).with_name("c3d_process.py")
-        command = [sys.executable, "-P", str(script), str(path.absolute()), str(out)]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False)
-        except subprocess.TimeoutExpired:
-            raise FormatError(f"{path.name}: the head of this C3D file is damaged: copy or export it again") from None
-        if done.returncode == REFUSED:
-            reason, _, _ = done.stdout.partition(", please")
-            raise FormatError(
-                f"{path.name}: cannot be read as C3D ({reason}): export it again, little-endian (Intel) if the program "
-                "asks"
-            )
-        if done.returncode != 0 or not out.exists():
-            raise FormatError(f"{path.name}: the head of this C3D file is damaged: copy or export it again")
-        with np.load(out) as table:
-            return dict(table)
+    with np.load(io.BytesIO(read_apart(path, "c3d_process.py", kind="C3D", seconds=SECONDS))) as table:
+        return dict(table)
 
 
 def _check_whole(path: Path, frames: int) -> None:

@@ -26,15 +26,16 @@ def main(path: str, out: str) -> int:
         table = ezc3d.c3d(path)
         header, group = table["header"]["points"], table["parameters"]["POINT"]
         values = {key: np.asarray(entry["value"]).tolist() for key, entry in group.items() if "value" in entry}
-        np.savez(
-            out,
-            points=np.asarray(table["data"]["points"], dtype=np.float64),
-            residuals=np.asarray(table["data"]["meta_points"]["residuals"], dtype=np.float64)[0],
-            first_frame=int(header["first_frame"]),
-            rate_hz=float(header["frame_rate"]),
-            parameters=np.array(json.dumps(values)),
-            last_field=np.ravel(table["parameters"].get("TRIAL", {}).get("ACTUAL_END_FIELD", {}).get("value", [])),
-        )
+        with open(out, "wb") as stream:
+            np.savez(
+                stream,
+                points=np.asarray(table["data"]["points"], dtype=np.float64),
+                residuals=np.asarray(table["data"]["meta_points"]["residuals"], dtype=np.float64)[0],
+                first_frame=int(header["first_frame"]),
+                rate_hz=float(header["frame_rate"]),
+                parameters=np.array(json.dumps(values)),
+                last_field=np.ravel(table["parameters"].get("TRIAL", {}).get("ACTUAL_END_FIELD", {}).get("value", [])),
+            )
     except Exception as error:  # ezc3d hands on whatever its C++ code throws
         sys.stdout.write(" ".join(str(error).split()) or type(error).__name__)
         return REFUSED

@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 
 import h5py
-from scipy.io import whosmat
 
 from mocap.errors import FormatError
 from mocap.formats.matlab import variables
@@ -83,10 +82,7 @@ class Head:
         """Names of the variables of a MATLAB file of version 5 to 7.2; empty of others."""
         if not self.start.startswith(b"MATLAB 5.0"):
             return frozenset()
-        try:
-            return frozenset(str(name) for name, _, _ in whosmat(self.path))
-        except Exception:  # SciPy raises whatever its parser stumbles over, here also over functions in sound files
-            return frozenset(variables(self.path)) - {"None"}
+        return frozenset(variables(self.path)) - {"None"}
 
 
 def head(path: Path) -> Head:

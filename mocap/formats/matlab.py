@@ -1,25 +1,29 @@
 """MATLAB files of versions 5 to 7.2, through SciPy."""
 
+import pickle
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from scipy.io import loadmat
-
 from mocap.errors import FormatError
+from mocap.formats.apart import read_apart
+
+SECONDS = 20.0
 
 
 def variables(path: Path) -> dict[str, Any]:
-    """All variables; structs as dictionaries.
+    """All variables; structs as dictionaries. Not to be changed: the same file is read once.
 
     Raises:
         FormatError: the file is absent, or SciPy cannot read it.
     """
     if not path.is_file():
         raise FormatError(f"{path}: cannot be read: no such file")
-    try:
-        return loadmat(path, simplify_cells=True)
-    except Exception as error:  # SciPy raises whatever its parser stumbles over
-        raise FormatError(
-            f"{path.name}: not a readable MATLAB file of version 5 to 7.2 ({type(error).__name__}: {error}): it is cut "
-            "or damaged; save it again"
-        ) from None
+    stat = path.stat()
+    return _variables(path, stat.st_mtime_ns, stat.st_size)
+
+
+@lru_cache(maxsize=1)
+def _variables(path: Path, _changed_ns: int, _size: int) -> dict[str, Any]:
+    """The variables of a file in one state; the sniffers and the reader ask for them in turn."""
+    return pickle.loads(read_apart(path, "matlab_process.py", kind="MATLAB (5 to 7.2)", seconds=SECONDS))

@@ -7,14 +7,21 @@ from tempfile import TemporaryDirectory
 from PIL import Image
 
 from app.demo import Animal, run_demo
-from app.main_job import Stages
+from app.main_job import Stages, run_job
 from app.run import Run
+from app.source import Source
 from app.view.blueprint import make_blueprint
+from app.view.compare import APPLICATION as COMPARISON
+from app.view.compare import comparison_blueprint, write_comparison
 from app.view.headless import Headless
 from app.view.record import make_layout, recording_id, write_recording
+from datasets import make_bat
+from datasets import write_recording as write_files
 
 SIZE = (1600, 1000)
-TABS = ("overview", "cameras", "joints", "health")
+COMPARED = 270
+"""The frame of the comparison: much of a wing is hidden."""
+TABS = ("overview", "joints")
 WANTED: dict[Animal, tuple[int, tuple[str, ...]]] = {
     "bat": (96, ("overview", "joints")),
     "lizard": (300, ("overview",)),
@@ -45,6 +52,29 @@ def picture_run(run: Run, folder: Path, *, prefix: str, frame: int, tabs: tuple[
     return out
 
 
+def picture_comparison(folder: Path) -> Path:
+    """Save a picture of the built-in flight tracked with the EAL model beside constant velocity."""
+    path = folder / "bat_compare.png"
+    with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
+        recordings = [Path(temporary) / f"{name}.rrd" for name in ("eal", "constant_velocity")]
+        files = write_files(make_bat(), Path(temporary))
+        source = Source(
+            tracks=files["pixels"],
+            fps=make_bat().fps,
+            coefficients=files["coefficients"],
+            profile=files["profile"],
+            skeleton=files["skeleton"],
+        )
+        write_recording(run_job(source, model="eal", validated=False)[0], recordings[0])
+        write_recording(run_job(source, model="constant_velocity", validated=False)[0], recordings[1])
+        both = Path(temporary) / "both.rrd"
+        write_comparison(recordings, both)
+        viewer.load(both, "eal - constant_velocity", application=COMPARISON)
+        Image.fromarray(viewer.show(comparison_blueprint(recordings), frame=COMPARED)).save(path, optimize=True)
+    return path
+
+
 if __name__ == "__main__":
     for name in WANTED:
         take_pictures(Path(sys.argv[1]), animal=name)
+    picture_comparison(Path(sys.argv[1]))

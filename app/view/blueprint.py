@@ -190,7 +190,7 @@ def report_view() -> rrb.View:
 
 
 def _scale(values_px: Array) -> str:
-    return f"dark 0 to yellow {usual_limit(values_px):.2g} px"
+    return f"dark 0 to yellow {usual_limit(values_px):.3g} px"
 
 
 def _camera_order(layout: Layout) -> list[str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from app.view import palette, paths
 from app.view.columns import numbered_from, segments, single, time_columns
@@ -22,6 +23,10 @@ COLORS = (palette.SKY_BLUE, palette.ORANGE, palette.GREEN, palette.PURPLE)
 """Of the runs, where they are shown together."""
 
 
+Difference = tuple[tuple[str, ...], Array]
+"""The M markers in common, and (M, T) distances in mm in the frames of the first run; NaN where one has no position."""
+
+
 def write_comparison(runs: Sequence[Path], out: Path) -> None:
     """Put runs into one recording, each below a path of its own, with what differs between them.
 
@@ -34,16 +39,12 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
     Raises:
         MocapError: too few or too many, one of them is no recording, or they share no marker.
     """
-    if not 2 <= len(runs) <= len(COLORS):
-        raise MocapError(f"{len(runs)} runs: 2 to {len(COLORS)} can be compared")
-    stored = [read_recording(path, name=name) for path, name in zip(runs, run_names(runs), strict=True)]
-    differences = [difference_mm(stored[0], other) for other in stored[1:]]
+    stored, differences = _read(runs)
     partial = out.with_name(f".{out.name}.partial")
     rec = rr.RecordingStream(APPLICATION, recording_id=" - ".join(s.name for s in stored), send_properties=False)
     rec.set_log_time_enabled(False)
     try:
-        limits = [usual_limit(apart) for _, apart in differences]
-        rec.save(partial, default_blueprint=compare_blueprint(stored, limits))
+        rec.save(partial, default_blueprint=_blueprint(stored, differences))
         for number, run in enumerate(stored):
             rec.send_chunks([c.with_entity_path(f"{paths.run(number)}{c.entity_path}".rstrip("/")) for c in run.chunks])
             with numbered_from(run.first):
@@ -56,6 +57,22 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
         os.replace(partial, out)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def comparison_blueprint(runs: Sequence[Path]) -> rrb.Blueprint:
+    """What is where on the screen; raises as ``write_comparison``."""
+    return _blueprint(*_read(runs))
+
+
+def _read(runs: Sequence[Path]) -> tuple[list[Stored], list[Difference]]:
+    if not 2 <= len(runs) <= len(COLORS):
+        raise MocapError(f"{len(runs)} runs: 2 to {len(COLORS)} can be compared")
+    stored = [read_recording(path, name=name) for path, name in zip(runs, run_names(runs), strict=True)]
+    return stored, [difference_mm(stored[0], other) for other in stored[1:]]
+
+
+def _blueprint(stored: Sequence[Stored], differences: Sequence[Difference]) -> rrb.Blueprint:
+    return compare_blueprint(stored, [usual_limit(apart) for _, apart in differences])
 
 
 def recording_of(runs: Sequence[Path], folder: Path) -> Path:
@@ -78,11 +95,8 @@ def run_names(runs: Sequence[Path]) -> list[str]:
     return plain if len(set(plain)) == len(plain) else [f"{name} ({i + 1})" for i, name in enumerate(plain)]
 
 
-def difference_mm(first: Stored, other: Stored) -> tuple[tuple[str, ...], Array]:
+def difference_mm(first: Stored, other: Stored) -> Difference:
     """How far the markers of two runs are apart.
-
-    Returns:
-        The M markers in common, and (M, T) distances in mm in the frames of the first; NaN where one has no position.
 
     Raises:
         MocapError: they share no marker.

@@ -48,7 +48,7 @@ def _together(runs: Sequence[Stored], limits: Sequence[float]) -> rrb.Container:
     title = ", ".join(f"{run.name} {color}" for run, color in zip(runs, colors, strict=False))
     scene = _scene(runs, paths.TOGETHER, f"Scene (m): {title}", [f"{paths.TOGETHER}/**"], (paths.TOGETHER, 0))
     maps = [
-        row_map_view(paths.difference(i), f"{runs[i].name} from {runs[0].name}: dark 0 to yellow {limit:.2g} mm")
+        row_map_view(paths.difference(i), f"{runs[i].name} from {runs[0].name}: dark 0 to yellow {limit:.3g} mm")
         for i, limit in enumerate(limits, start=1)
     ]
     lines = series_view(paths.APART, f"Distance from {runs[0].name}, rms of all markers (mm)")

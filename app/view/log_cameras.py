@@ -57,11 +57,6 @@ def log_pixels(rec: rr.RecordingStream, scene: Scene, pixels: PixelTracks, track
         _log_whiskers(rec, pixels.t_s, camera, believed, reprojected)
 
 
-def residual_px(pixels: PixelTracks, tracked: TrackedMotion) -> Array:
-    """(C, T, M, 2) measured minus reprojected pixel of the samples in use; NaN elsewhere."""
-    return np.where(tracked.used[..., None], pixels.uv_px - tracked.reprojected_px, np.nan)
-
-
 _LOOKS = {  # colour, radius in points of the screen, drawn over those with a lower order
     "reprojected": (palette.GREEN, 4.0, 30.0),
     "measured": (palette.SKY_BLUE, 2.5, 40.0),

@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from app.view import palette, paths
 from app.view.columns import time_columns
-from app.view.log_cameras import residual_px
 from app.view.row_map import WIDE, amounts, log_row_map
 from filters.records import TrackedMotion
 from mocap.arrays import Array
@@ -37,11 +36,11 @@ class CameraErrors:
 
 def camera_errors(tracked: TrackedMotion, pixels: PixelTracks) -> CameraErrors:
     """The errors of the samples in use."""
-    innovation = np.where(tracked.used[..., None], tracked.innovation_px, np.nan)
+    residual = pixels.uv_px - tracked.reprojected_px
     return CameraErrors(
         cameras=pixels.cameras,
-        innovation_px=rms_px(innovation),
-        residual_px=rms_px(residual_px(pixels, tracked)),
+        innovation_px=rms_px(tracked.innovation_px, tracked.used),
+        residual_px=rms_px(residual, tracked.used),
     )
 
 
@@ -76,20 +75,20 @@ def log_health(rec: rr.RecordingStream, tracked: TrackedMotion, errors: CameraEr
     log_line(rec, paths.ROWS, t_s, tracked.n_rows.astype(np.float64), name="rows", color=palette.ORANGE)
 
 
-def rms_px(differences_px: Array) -> Array:
+def rms_px(differences_px: Array, used: NDArray[np.bool_]) -> Array:
     """Root mean square length of the differences in each camera and frame.
 
     Args:
         differences_px: (C, T, M, 2) differences; NaN where there is none.
+        used: (C, T, M) those that count.
 
     Returns:
         (C, T) pixels; NaN where a camera saw nothing.
     """
     square = np.einsum("...i,...i->...", differences_px, differences_px)
-    there = np.isfinite(square)
-    count = there.sum(axis=-1)
+    there = used & np.isfinite(square)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.sqrt(np.where(there, square, 0.0).sum(axis=-1) / count)
+        return np.sqrt(np.where(there, square, 0.0).sum(axis=-1) / there.sum(axis=-1))
 
 
 def nis_band(n_rows: NDArray[np.int64]) -> Array:

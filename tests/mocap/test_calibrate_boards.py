@@ -72,8 +72,9 @@ def test_views_that_overlap_in_a_chain_are_enough():
         calibrate_boards(cut, BOARD, choices=("brown2",))
 
 
-def test_a_board_that_looks_the_same_upside_down_is_turned_back():
-    """Cameras that report a 9 x 7 board from either end, one always: the rig comes out as if they had agreed."""
+@pytest.mark.parametrize("mixed", [False, True])
+def test_a_board_that_looks_the_same_upside_down_is_turned_back(mixed):
+    """One camera always reports a 9 x 7 board from the other end, the others never or at random: the rig comes out."""
     board = Checkerboard(columns=9, rows=7, square_m=0.03)
     assert board.turnable
     cameras = rig(8)[:3]
@@ -83,7 +84,7 @@ def test_a_board_that_looks_the_same_upside_down_is_turned_back():
         n: replace(
             v,
             corners={
-                s: replace(c, uv_px=c.uv_px[::-1]) if n == "cam2" or rng.random() < 0.5 else c
+                s: replace(c, uv_px=c.uv_px[::-1]) if n == "cam2" or (mixed and rng.random() < 0.5) else c
                 for s, c in v.corners.items()
             },
         )
@@ -136,7 +137,7 @@ def test_the_model_is_chosen_by_pictures_held_out(lens, right):
         boards[str(k)] = T
     views = seen(rng, (camera,), boards)["one"]
     assert len(views.corners) > 12
-    found = fit_intrinsics(list(views.corners.values())[:20], SIZE, name="one")
+    found = fit_intrinsics(list(views.corners.values())[:12], SIZE, name="one")
     assert found.choice in right
     u, v = np.meshgrid(np.linspace(200, 1080, 9), np.linspace(160, 860, 7))
     rays = lens.normalised(lens.undistort(np.stack([u, v], axis=-1)))

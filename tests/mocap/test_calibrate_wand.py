@@ -126,7 +126,7 @@ def test_our_bundle_beside_easywands(name, moves, slack):
     """
     wand, pixels = easywand(name)
     found = calibrate_wand(
-        wand.lenses, wand.sizes_px, pixels, wand.background_px, length_m=wand.wand_length, moves=moves, folds=8
+        wand.lenses, wand.sizes_px, pixels, wand.background_px, length_m=wand.wand_length, moves=moves, folds=6
     )
     theirs = wand_score(wand_lengths(wand.cameras, pixels))
     assert found.score < theirs

@@ -34,9 +34,7 @@ def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
             raise broken from None
         if done.returncode == REFUSED:
             reason, _, _ = done.stdout.partition(", please")
-            raise FormatError(
-                f"{path.name}: cannot be read as {kind} ({reason}): it is damaged, or export it again"
-            )
+            raise FormatError(f"{path.name}: cannot be read as {kind} ({reason}): it is damaged, or export it again")
         if done.returncode != 0 or not out.exists():
             raise broken
         return out.read_bytes()

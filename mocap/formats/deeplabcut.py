@@ -16,7 +16,7 @@ from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.formats.format import Format
 from mocap.formats.head import Head
-from mocap.formats.lines import numbers, read_lines
+from mocap.formats.lines import numbers, one_line, read_lines
 from mocap.formats.recording import Recording, pixel_recording
 
 _KEY = "df_with_missing"
@@ -95,7 +95,7 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
             findings=tuple(findings),
         )
     except ValueError as error:
-        raise FormatError(f"{path.name}: {error}; export it again") from None
+        raise FormatError(f"{path.name}: {one_line(error)}; export it again") from None
 
 
 def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
@@ -108,7 +108,7 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
             return _fixed_layout(path, group)
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError) as error:
         raise FormatError(
-            f"{path.name}: not a readable table of DeepLabCut ({type(error).__name__}: {error}): export it again"
+            f"{path.name}: not a readable table of DeepLabCut ({type(error).__name__}: {one_line(error)}): export it again"
         ) from None
 
 
@@ -157,7 +157,9 @@ def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
         names = _NamesOnly(io.BytesIO(data)).load()
         return [tuple(str(word) for word in name) for name in names]
     except Exception as error:  # damaged pickles raise whatever they like
-        raise FormatError(f"{path.name}: the names of the columns are damaged ({error}): export it again") from None
+        raise FormatError(
+            f"{path.name}: the names of the columns are damaged ({one_line(error)}): export it again"
+        ) from None
 
 
 def _levels(path: Path, columns: list[tuple[str, ...]]) -> list[tuple[str, ...]]:

@@ -10,6 +10,7 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.cameras import Camera, dlt_camera
 from mocap.errors import FormatError
+from mocap.formats.lines import one_line
 from mocap.formats.optical import rate
 from mocap.lens import BrownLens
 from mocap.records import MarkerTracks, Origin, PixelTracks
@@ -57,7 +58,7 @@ def read_project(path: Path, *, fps: float | None = None) -> DvProject:
         raise
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
         raise FormatError(
-            f"{path.name}: not a readable project of DLTdv8 ({error}): expected MATLAB 7.3 with {_DATA}; save it again"
+            f"{path.name}: not a readable project of DLTdv8 ({one_line(error)}): expected MATLAB 7.3 with {_DATA}; save it again"
         ) from None
 
 

@@ -1,14 +1,14 @@
 """What a file begins with, for the sniffers of the registry: content, not its name."""
 
 import csv
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import h5py
-
 from mocap.errors import FormatError
-from mocap.formats.matlab import variables
+from mocap.formats.apart import read_apart
+from mocap.formats.matlab import SECONDS, variables
 
 LENGTH = 1 << 16
 
@@ -68,21 +68,14 @@ class Head:
         """Names at the root of an HDF5 file; empty of others."""
         if not self.is_hdf5:
             return frozenset()
-        try:
-            with h5py.File(self.path, "r") as file:
-                return frozenset(str(name) for name in file)
-        except (OSError, RuntimeError, KeyError, ValueError, UnicodeError) as error:
-            raise FormatError(
-                f"{self.path.name}: an HDF5 file that cannot be opened ({error}): it is cut or damaged; copy or "
-                "export it again"
-            ) from None
+        return frozenset(json.loads(read_apart(self.path, "hdf5_process.py", kind="HDF5", seconds=SECONDS)))
 
     @cached_property
     def mat(self) -> frozenset[str]:
         """Names of the variables of a MATLAB file of version 5 to 7.2; empty of others."""
         if not self.start.startswith(b"MATLAB 5.0"):
             return frozenset()
-        return frozenset(variables(self.path)) - {"None"}
+        return frozenset(name for name in variables(self.path) if name != "None" and not name.startswith("__"))
 
 
 def head(path: Path) -> Head:

@@ -88,6 +88,11 @@ def _is_number(cell: str) -> bool:
         return False
 
 
+def one_line(error: Exception) -> str:
+    """What a library says, without its line ends."""
+    return " ".join(str(error).split())
+
+
 def points(values: Array, *, unit_m: float) -> Array:
     """(T, 3 M) columns X, Y, Z of each marker to (T, M, 3) metres; NaN where a coordinate is missing."""
     xyz = values.reshape(len(values), -1, 3) * unit_m

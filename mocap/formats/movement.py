@@ -10,6 +10,7 @@ from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.formats.csv_table import whole_path
 from mocap.formats.format import Format, Hints
+from mocap.formats.lines import one_line
 from mocap.formats.optical import UNIT_M, metres, rate_of_times
 from mocap.formats.recording import Recording, pixel_recording, point_recording
 from mocap.formats.tables import WORDS
@@ -27,7 +28,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
             data = file.load()
     except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
         raise FormatError(
-            f"{path.name}: cannot be read as NetCDF ({type(error).__name__}: {error}): it is cut or damaged; save it "
+            f"{path.name}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): it is cut or damaged; save it "
             "again"
         ) from None
     data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
@@ -43,7 +44,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
     try:
         return _recording(path, data)
     except (KeyError, ValueError, TypeError) as error:
-        raise FormatError(f"{path.name}: {error}; expected what movement saves") from None
+        raise FormatError(f"{path.name}: {one_line(error)}; expected what movement saves") from None
 
 
 def _recording(path: Path, data: Any) -> Recording:

@@ -8,6 +8,7 @@ import numpy as np
 
 from mocap.errors import FormatError
 from mocap.formats.format import Format, Hints
+from mocap.formats.lines import one_line
 from mocap.formats.recording import Recording, pixel_recording, point_recording
 
 _NO_RATE = "the file does not hold the frame rate"
@@ -24,7 +25,7 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
             table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         raise FormatError(
-            f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {error}): it is cut or damaged; export it "
+            f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {one_line(error)}): it is cut or damaged; export it "
             "again"
         ) from None
     lacking = [name for name in ("tracks", "node_names") if name in names and name not in table]

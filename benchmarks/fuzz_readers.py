@@ -33,7 +33,10 @@ SECONDS = 60.0
 LARGEST = 400_000
 """Bytes of real files that are worth mutating; larger ones take seconds each."""
 REAL = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
-APART = ("c3d", "qualisys-mat", "easywand", "easywand-tforms")
+APART = (
+    *("c3d", "qualisys-mat", "easywand", "easywand-tforms"),
+    *("dltdv-project", "deeplabcut-h5", "movement", "sleap-analysis", "sleap-anipose-3d"),
+)
 """Formats whose readers start a process a file: they get a tenth of the cases that others do."""
 SMALL = {
     "xypts.csv": "pt1_cam1_X,pt1_cam1_Y,pt1_cam2_X,pt1_cam2_Y\n" + "1.250000,2.500000,NaN,NaN\n" * 6,

@@ -108,7 +108,8 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
             return _fixed_layout(path, group)
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError) as error:
         raise FormatError(
-            f"{path.name}: not a readable table of DeepLabCut ({type(error).__name__}: {one_line(error)}): export it again"
+            f"{path.name}: not a readable table of DeepLabCut ({type(error).__name__}: {one_line(error)}): "
+            "export it again"
         ) from None
 
 

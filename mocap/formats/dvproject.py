@@ -58,7 +58,8 @@ def read_project(path: Path, *, fps: float | None = None) -> DvProject:
         raise
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
         raise FormatError(
-            f"{path.name}: not a readable project of DLTdv8 ({one_line(error)}): expected MATLAB 7.3 with {_DATA}; save it again"
+            f"{path.name}: not a readable project of DLTdv8 ({one_line(error)}): expected MATLAB 7.3 with "
+            f"{_DATA}; save it again"
         ) from None
 
 

@@ -28,8 +28,8 @@ def _read(path: Path, _hints: Hints) -> Recording:
             data = file.load()
     except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
         raise FormatError(
-            f"{path.name}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): it is cut or damaged; save it "
-            "again"
+            f"{path.name}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): it is cut or "
+            "damaged; save it again"
         ) from None
     data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
     if "shape" in data or data.attrs.get("ds_type") == "bboxes":

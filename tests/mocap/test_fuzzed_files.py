@@ -18,7 +18,7 @@ def sound(tmp_path_factory):
 
 def test_damaged_files_do_no_harm(sound):
     """Of 600 damaged files none crashes, hangs, raises anything else, or passes for a whole one."""
-    assert len({seed.format for seed in sound}) >= 20
+    assert len({seed.format for seed in sound}) >= 18
     verdicts = [outcome for outcome in outcomes(sound, 600, seed=5)]
     bad = [outcome for outcome in verdicts if outcome.verdict not in ("read", "refused")]
     assert not bad

@@ -167,27 +167,15 @@ def _compiled(shape: tuple[int, int, int]) -> tuple[Any, Any, Any]:
         p = {"fixed": fixed, "rest": jnp.exp(log_rest), "stiffness": jnp.exp(log_k)}
         return p | {name: data[name] for name in ("start", "end", "law")}, root
 
-    def settled(q: Any, x: Any, p: dict[str, Any]) -> Any:
-        """x* with its derivative: one Newton step from where it is (Griewank and Walther 2008, section 15)."""
-        if x.size == 0:
-            return x
-
-        def energy(flat: Any, p: dict[str, Any]) -> Any:
-            return truss_energy(q, flat.reshape(x.shape), p)
-
-        flat = jax.lax.stop_gradient(x.reshape(-1))
-        hessian = jax.hessian(energy)(flat, jax.lax.stop_gradient(p)) + 1e-9 * jnp.eye(flat.size)
-        return (flat - jnp.linalg.solve(hessian, jax.grad(energy)(flat, p))).reshape(x.shape)
-
     def residual(theta: Any, x_inside: Any, x_outside: Any, data: Any) -> Any:
         p, root = parameters(theta, data)
-        x = jax.vmap(settled, (0, 0, None))(data["inside"], x_inside, p)
-        # by the envelope theorem the energy needs no derivative of x
+        # the internal nodes are held: the energy needs no derivative of theirs (envelope theorem); in those of lengths
+        # at internal nodes it is left out
         energy = jax.vmap(truss_energy, (0, 0, None))
-        off = energy(data["inside"], jax.lax.stop_gradient(x), p) - root**2 - data["v"]
+        off = energy(data["inside"], x_inside, p) - root**2 - data["v"]
         low = energy(data["outside"], x_outside, p) - root**2 - data["level"]
         points = jnp.concatenate([off, jnp.minimum(low, 0.0)]) / jnp.sqrt(len(data["v"]))
-        lengths = jax.vmap(member_lengths, (0, 0, None))(data["inside"], x, p)
+        lengths = jax.vmap(member_lengths, (0, 0, None))(data["inside"], x_inside, p)
         held = STRICT * jnp.maximum(excess(lengths, p, data) + _INSET, 0.0)
         return jnp.concatenate([points, held, data["limits"]["prestress"] * root[None]])
 

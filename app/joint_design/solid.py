@@ -157,6 +157,8 @@ def _columns(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printin
         nearest = places[quadrant == number][np.argsort(np.linalg.norm(from_middle[quadrant == number], axis=1))]
         for some in np.array_split(nearest, max(len(nearest) // 50, 1)):
             free = _away(some, truss.fixed_m) > radius + printing.eye_m
+            if chosen:
+                free &= _away(some, np.array(chosen) * MM) > 4.0 * COLUMN_MM * MM
             free &= _away(some, region_m) > radius + FOOT_RADIUS_MM * MM
             free[free] = clearance(truss, flexures, region_m, printing, some[free]).min(axis=0) > radius
             if free.any():

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from app.cli import main
-from app.commands.console import errors
 from mocap.cameras import Camera, decompose, project, record, stacked
 from mocap.formats.anipose import read_calibration
 from mocap.formats.dltdv import read_coefficients, write_coefficients, write_pixels
@@ -35,7 +34,6 @@ def mocap(monkeypatch, capfd):
 
     def run(*words: object) -> Done:
         monkeypatch.setattr(sys, "argv", ["mocap", "calibrate", *map(str, words)])
-        monkeypatch.setattr(errors, "file", None)
         with pytest.raises(SystemExit) as ended:
             main()
         told = capfd.readouterr()

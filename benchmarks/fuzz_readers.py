@@ -215,7 +215,7 @@ def outcomes(found: list[Seed], cases: int, seed: int) -> Iterator[Outcome]:
     """Judge cases in a worker that is replaced where it crashes or hangs."""
     slow = [i for i, s in enumerate(found) if s.format in APART]
     rng = np.random.default_rng(seed)
-    context = multiprocessing.get_context("fork")
+    context = multiprocessing.get_context("forkserver")
     with tempfile.TemporaryDirectory() as folder:
         worker, pipe = _start(context, folder, found)
         for case in range(cases):

@@ -81,7 +81,7 @@ def test_a_fisheye_comes_back_to_ninety_degrees(k, r, angle):
 
 
 def test_a_pixel_that_no_ray_reaches_has_no_ideal_one():
-    """The cubic x - 0.3 x^3 turns back at x = 1.054, at 0.703: pixels beyond that circle are NaN, within they are not."""
+    """The cubic x - 0.3 x^3 turns at x = 1.054, at 0.703: pixels beyond that circle are NaN, within they are not."""
     lens = BrownLens(f_px=(1000.0, 1000.0), centre_px=(0.0, 0.0), k=(-0.3, 0.0, 0.0))
     edge = 1000.0 * np.sqrt(1 / 0.9) * 2 / 3
     ideal = lens.undistort(np.array([[edge - 1.0, 0.0], [edge + 1.0, 0.0]]))

@@ -16,6 +16,7 @@ from eal.joint_design.path import over_grid
 from eal.joint_design.refine import refine
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss
+from eal.threads import one_blas_thread
 
 Progress = Callable[[float], None]
 
@@ -89,6 +90,21 @@ def design_truss(
         raise DesignError("mirrored pairs of members cannot have internal nodes: give --internal or --symmetric")
     if 2 * internal + 2 > limits.members:
         raise DesignError(f"{internal} internal nodes need {2 * internal + 2} members, but members is {limits.members}")
+    with one_blas_thread():  # the same on any number of cores
+        return _designs(target, limits, rng, starts, internal, mirror, may_cross, progress)
+
+
+def _designs(
+    target: Target,
+    limits: Limits,
+    rng: np.random.Generator,
+    starts: int,
+    internal: int,
+    mirror: Array | None,
+    may_cross: bool,
+    progress: Progress,
+) -> list[Design]:
+    """See ``design_truss``."""
     found: list[tuple[Truss, float]] = []
     crossed, rounds = 0, 1 if internal else _ROUNDS
     for start in range(starts):

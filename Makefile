@@ -36,4 +36,4 @@ lock:
 	    --extra dev pyproject.toml -o requirements.lock
 
 clean:
-	rm -rf .venv out build *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv .venv-movement out build *.egg-info .pytest_cache .ruff_cache

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from filters.hidden import unseen_runs
 from mocap.arrays import Array
 from mocap.skeleton import Skeleton
 
@@ -19,10 +20,7 @@ def interior_gaps(seen: Mask) -> Mask:
 
 def gap_lengths(seen: Mask) -> NDArray[np.int64]:
     """Lengths in frames of all interior gaps."""
-    gaps = interior_gaps(seen)
-    edges = np.diff(np.pad(gaps.astype(int), ((1, 1), (0, 0))), axis=0)
-    starts, stops = np.argwhere(edges.T == 1)[:, 1], np.argwhere(edges.T == -1)[:, 1]
-    return stops - starts
+    return np.array([stop - start for _, start, stop in unseen_runs(~interior_gaps(seen))], dtype=np.int64)
 
 
 def hide_gaps(

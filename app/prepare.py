@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from app.cleaning_findings import cleaning_findings, exchange_findings, never_seen
 from app.source import Filmed, Source, audit_points, load_filmed, load_points, load_skeleton
 from filters.observations import Observations, PixelObservations, PositionObservations
 from mocap import audit, triangulate
@@ -13,7 +14,7 @@ from mocap.arrays import Array
 from mocap.bias import ray_bias
 from mocap.camera_health import BadTime, camera_health, describe, shifted_back
 from mocap.careless import student_t
-from mocap.clean import REASONS, Cleaning, clean
+from mocap.clean import REASONS, clean
 from mocap.click_noise import USUAL_DOF, ClickNoise, click_noise
 from mocap.errors import CalibrationError, FormatError
 from mocap.records import MarkerTracks
@@ -169,11 +170,11 @@ def prepare(source: Source) -> Prepared:
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
-    told = [f.text for f in audited if f.alarm and f.kind != "mirrored world"]
+    told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
     if filmed.late_frames is not None:
         shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
         told += [f"camera {c.name!r} was read {late:+.2f} frames off, as asked" for c, late in shifts if late]
-    findings = [filmed.pixel_origin.describe(), *_mirrored(filmed, found.xyz_m), *told, *findings]
+    findings = [filmed.pixel_origin.describe(), *told, *findings]
     if bias.sd_px:
         findings.append(
             f"rays of one marker miss each other slowly by {bias.sd_px:.2f} px (calibration or lens): removed before "
@@ -202,10 +203,10 @@ def prepare(source: Source) -> Prepared:
         findings=(
             *findings,
             *describe(health, [c.name for c in filmed.cameras]),
-            *_exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
+            *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
             *([f"{lost.sum()} samples rejected, {REASONS['rays_miss']}"] if lost.any() else []),
-            *_cleaning_findings(cleaning, names),
-            *_never_seen(xyz, names),
+            *cleaning_findings(cleaning, names),
+            *never_seen(xyz, names),
         ),
         swaps=swaps,
         stale=stale,
@@ -250,9 +251,9 @@ def _prepare_points(source: Source) -> Prepared:
         camera_factor=np.zeros((0, len(xyz))),
         findings=(
             f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
-            *_exchange_findings(named.swaps, named.unsure, names, ()),
-            *_cleaning_findings(cleaning, names),
-            *_never_seen(xyz, names),
+            *exchange_findings(named.swaps, named.unsure, names, ()),
+            *cleaning_findings(cleaning, names),
+            *never_seen(xyz, names),
         ),
         swaps=named.swaps,
     )
@@ -302,52 +303,3 @@ def position_sd(tracks: MarkerTracks) -> Array:
             sd[marker] = np.sqrt(np.mean(near**2))
     fallback = np.nanmedian(sd) if np.isfinite(sd).any() else 1e-3
     return np.broadcast_to(np.maximum(np.where(np.isfinite(sd), sd, fallback), 1e-6), tracks.xyz_m.shape[:2])
-
-
-def _mirrored(filmed: Filmed, xyz_m: Array) -> list[str]:
-    """A finding where every camera looks into a mirror: det(M) times depth is negative, with image rows downwards."""
-    matrices, point = filmed.matrices, _middle(xyz_m)
-    depth = matrices[:, 2, :3] @ point + matrices[:, 2, 3]
-    handed = np.linalg.det(matrices[:, :, :3]) * depth
-    corner = filmed.pixel_origin.coefficients
-    if (handed > 0).all() if corner == "lower-left" else (handed < 0).all():
-        return [
-            f"if pixels are counted from the {corner}, the world of these coefficients is left-handed: left and right "
-            "and the sense of turns are exchanged"
-        ]
-    return []
-
-
-def _exchange_findings(
-    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str]
-) -> list[str]:
-    """A sentence for every run of exchanged names, and one for all that are shorter than three frames."""
-    out, short = [], 0
-    for swap in swaps:
-        if len(swap.frames) < 3:
-            short += 1
-            continue
-        where = "" if swap.camera is None else f" in camera {cameras[swap.camera]}"
-        out.append(
-            f"{names[swap.a]} and {names[swap.b]} bear each other's names{where} from frame {swap.frames[0] + 1} to "
-            f"{swap.frames[-1] + 1}: exchanged back in {len(swap.frames)} frames"
-        )
-    if short:
-        out.append(f"{short} times two markers bear each other's names for one or two frames: exchanged back")
-    if doubtful.any():
-        out.append(f"{doubtful.sum()} samples rejected, {DOUBTFUL['doubtful_name']}")
-    return out
-
-
-def _cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:
-    out = []
-    for reason, mask in cleaning.rejected.items():
-        if mask.any():
-            markers = [f"{names[int(m)]} ({mask[:, m].sum()})" for m in np.flatnonzero(mask.any(axis=0))]
-            out.append(f"{mask.sum()} samples rejected, {REASONS[reason]}: {', '.join(markers)}")
-    return out
-
-
-def _never_seen(xyz_m: Array, names: Sequence[str]) -> list[str]:
-    never = [names[int(m)] for m in np.flatnonzero(~np.isfinite(xyz_m[..., 0]).any(axis=0))]
-    return [f"never seen in 3D, and left empty: {', '.join(never)}"] if never else []

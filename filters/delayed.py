@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.hidden import unseen_runs
 from filters.poses import MarkerTrial, PoseTrial, Shapes, certain_shapes
 from mocap.arrays import Array
 from mocap.body import smooth_series
@@ -118,15 +119,11 @@ def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes
 
 def gaps_of(seen: NDArray[np.bool_]) -> Iterator[Gap]:
     """All gaps of (T, M) sightings, those at the ends of the trial included."""
-    n_frames = len(seen)
-    for marker in range(seen.shape[1]):
-        there = seen[:, marker]
-        change = np.flatnonzero(np.diff(np.r_[True, there, True]))
-        for start, stop in zip(change[::2], change[1::2], strict=True):
-            near = np.concatenate([start - 1 - EDGE[::-1], stop + EDGE])
-            near = near[(near >= 0) & (near < n_frames)]
-            others = seen[start:stop].mean(axis=0) >= 0.5
-            yield Gap(marker, np.arange(start, stop), near[there[near]], others)
+    for marker, start, stop in unseen_runs(seen):
+        near = np.concatenate([start - 1 - EDGE[::-1], stop + EDGE])
+        near = near[(near >= 0) & (near < len(seen))]
+        others = seen[start:stop].mean(axis=0) >= 0.5
+        yield Gap(marker, np.arange(start, stop), near[seen[near, marker]], others)
 
 
 def completed(trials: Sequence[PoseTrial], shapes: Shapes) -> list[Array]:

@@ -1,5 +1,6 @@
 """Gaps made on purpose in measured trials, to see how a model fills them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,14 @@ from mocap.arrays import Array
 
 GAP_FRAMES = (10, 25, 50, 100)
 """Lengths of the gaps that a model is prepared for, as far as trials have room for them."""
+
+
+def unseen_runs(seen: NDArray[np.bool_]) -> Iterator[tuple[int, int, int]]:
+    """Marker, first frame and frame after the last of every run of (T, M) sightings in which a marker is not seen."""
+    edges = np.diff(np.pad((~seen).astype(np.int8), ((1, 1), (0, 0))), axis=0).T
+    marker, start = np.nonzero(edges == 1)
+    _, stop = np.nonzero(edges == -1)
+    yield from zip(marker.tolist(), start.tolist(), stop.tolist(), strict=True)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from filters.hidden import Fill
+from filters.hidden import Fill, unseen_runs
 from mocap.arrays import Array, frozen
 
 
@@ -85,12 +85,9 @@ class Mixture:
 
 def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(T, M) length in frames of the run of unseen frames that each sample lies in; 0 where seen."""
-    edges = np.diff(np.pad((~seen).astype(np.int8), ((1, 1), (0, 0))), axis=0).T
-    marker, start = np.nonzero(edges == 1)
-    _, stop = np.nonzero(edges == -1)
     out = np.zeros(seen.shape, dtype=np.int64)
-    for m, a, b in zip(marker, start, stop, strict=True):
-        out[a:b, m] = b - a
+    for marker, start, stop in unseen_runs(seen):
+        out[start:stop, marker] = stop - start
     return out
 
 

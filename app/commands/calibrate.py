@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.commands.console import errors
-from app.commands.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOrigin, PixelOriginOption, Profile
+from app.commands.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOriginOption, Profile
 from mocap.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def wand(
         profile=profile,
         length_m=length_m,
         moves=free,
-        lower_left=origin is PixelOrigin.lower_left,
+        lower_left=origin == "lower-left",
         tell=_tell,
     )
     _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, upright=upright), out, as_json)
@@ -179,8 +179,8 @@ def refine(
         fps=1.0,
         coefficients=dlt,
         profile=profile,
-        pixel_origin=origin.value if origin else None,
-        coefficient_origin=dlt_origin.value if dlt_origin else None,
+        pixel_origin=origin,
+        coefficient_origin=dlt_origin,
         image_height_px=image_height,
     )
     inputs = [p for p in source.inputs if p is not None]

@@ -1,18 +1,12 @@
 """What several commands take."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-
-class PixelOrigin(StrEnum):
-    """Where pixel rows are counted from."""
-
-    upper_left = "upper-left"
-    lower_left = "lower-left"
-
+PixelOrigin = Literal["upper-left", "lower-left"]
+"""Where pixel rows are counted from."""
 
 Tracks = Annotated[Path, typer.Argument(help="Pixels or positions, in any format that mocap info knows.")]
 Dlt = Annotated[

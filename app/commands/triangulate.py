@@ -36,8 +36,8 @@ def triangulate(
         fps=1.0,
         coefficients=dlt,
         profile=profile,
-        pixel_origin=origin.value if origin else None,
-        coefficient_origin=dlt_origin.value if dlt_origin else None,
+        pixel_origin=origin,
+        coefficient_origin=dlt_origin,
         image_height_px=image_height,
         pixel_sd=pixel_sd,
     )

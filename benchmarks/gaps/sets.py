@@ -26,7 +26,7 @@ Choices:
   150 frames, or 51 markers about one arm that moves once.
 - Blocks of one recording are not independent trials: in ``mouse``, ``snake_gap`` and ``gait`` training knows the same
   animal on the same day. All twins of a set are one animal (same bones) in other motion.
-- ``sd_m`` is estimated from fourth differences in time (``app.prepare.position_sd``) over all trials of a set,
+- ``sd_m`` is estimated from fourth differences in time (``mocap.position_noise.position_sd``) over all trials of a set,
   and taken as ``LEAST_SD_M`` where it is less: the mouse of Qualisys seems to be smoothed, to 0.003 mm.
 """
 
@@ -37,7 +37,6 @@ from pathlib import Path
 
 import numpy as np
 
-from app.prepare import position_sd
 from benchmarks.gaps.method import Trial
 from datasets import SyntheticRecording, make_bat, make_lizard
 from datasets.bat_skeleton import bat_skeleton
@@ -52,6 +51,7 @@ from mocap.formats.c3d import read_c3d
 from mocap.formats.dvproject import read_project
 from mocap.formats.qualisys import read_mat, read_tsv
 from mocap.formats.vicon import read_csv
+from mocap.position_noise import position_sd
 from mocap.records import MarkerTracks, Origin, PixelTracks
 from mocap.skeleton import Skeleton
 

@@ -134,7 +134,10 @@ def test_a_bad_camera_is_no_worse_than_none(tmp_path, n_cameras):
     rms = {name: np.sqrt(np.mean(value[both] ** 2)) for name, value in error.items()}
     assert rms["bumped"] < 1.03 * rms["without"]
     assert any("camera cam3 from frame 10" in finding for finding in with_it.findings)
-    assert np.median(with_it.ray_sd_px[2, 105:][np.isfinite(with_it.uv_px[2, 105:, :, 0])]) > 4
+    seen = np.isfinite(with_it.uv_px[:, 105:, :, 0])
+    deviation = [np.median(with_it.ray_sd_px[camera, 105:][seen[camera]]) for camera in range(n_cameras)]
+    # 7 px of each coordinate are ten times the jitter; half of that is asked, as weights differ by what rays miss by
+    assert deviation[2] > 5 * np.median(np.delete(deviation, 2))
 
 
 def test_real_bats_have_healthy_cameras():

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from scipy.stats import wasserstein_distance
 
+from benchmarks import twins_published
 from datasets import PERFECT, Digitiser, make_bat, make_lizard
 from datasets.bat import make_bat_wind_tunnel
 from datasets.bat_flight import laps
@@ -175,6 +176,7 @@ def published(seeds: Sequence[int]) -> None:
         ("its pelvic rotation, degrees", "36", f"{np.ptp(yaw):.0f}"),
     ):
         print(f"{what:56}{theirs:>12}  |  {ours}")
+    twins_published.show(make_lizard(seed=seeds[0], n_frames=1000, skin_m=0))
 
 
 def laws() -> None:

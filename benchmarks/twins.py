@@ -23,7 +23,7 @@ from datasets.real import folder
 from datasets.visibility import Visibility, distances, merged, pooled, visibility
 from mocap.arrays import Array
 from mocap.cameras import decompose, record, stacked, undistorted
-from mocap.formats.dvproject import read_project
+from mocap.formats.dvproject import DvProject, read_project
 from mocap.formats.registry import read
 from mocap.records import Origin
 from mocap.triangulate import linear
@@ -94,10 +94,10 @@ def wind_tunnel(seeds: Sequence[int]) -> None:
     print(f"correlation of views over cameras and markers {correlation:.2f}")
 
     print("\nJoint angles in degrees, 2 %, median, 98 %: real (F2, F3, F5, both sides) | twin (exact)")
-    measured = [_triangulated(projects[flight]) for flight in FLIGHTS]
+    measured = [triangulated(projects[flight]) for flight in FLIGHTS]
     truth = [(twins[0].truth.names, t.truth.xyz_m) for t in twins]
     for joint, names in ANGLES.items():
-        left, right = (np.nanquantile(_angles(found, names), [0.02, 0.5, 0.98]) for found in (measured, truth))
+        left, right = (np.nanquantile(wing_angles(found, names), [0.02, 0.5, 0.98]) for found in (measured, truth))
         print(f"{joint:40}" + "".join(f"{x:6.0f}" for x in left) + "  |" + "".join(f"{x:6.0f}" for x in right))
 
 
@@ -106,12 +106,13 @@ def _row(one: Visibility) -> str:
     return f"{shares}{one.rate_hz:7.1f}{np.median(one.gaps) if len(one.gaps) else 0:7.0f}"
 
 
-def _triangulated(project) -> tuple[tuple[str, ...], Array]:
+def triangulated(project: DvProject) -> tuple[tuple[str, ...], Array]:
+    """Markers of a wind-tunnel project as the twin names them, and where their rays meet: (T, 15, 3) in metres."""
     uv = undistorted(project.cameras, project.pixels.uv_px, iterations=project.undistort_iterations)
     return tuple(POINTS.values()), linear(stacked(project.cameras), uv)
 
 
-def _angles(found: Sequence[tuple[Sequence[str], Array]], names: Sequence[str]) -> Array:
+def wing_angles(found: Sequence[tuple[Sequence[str], Array]], names: Sequence[str]) -> Array:
     """Angles at the second of three markers in degrees, both sides, all frames."""
     values = []
     for markers, xyz_m in found:

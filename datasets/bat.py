@@ -120,7 +120,7 @@ def make_bat_wind_tunnel(
         n_frames=n_frames,
         fps=700.0,
         cameras=wind_tunnel_cameras(),
-        folding=(1.6, 0.7),
+        folding=(1.6, 0.1),
         digitiser=digitiser,
     )
     return replace(recording, card={**recording.card, "rig": "wind tunnel, 4 high-speed cameras about 1 m away"})

@@ -50,14 +50,12 @@ def fills(name: str, left_out: int) -> tuple[list[Fill], list[Fill]]:
     search = search_on(rest, trunk, np.random.default_rng(left_out))
     hidden = hide_groups(own[left_out], np.random.default_rng(100 + left_out))
     test = Search(trials=own, trunk=trunk, hidden={left_out: hidden})
-    return [search.fill(kind) for kind in KINDS.values()], [test.fill(kind) for kind in KINDS.values()]
+    return [search.both(kind) for kind in KINDS.values()], [test.fill(kind) for kind in KINDS.values()]
 
 
-def judged(
-    train: Sequence[Fill], test: Sequence[Fill], *, power: float, strength: float, lean: Sequence[tuple[float, float]]
-) -> tuple[np.ndarray, float]:
+def judged(train: Sequence[Fill], test: Sequence[Fill], *, power: float, strength: float) -> tuple[np.ndarray, float]:
     """Log errors by length and coverage of a mixture on gaps that it did not learn from."""
-    mean, variance = mixed_errors(learn_mixture(train, lean=lean, power=power, strength=strength), test)
+    mean, variance = mixed_errors(learn_mixture(train, power=power, strength=strength), test)
     length, squared = test[0].length, np.sum(mean**2, axis=1)
     logs = [0.5 * np.log(squared[length == n].mean() * 1e6) if (length == n).any() else np.nan for n in LENGTHS]
     return np.array(logs), float(100 * np.mean(np.abs(mean) < 1.959964 * np.sqrt(variance)))
@@ -67,13 +65,14 @@ def main(names: Sequence[str]) -> None:
     """Print the table."""
     index = {name: i for i, name in enumerate(KINDS)}
     members = {name: (name,) for name in KINDS} | {
-        "mixture without delayed": ("marker", "free", "held"),
-        "mixture": ("marker", "free", "delayed", "held"),
+        "mixture without delayed": ("marker", "held"),
+        "mixture without held": ("marker", "delayed"),
+        "mixture with free": ("marker", "free", "delayed", "held"),
+        "mixture": ("marker", "delayed", "held"),
     }
-    even, later = (0.0, 0.0), (-1.0, 1.0)
-    rows = [(name, 3.0, 0.1, even) for name in [*KINDS, "mixture without delayed"]]
-    rows += [("mixture", power, 0.1, lean) for power in (0.0, 1.0, 2.0, 3.0, 4.0) for lean in (even, later)]
-    rows += [("mixture", 3.0, strength, later) for strength in (0.02, 0.5)]
+    rows = [(name, 3.0, 0.1) for name in members]
+    rows += [("mixture", power, 0.1) for power in (0.0, 1.0, 2.0, 4.0)]
+    rows += [("mixture", 3.0, strength) for strength in (0.02, 0.5)]
     found: dict[tuple, list[tuple[np.ndarray, float]]] = {}
     for name in names:
         for left_out in (0, 1):
@@ -81,18 +80,15 @@ def main(names: Sequence[str]) -> None:
             if not len(test[0].length):
                 continue
             for row in rows:
-                label, power, strength, lean = row
-                chosen = members[label]
-                pick = [index[member] for member in chosen]
-                leans = [lean if member == "delayed" and len(chosen) > 1 else even for member in chosen]
+                label, power, strength = row
+                pick = [index[member] for member in members[label]]
                 parts = [train[i] for i in pick], [test[i] for i in pick]
-                found.setdefault(row, []).append(judged(*parts, power=power, strength=strength, lean=leans))
-    for (label, power, strength, lean), results in found.items():
+                found.setdefault(row, []).append(judged(*parts, power=power, strength=strength))
+    for (label, power, strength), results in found.items():
         logs = np.nanmean([log for log, _ in results], axis=0)
         errors = " / ".join(f"{np.exp(log):.2f}" for log in logs)
         inside = np.mean([share for _, share in results])
-        choice = f"{label:28} power {power:g} strength {strength:g} lean {lean}"
-        print(f"{choice}: {errors} mm, {inside:.1f} %, {np.nanmean(logs):.3f}")
+        print(f"{label:28} power {power:g} strength {strength:g}: {errors} mm, {inside:.1f} %, {np.nanmean(logs):.3f}")
 
 
 if __name__ == "__main__":

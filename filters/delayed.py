@@ -1,9 +1,9 @@
-"""Missing markers by regression on the others, in the same frame and in frames before and after: delayed poses.
+"""Missing markers from the others, in the same frame and in frames before and after: delayed poses.
 
-The conditional mean of a Gaussian over poses stacked with delayed and advanced copies of themselves: the standard
-imputation of missing markers by the covariance of all (Liu & McMillan 2006; Tits, Tilmanne & Dutoit 2018), with delays
-as in singular spectrum analysis. It knows nothing of dynamics or of the gap's edges, and so errs differently from the
-motion models, which makes a mixture of both better than either (``design/mixture.py``).
+Each marker's position in the body is regressed on the others by a Gaussian process (``filters/gaussian_process.py``).
+Its linear part is the standard imputation of missing markers by the covariance of all (Liu & McMillan 2006; Tits,
+Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It knows nothing of dynamics, and so errs
+differently from the motion models, which makes a mixture of both better than either (``design/mixture.py``).
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,13 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.gaussian_process import Covariance, Rows, fitted, predict
 from filters.hidden import unseen_runs
 from filters.poses import MarkerTrial, PoseTrial, Shapes, certain_shapes
 from mocap.arrays import Array
 from mocap.body import smooth_series
 
 EDGE = np.array((0, 1, 2, 3, 5, 8))
-"""Frames on each side of a gap, counted from its edge, in which the regression is compared with what was measured."""
+"""Frames on each side of a gap, counted from its edge, that are regressed on with the others."""
+TOGETHER = 25
+"""Gaps of a marker that are filled at once, at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,10 +32,10 @@ class DelaySettings:
         ranks: As in ``PoseSettings``, of the subspace that completes poses.
         body_hz: As there.
         turns: As there.
-        lags: Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot); 0 is one of them.
-        memory: How long what the regression misses by at the edges is carried into a gap, in the same unit.
+        lags: Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot).
         cutoff: Faster motion in a gap is taken for noise, in radians a unit of the same time.
-        ridge: Added to the variances, as a share of their mean.
+        rows: Frames of the other trials to learn from, at most.
+        own: Frames of the trial itself, at most, besides those at the edges of gaps.
         certain: Poses known better than this are learned from.
     """
 
@@ -40,9 +43,9 @@ class DelaySettings:
     body_hz: float = 3.0
     turns: bool = True
     lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
-    memory: float = 1.0
     cutoff: float = 4.0
-    ridge: float = 0.1
+    rows: int = 900
+    own: int = 300
     certain: float = 0.8
 
 
@@ -68,7 +71,7 @@ class Filled:
     """The gaps of a trial.
 
     Attributes:
-        xyz_m: (T, M, 3) positions in the world; NaN where the trial has a measurement.
+        xyz_m: (T, M, 3) positions in the world; NaN where the trial has a measurement, and where nothing can be said.
         cov_m2: (T, M, 3, 3) their covariances.
     """
 
@@ -85,36 +88,120 @@ def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes
         shapes: Their shapes.
         settings: Choices.
     """
-    seen, frames = trial.seen, trials[-1].frames
-    tau = _radian(shapes) / trial.dt_s
-    lags = np.unique(np.round(np.array(settings.lags) * tau).astype(int))
-    whole = completed(trials, shapes)
-    noise = float(np.nanmedian(trial.sd_m)) ** 2 if seen.any() else 0.0
-    mean, cov = _gaussian(whole, certain_shapes(shapes, settings.certain), lags, settings.ridge, noise)
-    track = whole[-1].reshape(*seen.shape, 3)
-    y, spread = np.full(track.shape, np.nan), np.full((*track.shape, 3), np.nan)
-    stacked = delayed(whole[-1], lags)
-    gaps = list(gaps_of(seen))
-    for others in np.unique([gap.others for gap in gaps], axis=0) if gaps else []:
-        alike = [gap for gap in gaps if (gap.others == others).all()]
-        rows = np.unique(np.concatenate([np.r_[gap.inside, gap.edges] for gap in alike]))
-        wanted = np.unique([gap.marker for gap in alike])
-        said, left = regression(stacked[rows], others, wanted, lags, mean, cov)
-        for gap in alike:
-            m, column = gap.marker, int(np.searchsorted(wanted, gap.marker))
-            inside, edges = np.searchsorted(rows, gap.inside), np.searchsorted(rows, gap.edges)
-            miss = track[gap.edges, m] - said[edges, column]
-            variance = max(float(np.sum(miss**2)) / max(miss.size, 1), float(np.mean(left[..., 0, 0])))
-            ratio = noise / variance + 1e-9
-            shift, share = carried(gap.edges, miss, gap.inside, memory=settings.memory * tau, noise=ratio)
-            y[gap.inside, m] = said[inside, column] + shift
-            y[gap.inside, m] = _smoothed(
-                np.where(seen[:, m, None], track[:, m], y[:, m]), seen[:, m], gap.inside, settings.cutoff / tau
-            )
-            spread[gap.inside, m] = share[:, None, None] * left[inside, column]
-    rotation = frames.rotation[:, None]
+    known = Delayed(trials, shapes, settings)
+    covariance, seen, frames = known.covariance(), trial.seen, trials[-1].frames
+    y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3), np.nan)
+    alike: dict[tuple[int, bytes], list[Gap]] = {}
+    for gap in gaps_of(seen):
+        alike.setdefault((gap.marker, gap.others.tobytes()), []).append(gap)
+    for gaps in alike.values():
+        for k in range(0, len(gaps), TOGETHER):
+            known.fill(gaps[k : k + TOGETHER], covariance, y, spread)
+    track = known.whole[-1].reshape(*seen.shape, 3)
+    for gap in (gap for gaps in alike.values() for gap in gaps):
+        m = gap.marker
+        if np.isfinite(y[gap.inside, m]).all():
+            path = np.where(seen[:, m, None], track[:, m], y[:, m])
+            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, settings.cutoff / known.tau)
     xyz = np.einsum("tij,tmj->tmi", frames.rotation, y) + frames.position_m[:, None]
-    return Filled(xyz, rotation @ spread @ np.swapaxes(rotation, -1, -2))
+    return Filled(xyz, np.einsum("tij,tmj,tkj->tmik", frames.rotation, spread, frames.rotation))
+
+
+class Delayed:
+    """Delayed poses of several trials, to regress markers of the last one on.
+
+    Attributes:
+        whole: (T, 3M) poses of each trial, completed.
+        tau: Frames in which the motion turns by a radian.
+    """
+
+    def __init__(self, trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings) -> None:
+        """Poses that are well enough known, evenly spread over the trials."""
+        self.settings = settings
+        self.whole = completed(trials, shapes)
+        self.tau = _radian(shapes) / trials[-1].dt_s
+        self._lags = np.unique(np.round(np.array(settings.lags) * self.tau).astype(int))
+        self._seen = [np.isfinite(trial.y[:, ::3]) for trial in trials]
+        certain = certain_shapes(shapes, settings.certain)
+        rows = [(k, frame) for k, mask in enumerate(certain[:-1]) for frame in np.flatnonzero(mask)]
+        self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), settings.rows)]
+        self._own = certain[-1]
+        self._apart = _apart(np.concatenate([y[mask] for y, mask in zip(self.whole, certain, strict=True)]))
+
+    def covariance(self) -> Covariance:
+        """The covariance by which six sets of hidden markers are likeliest: one, a quarter, half of them; two each."""
+        rng = np.random.default_rng(1)
+        present = np.flatnonzero(np.mean([seen.mean(axis=0) for seen in self._seen], axis=0) > 0.1)
+        count, tasks = len(present), []
+        for size in (1, max(2, count // 4), max(3, count // 2)) * 2:
+            if count < size + 2:
+                continue
+            hidden = rng.choice(present, size, replace=False)
+            others = np.isin(np.arange(self._seen[-1].shape[1]), np.setdiff1d(present, hidden))
+            shown = np.flatnonzero(self._seen[-1][:, hidden[0]])
+            start = int(rng.integers(max(len(shown) - 60, 1)))
+            frames = self._frames(hidden[0], shown[start : start + 60 : 2], rows=250, own=60)
+            if len(frames) > 20:
+                tasks.append(self._task(hidden[0], others, frames)[:2])
+        return fitted(tasks)
+
+    def fill(self, gaps: Sequence[Gap], covariance: Covariance, y: Array, spread: Array) -> None:
+        """Write positions in the body and their variances, (T, M, 3) both, into gaps of one marker and equal others."""
+        marker, others = gaps[0].marker, gaps[0].others
+        edges = np.unique(np.concatenate([gap.edges for gap in gaps]))
+        inside = np.concatenate([gap.inside for gap in gaps])
+        frames = self._frames(marker, edges, rows=self.settings.rows, own=self.settings.own)
+        if len(frames) < 2:
+            return
+        asked = np.column_stack([np.full(len(inside), len(self.whole) - 1), inside])
+        rows, values, mean, wanted = self._task(marker, others, frames, asked)
+        if others.any():
+            said, left = predict(covariance, rows, values, wanted)
+        else:  # nothing to look at: the mean, as wide as the motion
+            said, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
+        y[inside, marker], spread[inside, marker] = said + mean, left
+
+    def _frames(self, marker: int, edges: NDArray[np.int64], *, rows: int, own: int) -> NDArray[np.int64]:
+        """(n, 2) trials and frames in which the marker is seen: of other trials, of the last one, and at edges."""
+        seen = np.array([self._seen[k][frame, marker] for k, frame in self._rows], dtype=bool)
+        frames = self._rows[seen]
+        mine = np.flatnonzero(self._seen[-1][:, marker] & self._own)
+        mine = np.union1d(mine[_even(len(mine), own)], edges)
+        last = np.column_stack([np.full(len(mine), len(self.whole) - 1), mine])
+        return np.concatenate([frames[_even(len(frames), rows)], last])
+
+    def _task(
+        self,
+        marker: int,
+        others: NDArray[np.bool_],
+        frames: NDArray[np.int64],
+        asked: NDArray[np.int64] | None = None,
+    ) -> tuple[Rows, Array, Array, Rows]:
+        """Known rows, their centred positions of a marker, the mean of these, and the rows that are asked for."""
+        x = self._regressors(marker, others, frames)
+        mean = x.mean(axis=0)
+        scale = max(float(np.sqrt(np.mean(np.sum((x - mean) ** 2, axis=1)))), 1e-12)
+
+        def rows(x: Array, at: NDArray[np.int64]) -> Rows:
+            return Rows(x=(x - mean) / scale, trial=at[:, 0], t=at[:, 1] / self.tau)
+
+        values = np.array([self.whole[k][frame, 3 * marker : 3 * marker + 3] for k, frame in frames])
+        centre = values.mean(axis=0)
+        known = rows(x, frames)
+        wanted = known if asked is None else rows(self._regressors(marker, others, asked), asked)
+        return known, values - centre, centre, wanted
+
+    def _regressors(self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64]) -> Array:
+        """(n, D) delayed positions of the others; those that move with the marker weigh more. The ends are held."""
+        apart = self._apart[marker, others]
+        weight = np.repeat(1 / (apart / max(float(np.median(apart)) if len(apart) else 1.0, 1e-12) + 0.1), 3)
+        columns = np.flatnonzero(np.repeat(others, 3))
+        out = np.empty((len(frames), len(self._lags), len(columns)))
+        for k in np.unique(frames[:, 0]):
+            here = frames[:, 0] == k
+            at = np.clip(frames[here, 1][:, None] + self._lags, 0, len(self.whole[k]) - 1)
+            out[here] = self.whole[k][at[:, :, None], columns]
+        return (out * weight).reshape(len(frames), -1)
 
 
 def gaps_of(seen: NDArray[np.bool_]) -> Iterator[Gap]:
@@ -135,41 +222,17 @@ def completed(trials: Sequence[PoseTrial], shapes: Shapes) -> list[Array]:
     ]
 
 
-def delayed(y: Array, lags: NDArray[np.int64]) -> Array:
-    """(T, L, D) rows [y(t + lag) for every lag] of (T, D) poses; NaN beyond the ends."""
-    out = np.full((len(y), len(lags), y.shape[1]), np.nan)
-    for k, lag in enumerate(lags):
-        low, high = max(0, -lag), min(len(y), len(y) - lag)
-        if high > low:
-            out[low:high, k] = y[low + lag : high + lag]
-    return out
+def _apart(poses: Array) -> Array:
+    """(M, M) root mean square by which two markers move apart, of (T, 3M) poses."""
+    centred = (poses - poses.mean(axis=0)).reshape(len(poses), -1, 3)
+    inner = np.einsum("tmi,tki->mk", centred, centred) / len(poses)
+    square = np.diag(inner)
+    return np.sqrt(np.maximum(square[:, None] + square - 2 * inner, 0.0))
 
 
-def carried(
-    edges: NDArray[np.int64], miss: Array, inside: NDArray[np.int64], *, memory: float, noise: float
-) -> tuple[Array, Array]:
-    """What is missed by at the edges, inside the gap: a Matern-3/2 process in time (Rasmussen & Williams 2006, 4.17).
-
-    Args:
-        edges: (e,) frames.
-        miss: (e, 3) measurement less regression there.
-        inside: (n,) frames of the gap.
-        memory: Correlation time in frames.
-        noise: Variance of a measurement over that of what is missed.
-
-    Returns:
-        (n, 3) posterior mean and (n,) share of variance that is left.
-    """
-    if not len(edges):
-        return np.zeros((len(inside), 3)), np.ones(len(inside))
-
-    def kernel(a: NDArray[np.int64], b: NDArray[np.int64]) -> Array:
-        scaled = np.sqrt(3) * np.abs(a[:, None] - b) / memory
-        return (1 + scaled) * np.exp(-scaled)
-
-    cross = kernel(inside, edges)
-    weights = np.linalg.solve(kernel(edges, edges) + noise * np.eye(len(edges)), cross.T).T
-    return weights @ miss, np.clip(1 - np.sum(weights * cross, axis=1), 1e-6, 1.0)
+def _even(count: int, most: int) -> NDArray[np.int64]:
+    """Indices of at most so many of ``count`` things, evenly spread."""
+    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(int)
 
 
 def _smoothed(track: Array, seen: NDArray[np.bool_], inside: NDArray[np.int64], cutoff: float) -> Array:
@@ -184,52 +247,3 @@ def _radian(shapes: Shapes) -> float:
     """Time in seconds in which the motion turns by a radian."""
     z, rate = np.concatenate(shapes.z), np.concatenate(shapes.rate)
     return float(np.sqrt(z.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300)))
-
-
-def _gaussian(
-    whole: Sequence[Array], certain: Sequence[NDArray[np.bool_]], lags: NDArray[np.int64], ridge: float, noise: float
-) -> tuple[Array, Array]:
-    """Mean (L, D) and covariance (L, D, L, D) of delayed poses."""
-    rows = np.concatenate([delayed(y, lags)[keep] for y, keep in zip(whole, certain, strict=True)])
-    rows = rows[np.isfinite(rows).all(axis=(1, 2))]
-    shape = rows.shape[1:]
-    if len(rows) < 2:
-        poses = np.concatenate(whole)
-        rows = np.repeat(poses[:, None], len(lags), axis=1)
-    flat = rows.reshape(len(rows), -1)
-    mean = flat.mean(axis=0)
-    cov = (flat - mean).T @ (flat - mean) / len(flat)
-    cov += (ridge * np.trace(cov) / len(cov) + noise + 1e-14) * np.eye(len(cov))
-    return mean.reshape(shape), cov.reshape(*shape, *shape)
-
-
-def regression(
-    rows: Array, others: NDArray[np.bool_], wanted: NDArray[np.int64], lags: NDArray[np.int64], mean: Array, cov: Array
-) -> tuple[Array, Array]:
-    """Wanted markers from the others.
-
-    Args:
-        rows: (n, L, D) delayed poses; NaN beyond the ends of the trial.
-        others: (M,) markers to look at.
-        wanted: (k,) markers that are asked for.
-        lags: (L,) delays.
-        mean: Of delayed poses.
-        cov: Of delayed poses.
-
-    Returns:
-        (n, k, 3) positions and (n, k, 3, 3) covariances.
-    """
-    now, size = int(np.searchsorted(lags, 0)), rows.shape[2]
-    flat, centre, square = rows.reshape(len(rows), -1), mean.ravel(), cov.reshape(mean.size, mean.size)
-    asked = now * size + (3 * wanted[:, None] + np.arange(3)).ravel()
-    said, left = np.empty((len(rows), len(wanted), 3)), np.empty((len(rows), len(wanted), 3, 3))
-    inside = np.isfinite(rows[:, :, 0])
-    for pattern in np.unique(inside, axis=0):
-        here = (inside == pattern).all(axis=1)
-        look = np.flatnonzero((pattern[:, None] & np.repeat(others, 3)).ravel())
-        cross = square[np.ix_(look, asked)]
-        weights = np.linalg.solve(square[np.ix_(look, look)], cross)
-        said[here] = (centre[asked] + (flat[np.ix_(here, look)] - centre[look]) @ weights).reshape(-1, len(wanted), 3)
-        rest = (square[np.ix_(asked, asked)] - cross.T @ weights).reshape(len(wanted), 3, len(wanted), 3)
-        left[here] = np.moveaxis(np.diagonal(rest, axis1=0, axis2=2), -1, 0)
-    return said, left

@@ -82,6 +82,22 @@ class Mixture:
         cov += np.einsum("ktm,ktmi,ktmj->tmij", weight, means - mean, means - mean)
         return mean, cov * (self.widening(length) ** 2)[..., None, None]
 
+    def calibrated(self, fills: Sequence[Fill], *, prior: float = 3.0) -> "Mixture":
+        """The mixture with intervals that hold in gaps hidden in a recording itself.
+
+        Another animal, another day: errors may be larger or smaller than in what the mixture was learned from. All
+        widths are multiplied by the ratio that 95 % of errors stay under (``learn_mixture``), as if ``prior`` gaps more
+        had shown that nothing is to be changed.
+
+        Args:
+            fills: What each of the K models said of the hidden samples.
+            prior: See above.
+        """
+        mean, variance = mixed_errors(self, fills)
+        gap = fills[0].gap
+        ratio = _conformal(np.abs(mean) / np.sqrt(variance) / 1.959964, gap)
+        return replace(self, widen=np.clip(self.widen * ratio ** _share(gap, prior), 0.1, 10.0))
+
 
 def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(T, M) length in frames of the run of unseen frames that each sample lies in; 0 where seen."""
@@ -94,10 +110,9 @@ def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
 def learn_mixture(
     fills: Sequence[Fill],
     *,
-    lean: Sequence[tuple[float, float]] | None = None,
     power: float = 3.0,
     strength: float = 0.1,
-    prior: float = 6.0,
+    prior: float = 12.0,
     folds: int = 5,
 ) -> Mixture:
     """The mixture of K models that fills hidden gaps with the least error: the mean over lengths of log rmse.
@@ -111,13 +126,12 @@ def learn_mixture(
 
     Args:
         fills: What each model said of the same hidden samples.
-        lean: Offset and slope that the weight of each is drawn to; None: zeros.
         power: Power of the stated variances; ``design/mixture.py`` settled it.
-        strength: Penalty on squared distances from there.
+        strength: Penalty on squared offsets and slopes.
         prior: See above.
         folds: See above.
     """
-    options = {"lean": lean or [(0.0, 0.0)] * len(fills), "power": power, "strength": strength, "prior": prior}
+    options = {"power": power, "strength": strength, "prior": prior}
     chosen = _mixture(fills, **options)
     gap, length = fills[0].gap, fills[0].length
     part = np.unique(gap, return_inverse=True)[1] % folds
@@ -147,9 +161,7 @@ def mixed_errors(mixture: Mixture, fills: Sequence[Fill]) -> tuple[Array, Array]
     return mean, total * mixture.widening(length)[:, None] ** 2
 
 
-def _mixture(
-    fills: Sequence[Fill], *, lean: Sequence[tuple[float, float]], power: float, strength: float, prior: float
-) -> Mixture:
+def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: float) -> Mixture:
     """Scales and weights; see ``learn_mixture``."""
     k, length = len(fills), fills[0].length
     lengths = np.unique(length).astype(float)
@@ -160,11 +172,9 @@ def _mixture(
             share = _share(fill.gap[length == n], prior)
             here = np.log(np.mean(squared[length == n]))
             scale[j, i] = np.exp(0.5 * (share * here + (1 - share) * np.log(np.mean(squared))))
-    first = np.array(lean, dtype=float).T
 
     def mixture(x: Array) -> Mixture:
-        step = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
-        offset, slope = first + step
+        offset, slope = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
         ones = np.ones(len(lengths))
         return Mixture(offset=offset, slope=slope, power=power, length=lengths, scale=scale, widen=ones)
 

@@ -12,7 +12,7 @@ from filters.mixture import Mixture, gap_lengths, mixed_errors
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.track import Progress, Smoothed
-from filters.tune import Tuned, search_on, tuned
+from filters.tune import Tuned, calibrated, search_on, tuned
 from mocap.errors import MocapError
 
 
@@ -102,7 +102,7 @@ def kind_name(kind: Kind) -> str:
     if kind is None:
         return "constant velocity of each marker"
     if isinstance(kind, DelaySettings):
-        return "regression on delayed poses"
+        return "Gaussian process of delayed poses"
     mechanics = {"free": "constant velocity of the pose", "linear": "linear mechanics", "field": "learned forces"}
     held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
     return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential")
@@ -175,6 +175,8 @@ def track_with(
 ) -> Smoothed:
     """Track a recording by all models of a learned one, and mix what they say.
 
+    The mixture's intervals are widened or narrowed until they hold in gaps that are hidden in the recording itself.
+
     Args:
         learned: The model.
         names: Markers of the recording.
@@ -190,5 +192,6 @@ def track_with(
         tell = None if progress is None else (lambda share, i=i: progress((i + share) / len(learned.kinds)))
         found.append(fitting.fill(kind, observations, progress=tell))
     length = gap_lengths(recording.seen)
-    xyz, cov = learned.mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
+    mixture = calibrated(learned.mixture, learned.kinds, fitting)
+    xyz, cov = mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
     return replace(found[-1], xyz_m=xyz, cov_m2=cov)

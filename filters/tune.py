@@ -25,6 +25,7 @@ class Search:
         trials: Training trials.
         trunk: Indices of the trunk's markers.
         hidden: Those of them that are validated on, by index, with what is hidden.
+        again: The same with other samples hidden, for the mixture.
         tried: Every candidate with how it filled all gaps.
         tell: Called with a line for each candidate.
     """
@@ -32,28 +33,37 @@ class Search:
     trials: Sequence[MarkerTrial]
     trunk: Sequence[int]
     hidden: dict[int, Hidden]
+    again: dict[int, Hidden] = field(default_factory=dict)
     tell: Callable[[str], None] = lambda _line: None
     tried: list[tuple[Kind, Fill]] = field(default_factory=list)
     _fitting: dict[int, Fitting] = field(default_factory=dict)
+    _fitting_again: dict[int, Fitting] = field(default_factory=dict)
 
     def fill(self, kind: Kind) -> Fill:
         """Fill all hidden gaps with one candidate, learned without them."""
         for before, fill in self.tried:
             if before == kind:
                 return fill
-        fills = []
-        for index, hidden in self.hidden.items():
-            shown = hidden.shown
-            if index not in self._fitting:
-                others = [trial for i, trial in enumerate(self.trials) if i != index]
-                self._fitting[index] = Fitting([*others, shown], self.trunk)
-            seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
-            found = self._fitting[index].fill(kind, seen)
-            fills.append(fill_of(hidden, found.xyz_m, found.cov_m2))
-        fill = joined_fills(fills)
+        fill = self._fill(kind, self.hidden, self._fitting)
         self.tried.append((kind, fill))
         self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm: {kind or 'constant velocity'}")
         return fill
+
+    def both(self, kind: Kind) -> Fill:
+        """The same with the gaps that were hidden again."""
+        first = self.fill(kind)
+        return joined_fills([first, self._fill(kind, self.again, self._fitting_again)]) if self.again else first
+
+    def _fill(self, kind: Kind, hidden: dict[int, Hidden], fitting: dict[int, Fitting]) -> Fill:
+        fills = []
+        for index, gaps in hidden.items():
+            shown = gaps.shown
+            if index not in fitting:
+                others = [trial for i, trial in enumerate(self.trials) if i != index]
+                fitting[index] = Fitting([*others, shown], self.trunk)
+            found = fitting[index].fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
+            fills.append(fill_of(gaps, found.xyz_m, found.cov_m2))
+        return joined_fills(fills)
 
     def improve(self, start: Settings, choices: Sequence[dict], *, least: float = 0.01) -> Settings:
         """The start with those changes, tried one after the other, that lower the cost by ``least`` or more."""
@@ -86,9 +96,12 @@ def search_on(
     """
     cut = [_excerpt(trial, most_frames) for trial in trials]
     order = np.argsort([-trial.seen.sum() for trial in cut], kind="stable")[:validated]
-    hidden = {int(i): hide_groups(cut[i], rng) for i in order}
-    hidden = {i: h for i, h in hidden.items() if h.mask.any()}
-    return Search(trials=trials, trunk=trunk, hidden=hidden, tell=tell)
+
+    def hide() -> dict[int, Hidden]:
+        hidden = {int(i): hide_groups(cut[i], rng) for i in order}
+        return {i: h for i, h in hidden.items() if h.mask.any()}
+
+    return Search(trials=trials, trunk=trunk, hidden=hide(), again=hide(), tell=tell)
 
 
 def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
@@ -98,6 +111,22 @@ def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
     start = int(np.argmax(total[most:] - total[:-most]))
     inside = slice(start, start + most)
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
+
+
+def calibrated(mixture: Mixture, kinds: Sequence[Kind], fitting: Fitting, *, most_frames: int = 500) -> Mixture:
+    """A mixture with intervals that hold in gaps hidden in the recording that is to be filled.
+
+    Args:
+        mixture: Of the kinds.
+        kinds: The K models.
+        fitting: Trials; the last is the recording.
+        most_frames: Of it, the stretch of so many frames of which most is seen.
+    """
+    hidden = hide_groups(_excerpt(fitting.trials[-1], most_frames), np.random.default_rng(0))
+    if not hidden.mask.any():
+        return mixture
+    search = Search(trials=fitting.trials, trunk=fitting.trunk, hidden={len(fitting.trials) - 1: hidden})
+    return mixture.calibrated([search.fill(kind) for kind in kinds])
 
 
 SHARP = PoseSettings(excess=0.3, residual=0.6, residual_rate=0.5)
@@ -125,7 +154,7 @@ def held_pose(search: Search, bare: PoseSettings, potentials: Sequence[Potential
 def delay_kind(search: Search, free: PoseSettings) -> DelaySettings:
     """The regression on delayed poses of the subspace and body of a pose model."""
     start = DelaySettings(ranks=free.ranks, body_hz=free.body_hz, turns=free.turns)
-    return search.improve(start, [{"ridge": 0.01}, {"memory": 3.0}, {"cutoff": 2.0}, {"ridge": 0.001}])
+    return search.improve(start, [{"cutoff": 8.0}])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -144,19 +173,8 @@ class Tuned:
 
 
 def tuned(search: Search) -> Tuned:
-    """The default tracker, a mixture: constant velocity of markers, of the pose, delayed poses, mechanics and V_z."""
+    """The default tracker, a mixture: constant velocity of markers, delayed poses, mechanics held by V_z."""
     free, _, held = pose_kinds(search)
-    kinds: tuple[Kind, ...] = (None, free, delay_kind(search, free), held)
-    fills, mixture = mixed(search, kinds)
-    return Tuned(kinds=kinds, mixture=mixture, fills=fills)
-
-
-def mixed(search: Search, kinds: Sequence[Kind]) -> tuple[tuple[Fill, ...], Mixture]:
-    """What each kind said of the hidden samples, and how they are mixed.
-
-    The regression knows nothing of a gap's edges: its weight is drawn to rise with the gap's length, to be a third of
-    that of others at 30 frames.
-    """
-    fills = tuple(search.fill(kind) for kind in kinds)
-    lean = [(-1.0, 1.0) if isinstance(kind, DelaySettings) else (0.0, 0.0) for kind in kinds]
-    return fills, learn_mixture(fills, lean=lean)
+    kinds: tuple[Kind, ...] = (None, delay_kind(search, free), held)
+    fills = tuple(search.both(kind) for kind in kinds)
+    return Tuned(kinds=kinds, mixture=learn_mixture(fills), fills=fills)

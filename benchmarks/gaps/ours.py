@@ -11,10 +11,10 @@ import numpy as np
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
 from filters.fitting import Fitting, Kind
-from filters.mixture import Mixture, gap_lengths
+from filters.mixture import Mixture, gap_lengths, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
-from filters.tune import Search, delay_kind, held_pose, mixed, pose_kinds, search_on
+from filters.tune import Search, calibrated, delay_kind, held_pose, pose_kinds, search_on
 from mocap.arrays import Array
 
 LEAST_SD_M = 5e-5
@@ -35,14 +35,18 @@ class Lesson:
     kinds: dict[str, Kind]
     done: dict = field(default_factory=dict)
 
-    def estimate(self, name: str, trial: MarkerTrial) -> tuple[Array, Array]:
-        """Positions and covariance by one model."""
+    def fitting(self, trial: MarkerTrial) -> Fitting:
+        """All trials, the one to fill last."""
         key = trial.xyz_m.tobytes()
         if self.done.get("trial") != key:
             self.done = {"trial": key, "fitting": Fitting([*self.search.trials, trial], self.search.trunk)}
+        return self.done["fitting"]
+
+    def estimate(self, name: str, trial: MarkerTrial) -> tuple[Array, Array]:
+        """Positions and covariance by one model."""
+        fitting = self.fitting(trial)
         if name not in self.done:
-            seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-            found = self.done["fitting"].fill(self.kinds[name], seen)
+            found = fitting.fill(self.kinds[name], PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
             self.done[name] = found.xyz_m, found.cov_m2
         return self.done[name]
 
@@ -67,7 +71,6 @@ def lesson(training: Sequence[Trial]) -> Lesson:
         free, bare, held = pose_kinds(search)
         kinds: dict[str, Kind] = {
             "marker": None,
-            "free pose": free,
             "delayed poses": delay_kind(search, free),
             "mechanics": bare,
             "mechanics + V_z": held,
@@ -87,7 +90,7 @@ class Ours:
     def learn(self, training: Sequence[Trial]) -> Filler:
         """Search, then learn the mixture's weights and widths on the same hidden gaps."""
         learned = lesson(training)
-        _, mixture = mixed(learned.search, [learned.kinds[member] for member in self.members])
+        mixture = learn_mixture([learned.search.both(learned.kinds[member]) for member in self.members])
         return _filler(learned, self.members, mixture)
 
 
@@ -96,13 +99,16 @@ def _filler(learned: Lesson, members: Sequence[str], mixture: Mixture) -> Callab
         own = marker_trial(trial)
         found = [learned.estimate(member, own) for member in members]
         length = gap_lengths(own.seen)
-        xyz, cov = mixture.combine([x for x, _ in found], [c for _, c in found], length)
+        kinds = [learned.kinds[member] for member in members]
+        xyz, cov = calibrated(mixture, kinds, learned.fitting(own)).combine(
+            [x for x, _ in found], [c for _, c in found], length
+        )
         return Filled(xyz, cov + (own.sd_m**2)[..., None, None] * np.eye(3))
 
     return fill
 
 
-BESIDE = ("marker", "free pose", "delayed poses")
+BESIDE = ("marker", "delayed poses")
 """What is mixed with the mechanics."""
 
 

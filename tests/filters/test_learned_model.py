@@ -102,7 +102,7 @@ def test_scores_are_of_every_model_and_the_mixture(learned, flights):
     That is what the penalty on its offsets costs where one is the best at all of them.
     """
     assert list(learned.scores)[-1] == "mixture"
-    assert len(learned.scores) == len(learned.kinds) + 1 == 5
+    assert len(learned.scores) == len(learned.kinds) + 1 == 4
     lengths = learned.scores["mixture"]["gap_frames"]
     hidden = hide_groups(flights[0][0], np.random.default_rng(0))
     assert {int(n) for n in np.unique(hidden.length[hidden.mask])} <= set(lengths) <= {10, 25, 50}
@@ -198,7 +198,7 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 2"}')},
+        {"header": np.array('{"format": "eal-mocap model 3"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
@@ -225,7 +225,7 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     save_model(small, path)
     with np.load(path) as file:
         header = {**json.loads(str(file["header"])), "format": "eal-mocap model 9"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 2', but it says 'eal-mocap model 9': learn it"):
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 3', but it says 'eal-mocap model 9': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))

@@ -1,0 +1,136 @@
+"""Gaussian-process regression over several trials, its covariance learned by marginal likelihood.
+
+A value y at the inputs x, in trial k at time t, is a Gaussian process (Rasmussen & Williams 2006) of covariance
+
+    scale^2 (linear <x, x'> + curved exp(-sharp |x - x'|^2)
+             + [same trial] (trial + slow (1 + u) exp(-u) + own exp(-sharp |x - x'|^2)) + [same row] noise),
+
+u = sqrt(3) |t - t'| / memory. The linear part alone is the conditional mean of a Gaussian. The curved part holds what a
+Gaussian cannot: sets that bend, several gaits. A trial has its own constant and its own curved part (another animal,
+markers placed anew), and what regression misses by lasts for a while (Matern-3/2).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+from scipy.optimize import minimize
+
+from mocap.arrays import Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rows:
+    """Inputs of n rows.
+
+    Attributes:
+        x: (n, D) regressors, centred; their mean square length is about 1.
+        trial: (n,) trial of each row.
+        t: (n,) its time, in units of the memory's.
+    """
+
+    x: Array
+    trial: NDArray[np.int64]
+    t: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Covariance:
+    """Amplitudes of the parts of the covariance, before the scale, and two lengths; all positive.
+
+    Attributes:
+        linear: Of the linear part.
+        curved: Of the curved part that all trials share.
+        sharp: How sharply it is curved.
+        trial: Of a trial's constant.
+        slow: Of what is missed by.
+        memory: How long that lasts.
+        own: Of a trial's own curved part.
+        noise: Of a row.
+    """
+
+    linear: float = 1.0
+    curved: float = 0.4
+    sharp: float = 0.7
+    trial: float = 0.01
+    slow: float = 0.15
+    memory: float = 1.3
+    own: float = 0.025
+    noise: float = 0.001
+
+    def __call__(self, a: Rows, b: Rows) -> Array:
+        """(n, m) covariances between rows, without noise."""
+        inner = a.x @ b.x.T
+        square = np.sum(a.x**2, axis=1)[:, None] + np.sum(b.x**2, axis=1) - 2 * inner
+        bent = np.exp(-self.sharp * np.maximum(square, 0.0))
+        u = np.sqrt(3) * np.abs(a.t[:, None] - b.t) / self.memory
+        same = self.trial + self.slow * (1 + u) * np.exp(-u) + self.own * bent
+        return self.linear * inner + self.curved * bent + np.where(a.trial[:, None] == b.trial, same, 0.0)
+
+    def prior(self, rows: Rows) -> Array:
+        """(n,) variances of rows, without noise."""
+        flat = self.curved + self.trial + self.slow + self.own
+        return self.linear * np.sum(rows.x**2, axis=1) + flat
+
+    @property
+    def logarithms(self) -> Array:
+        """Of all parameters, in their order."""
+        return np.log([getattr(self, field.name) for field in fields(self)])
+
+    @classmethod
+    def of(cls, logarithms: Array) -> "Covariance":
+        """From logarithms of all parameters."""
+        names = [field.name for field in fields(cls)]
+        return cls(**dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
+
+
+def predict(covariance: Covariance, rows: Rows, y: Array, asked: Rows) -> tuple[Array, Array]:
+    """Posterior at rows that are asked for.
+
+    The scale of each column of y is the one of highest likelihood, sqrt(y' K^-1 y / n).
+
+    Args:
+        covariance: Of the process.
+        rows: n known rows.
+        y: (n, c) their values, centred.
+        asked: m rows.
+
+    Returns:
+        (m, c) means and (m, c) variances, without noise.
+    """
+    factor = cho_factor(covariance(rows, rows) + covariance.noise * np.eye(len(y)), lower=True)
+    solved = cho_solve(factor, y)
+    cross = covariance(asked, rows)
+    explained = np.sum(solve_triangular(factor[0], cross.T, lower=True) ** 2, axis=0)
+    prior = covariance.prior(asked)
+    left = np.maximum(prior - explained, 1e-6 * prior)
+    return cross @ solved, left[:, None] * np.mean(y * solved, axis=0)
+
+
+def fitted(tasks: Sequence[tuple[Rows, Array]], *, start: Covariance | None = None, steps: int = 12) -> Covariance:
+    """The covariance under which some data sets are likeliest, each column of each with a scale of its own.
+
+    Args:
+        tasks: Rows and their values (n, c), centred.
+        start: Where the search begins, and what logarithms are drawn to: by a prior of deviation 22 / sqrt(rows).
+        steps: Of the search.
+    """
+    first = (start or Covariance()).logarithms
+
+    def cost(logarithms: Array) -> float:
+        covariance, total = Covariance.of(logarithms), 0.0
+        for rows, y in tasks:
+            try:
+                factor = cho_factor(covariance(rows, rows) + covariance.noise * np.eye(len(y)), lower=True)
+            except LinAlgError:
+                return 1e6
+            scale2 = np.mean(y * cho_solve(factor, y), axis=0)
+            total += 0.5 * np.mean(np.log(scale2 + 1e-300)) + np.mean(np.log(np.diag(factor[0])))
+        return float(total / max(len(tasks), 1) + 0.001 * np.sum((logarithms - first) ** 2))
+
+    if not tasks:
+        return Covariance.of(first)
+    bounds = [(-12.0, 4.0)] * len(first)
+    return Covariance.of(minimize(cost, first, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}).x)

@@ -47,7 +47,7 @@ def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run
             profile=files["profile"],
             skeleton=files["skeleton"],
         )
-        run, prepared = run_job(source, model="eal", stages=stages, validated=False)
+        run, prepared = run_job(source, model="mixture", stages=stages, validated=False)
     part = seen_part(prepared)
     truth = recording.truth.xyz_m
     seen = np.isfinite(prepared.xyz_m[..., 0])
@@ -55,7 +55,7 @@ def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run
     with stages.stage("the same by other methods") as progress:
         model = learn_constant_velocity(prepared.xyz_m[part.frames][:, part.markers], dt_s=prepared.dt_s)
         other = tracked_motion(prepared, part, model.name, track(prepared, part, model, progress=progress))
-        methods = {"eal": run.tracked.markers, "constant_velocity": other.markers}
+        methods = {"mixture": run.tracked.markers, "constant_velocity": other.markers}
         gaps = {name: score(m.xyz_m, m.cov_m2, truth, where) for name, m in methods.items()}
         for kind in ("cubic", "linear"):
             gaps[kind] = score(interpolated(prepared.xyz_m, prepared.t_s, kind=kind), None, truth, where)

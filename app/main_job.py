@@ -20,6 +20,7 @@ from app.tracking import (
     seen_part,
     track,
     track_learned,
+    track_mixed,
     tracked_motion,
     trunk_frames,
     validate,
@@ -33,7 +34,7 @@ from mocap.errors import MocapError
 from mocap.joints import joint_tracks
 from mocap.records import PixelTracks
 
-Model = Literal["auto", "eal", "constant_velocity"]
+Model = Literal["auto", "mixture", "eal", "constant_velocity"]
 Watch = Callable[[Prepared, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
 JOINT_HZ = 30.0
@@ -77,7 +78,8 @@ def run_job(
 
     Args:
         source: Its files.
-        model: ``eal``, ``constant_velocity``, or whichever fills hidden samples of this recording better.
+        model: ``constant_velocity``, ``eal``, a ``mixture`` of both and a regression, or (``auto``) the mixture, unless
+            constant velocity fills hidden samples of this recording better.
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         settings: Choices of the pose model.
@@ -109,12 +111,16 @@ def _run_job(
         prepared = prepare(source)
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
-    if model == "eal" and reason is not None:
+    if model in ("eal", "mixture") and reason is not None:
         raise MocapError(f"{source.tracks.name}: no EAL model can be learned: {reason}; use --model constant_velocity")
     scores, hidden = {}, 0
     if validated:
         with stages.stage("validate on hidden samples") as progress:
-            methods = {"eal": model != "constant_velocity", "constant_velocity": model != "eal" or reason is not None}
+            methods = {
+                "mixture": model in ("auto", "mixture") and learned is None,
+                "eal": model != "constant_velocity",
+                "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
+            }
             rng = np.random.default_rng(seed)
             scores, hidden = validate(
                 prepared, part, settings=settings, methods=methods, learned=learned, rng=rng, progress=progress
@@ -126,13 +132,18 @@ def _run_job(
     else:
         chosen, why = _choose(model, reason, scores)
         with stages.stage("learn"):
-            own = learn_models(prepared, part, settings=settings)[chosen]
+            own = learn_models(prepared, part, settings=settings)["eal" if chosen == "mixture" else chosen]
         if watch is not None:
             with stages.stage("filter live"):
                 watch(prepared, part, own)
-        with stages.stage("track") as progress:
-            smoothed = track(prepared, part, own, progress=progress)
-        name = own.name
+        name, smoothed = chosen, None
+        if chosen == "mixture":
+            with stages.stage("track by a mixture") as progress:
+                smoothed = track_mixed(prepared, part, settings=settings, progress=progress)
+        if smoothed is None:
+            name = own.name
+            with stages.stage("track") as progress:
+                smoothed = track(prepared, part, own, progress=progress)
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
         joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
@@ -178,15 +189,17 @@ def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
-def _choose(model: Model, reason: str | None, scores: dict) -> tuple[Literal["eal", "constant_velocity"], str]:
+def _choose(
+    model: Model, reason: str | None, scores: dict
+) -> tuple[Literal["mixture", "eal", "constant_velocity"], str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"
     if reason is not None:
         return "constant_velocity", reason
-    rmse = {name: scores.get(name, {}).get("rmse_mm") for name in ("eal", "constant_velocity")}
-    if rmse["eal"] is None or rmse["constant_velocity"] is None:
-        return "eal", "the default"
-    if rmse["eal"] <= rmse["constant_velocity"]:
-        return "eal", "it fills hidden samples of this recording better than constant velocity"
-    return "constant_velocity", "it fills hidden samples of this recording better than the EAL model"
+    rmse = {name: scores.get(name, {}).get("rmse_mm") for name in ("mixture", "constant_velocity")}
+    if rmse["mixture"] is None or rmse["constant_velocity"] is None:
+        return "mixture", "the default"
+    if rmse["mixture"] <= rmse["constant_velocity"]:
+        return "mixture", "it fills hidden samples of this recording better than constant velocity"
+    return "constant_velocity", "it fills hidden samples of this recording better than the mixture with the EAL model"

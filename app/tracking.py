@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from app.gaps import hide_gaps, interpolated, score
 from app.prepare import Prepared
 from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
-from filters.model import LearnedModel, track_with
+from filters.model import LearnedModel, learn_from_itself, track_with
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
 from filters.observations import WHOLE
@@ -96,6 +96,21 @@ def marker_trial(prepared: Prepared, part: Part, *, hidden: Mask | None = None) 
         xyz_m=_visible(prepared, part, hidden, part.markers),
         sd_m=np.sqrt(np.trace(prepared.cov_m2[part.frames][:, part.markers], axis1=-2, axis2=-1) / 3),
     )
+
+
+def track_mixed(
+    prepared: Prepared,
+    part: Part,
+    *,
+    settings: PoseSettings,
+    hidden: Mask | None = None,
+    progress: Progress | None = None,
+) -> Smoothed | None:
+    """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
+    names = [prepared.names[int(m)] for m in part.markers]
+    own = marker_trial(prepared, part, hidden=hidden)
+    learned = learn_from_itself(names, prepared.skeleton.trunk, own, settings)
+    return None if learned is None else track_learned(prepared, part, learned, hidden=hidden, progress=progress)
 
 
 def track_learned(
@@ -216,7 +231,7 @@ def validate(
         prepared: The recording.
         part: Its seen part.
         settings: Choices of the pose model.
-        methods: Models to measure (``eal``, ``constant_velocity``); False leaves one out.
+        methods: Models to measure (``mixture``, ``eal``, ``constant_velocity``); False leaves one out.
         rng: Where to hide.
         learned: A model of other trials to measure as well, as ``learned``.
         most_frames: At most so many frames, where most is seen.
@@ -241,14 +256,18 @@ def validate(
         for name in ("linear", "cubic")
     }
     models = learn_models(prepared, part, settings=settings, hidden=hidden)
-    trackers = {
+    trackers: dict[str, Callable[..., Smoothed | None]] = {
         name: partial(track, prepared, part, models[name], hidden=hidden) for name in models if methods.get(name, False)
     }
+    if methods.get("mixture", False) and "eal" in models:
+        trackers["mixture"] = partial(track_mixed, prepared, part, settings=settings, hidden=hidden)
     if learned is not None:
         trackers["learned"] = partial(track_learned, prepared, part, learned, hidden=hidden)
     for i, (name, tracker) in enumerate(trackers.items()):
         step = None if progress is None else (lambda share, i=i: progress((i + share) / len(trackers)))
         smoothed = tracker(progress=step)
+        if smoothed is None:
+            continue
         scores[name] = score(smoothed.xyz_m, smoothed.cov_m2 + _jitter(prepared, part), truth, where)
     return scores, count
 

@@ -8,11 +8,12 @@ import numpy as np
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind
 from filters.hidden import Fill
+from filters.learn import PoseSettings
 from filters.mixture import Mixture, gap_lengths, mixed_errors
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.track import Progress, Smoothed
-from filters.tune import Tuned, calibrated, search_on, tuned
+from filters.tune import Tuned, calibrated, mixed, search_on, tuned
 from mocap.errors import MocapError
 
 
@@ -26,7 +27,7 @@ class LearnedModel:
     Attributes:
         names: The M markers.
         trunk: Those of the body.
-        trials: What it learned from.
+        trials: What it learned from; none where a recording is to teach itself.
         kinds: Its K kinds of models; the last is a motion model.
         mixture: How they are mixed.
         scores: For each of them and the mixture, by length of gap: root mean square error in mm and the share of
@@ -79,6 +80,42 @@ def learn_model(
         names=tuple(names),
         trunk=tuple(trunk),
         trials=tuple(trials),
+        kinds=found.kinds,
+        mixture=found.mixture,
+        scores=scores_of(found),
+    )
+
+
+def learn_from_itself(
+    names: Sequence[str],
+    trunk: Sequence[str],
+    recording: MarkerTrial,
+    settings: PoseSettings,
+    *,
+    most_frames: int = 300,
+) -> LearnedModel | None:
+    """A model of no other trials: how to mix three kinds is learned on gaps hidden in the recording to be tracked.
+
+    Args:
+        names: The M markers.
+        trunk: Those of the body; empty: all.
+        recording: What is to be tracked.
+        settings: Of the pose model; its subspace and body are those of the regression, too.
+        most_frames: Gaps are hidden in the stretch of so many frames of which most is seen.
+
+    Returns:
+        None: no gap could be hidden.
+    """
+    body = [names.index(name) for name in trunk if name in names] or list(range(len(names)))
+    search = search_on([recording], body, np.random.default_rng(0), most_frames=most_frames)
+    if not search.hidden:
+        return None
+    delay = DelaySettings(ranks=settings.ranks, body_hz=settings.body_hz, turns=settings.turns)
+    found = mixed(search, (None, delay, settings))
+    return LearnedModel(
+        names=tuple(names),
+        trunk=tuple(trunk),
+        trials=(),
         kinds=found.kinds,
         mixture=found.mixture,
         scores=scores_of(found),
@@ -185,13 +222,14 @@ def track_with(
         progress: Called with the share done.
 
     Returns:
-        Markers of the mixture; what was seen and believed is that of the last model, the one held by V_z.
+        Markers that were not seen are those of the mixture; all else is that of the last model, the one held by V_z.
     """
     fitting, found = fitting_for(learned, names, recording), []
     for i, kind in enumerate(learned.kinds):
         tell = None if progress is None else (lambda share, i=i: progress((i + share) / len(learned.kinds)))
         found.append(fitting.fill(kind, observations, progress=tell))
     length = gap_lengths(recording.seen)
-    mixture = calibrated(learned.mixture, learned.kinds, fitting)
+    mixture = calibrated(learned.mixture, learned.kinds, fitting) if learned.trials else learned.mixture
     xyz, cov = mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
-    return replace(found[-1], xyz_m=xyz, cov_m2=cov)
+    seen, last = recording.seen[..., None], found[-1]
+    return replace(last, xyz_m=np.where(seen, last.xyz_m, xyz), cov_m2=np.where(seen[..., None], last.cov_m2, cov))

@@ -176,5 +176,10 @@ def tuned(search: Search) -> Tuned:
     """The default tracker, a mixture: constant velocity of markers, delayed poses, mechanics held by V_z."""
     free, _, held = pose_kinds(search)
     kinds: tuple[Kind, ...] = (None, delay_kind(search, free), held)
+    return mixed(search, kinds)
+
+
+def mixed(search: Search, kinds: Sequence[Kind]) -> Tuned:
+    """Kinds that were chosen, and how they are mixed."""
     fills = tuple(search.both(kind) for kind in kinds)
-    return Tuned(kinds=kinds, mixture=learn_mixture(fills), fills=fills)
+    return Tuned(kinds=tuple(kinds), mixture=learn_mixture(fills), fills=fills)

@@ -49,7 +49,7 @@ def track(
     model: Annotated[
         str,
         typer.Option(
-            help="File that mocap learn wrote; or eal, constant_velocity, or auto: what fills hidden samples better."
+            help="A file of mocap learn; mixture, eal or constant_velocity; auto: which fills hidden samples best."
         ),
     ] = "auto",
     video: Annotated[
@@ -139,5 +139,7 @@ def existing_model(model: str) -> Path:
     """
     path = Path(model)
     if not path.is_file():
-        raise MocapError(f"--model {model}: give auto, eal, constant_velocity, or a file that mocap learn wrote")
+        raise MocapError(
+            f"--model {model}: give auto, mixture, eal, constant_velocity, or a file that mocap learn wrote"
+        )
     return path

@@ -1,4 +1,4 @@
-"""What names put right and samples rejected are in words, for reports."""
+"""What names put right, samples rejected and bad cameras are in words, for reports."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
+from mocap.camera_health import CameraHealth
 from mocap.clean import REASONS, Cleaning
 from mocap.swaps import DOUBTFUL, Swap
 
@@ -45,3 +46,24 @@ def never_seen(xyz_m: Array, names: Sequence[str]) -> list[str]:
     """A sentence on the markers that no frame of (T, M, 3) points has, if there are any."""
     never = [names[int(m)] for m in np.flatnonzero(~np.isfinite(xyz_m[..., 0]).any(axis=0))]
     return [f"never seen in 3D, and left empty: {', '.join(never)}"] if never else []
+
+
+def camera_findings(health: CameraHealth, names: Sequence[str]) -> list[str]:
+    """A sentence for every camera that goes bad, frames from 1."""
+    n_frames = health.factor.shape[1]
+    out = []
+    for bad in health.bad:
+        until = "the end" if bad.stop == n_frames else f"frame {bad.stop}"
+        times = float(np.median(health.factor[bad.camera, bad.start : bad.stop]))
+        sentence = (
+            f"camera {names[bad.camera]} from frame {bad.start + 1} to {until}: rays miss by {bad.level_px:.1f} px "
+            f"against {bad.good_px:.1f} px: weighted down by {times:.3g}"
+        )
+        if bad.moved:
+            sentence += (
+                f", as if it had been moved by ({bad.offset_px[0]:+.1f}, {bad.offset_px[1]:+.1f}) px, shifted back"
+            )
+        if len(names) == 3:
+            sentence += " (of three cameras it may be another one: the others are never checked against each other)"
+        out.append(sentence)
+    return out

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from app.cleaning_findings import cleaning_findings, exchange_findings, never_seen
+from app.cleaning_findings import camera_findings, cleaning_findings, exchange_findings, never_seen
 from app.source import Filmed, Source, audit_points, load_filmed, load_points, load_skeleton
 from filters.observations import Observations, PixelObservations, PositionObservations
 from mocap import audit, triangulate
 from mocap.arrays import Array
 from mocap.bias import ray_bias
-from mocap.camera_health import BadTime, camera_health, describe, shifted_back
+from mocap.camera_health import BadTime, camera_health, shifted_back
 from mocap.careless import student_t
 from mocap.clean import REASONS, clean
 from mocap.click_noise import USUAL_DOF, ClickNoise, click_noise
@@ -202,7 +202,7 @@ def prepare(source: Source) -> Prepared:
         noise=noise,
         findings=(
             *findings,
-            *describe(health, [c.name for c in filmed.cameras]),
+            *camera_findings(health, [c.name for c in filmed.cameras]),
             *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
             *([f"{lost.sum()} samples rejected, {REASONS['rays_miss']}"] if lost.any() else []),
             *cleaning_findings(cleaning, names),

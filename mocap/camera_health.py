@@ -5,7 +5,6 @@ or more cameras see, each residual counted by the share of it that its own point
 that disagrees with the rest, not those that agree with each other against it. With two cameras it cannot be known.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -278,25 +277,4 @@ def shifted_back(uv_px: Array, health: CameraHealth) -> Array:
     for bad in health.bad:
         if bad.moved:
             out[bad.camera, bad.start : bad.stop] -= bad.offset_px
-    return out
-
-
-def describe(health: CameraHealth, names: Sequence[str]) -> list[str]:
-    """Sentences for a report, frames from 1."""
-    n_frames = health.factor.shape[1]
-    out = []
-    for bad in health.bad:
-        until = "the end" if bad.stop == n_frames else f"frame {bad.stop}"
-        times = float(np.median(health.factor[bad.camera, bad.start : bad.stop]))
-        sentence = (
-            f"camera {names[bad.camera]} from frame {bad.start + 1} to {until}: rays miss by {bad.level_px:.1f} px "
-            f"against {bad.good_px:.1f} px: weighted down by {times:.3g}"
-        )
-        if bad.moved:
-            sentence += (
-                f", as if it had been moved by ({bad.offset_px[0]:+.1f}, {bad.offset_px[1]:+.1f}) px, shifted back"
-            )
-        if len(names) == 3:
-            sentence += " (of three cameras it may be another one: the others are never checked against each other)"
-        out.append(sentence)
     return out

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.cleaning_findings import camera_findings
 from app.prepare import prepare
 from app.source import Source
 from datasets import PERFECT, make_bat, make_lizard, write_recording
-from mocap.camera_health import camera_health, describe
+from mocap.camera_health import camera_health
 from mocap.cameras import project, stacked, undistorted
 from mocap.formats.dvproject import read_project
 from mocap.linearised import fit, linearise
@@ -54,7 +55,7 @@ def test_a_bumped_camera_is_named(twin):
     assert bad.level_px == pytest.approx(10, rel=0.1)
     assert (found.factor[2, 153:] > 6).all()
     assert (np.delete(found.factor, 2, axis=0) == 1).all()
-    (sentence,) = describe(found, [f"cam{i + 1}" for i in range(len(uv))])
+    (sentence,) = camera_findings(found, [f"cam{i + 1}" for i in range(len(uv))])
     assert "camera cam3 from frame 15" in sentence
     assert "as if it had been moved" in sentence
 

@@ -1,0 +1,54 @@
+"""A recording that teaches itself how to mix models."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from filters.fitting import Fitting
+from filters.learn import PoseSettings
+from filters.model import learn_from_itself, track_with
+from filters.observations import PositionObservations
+from tests.filters.test_tuning import trial_of
+
+NAMES = tuple("abcdefgh")
+SETTINGS = PoseSettings(ranks=(2,))
+
+
+def lost_wing(frames):
+    """A flapping animal of which a wing is not seen for some frames."""
+    trial = trial_of(3)
+    xyz = trial.xyz_m.copy()
+    xyz[frames, 5] = np.nan
+    return replace(trial, xyz_m=xyz)
+
+
+def test_a_lost_wing_is_found_by_the_mixture():
+    """Nearer than by constant velocity, within 2 mm of the 20 that it deviates by, with an interval that says so."""
+    gap = slice(40, 70)
+    trial = lost_wing(gap)
+    learned = learn_from_itself(NAMES, NAMES[:4], trial, SETTINGS)
+    assert learned is not None
+    assert learned.trials == ()
+    seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+    found = track_with(learned, NAMES, trial, seen)
+    plain = Fitting([trial], [0, 1, 2, 3]).fill(None, seen)
+    miss, plainly = (f.xyz_m[gap, 5] - trial_of(3).xyz_m[gap, 5] for f in (found, plain))
+    assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < min(2e-3, np.sqrt(np.mean(np.sum(plainly**2, axis=1))))
+    sd = np.sqrt(np.diagonal(found.cov_m2[gap, 5], axis1=1, axis2=2))
+    assert np.mean(np.abs(miss) < 1.96 * np.sqrt(sd**2 + 1e-8)) > 0.85
+
+
+def test_what_is_seen_is_the_filter_s_own():
+    """Where the marker was measured nothing is mixed: positions and covariances are those of the pose model."""
+    trial = lost_wing(slice(40, 70))
+    learned = learn_from_itself(NAMES, NAMES[:4], trial, SETTINGS)
+    assert learned is not None
+    seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+    found, own = track_with(learned, NAMES, trial, seen), Fitting([trial], [0, 1, 2, 3]).fill(SETTINGS, seen)
+    np.testing.assert_array_equal(found.xyz_m[trial.seen], own.xyz_m[trial.seen])
+    np.testing.assert_array_equal(found.cov_m2[trial.seen], own.cov_m2[trial.seen])
+
+
+def test_a_recording_too_short_to_hide_anything_teaches_nothing():
+    """Six frames: no gap has three measured frames on both sides."""
+    assert learn_from_itself(NAMES, (), trial_of(3, 6), SETTINGS) is None

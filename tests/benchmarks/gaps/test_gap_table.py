@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.gaps.plots import draw
-from benchmarks.gaps.table import FOLDS, TABLE, as_text, pooled, ratios, summary
+from benchmarks.gaps.table import FOLDS, TABLE, against_best, as_sentence, as_text, pooled, ratios, summary
 
 
 def make_folds(rmse):
@@ -93,3 +93,15 @@ def test_pictures_are_drawn(tmp_path):
     paths = draw(TWO_TRIALS, pooled(TWO_TRIALS), tmp_path)
     assert sorted(path.name for path in paths) == ["coverage.png", "error.png"]
     assert all(path.stat().st_size > 10_000 for path in paths)
+
+
+def test_the_best_of_many_is_chosen_by_the_other_seeds():
+    """Peer a is lucky with seed 0, b with seed 1: each is met where it was not chosen; one seed alone says nothing."""
+    mm = {("ours", 0): 2.0, ("ours", 1): 2.0, ("a", 0): 1.0, ("a", 1): 4.0, ("b", 0): 8.0, ("b", 1): 1.0}
+    folds = make_folds({("bat", 50, method, seed, "x"): (10, value) for (method, seed), value in mm.items()})
+    found = against_best(folds, "ours", ["a", "b"]).set_index("seed")
+    assert list(found["best"]) == ["b", "a"]
+    np.testing.assert_allclose(found["ln_ratio"], [np.log(2 / 8), np.log(2 / 4)])
+    said = as_sentence(found.reset_index(), "ours")
+    assert "-65% on average; in 1 of 1 cells more than 3 % better with every seed, in 0 worse" in said
+    assert against_best(folds[folds["seed"] == 0], "ours", ["a", "b"]).empty

@@ -6,11 +6,12 @@ are left out; the mixture is learned on gaps hidden in the others and judged on 
 square error in mm in gaps of 10 / 25 / 50 / 100 frames (geometric mean over trials), the share inside 95 % intervals,
 and the mean logarithm.
 
-What it showed on bat and gait (4 trials): the mixture errs by 1.96 / 4.08 / 7.45 / 13.3 mm with 92.7 % inside (mean log
-1.668), without the regression by 1.94 / 4.53 / 7.53 / 15.7 (1.736), without V_z by 1.98 / 4.11 / 7.78 / 13.3 (1.683); V_z
-alone by 2.61 / 3.33 / 6.57 / 15.8 (1.701), the regression alone by 2.62 / 3.17 / 7.79 / 13.3 (1.689), constant velocity by
-2.01 / 6.20 / 16.3 / 150. Power 1 has 1.619, 2 1.642, 4 1.686. Constant velocity of the pose as a fourth member would gain
-here (1.594: one gap of 25 frames), and did not on the ten folds of other gaps on which power 3 was kept: left open.
+What it showed on bat and gait (4 trials): the mixture errs by 1.96 / 4.08 / 7.45 / 13.3 mm with 92.7 % inside (mean
+log 1.668), without the regression by 1.94 / 4.53 / 7.53 / 15.7 (1.736), without V_z by 1.98 / 4.11 / 7.78 / 13.3
+(1.683); V_z alone by 2.61 / 3.33 / 6.57 / 15.8 (1.701), the regression alone by 2.62 / 3.17 / 7.79 / 13.3 (1.689),
+constant velocity by 2.01 / 6.20 / 16.3 / 150. Power 1 has 1.619, 2 1.642, 4 1.686. Constant velocity of the pose as a
+fourth member would gain here (1.594: one gap of 25 frames), and did not on the ten folds of other gaps on which power
+3 was kept: left open.
 """
 
 import sys

@@ -151,11 +151,11 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Smoothed
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
     for frame, seen in enumerate(smoothed.observed, start=part.frames.start):
-        camera, marker = seen.sights.where[:, 0], part.markers[seen.sights.where[:, 1]]
+        camera, marker = seen.where[:, 0], part.markers[seen.where[:, 1]]
         ok, whole = seen.weight > 0, camera == WHOLE
         used[camera[ok & ~whole], frame, marker[ok & ~whole]] = True
         used[:, frame, marker[ok & whole]] |= np.isfinite(prepared.uv_px[:, frame][:, marker[ok & whole], 0])
-        innovation[camera[~whole], frame, marker[~whole]] = seen.sights.innovation[~whole, :2]
+        innovation[camera[~whole], frame, marker[~whole]] = seen.innovation[~whole, :2]
         believed[frame, marker[ok & whole]] = True
     believed |= used.sum(axis=0) >= 2
     origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))

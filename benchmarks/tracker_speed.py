@@ -4,7 +4,7 @@
 of one BLAS thread, for every frame: on the wall, and of the processor alone, which a busy machine changes less; the
 best of ``ROUNDS`` runs that take turns. Frames a second are those of the wall. "memory" is by how much the peak of a
 process of its own grows, beyond what it held with the recording in it; ``smooth`` is given 200 MB for states. What was
-seen of each ray, 0.16 MB a frame, is returned by ``filter`` and ``smooth``, and given away by ``live``.
+seen of each ray, 0.05 MB a frame, is returned by ``filter`` and ``smooth``, and given away by ``live``.
 """
 
 import argparse

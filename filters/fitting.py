@@ -7,14 +7,14 @@ from typing import overload
 from threadpoolctl import threadpool_limits
 
 from filters.delayed import DelaySettings, Filled, fill_delayed
-from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
+from filters.learn import MarkerSettings, PoseSettings, learn_constant_velocity, learn_pose
 from filters.motion.base import MotionModel
 from filters.observations import Observations
 from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from filters.track import Progress, Smoothed, smooth
 
-Kind = PoseSettings | DelaySettings | None
-"""A pose model with its settings, a regression on delayed poses, or None: constant velocity, each marker for itself."""
+Kind = PoseSettings | DelaySettings | MarkerSettings
+"""A pose model, a regression on delayed poses, or constant velocity of each marker for itself, with their settings."""
 
 
 @dataclass(eq=False)
@@ -40,16 +40,16 @@ class Fitting:
             self._shapes[body, kind.ranks] = shapes_of(self._poses[body], ranks=kind.ranks)
         return self._poses[body], self._shapes[body, kind.ranks]
 
-    def motion(self, kind: PoseSettings | None) -> MotionModel:
+    def motion(self, kind: PoseSettings | MarkerSettings) -> MotionModel:
         """A motion model for the last trial."""
-        if kind is None:
-            return learn_constant_velocity(self.trials[-1].xyz_m, dt_s=self.trials[-1].dt_s)
+        if isinstance(kind, MarkerSettings):
+            return learn_constant_velocity(self.trials[-1].xyz_m, dt_s=self.trials[-1].dt_s, settings=kind)
         poses, shapes = self.shapes(kind)
         return learn_pose(poses, kind, shapes=shapes)
 
     @overload
     def fill(
-        self, kind: PoseSettings | None, observations: Observations, *, progress: Progress | None = None
+        self, kind: PoseSettings | MarkerSettings, observations: Observations, *, progress: Progress | None = None
     ) -> Smoothed: ...
     @overload
     def fill(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,12 @@ def unseen_runs(seen: NDArray[np.bool_]) -> Iterator[tuple[int, int, int]]:
     marker, start = np.nonzero(edges == 1)
     _, stop = np.nonzero(edges == -1)
     yield from zip(marker.tolist(), start.tolist(), stop.tolist(), strict=True)
+
+
+def lengths_for(n_frames: int) -> list[int]:
+    """Lengths of gaps that a trial has room for."""
+    lengths = [n for n in GAP_FRAMES if max(1.5 * n, n + 6) <= n_frames] or [max(1, n_frames // 4)]
+    return [n for n in lengths if n + 6 <= n_frames]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,12 +49,17 @@ class Hidden:
         """The trial without what is hidden."""
         return replace(self.trial, xyz_m=np.where(self.mask[..., None], np.nan, self.trial.xyz_m))
 
+    def count(self, frames: int) -> int:
+        """Number of gaps of that length."""
+        return len(np.unique(self.gap[self.length == frames]))
+
 
 def hide_groups(trial: MarkerTrial, rng: np.random.Generator, *, rounds: int = 3) -> Hidden:
     """Hide markers as recordings lose them: one, it with its neighbours, half, three quarters; for 10 to 100 frames.
 
-    Gaps lie apart by half their length, were measured in three frames on both sides and for at least half of their
-    length.
+    Gaps lie apart by a quarter of their length, were measured in three frames on both sides and for at least half of
+    their length. Lengths take turns from a random one on downwards: a trial that has no room for all holds others each
+    time.
 
     Args:
         trial: The trial.
@@ -63,22 +75,21 @@ def hide_groups(trial: MarkerTrial, rng: np.random.Generator, *, rounds: int = 3
     gap, length = np.full(seen.shape, -1), np.zeros(seen.shape, dtype=np.int64)
     busy = np.zeros(n_frames, dtype=bool)
     sizes = (1, max(2, n_markers // 4), max(3, n_markers // 2), max(4, 3 * n_markers // 4))
-    lengths = [n for n in GAP_FRAMES if 2 * n <= n_frames] or [max(1, n_frames // 4)]
-    lengths = [n for n in lengths if n + 6 <= n_frames]
-    number = 0
-    for frames in sorted(lengths, reverse=True):
-        for size in sizes * rounds:
-            for _ in range(30):
-                start = int(rng.integers(3, max(n_frames - frames - 3, 4)))
-                inside = slice(start, start + frames)
-                group = near[rng.integers(n_markers), :size]
-                sides = np.concatenate([seen[start - 3 : start], seen[start + frames : start + frames + 3]])
-                group = group[sides[:, group].all(axis=0) & (seen[inside][:, group].mean(axis=0) >= 0.5)]
-                if len(group) and not busy[max(0, start - frames // 2) : start + frames + frames // 2].any():
-                    busy[inside] = True
-                    gap[inside, group], length[inside, group] = number, frames
-                    number += 1
-                    break
+    lengths = lengths_for(n_frames)
+    number, turn = 0, int(rng.integers(max(len(lengths), 1)))
+    order = [*lengths[turn::-1], *lengths[:turn:-1]]
+    for size, frames in product([s for _ in range(rounds) for s in rng.permutation(sizes)], order):
+        for _ in range(30):
+            start = int(rng.integers(3, max(n_frames - frames - 3, 4)))
+            inside = slice(start, start + frames)
+            group = near[rng.integers(n_markers), :size]
+            sides = np.concatenate([seen[start - 3 : start], seen[start + frames : start + frames + 3]])
+            group = group[sides[:, group].all(axis=0) & (seen[inside][:, group].mean(axis=0) >= 0.5)]
+            if len(group) and not busy[max(0, start - frames // 4) : start + frames + frames // 4].any():
+                busy[inside] = True
+                gap[inside, group], length[inside, group] = number, frames
+                number += 1
+                break
     mask = (gap >= 0) & seen
     return Hidden(trial=trial, mask=mask, gap=np.where(mask, gap, -1), length=np.where(mask, length, 0))
 

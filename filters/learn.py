@@ -55,7 +55,7 @@ class PoseSettings:
     ridge: float = 1e-3
     excess: float = 1.0
     residual: float = 1.0
-    residual_rate: float = 1.0
+    residual_rate: float = 0.5
     body: float = 1.0
     potential: Potential = "shape"
     beta: float = 1.0
@@ -225,7 +225,9 @@ def literal_shape(motion: Motion, settings: PoseSettings) -> LiteralShape:
 def learn_potential(samples: Array, settings: PoseSettings) -> EmpiricalPotential:
     """V_z of samples (N, k) in units of the first coordinate's deviation."""
     chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), settings.centres)).astype(int)]
-    beta = settings.beta / float(np.median(pdist(chosen, "sqeuclidean")))
+    apart = pdist(chosen, "sqeuclidean")
+    apart = apart[apart > 0]  # a recording may show one pose only
+    beta = settings.beta / (float(np.median(apart)) if len(apart) else 1.0)
     return fit_potential(chosen, kernel=GaussianKernel(beta), lam=settings.lam)
 
 
@@ -244,12 +246,27 @@ def penalty(potential: EmpiricalPotential, scale: Array, stiffness: float) -> Ca
     return lambda x: potential.barrier_gradient(x * scale) * (stiffness * scale)
 
 
-def learn_constant_velocity(xyz_m: Array, *, dt_s: float) -> ConstantVelocity:
+@dataclass(frozen=True, kw_only=True)
+class MarkerSettings:
+    """Choices of constant velocity, each marker for itself.
+
+    Attributes:
+        acceleration: Factor on the density of accelerations that the recording shows. The smaller it is, the more
+            frames on both sides of a gap are averaged over to know with what velocity a marker left and came back.
+    """
+
+    acceleration: float = 1.0
+
+
+def learn_constant_velocity(
+    xyz_m: Array, *, dt_s: float, settings: MarkerSettings = MarkerSettings()
+) -> ConstantVelocity:
     """Constant velocity for each marker, with the acceleration that the recording shows.
 
     Args:
         xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
         dt_s: Time step.
+        settings: Choices.
     """
     seen = np.isfinite(xyz_m[..., 0])
     start = xyz_m[np.argmax(seen, axis=0), np.arange(xyz_m.shape[1])]
@@ -266,7 +283,7 @@ def learn_constant_velocity(xyz_m: Array, *, dt_s: float) -> ConstantVelocity:
         density = np.where(np.isfinite(density), density, np.nanmedian(density))
     else:
         density = np.full(len(density), max(speed_sd, 1e-3) ** 2 / dt_s)
-    density = np.maximum(density, 1e-9)  # m^2/s^3: a marker that never moves still has a covariance
+    density = np.maximum(settings.acceleration * density, 1e-9)  # m^2/s^3: one that never moves has a covariance, too
     return ConstantVelocity(
         start_m=start, start_sd_m=max(extent, 1e-3), speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density
     )

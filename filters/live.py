@@ -133,7 +133,7 @@ def _smoothed(model: MotionModel, kept: deque[_Kept], n: int) -> list[Estimate]:
         state = here.state if ahead is None or state is None else smooth_step(here.state, ahead, state)
         ahead = here.prediction
         if i < n:
-            dark = not len(here.observed.sights.size)
+            dark = not len(here.observed.where)
             xyz, cov = marker_moments(model, model.informed(state) if dark else state, here.frame)
             later = len(kept) - 1 - i
             out.append(

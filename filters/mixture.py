@@ -110,7 +110,7 @@ def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
 def learn_mixture(
     fills: Sequence[Fill],
     *,
-    power: float = 3.0,
+    power: float = 1.0,
     strength: float = 0.1,
     prior: float = 12.0,
     folds: int = 5,
@@ -126,7 +126,7 @@ def learn_mixture(
 
     Args:
         fills: What each model said of the same hidden samples.
-        power: Power of the stated variances; ``design/mixture.py`` settled it.
+        power: Power of the stated variances; 1: weights of precision. ``design/mixture.py`` settled it.
         strength: Penalty on squared offsets and slopes.
         prior: See above.
         folds: See above.

@@ -8,12 +8,12 @@ import numpy as np
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind
 from filters.hidden import Fill
-from filters.learn import PoseSettings
+from filters.learn import MarkerSettings, PoseSettings
 from filters.mixture import Mixture, gap_lengths, mixed_errors
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.track import Progress, Smoothed
-from filters.tune import Tuned, calibrated, mixed, search_on, tuned
+from filters.tune import Tuned, calibrated, marker_kind, mixed, search_on, tuned
 from mocap.errors import MocapError
 
 
@@ -107,11 +107,11 @@ def learn_from_itself(
         None: no gap could be hidden.
     """
     body = [names.index(name) for name in trunk if name in names] or list(range(len(names)))
-    search = search_on([recording], body, np.random.default_rng(0), most_frames=most_frames)
+    search = search_on([recording], body, np.random.default_rng(0), most_frames=most_frames, times=1)
     if not search.hidden:
         return None
     delay = DelaySettings(ranks=settings.ranks, body_hz=settings.body_hz, turns=settings.turns)
-    found = mixed(search, (None, delay, settings))
+    found = mixed(search, (marker_kind(search), delay, settings))
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
@@ -136,7 +136,7 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
 
 def kind_name(kind: Kind) -> str:
     """A model in a few words."""
-    if kind is None:
+    if isinstance(kind, MarkerSettings):
         return "constant velocity of each marker"
     if isinstance(kind, DelaySettings):
         return "Gaussian process of delayed poses"

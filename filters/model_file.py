@@ -12,7 +12,7 @@ import numpy as np
 
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind
-from filters.learn import PoseSettings, learn_pose
+from filters.learn import MarkerSettings, PoseSettings, learn_pose
 from filters.mixture import Mixture
 from filters.model import LearnedModel, kind_name
 from filters.motion.pose import PoseMotion
@@ -21,7 +21,7 @@ from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.errors import FormatError, MocapError
 
-FORMAT = "eal-mocap model 3"
+FORMAT = "eal-mocap model 4"
 _DAMAGE = (
     OSError,
     LookupError,
@@ -50,7 +50,7 @@ def save_model(learned: LearnedModel, path: Path) -> None:
         "names": learned.names,
         "trunk": learned.trunk,
         "trials": [trial.name for trial in learned.trials],
-        "kinds": [None if kind is None else {"type": type(kind).__name__, **asdict(kind)} for kind in learned.kinds],
+        "kinds": [{"type": type(kind).__name__, **asdict(kind)} for kind in learned.kinds],
         "models": [kind_name(kind) for kind in learned.kinds],
         "power": learned.mixture.power,
         "scores": learned.scores,
@@ -128,10 +128,8 @@ def load_model(path: Path) -> LearnedModel:
         raise FormatError(f"{path}: not a model that mocap learn wrote ({error}): give its --out") from None
 
 
-def _kind(written: dict[str, Any] | None) -> Kind:
+def _kind(written: dict[str, Any]) -> Kind:
     """A kind as ``save_model`` wrote it; JSON has no tuples."""
-    if written is None:
-        return None
     settings = {key: tuple(value) if isinstance(value, list) else value for key, value in written.items()}
-    kinds = {"PoseSettings": PoseSettings, "DelaySettings": DelaySettings}
+    kinds: dict[str, type[Any]] = {kind.__name__: kind for kind in (PoseSettings, DelaySettings, MarkerSettings)}
     return kinds[written["type"]](**{key: value for key, value in settings.items() if key != "type"})

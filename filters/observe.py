@@ -15,14 +15,17 @@ class Observed:
     """What a tracker made of the observations of a frame.
 
     Attributes:
-        sights: What was seen.
+        where: (g, 2) camera and marker of each group of rows that was seen (``Sights``).
+        innovation: (g, 3) observed minus predicted.
         weight: (g,) share of its information with which each group took part; 0 where it was gated.
-        nis: Normalised innovation squared y^T S^-1 y of the used rows; NaN without rows.
+        nis: Normalised innovation squared y^T S^-1 y of the used rows, over the mean share of their information that
+            is used where errors are Student's; NaN without rows.
         n_rows: Rows that were used.
         log_likelihood: Log density of the used rows.
     """
 
-    sights: Sights
+    where: NDArray[np.int64]
+    innovation: Array
     weight: Array
     nis: float
     n_rows: int
@@ -54,7 +57,9 @@ def observe(
 
     Errors that follow Student's t with nu degrees of freedom are normal ones whose precision is scaled by a weight;
     its expectation given a residual r (d rows, scaled) is (nu + d) / (nu + E[r^2]) (Lange et al. 1989; with the
-    posterior's spread in E, as in Roth et al. 2013). It is found by ``rounds`` of reweighting from 1.
+    posterior's spread in E, as in Roth et al. 2013). It is found by ``rounds`` of reweighting from 1. The state is then
+    conditioned with (nu + d) / (nu + d + 2) of it, the Fisher information of Student's t over what its weights add up
+    to: the spread of the posterior would else leave out that the weights are estimates.
 
     Args:
         state: Predicted state.
@@ -67,30 +72,39 @@ def observe(
     """
     n_groups, marker = len(sights.size), sights.where[:, 1]
     if not n_groups:
-        return state, Observed(sights, np.zeros(0), np.nan, 0, 0.0)
+        return state, _unused(sights)
     white, y = sights.slope / sights.sd[..., None], sights.innovation / sights.sd
     cov = np.einsum("kmi,kmj->mij", deviations, deviations)
     predicted = 1 + np.einsum("gri,gij,grj->gr", white, cov[marker], white)
     used = gate_groups((np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1), sights.where)
     if not used.any():
-        return state, Observed(sights, np.zeros(n_groups), np.nan, 0, 0.0)
+        return state, _unused(sights)
     weight = used.astype(float)
     heavy = used & np.isfinite(sights.dof)
+    total = sights.dof[heavy] + sights.size[heavy]
     for _ in range(rounds if heavy.any() else 0):
         a, target = _compress(white, y, weight, marker, deviations)
         shift, left = _posterior_markers(a, target, deviations)
         miss = y - np.einsum("gri,gi->gr", white, shift[marker])
         spread = np.einsum("gri,gij,grj->gr", white, left[marker], white)
         squared = np.sum(miss**2 + spread, axis=1)
-        dof = sights.dof[heavy]
-        weight[heavy] = (dof + sights.size[heavy]) / (dof + squared[heavy])
+        weight[heavy] = total / (sights.dof[heavy] + squared[heavy])
+    known = np.ones(n_groups)
+    known[heavy] = total / (total + 2) if rounds else 1.0
+    weight *= known
     a, target = _compress(white, y, weight, marker, deviations)
     posterior, w, log_det = condition(state, a, target, reads)
     n_rows = int(sights.size[used].sum())
     nis = float(np.sum(weight[:, None] * y**2) - w @ w)
     log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()
     log_likelihood = -0.5 * (n_rows * np.log(2 * np.pi) + 2 * log_sd + log_det + nis)
-    return posterior, Observed(sights, weight, nis, n_rows, float(log_likelihood))
+    nis *= n_rows / float(sights.size[used] @ known[used])  # about n_rows, of rows that follow their law
+    return posterior, Observed(sights.where, sights.innovation, weight, nis, n_rows, float(log_likelihood))
+
+
+def _unused(sights: Sights) -> Observed:
+    """Nothing was believed."""
+    return Observed(sights.where, sights.innovation, np.zeros(len(sights.size)), np.nan, 0, 0.0)
 
 
 def _compress(

@@ -139,9 +139,14 @@ def filter_forward(
 
 def log_likelihood(model: MotionModel, observations: Observations, t_s: Array, *, gate_sd: float = 6.0) -> float:
     """Log density of all observations under a model: what its parameters are chosen by."""
+    total, before = 0.0, None
     with threadpool_limits(1):
-        filtered = filter_forward(model, observations, t_s, gate_sd=gate_sd, keep=False)
-    return float(sum(seen.log_likelihood for seen in filtered.observed))
+        for start in range(0, observations.n_frames, 500):  # what was seen of each ray is not kept
+            block = range(start, min(start + 500, observations.n_frames))
+            part = filter_forward(model, observations, t_s, frames=block, before=before, gate_sd=gate_sd, keep=False)
+            total += sum(seen.log_likelihood for seen in part.observed)
+            before = part.last
+    return total
 
 
 def smooth(
@@ -185,7 +190,7 @@ def smooth(
                 here = filtered.states.pop()
                 state = here if ahead is None or state is None else smooth_step(here, ahead, state)
                 ahead = filtered.predictions.pop()
-                dark = not len(observed[frame].sights.size)
+                dark = not len(observed[frame].where)
                 mean, covariance = marker_moments(model, model.informed(state) if dark else state, frame)
                 xyz.append(mean)
                 cov.append(covariance)

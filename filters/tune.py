@@ -8,13 +8,13 @@ import numpy as np
 
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind
-from filters.hidden import Fill, Hidden, fill_of, hide_groups, joined_fills
-from filters.learn import PoseSettings, Potential
+from filters.hidden import Fill, Hidden, fill_of, hide_groups, joined_fills, lengths_for
+from filters.learn import MarkerSettings, PoseSettings, Potential
 from filters.mixture import Mixture, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 
-Settings = TypeVar("Settings", PoseSettings, DelaySettings)
+Settings = TypeVar("Settings", PoseSettings, DelaySettings, MarkerSettings)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -25,43 +25,43 @@ class Search:
         trials: Training trials.
         trunk: Indices of the trunk's markers.
         hidden: Those of them that are validated on, by index, with what is hidden.
-        again: The same with other samples hidden, for the mixture.
+        again: More of that, for the mixture alone.
         tried: Every candidate with how it filled all gaps.
         tell: Called with a line for each candidate.
     """
 
     trials: Sequence[MarkerTrial]
     trunk: Sequence[int]
-    hidden: dict[int, Hidden]
-    again: dict[int, Hidden] = field(default_factory=dict)
+    hidden: Sequence[tuple[int, Hidden]]
+    again: Sequence[tuple[int, Hidden]] = ()
     tell: Callable[[str], None] = lambda _line: None
     tried: list[tuple[Kind, Fill]] = field(default_factory=list)
-    _fitting: dict[int, Fitting] = field(default_factory=dict)
-    _fitting_again: dict[int, Fitting] = field(default_factory=dict)
+    _fitting: dict[int, Fitting] = field(default_factory=dict)  # by what it shows
 
     def fill(self, kind: Kind) -> Fill:
         """Fill all hidden gaps with one candidate, learned without them."""
         for before, fill in self.tried:
             if before == kind:
                 return fill
-        fill = self._fill(kind, self.hidden, self._fitting)
+        fill = self._fill(kind, self.hidden)
         self.tried.append((kind, fill))
-        self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm: {kind or 'constant velocity'}")
+        self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm: {kind}")
         return fill
 
     def both(self, kind: Kind) -> Fill:
         """The same with the gaps that were hidden again."""
         first = self.fill(kind)
-        return joined_fills([first, self._fill(kind, self.again, self._fitting_again)]) if self.again else first
+        return joined_fills([first, self._fill(kind, self.again)]) if self.again else first
 
-    def _fill(self, kind: Kind, hidden: dict[int, Hidden], fitting: dict[int, Fitting]) -> Fill:
+    def _fill(self, kind: Kind, hidden: Sequence[tuple[int, Hidden]]) -> Fill:
         fills = []
-        for index, gaps in hidden.items():
-            shown = gaps.shown
-            if index not in fitting:
+        for index, gaps in hidden:
+            if id(gaps) not in self._fitting:
                 others = [trial for i, trial in enumerate(self.trials) if i != index]
-                fitting[index] = Fitting([*others, shown], self.trunk)
-            found = fitting[index].fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
+                self._fitting[id(gaps)] = Fitting([*others, gaps.shown], self.trunk)
+            fitting = self._fitting[id(gaps)]
+            shown = fitting.trials[-1]
+            found = fitting.fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
             fills.append(fill_of(gaps, found.xyz_m, found.cov_m2))
         return joined_fills(fills)
 
@@ -82,26 +82,36 @@ def search_on(
     *,
     validated: int = 2,
     most_frames: int = 500,
+    times: int = 3,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> Search:
-    """A search that validates on the trials of which most is seen.
+    """A search that validates on trials, those of which most is seen first.
 
     Args:
         trials: Training trials of the same markers.
         trunk: Indices of the trunk's markers.
         rng: What to hide.
-        validated: Number of trials to hide gaps in.
+        validated: Number of trials to hide gaps in at a time.
         most_frames: Of such a trial, the stretch of so many frames of which most is seen.
+        times: Gaps are hidden so often, at most, until each length is there twice; and again, until eight times.
         tell: Called with a line for each candidate.
     """
     cut = [_excerpt(trial, most_frames) for trial in trials]
-    order = np.argsort([-trial.seen.sum() for trial in cut], kind="stable")[:validated]
+    order = np.argsort([-trial.seen.sum() for trial in cut], kind="stable")
+    lengths = {n for trial in cut for n in lengths_for(len(trial.t_s))}
 
-    def hide() -> dict[int, Hidden]:
-        hidden = {int(i): hide_groups(cut[i], rng) for i in order}
-        return {i: h for i, h in hidden.items() if h.mask.any()}
+    def hide(gaps: int) -> list[tuple[int, Hidden]]:
+        """Hide in trials that take turns until there are so many gaps of each length."""
+        nonlocal order
+        found: list[tuple[int, Hidden]] = []
+        for _ in range(times):
+            found += [(int(i), hide_groups(cut[i], rng)) for i in order[:validated]]
+            order = np.roll(order, -validated)
+            if all(sum(hidden.count(n) for _, hidden in found) >= gaps for n in lengths):
+                break
+        return [(i, hidden) for i, hidden in found if hidden.mask.any()]
 
-    return Search(trials=trials, trunk=trunk, hidden=hide(), again=hide(), tell=tell)
+    return Search(trials=trials, trunk=trunk, hidden=hide(2), again=hide(8), tell=tell)
 
 
 def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
@@ -125,36 +135,48 @@ def calibrated(mixture: Mixture, kinds: Sequence[Kind], fitting: Fitting, *, mos
     hidden = hide_groups(_excerpt(fitting.trials[-1], most_frames), np.random.default_rng(0))
     if not hidden.mask.any():
         return mixture
-    search = Search(trials=fitting.trials, trunk=fitting.trunk, hidden={len(fitting.trials) - 1: hidden})
+    search = Search(trials=fitting.trials, trunk=fitting.trunk, hidden=[(len(fitting.trials) - 1, hidden)])
     return mixture.calibrated([search.fill(kind) for kind in kinds])
 
 
-SHARP = PoseSettings(excess=0.3, residual=0.6, residual_rate=0.5)
-"""Where a search starts: less noise than a single recording shows, as a mixture's widths are learned afterwards."""
+SHARP = PoseSettings(excess=0.3, residual=0.6, weight=16.0)
+"""Where a search starts: less noise than a single recording shows, as a mixture's widths are learned afterwards, and a
+stiffer potential."""
 
 
-def pose_kinds(search: Search, base: PoseSettings = SHARP) -> tuple[PoseSettings, PoseSettings, PoseSettings]:
-    """Pose models of one subspace and body: without forces, with identified mechanics, and these held by V_z.
-
-    Chosen one after the other on the hidden gaps: the rank, whether the body's axes turn, linear mechanics or a field,
-    V_z of shapes or of shapes and velocities, its stiffness. The noise keeps its defaults (``design/mixture.py``).
-    """
+def free_pose(search: Search, base: PoseSettings = SHARP) -> PoseSettings:
+    """The pose model without forces, its subspace and body chosen on the hidden gaps: rank, whether the axes turn."""
     free = replace(base, mechanics="free", potential="none")
-    free = search.improve(free, [{"ranks": (rank,)} for rank in (16, 8, 26)] + [{"turns": not base.turns}])
-    bare = search.improve(replace(free, mechanics="linear"), [{"mechanics": "field"}])
-    return free, bare, held_pose(search, bare, ("motion", "shape"))
+    return search.improve(free, [{"ranks": (rank,)} for rank in (16, 8, 26)] + [{"turns": not base.turns}])
 
 
-def held_pose(search: Search, bare: PoseSettings, potentials: Sequence[Potential]) -> PoseSettings:
-    """The same model held by a potential: by which, and how stiffly."""
-    first = search.improve(replace(bare, potential=potentials[0]), [{"potential": p} for p in potentials[1:]])
-    return search.improve(first, [{"weight": 0.25 * first.weight}, {"weight": 4 * first.weight}])
+def bare_pose(search: Search, free: PoseSettings) -> PoseSettings:
+    """The same with the mechanics that fill best without a potential: linear, a field of forces, or none."""
+    return search.improve(replace(free, mechanics="linear"), [{"mechanics": other} for other in ("field", "free")])
+
+
+def held_pose(
+    search: Search, free: PoseSettings, potentials: Sequence[Potential] = ("motion", "shape")
+) -> PoseSettings:
+    """The same held by a potential: with which mechanics, by which of some potentials, how stiffly.
+
+    The noise keeps its defaults (``design/mixture.py``).
+    """
+    start = replace(free, mechanics="linear", potential=potentials[0])
+    other = [{"mechanics": name} for name in ("field", "free")] + [{"potential": name} for name in potentials[1:]]
+    best = search.improve(start, other)
+    return search.improve(best, [{"weight": 0.25 * best.weight}, {"weight": 4 * best.weight}])
 
 
 def delay_kind(search: Search, free: PoseSettings) -> DelaySettings:
     """The regression on delayed poses of the subspace and body of a pose model."""
     start = DelaySettings(ranks=free.ranks, body_hz=free.body_hz, turns=free.turns)
     return search.improve(start, [{"cutoff": 8.0}])
+
+
+def marker_kind(search: Search) -> MarkerSettings:
+    """Constant velocity of each marker, by how many frames its velocity is known at the edges of a gap."""
+    return search.improve(MarkerSettings(acceleration=0.3), [{"acceleration": factor} for factor in (0.1, 0.03, 1.0)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -174,8 +196,8 @@ class Tuned:
 
 def tuned(search: Search) -> Tuned:
     """The default tracker, a mixture: constant velocity of markers, delayed poses, mechanics held by V_z."""
-    free, _, held = pose_kinds(search)
-    kinds: tuple[Kind, ...] = (None, delay_kind(search, free), held)
+    free = free_pose(search)
+    kinds: tuple[Kind, ...] = (marker_kind(search), delay_kind(search, free), held_pose(search, free))
     return mixed(search, kinds)
 
 

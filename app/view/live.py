@@ -111,8 +111,7 @@ class LiveView:
         rec.send_columns(paths.SKELETON, indexes=index, columns=rr.Points3D.columns(positions=xyz))
         seen = np.zeros(xyz.shape[:2], dtype=bool)
         for k, frame in enumerate(frames):
-            sights = frame.observed.sights
-            seen[k, sights.where[frame.observed.weight > 0, 1]] = True
+            seen[k, frame.observed.where[frame.observed.weight > 0, 1]] = True
         for name, mask in (("measured", seen), ("filled", ~seen)):
             columns = rr.Points3D.columns(positions=xyz[mask], keypoint_ids=np.nonzero(mask)[1])
             rec.send_columns(

@@ -14,7 +14,7 @@ from filters.fitting import Fitting, Kind
 from filters.mixture import Mixture, gap_lengths, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
-from filters.tune import Search, calibrated, delay_kind, held_pose, pose_kinds, search_on
+from filters.tune import Search, bare_pose, calibrated, delay_kind, free_pose, held_pose, marker_kind, search_on
 from mocap.arrays import Array
 
 LEAST_SD_M = 5e-5
@@ -68,13 +68,13 @@ def lesson(training: Sequence[Trial]) -> Lesson:
             validated=much.trials,
             most_frames=max(much.frames, 500) if much.trials > 1 else much.frames,
         )
-        free, bare, held = pose_kinds(search)
+        free = free_pose(search)
         kinds: dict[str, Kind] = {
-            "marker": None,
+            "marker": marker_kind(search),
             "delayed poses": delay_kind(search, free),
-            "mechanics": bare,
-            "mechanics + V_z": held,
-            "mechanics + quadratic": held_pose(search, bare, ("quadratic",)),
+            "mechanics": bare_pose(search, free),
+            "mechanics + V_z": held_pose(search, free),
+            "mechanics + quadratic": held_pose(search, free, ("quadratic",)),
         }
         _lessons[key] = Lesson(search, kinds)
     return _lessons[key]
@@ -113,10 +113,10 @@ BESIDE = ("marker", "delayed poses")
 
 
 def ours() -> list[Method]:
-    """The default, the same with other potentials (controls), and its parts alone."""
+    """The default, the same with other potentials (controls), and the mechanics alone with all of them."""
     return [
         Ours("EAL", (*BESIDE, "mechanics + V_z")),
         Ours("EAL, no potential", (*BESIDE, "mechanics")),
         Ours("EAL, quadratic potential", (*BESIDE, "mechanics + quadratic")),
-        Ours("mechanics + V_z alone", ("mechanics + V_z",)),
+        *(Ours(f"{part} alone", (part,)) for part in ("mechanics + V_z", "mechanics + quadratic", "mechanics")),
     ]

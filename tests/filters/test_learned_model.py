@@ -9,7 +9,7 @@ import pytest
 
 from datasets import make_bat
 from filters.hidden import hide_groups
-from filters.learn import PoseSettings, learn_constant_velocity
+from filters.learn import MarkerSettings, PoseSettings, learn_constant_velocity
 from filters.mixture import Mixture
 from filters.model import LearnedModel, fitting_for, learn_model, track_with
 from filters.model_file import load_model, save_model
@@ -147,7 +147,12 @@ def small():
     one = np.ones((1, 1))
     mixture = Mixture(offset=[0.0], slope=[0.0], power=2.0, length=[10.0], scale=one, widen=[1.0])
     return LearnedModel(
-        names=tuple("abcde"), trunk=(), trials=(trial,), kinds=(None,), mixture=mixture, scores={"mixture": {}}
+        names=tuple("abcde"),
+        trunk=(),
+        trials=(trial,),
+        kinds=(MarkerSettings(),),
+        mixture=mixture,
+        scores={"mixture": {}},
     )
 
 
@@ -157,9 +162,9 @@ def test_every_choice_is_kept(small, tmp_path):
     three = small.mixture
     mixture = replace(three, offset=np.array([0.1, -1 / 3]), slope=np.array([0.0, 1e-300]), scale=np.ones((1, 2)))
     path = tmp_path / "m.npz"
-    save_model(replace(small, kinds=(kind, None), mixture=mixture), path)
+    save_model(replace(small, kinds=(kind, MarkerSettings(acceleration=0.1)), mixture=mixture), path)
     again = load_model(path)
-    assert again.kinds == (kind, None)
+    assert again.kinds == (kind, MarkerSettings(acceleration=0.1))
     assert asdict(again.kinds[0]) == asdict(kind)
     assert same(again.mixture, mixture)
 
@@ -198,7 +203,7 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 3"}')},
+        {"header": np.array('{"format": "eal-mocap model 4"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
@@ -225,7 +230,7 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     save_model(small, path)
     with np.load(path) as file:
         header = {**json.loads(str(file["header"])), "format": "eal-mocap model 9"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 3', but it says 'eal-mocap model 9': learn it"):
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 4', but it says 'eal-mocap model 9': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))

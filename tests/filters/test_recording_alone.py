@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from filters.fitting import Fitting
-from filters.learn import PoseSettings
+from filters.learn import MarkerSettings, PoseSettings
 from filters.model import learn_from_itself, track_with
 from filters.observations import PositionObservations
 from tests.filters.test_tuning import trial_of
@@ -31,7 +31,7 @@ def test_a_lost_wing_is_found_by_the_mixture():
     assert learned.trials == ()
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     found = track_with(learned, NAMES, trial, seen)
-    plain = Fitting([trial], [0, 1, 2, 3]).fill(None, seen)
+    plain = Fitting([trial], [0, 1, 2, 3]).fill(MarkerSettings(), seen)
     miss, plainly = (f.xyz_m[gap, 5] - trial_of(3).xyz_m[gap, 5] for f in (found, plain))
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < min(2e-3, np.sqrt(np.mean(np.sum(plainly**2, axis=1))))
     sd = np.sqrt(np.diagonal(found.cov_m2[gap, 5], axis1=1, axis2=2))

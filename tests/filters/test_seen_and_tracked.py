@@ -90,7 +90,7 @@ def test_a_bad_ray_is_gated_and_its_marker_stays_right():
     seen.uv_px[1, 6, 2] += [60.0, 0.0]
     t = np.arange(12) * 0.01
     found = smooth(still(seen), seen, t)
-    gated = [(k, *where) for k, o in enumerate(found.observed) for where in o.sights.where[o.weight == 0]]
+    gated = [(k, *where) for k, o in enumerate(found.observed) for where in o.where[o.weight == 0]]
     assert gated == [(6, 1, 2)]
     mask = np.zeros(seen.uv_px.shape[:3], dtype=bool)
     mask[1, 6, 2] = True

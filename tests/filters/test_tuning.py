@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from filters.hidden import Fill, Hidden
-from filters.learn import PoseSettings
+from filters.learn import MarkerSettings, PoseSettings
 from filters.poses import MarkerTrial
-from filters.tune import SHARP, Search, pose_kinds, search_on
+from filters.tune import SHARP, Search, bare_pose, free_pose, held_pose, search_on
 from tests.filters.test_learned_models import DT_S, flapping
 
 
@@ -29,15 +29,16 @@ def test_nothing_of_a_hidden_sample_reaches_learning():
     """
     trials = [trial_of(seed) for seed in (1, 2)]
     search = search_on(trials, [0, 1, 2, 3], np.random.default_rng(0), validated=1)
-    ((index, hidden),) = search.hidden.items()
+    index, hidden = search.hidden[0]
+    search = replace(search, hidden=search.hidden[:1])
     moved = replace(hidden.trial, xyz_m=hidden.trial.xyz_m + np.where(hidden.mask, 1.0, 0.0)[..., None])
     others = [moved if i == index else trial for i, trial in enumerate(trials)]
     changed = Search(
         trials=others,
         trunk=search.trunk,
-        hidden={index: Hidden(trial=moved, mask=hidden.mask, gap=hidden.gap, length=hidden.length)},
+        hidden=[(index, Hidden(trial=moved, mask=hidden.mask, gap=hidden.gap, length=hidden.length))],
     )
-    for kind in (None, replace(SHARP, ranks=(2,), mechanics="linear")):
+    for kind in (MarkerSettings(), replace(SHARP, ranks=(2,), mechanics="linear")):
         before, after = search.fill(kind), changed.fill(kind)
         np.testing.assert_array_equal(after.variance, before.variance)
         np.testing.assert_allclose(after.miss_m, before.miss_m - 1, rtol=0, atol=1e-14)
@@ -64,10 +65,11 @@ class Known(Search):
 
 def test_the_best_of_independent_choices_is_found():
     """Where choices do not depend on each other, one after the other finds the best, and says why in order."""
-    search = Known(trials=[], trunk=[], hidden={})
+    search = Known(trials=[], trunk=[], hidden=[])
     kind = replace(SHARP, ranks=(16,), weight=1.0)
     assert search.fill(kind).cost == pytest.approx(search.law(kind))
-    free, bare, held = pose_kinds(search)
+    free = free_pose(search)
+    bare, held = bare_pose(search, free), held_pose(search, free)
     assert (free.ranks, free.turns, free.mechanics, free.potential) == ((8,), False, "free", "none")
     assert bare == replace(free, mechanics="field")
     assert held == replace(bare, potential="shape", weight=0.25 * SHARP.weight)
@@ -75,7 +77,7 @@ def test_the_best_of_independent_choices_is_found():
 
 def test_no_change_for_less_than_it_should_gain():
     """A candidate that is better by less than ``least`` leaves the start; a better one replaces it for those after."""
-    search = Known(trials=[], trunk=[], hidden={})
+    search = Known(trials=[], trunk=[], hidden=[])
     start = replace(SHARP, ranks=(8,), mechanics="linear", potential="motion")
     changes = [{"potential": "shape"}, {"mechanics": "field"}]  # better by 0.05 and 0.1
     assert search.improve(start, changes, least=0.2) == start
@@ -88,22 +90,35 @@ def test_a_candidate_is_tried_once():
     """Asked again the search answers from its notes, and tells nobody."""
     told = []
     search = search_on([trial_of(3, 40)], [], np.random.default_rng(0), tell=told.append)
-    assert search.fill(None) is search.fill(None)
+    assert search.fill(MarkerSettings()) is search.fill(MarkerSettings())
     assert len(told) == 1
-    assert "constant velocity" in told[0]
+    assert "MarkerSettings" in told[0]
+
+
+def test_every_length_is_hidden_often_enough():
+    """A trial of 150 frames has room for a gap of 100 or for the others: hidden in turns, each length is there twice.
+
+    For the mixture more is hidden, in trials that take turns.
+    """
+    search = search_on([trial_of(seed, 150) for seed in (1, 2, 3)], [0, 1, 2, 3], np.random.default_rng(0), validated=2)
+    for length in (10, 25, 50, 100):
+        assert sum(hidden.count(length) for _, hidden in search.hidden) >= 2
+    assert {index for index, _ in search.again} == {0, 1, 2}
+    assert sum(hidden.count(10) for _, hidden in search.again) >= 8
 
 
 def test_validated_is_where_most_is_seen():
     """Of three trials those with most samples, of a long one the stretch with most: against counting every stretch."""
     trials = [trial_of(1, 90), trial_of(2, 150, lost=slice(0, 70)), trial_of(3, 30)]
     search = search_on(trials, [0, 1, 2], np.random.default_rng(0), validated=2, most_frames=60)
-    assert sorted(search.hidden) == [0, 1]
-    for index, hidden in search.hidden.items():
+    assert [index for index, _ in search.hidden[:2]] == [0, 1]
+    for index, hidden in search.hidden:
         whole = trials[index]
-        counts = [whole.seen[s : s + 60].sum() for s in range(len(whole.t_s) - 60 + 1)]
+        n = min(60, len(whole.t_s))
+        counts = [whole.seen[s : s + n].sum() for s in range(len(whole.t_s) - n + 1)]
         assert hidden.trial.seen.sum() == max(counts)
         start = int(np.searchsorted(whole.t_s, hidden.trial.t_s[0]))
-        np.testing.assert_array_equal(hidden.trial.xyz_m, whole.xyz_m[start : start + 60])
-        np.testing.assert_array_equal(hidden.trial.sd_m, whole.sd_m[start : start + 60])
+        np.testing.assert_array_equal(hidden.trial.xyz_m, whole.xyz_m[start : start + n])
+        np.testing.assert_array_equal(hidden.trial.sd_m, whole.sd_m[start : start + n])
     dark = replace(trials[2], xyz_m=np.full_like(trials[2].xyz_m, np.nan))
-    assert search_on([dark], [], np.random.default_rng(0)).hidden == {}
+    assert search_on([dark], [], np.random.default_rng(0)).hidden == []

@@ -19,7 +19,7 @@ from app.view.live import WAITING, LiveView, live_blueprint
 from app.view.record import run_scene
 from app.view.watch import LIVE, session
 from filters.live import Estimate
-from filters.observations import WHOLE, Sights
+from filters.observations import WHOLE
 from filters.observe import Observed
 from mocap.records import Origin
 
@@ -30,15 +30,14 @@ def estimates(run):
     for k in range(len(markers.t_s)):
         marker = np.flatnonzero(markers.origin[k] == Origin.MEASURED)
         n = len(marker)
-        sights = Sights(
+        observed = Observed(
             where=np.column_stack([np.full(n, WHOLE), marker]),
-            size=np.full(n, 3),
             innovation=np.zeros((n, 3)),
-            slope=np.zeros((n, 3, 3)),
-            sd=np.ones((n, 3)),
-            dof=np.full(n, np.inf),
+            weight=np.ones(n),
+            nis=tracked.nis[k],
+            n_rows=int(tracked.n_rows[k]),
+            log_likelihood=tracked.log_likelihood[k],
         )
-        observed = Observed(sights, np.ones(n), tracked.nis[k], int(tracked.n_rows[k]), tracked.log_likelihood[k])
         yield Estimate(
             frame=k,
             t_s=markers.t_s[k],

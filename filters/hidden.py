@@ -54,7 +54,7 @@ class Hidden:
         return len(np.unique(self.gap[self.length == frames]))
 
 
-def hide_groups(trial: MarkerTrial, rng: np.random.Generator, *, rounds: int = 3) -> Hidden:
+def hide_groups(trial: MarkerTrial, rng: np.random.Generator, *, rounds: int = 1) -> Hidden:
     """Hide markers as recordings lose them: one, it with its neighbours, half, three quarters; for 10 to 100 frames.
 
     Gaps lie apart by a quarter of their length, were measured in three frames on both sides and for at least half of

@@ -13,7 +13,7 @@ from filters.mixture import Mixture, gap_lengths, mixed_errors
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.track import Progress, Smoothed
-from filters.tune import Tuned, calibrated, marker_kind, mixed, search_on, tuned
+from filters.tune import USUAL_MARKER, Tuned, calibrated, mixed, search_on, tuned
 from mocap.errors import MocapError
 
 
@@ -111,7 +111,7 @@ def learn_from_itself(
     if not search.hidden:
         return None
     delay = DelaySettings(ranks=settings.ranks, body_hz=settings.body_hz, turns=settings.turns)
-    found = mixed(search, (marker_kind(search), delay, settings))
+    found = mixed(search, (USUAL_MARKER, delay, settings))
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),

@@ -21,8 +21,7 @@ two or three folds this tells large differences only, and why the force fails on
 
 It depends on the noise. With excess = residual = residual_rate = 1 in place of ``SHARP``'s: bat (3 folds, 2 seeds)
 3.6, 13.6, 24.1 without; 4.8, 16.7, 36.2 by force (weight 4); 3.9, 15.4, 30.7 by the implicit one, which loses, too; one
-fold of the twin 10.1, 22.7, 21.2, then 8.5, 8.2, 11.2, then 9.4, 12.6, 16.4: there the force
-is the best of the three.
+fold of the twin 10.1, 22.7, 21.2, then 8.5, 8.2, 11.2, then 9.4, 12.6, 16.4: there the force is the best of the three.
 """
 
 import argparse

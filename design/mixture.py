@@ -30,14 +30,13 @@ from benchmarks.gaps.sets import SETS, load
 from filters.delayed import DelaySettings
 from filters.fitting import Kind
 from filters.hidden import Fill, hide_groups
-from filters.learn import MarkerSettings
 from filters.mixture import learn_mixture, mixed_errors
-from filters.tune import SHARP, Search, search_on
+from filters.tune import SHARP, USUAL_MARKER, Search, search_on
 
 LENGTHS = (10, 25, 50, 100)
 POSE = replace(SHARP, ranks=(16,), turns=False, potential="none")
 KINDS: dict[str, Kind] = {
-    "marker": MarkerSettings(acceleration=0.3),
+    "marker": USUAL_MARKER,
     "free": POSE,
     "delayed": DelaySettings(ranks=(16,), turns=False),
     "held": replace(POSE, mechanics="linear", potential="motion"),

@@ -54,17 +54,16 @@ class Hidden:
         return len(np.unique(self.gap[self.length == frames]))
 
 
-def hide_groups(trial: MarkerTrial, rng: np.random.Generator, *, rounds: int = 1) -> Hidden:
+def hide_groups(trial: MarkerTrial, rng: np.random.Generator) -> Hidden:
     """Hide markers as recordings lose them: one, it with its neighbours, half, three quarters; for 10 to 100 frames.
 
     Gaps lie apart by a quarter of their length, were measured in three frames on both sides and for at least half of
     their length. Lengths take turns from a random one on downwards: a trial that has no room for all holds others each
-    time.
+    time. There is at most one gap of each length for each size of group.
 
     Args:
         trial: The trial.
         rng: Where to hide.
-        rounds: At most so many gaps of each length and size of group.
     """
     seen = trial.seen
     n_frames, n_markers = seen.shape
@@ -78,7 +77,7 @@ def hide_groups(trial: MarkerTrial, rng: np.random.Generator, *, rounds: int = 1
     lengths = lengths_for(n_frames)
     number, turn = 0, int(rng.integers(max(len(lengths), 1)))
     order = [*lengths[turn::-1], *lengths[:turn:-1]]
-    for size, frames in product([s for _ in range(rounds) for s in rng.permutation(sizes)], order):
+    for size, frames in product(rng.permutation(sizes), order):
         for _ in range(30):
             start = int(rng.integers(3, max(n_frames - frames - 3, 4)))
             inside = slice(start, start + frames)

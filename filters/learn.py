@@ -25,7 +25,7 @@ Potential = Literal["shape", "motion", "quadratic", "none"]
 
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings:
-    """Choices of the pose model; those of the potential were settled by ``design/potential_stiffness.py``.
+    """Choices of the pose model; ``potential_stiffness`` and ``recording_alone`` in ``design/`` settled the defaults.
 
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.

@@ -80,25 +80,25 @@ def observe(
     if not used.any():
         return state, _unused(sights)
     weight = used.astype(float)
-    heavy = used & np.isfinite(sights.dof)
-    total = sights.dof[heavy] + sights.size[heavy]
+    heavy = used & np.isfinite(sights.dof) & (rounds > 0)
+    freedom = sights.dof[heavy] + sights.size[heavy]
     for _ in range(rounds if heavy.any() else 0):
         a, target = _compress(white, y, weight, marker, deviations)
         shift, left = _posterior_markers(a, target, deviations)
         miss = y - np.einsum("gri,gi->gr", white, shift[marker])
         spread = np.einsum("gri,gij,grj->gr", white, left[marker], white)
         squared = np.sum(miss**2 + spread, axis=1)
-        weight[heavy] = total / (sights.dof[heavy] + squared[heavy])
-    known = np.ones(n_groups)
-    known[heavy] = total / (total + 2) if rounds else 1.0
-    weight *= known
+        weight[heavy] = freedom / (sights.dof[heavy] + squared[heavy])
+    information = np.ones(n_groups)
+    information[heavy] = freedom / (freedom + 2)
+    weight *= information
     a, target = _compress(white, y, weight, marker, deviations)
     posterior, w, log_det = condition(state, a, target, reads)
     n_rows = int(sights.size[used].sum())
     nis = float(np.sum(weight[:, None] * y**2) - w @ w)
     log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()
     log_likelihood = -0.5 * (n_rows * np.log(2 * np.pi) + 2 * log_sd + log_det + nis)
-    nis *= n_rows / float(sights.size[used] @ known[used])  # about n_rows, of rows that follow their law
+    nis *= n_rows / float(sights.size[used] @ information[used])  # about n_rows, of rows that follow their law
     return posterior, Observed(sights.where, sights.innovation, weight, nis, n_rows, float(log_likelihood))
 
 

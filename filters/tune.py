@@ -1,7 +1,7 @@
 """Choosing pose models on hidden gaps of their own training trials, and how to mix them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TypeVar
 
 import numpy as np
@@ -36,7 +36,7 @@ class Search:
     again: Sequence[tuple[int, Hidden]] = ()
     tell: Callable[[str], None] = lambda _line: None
     tried: list[tuple[Kind, Fill]] = field(default_factory=list)
-    _fitting: dict[int, Fitting] = field(default_factory=dict)  # by what it shows
+    _fitting: dict[Hidden, Fitting] = field(default_factory=dict)
 
     def fill(self, kind: Kind) -> Fill:
         """Fill all hidden gaps with one candidate, learned without them."""
@@ -45,7 +45,7 @@ class Search:
                 return fill
         fill = self._fill(kind, self.hidden)
         self.tried.append((kind, fill))
-        self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm: {kind}")
+        self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm: {_unusual(kind)}")
         return fill
 
     def both(self, kind: Kind) -> Fill:
@@ -56,10 +56,10 @@ class Search:
     def _fill(self, kind: Kind, hidden: Sequence[tuple[int, Hidden]]) -> Fill:
         fills = []
         for index, gaps in hidden:
-            if id(gaps) not in self._fitting:
+            if gaps not in self._fitting:
                 others = [trial for i, trial in enumerate(self.trials) if i != index]
-                self._fitting[id(gaps)] = Fitting([*others, gaps.shown], self.trunk)
-            fitting = self._fitting[id(gaps)]
+                self._fitting[gaps] = Fitting([*others, gaps.shown], self.trunk)
+            fitting = self._fitting[gaps]
             shown = fitting.trials[-1]
             found = fitting.fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
             fills.append(fill_of(gaps, found.xyz_m, found.cov_m2))
@@ -73,6 +73,12 @@ class Search:
             if self.fill(candidate).cost < self.fill(best).cost - least:
                 best = candidate
         return best
+
+
+def _unusual(kind: Kind) -> str:
+    """What of a kind's settings is not the default."""
+    own = [f"{f.name}={getattr(kind, f.name)!r}" for f in fields(kind) if getattr(kind, f.name) != f.default]
+    return f"{type(kind).__name__}({', '.join(own)})"
 
 
 def search_on(

@@ -67,6 +67,7 @@ def lesson(training: Sequence[Trial]) -> Lesson:
             np.random.default_rng(0),
             validated=much.trials,
             most_frames=max(much.frames, 500) if much.trials > 1 else much.frames,
+            times=3 if much.trials > 1 else 1,
         )
         free = free_pose(search)
         kinds: dict[str, Kind] = {

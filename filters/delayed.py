@@ -2,21 +2,23 @@
 
 Each marker's position in the body is regressed on the others by a Gaussian process (``filters/gaussian_process.py``).
 Its linear part is the standard imputation of missing markers by the covariance of all (Liu & McMillan 2006; Tits,
-Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It knows nothing of dynamics, and so errs
-differently from the motion models, which makes a mixture of both better than either (``design/mixture.py``).
+Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
+the marker's neighbours (``filters/neighbours.py``), and what both say is averaged. It knows nothing of dynamics, and so
+errs differently from the motion models, which makes a mixture of both better than either (``design/mixture.py``).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from filters.gaussian_process import Covariance, Rows, fitted, predict
 from filters.hidden import unseen_runs
+from filters.neighbours import Neighbours, body_itself
 from filters.poses import MarkerTrial, PoseTrial, Shapes, certain_shapes
 from mocap.arrays import Array
-from mocap.body import smooth_series
+from mocap.body import BodyFrames, smooth_series
 
 EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""
@@ -44,8 +46,8 @@ class DelaySettings:
     turns: bool = True
     lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
     cutoff: float = 4.0
-    rows: int = 900
-    own: int = 300
+    rows: int = 300
+    own: int = 150
     certain: float = 0.8
 
 
@@ -90,118 +92,163 @@ def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes
     """
     known = Delayed(trials, shapes, settings)
     covariance, seen, frames = known.covariance(), trial.seen, trials[-1].frames
-    y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3), np.nan)
+    y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3, 3), np.nan)
     alike: dict[tuple[int, bytes], list[Gap]] = {}
     for gap in gaps_of(seen):
         alike.setdefault((gap.marker, gap.others.tobytes()), []).append(gap)
     for gaps in alike.values():
         for k in range(0, len(gaps), TOGETHER):
             known.fill(gaps[k : k + TOGETHER], covariance, y, spread)
-    track = known.whole[-1].reshape(*seen.shape, 3)
+    track = known.poses[-len(seen) :]
     for gap in (gap for gaps in alike.values() for gap in gaps):
         m = gap.marker
         if np.isfinite(y[gap.inside, m]).all():
             path = np.where(seen[:, m, None], track[:, m], y[:, m])
             y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, settings.cutoff / known.tau)
     xyz = np.einsum("tij,tmj->tmi", frames.rotation, y) + frames.position_m[:, None]
-    return Filled(xyz, np.einsum("tij,tmj,tkj->tmik", frames.rotation, spread, frames.rotation))
+    return Filled(xyz, np.einsum("tij,tmjl,tkl->tmik", frames.rotation, spread, frames.rotation))
 
 
 class Delayed:
     """Delayed poses of several trials, to regress markers of the last one on.
 
     Attributes:
-        whole: (T, 3M) poses of each trial, completed.
+        poses: (N, M, 3) poses of all trials on end, completed.
         tau: Frames in which the motion turns by a radian.
     """
 
     def __init__(self, trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings) -> None:
         """Poses that are well enough known, evenly spread over the trials."""
         self.settings = settings
-        self.whole = completed(trials, shapes)
+        whole = completed(trials, shapes)
+        self.poses = np.concatenate(whole).reshape(-1, whole[0].shape[1] // 3, 3)
+        self._length = np.array([len(y) for y in whole])
+        self._start = np.cumsum(self._length) - self._length
+        self._last = len(trials) - 1
         self.tau = _radian(shapes) / trials[-1].dt_s
         self._lags = np.unique(np.round(np.array(settings.lags) * self.tau).astype(int))
-        self._seen = [np.isfinite(trial.y[:, ::3]) for trial in trials]
+        self._seen = np.concatenate([np.isfinite(trial.y[:, ::3]) for trial in trials])
         certain = certain_shapes(shapes, settings.certain)
         rows = [(k, frame) for k, mask in enumerate(certain[:-1]) for frame in np.flatnonzero(mask)]
         self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), settings.rows)]
         self._own = certain[-1]
-        self._apart = _apart(np.concatenate([y[mask] for y, mask in zip(self.whole, certain, strict=True)]))
+        self._apart = _apart(self.poses[np.concatenate(certain)])
 
     def covariance(self) -> Covariance:
         """The covariance by which six sets of hidden markers are likeliest: one, a quarter, half of them; two each."""
         rng = np.random.default_rng(1)
-        present = np.flatnonzero(np.mean([seen.mean(axis=0) for seen in self._seen], axis=0) > 0.1)
+        parts = np.split(self._seen, self._start[1:])
+        present = np.flatnonzero(np.mean([seen.mean(axis=0) for seen in parts], axis=0) > 0.1)
         count, tasks = len(present), []
         for size in (1, max(2, count // 4), max(3, count // 2)) * 2:
             if count < size + 2:
                 continue
             hidden = rng.choice(present, size, replace=False)
-            others = np.isin(np.arange(self._seen[-1].shape[1]), np.setdiff1d(present, hidden))
-            shown = np.flatnonzero(self._seen[-1][:, hidden[0]])
+            others = np.isin(np.arange(self._seen.shape[1]), np.setdiff1d(present, hidden))
+            shown = np.flatnonzero(parts[-1][:, hidden[0]])
             start = int(rng.integers(max(len(shown) - 60, 1)))
             frames = self._frames(hidden[0], shown[start : start + 60 : 2], rows=250, own=60)
             if len(frames) > 20:
-                tasks.append(self._task(hidden[0], others, frames)[:2])
+                tasks += [self._task(view, frames)[:2] for view in self._views(hidden[0], others, frames)]
         return fitted(tasks)
 
     def fill(self, gaps: Sequence[Gap], covariance: Covariance, y: Array, spread: Array) -> None:
-        """Write positions in the body and their variances, (T, M, 3) both, into gaps of one marker and equal others."""
+        """Write positions in the body (T, M, 3) and covariances (T, M, 3, 3) into gaps of one marker, equal others."""
         marker, others = gaps[0].marker, gaps[0].others
         edges = np.unique(np.concatenate([gap.edges for gap in gaps]))
         inside = np.concatenate([gap.inside for gap in gaps])
         frames = self._frames(marker, edges, rows=self.settings.rows, own=self.settings.own)
         if len(frames) < 2:
             return
-        asked = np.column_stack([np.full(len(inside), len(self.whole) - 1), inside])
-        rows, values, mean, wanted = self._task(marker, others, frames, asked)
-        if others.any():
-            said, left = predict(covariance, rows, values, wanted)
-        else:  # nothing to look at: the mean, as wide as the motion
-            said, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
-        y[inside, marker], spread[inside, marker] = said + mean, left
+        asked = np.column_stack([np.full(len(inside), self._last), inside])
+        means, covs = [], []
+        for view in self._views(marker, others, frames):
+            rows, values, centre, wanted = self._task(view, frames, asked)
+            if others.any():
+                said, left = predict(covariance, rows, values, wanted)
+            else:  # nothing to look at: the mean, as wide as the motion
+                said, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
+            at = view.frames(self._at(asked))
+            means.append(np.einsum("nij,nj->ni", at.rotation, said + centre) + at.position_m)
+            covs.append(np.einsum("nij,nj,nkj->nik", at.rotation, left, at.rotation))
+        y[inside, marker], spread[inside, marker] = averaged(np.array(means), np.array(covs))
+
+    def _at(self, frames: NDArray[np.int64]) -> Array:
+        """(n, M, 3) poses of trials and frames (n, 2)."""
+        return self.poses[self._start[frames[:, 0]] + frames[:, 1]]
 
     def _frames(self, marker: int, edges: NDArray[np.int64], *, rows: int, own: int) -> NDArray[np.int64]:
         """(n, 2) trials and frames in which the marker is seen: of other trials, of the last one, and at edges."""
-        seen = np.array([self._seen[k][frame, marker] for k, frame in self._rows], dtype=bool)
-        frames = self._rows[seen]
-        mine = np.flatnonzero(self._seen[-1][:, marker] & self._own)
+        frames = self._rows[self._seen[self._start[self._rows[:, 0]] + self._rows[:, 1], marker]]
+        mine = np.flatnonzero(self._seen[self._start[-1] :, marker] & self._own)
         mine = np.union1d(mine[_even(len(mine), own)], edges)
-        last = np.column_stack([np.full(len(mine), len(self.whole) - 1), mine])
+        last = np.column_stack([np.full(len(mine), self._last), mine])
         return np.concatenate([frames[_even(len(frames), rows)], last])
 
+    def _views(self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64]) -> list["View"]:
+        """From the body, and from the neighbours if there are three."""
+        body = View(marker, others, self._apart[marker, others], None)
+        if np.count_nonzero(others) < 3:
+            return [body]
+        return [body, replace(body, near=Neighbours.of(others, self._at(frames), body.apart))]
+
     def _task(
-        self,
-        marker: int,
-        others: NDArray[np.bool_],
-        frames: NDArray[np.int64],
-        asked: NDArray[np.int64] | None = None,
+        self, view: "View", frames: NDArray[np.int64], asked: NDArray[np.int64] | None = None
     ) -> tuple[Rows, Array, Array, Rows]:
         """Known rows, their centred positions of a marker, the mean of these, and the rows that are asked for."""
-        x = self._regressors(marker, others, frames)
+        x = self._regressors(view, frames)
         mean = x.mean(axis=0)
         scale = max(float(np.sqrt(np.mean(np.sum((x - mean) ** 2, axis=1)))), 1e-12)
 
         def rows(x: Array, at: NDArray[np.int64]) -> Rows:
             return Rows(x=(x - mean) / scale, trial=at[:, 0], t=at[:, 1] / self.tau)
 
-        values = np.array([self.whole[k][frame, 3 * marker : 3 * marker + 3] for k, frame in frames])
+        poses = self._at(frames)
+        values = view.frames(poses).to_body(poses[:, [view.marker]])[:, 0]
         centre = values.mean(axis=0)
         known = rows(x, frames)
-        wanted = known if asked is None else rows(self._regressors(marker, others, asked), asked)
+        wanted = known if asked is None else rows(self._regressors(view, asked), asked)
         return known, values - centre, centre, wanted
 
-    def _regressors(self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64]) -> Array:
+    def _regressors(self, view: "View", frames: NDArray[np.int64]) -> Array:
         """(n, D) delayed positions of the others; those that move with the marker weigh more. The ends are held."""
-        apart = self._apart[marker, others]
-        weight = np.repeat(1 / (apart / max(float(np.median(apart)) if len(apart) else 1.0, 1e-12) + 0.1), 3)
-        columns = np.flatnonzero(np.repeat(others, 3))
-        out = np.empty((len(frames), len(self._lags), len(columns)))
-        for k in np.unique(frames[:, 0]):
-            here = frames[:, 0] == k
-            at = np.clip(frames[here, 1][:, None] + self._lags, 0, len(self.whole[k]) - 1)
-            out[here] = self.whole[k][at[:, :, None], columns]
-        return (out * weight).reshape(len(frames), -1)
+        typical = max(float(np.median(view.apart)) if len(view.apart) else 1.0, 1e-12)
+        weight = 1 / (view.apart / typical + 0.1)
+        at = np.clip(frames[:, 1][:, None] + self._lags, 0, self._length[frames[:, 0]][:, None] - 1)
+        points = self.poses[(self._start[frames[:, 0]][:, None] + at)[:, :, None], np.flatnonzero(view.others)]
+        seen_from = view.frames(self._at(frames))
+        local = seen_from.to_body(points.reshape(len(frames), -1, 3)).reshape(points.shape)
+        return (local * weight[:, None]).reshape(len(frames), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """From where a marker is looked at.
+
+    Attributes:
+        marker: Which.
+        others: (M,) True for the k markers that may be looked at.
+        apart: (k,) root mean square by which each of them and the marker move apart.
+        near: The neighbours whose frame it is; None: the body's.
+    """
+
+    marker: int
+    others: NDArray[np.bool_]
+    apart: Array
+    near: Neighbours | None
+
+    def frames(self, poses: Array) -> BodyFrames:
+        """Frames of poses (n, M, 3)."""
+        return body_itself(len(poses)) if self.near is None else self.near.frames(poses)
+
+
+def averaged(means: Array, covs: Array) -> tuple[Array, Array]:
+    """Mean and covariance of K normal densities, (K, n, 3) and (K, n, 3, 3), mixed by their squared precisions."""
+    weight = np.trace(covs, axis1=-2, axis2=-1) ** -2.0
+    weight /= weight.sum(axis=0)
+    mean = np.einsum("kn,kni->ni", weight, means)
+    apart = means - mean
+    return mean, np.einsum("kn,knij->nij", weight, covs + apart[..., :, None] * apart[..., None, :])
 
 
 def gaps_of(seen: NDArray[np.bool_]) -> Iterator[Gap]:
@@ -223,8 +270,8 @@ def completed(trials: Sequence[PoseTrial], shapes: Shapes) -> list[Array]:
 
 
 def _apart(poses: Array) -> Array:
-    """(M, M) root mean square by which two markers move apart, of (T, 3M) poses."""
-    centred = (poses - poses.mean(axis=0)).reshape(len(poses), -1, 3)
+    """(M, M) root mean square by which two markers move apart, of (T, M, 3) poses."""
+    centred = poses - poses.mean(axis=0)
     inner = np.einsum("tmi,tki->mk", centred, centred) / len(poses)
     square = np.diag(inner)
     return np.sqrt(np.maximum(square[:, None] + square - 2 * inner, 0.0))

@@ -36,6 +36,30 @@ class Rows:
     t: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """What the covariance of n rows with m others depends on, (n, m) each.
+
+    Attributes:
+        inner: <x, x'>.
+        square: |x - x'|^2.
+        lag: sqrt(3) |t - t'|.
+        same: 1 where both are of one trial, else 0.
+    """
+
+    inner: Array
+    square: Array
+    lag: Array
+    same: Array
+
+    @classmethod
+    def of(cls, a: Rows, b: Rows) -> "Apart":
+        """Of rows and others."""
+        inner = a.x @ b.x.T
+        lag = np.sqrt(3) * np.abs(a.t[:, None] - b.t)
+        return cls(inner, _square(a, b, inner), lag, (a.trial[:, None] == b.trial).astype(float))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Covariance:
     """Amplitudes of the parts of the covariance, before the scale, and two lengths; all positive.
@@ -63,11 +87,35 @@ class Covariance:
     def __call__(self, a: Rows, b: Rows) -> Array:
         """(n, m) covariances between rows, without noise."""
         inner = a.x @ b.x.T
-        square = np.sum(a.x**2, axis=1)[:, None] + np.sum(b.x**2, axis=1) - 2 * inner
-        bent = np.exp(-self.sharp * np.maximum(square, 0.0))
-        u = np.sqrt(3) * np.abs(a.t[:, None] - b.t) / self.memory
-        same = self.trial + self.slow * (1 + u) * np.exp(-u) + self.own * bent
-        return self.linear * inner + self.curved * bent + np.where(a.trial[:, None] == b.trial, same, 0.0)
+        bent = np.exp(-self.sharp * _square(a, b, inner))
+        out = self.linear * inner + self.curved * bent
+        for trial in np.intersect1d(a.trial, b.trial):
+            both = np.ix_(a.trial == trial, b.trial == trial)
+            u = np.sqrt(3) / self.memory * np.abs(a.t[both[0]] - b.t[both[1]])
+            out[both] += self.trial + self.slow * (1 + u) * np.exp(-u) + self.own * bent[both]
+        return out
+
+    def parts(self, apart: "Apart") -> tuple[Array, ...]:
+        """(n, m) each: what the linear, curved, trial, slow and own parts add to the covariance."""
+        bent, u = np.exp(-self.sharp * apart.square), apart.lag / self.memory
+        return (
+            self.linear * apart.inner,
+            self.curved * bent,
+            self.trial * apart.same,
+            self.slow * apart.same * (1 + u) * np.exp(-u),
+            self.own * apart.same * bent,
+        )
+
+    def gradient(self, apart: "Apart") -> tuple[Array, Array]:
+        """(n, n) covariance of rows with themselves, noise included, and its (8, n, n) slopes by each logarithm."""
+        linear, curved, trial, slow, own = self.parts(apart)
+        u = apart.lag / self.memory
+        sharp = -self.sharp * apart.square * (curved + own)
+        memory = slow * u**2 / (1 + u)  # d (1 + u) exp(-u) / du = -u exp(-u)
+        noise = self.noise * np.eye(len(linear))
+        return linear + curved + trial + slow + own + noise, np.stack(
+            [linear, curved, sharp, trial, slow, memory, own, noise]
+        )
 
     def prior(self, rows: Rows) -> Array:
         """(n,) variances of rows, without noise."""
@@ -84,6 +132,16 @@ class Covariance:
         """From logarithms of all parameters."""
         names = [field.name for field in fields(cls)]
         return cls(**dict(zip(names, np.exp(logarithms).tolist(), strict=True)))
+
+
+def _square(a: Rows, b: Rows, inner: Array) -> Array:
+    """(n, m) squared distances |x - x'|^2."""
+    return np.maximum(np.sum(a.x**2, axis=1)[:, None] + np.sum(b.x**2, axis=1) - 2 * inner, 0.0)
+
+
+def _square(a: Rows, b: Rows, inner: Array) -> Array:
+    """(n, m) squared distances |x - x'|^2."""
+    return np.maximum(np.sum(a.x**2, axis=1)[:, None] + np.sum(b.x**2, axis=1) - 2 * inner, 0.0)
 
 
 def predict(covariance: Covariance, rows: Rows, y: Array, asked: Rows) -> tuple[Array, Array]:
@@ -118,19 +176,26 @@ def fitted(tasks: Sequence[tuple[Rows, Array]], *, start: Covariance | None = No
         steps: Of the search.
     """
     first = (start or Covariance()).logarithms
+    known = [(Apart.of(rows, rows), y) for rows, y in tasks]
 
-    def cost(logarithms: Array) -> float:
-        covariance, total = Covariance.of(logarithms), 0.0
-        for rows, y in tasks:
+    def cost(logarithms: Array) -> tuple[float, Array]:
+        covariance = Covariance.of(logarithms)
+        total, slope = 0.001 * np.sum((logarithms - first) ** 2), 0.002 * (logarithms - first)
+        for apart, y in known:
+            square, slopes = covariance.gradient(apart)
             try:
-                factor = cho_factor(covariance(rows, rows) + covariance.noise * np.eye(len(y)), lower=True)
+                factor = cho_factor(square, lower=True)
             except LinAlgError:
-                return 1e6
-            scale2 = np.mean(y * cho_solve(factor, y), axis=0)
-            total += 0.5 * np.mean(np.log(scale2 + 1e-300)) + np.mean(np.log(np.diag(factor[0])))
-        return float(total / max(len(tasks), 1) + 0.001 * np.sum((logarithms - first) ** 2))
+                return 1e6, np.zeros(len(first))
+            inverse = cho_solve(factor, np.eye(len(y)))
+            solved = inverse @ y
+            scale2 = np.mean(y * solved, axis=0) + 1e-300
+            total += (0.5 * np.mean(np.log(scale2)) + np.mean(np.log(np.diag(factor[0])))) / len(known)
+            pull = inverse - (solved / scale2) @ solved.T / y.shape[1]
+            slope = slope + 0.5 * np.tensordot(slopes, pull, 2) / (len(y) * len(known))
+        return float(total), slope
 
-    if not tasks:
+    if not known:
         return Covariance.of(first)
-    bounds = [(-12.0, 4.0)] * len(first)
-    return Covariance.of(minimize(cost, first, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}).x)
+    bounds, options = [(-12.0, 4.0)] * len(first), {"maxiter": steps}
+    return Covariance.of(minimize(cost, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x)

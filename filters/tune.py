@@ -129,20 +129,26 @@ def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
 
 
-def calibrated(mixture: Mixture, kinds: Sequence[Kind], fitting: Fitting, *, most_frames: int = 500) -> Mixture:
-    """A mixture with intervals that hold in gaps hidden in the recording that is to be filled.
+def own_search(fitting: Fitting, *, most_frames: int = 500) -> Search | None:
+    """A search on gaps hidden in the recording that is to be filled, to see how wide intervals are there.
 
     Args:
-        mixture: Of the kinds.
-        kinds: The K models.
         fitting: Trials; the last is the recording.
         most_frames: Of it, the stretch of so many frames of which most is seen.
+
+    Returns:
+        None where nothing can be hidden.
     """
     hidden = hide_groups(_excerpt(fitting.trials[-1], most_frames), np.random.default_rng(0))
     if not hidden.mask.any():
-        return mixture
-    search = Search(trials=fitting.trials, trunk=fitting.trunk, hidden=[(len(fitting.trials) - 1, hidden)])
-    return mixture.calibrated([search.fill(kind) for kind in kinds])
+        return None
+    return Search(trials=fitting.trials, trunk=fitting.trunk, hidden=[(len(fitting.trials) - 1, hidden)])
+
+
+def calibrated(mixture: Mixture, kinds: Sequence[Kind], fitting: Fitting) -> Mixture:
+    """A mixture of kinds with intervals that hold in gaps hidden in the recording that is to be filled."""
+    own = own_search(fitting)
+    return mixture if own is None else mixture.calibrated([own.fill(kind) for kind in kinds])
 
 
 SHARP = PoseSettings(excess=0.3, residual=0.6, weight=16.0)
@@ -177,7 +183,7 @@ def held_pose(
 def delay_kind(search: Search, free: PoseSettings) -> DelaySettings:
     """The regression on delayed poses of the subspace and body of a pose model."""
     start = DelaySettings(ranks=free.ranks, body_hz=free.body_hz, turns=free.turns)
-    return search.improve(start, [{"cutoff": 8.0}])
+    return search.improve(start, [{"turns": not free.turns}, {"cutoff": 8.0}])
 
 
 USUAL_MARKER = MarkerSettings(acceleration=0.3)

@@ -136,7 +136,7 @@ def body_frames(
     if turns:
         rotation = _followed(points, seen, shape, dt_s, cutoff_hz, loose_rad)
     else:
-        mean = _nearest_rotation(_covariance(points, seen, shape).sum(axis=0, keepdims=True))
+        mean = nearest_rotation(_covariance(points, seen, shape).sum(axis=0, keepdims=True))
         rotation = np.repeat(mean, len(points), axis=0)
     weight = seen / np.maximum(count, 1)[:, None]
     position = np.einsum("tk,tkj->tj", weight, points) - np.einsum("tij,tj->ti", rotation, weight @ shape)
@@ -152,7 +152,7 @@ def _aligned(points: Array, seen: NDArray[np.bool_], shape: Array) -> tuple[Arra
     shape_mean, point_mean = weight @ shape, np.einsum("tk,tkj->tj", weight, points)
     rotation = np.repeat(np.eye(3)[None], len(points), axis=0)
     if oriented.any():
-        rotation[oriented] = _nearest_rotation(_covariance(points, seen, shape)[oriented])
+        rotation[oriented] = nearest_rotation(_covariance(points, seen, shape)[oriented])
     return rotation, point_mean - np.einsum("tij,tj->ti", rotation, shape_mean), oriented
 
 
@@ -168,7 +168,7 @@ def _first_shape(points: Array, seen: NDArray[np.bool_], reference: int) -> Arra
     return shape
 
 
-def _nearest_rotation(covariance: Array) -> Array:
+def nearest_rotation(covariance: Array) -> Array:
     """(K, 3, 3) rotations R that maximise trace(R^T covariance)."""
     u, _, vt = np.linalg.svd(covariance)
     sign = np.sign(np.linalg.det(u @ vt))
@@ -188,10 +188,10 @@ def _followed(
     prior = squares / (3 * seen[oriented].sum()) / loose_rad**2
     covariance = _covariance(points, seen, shape)
     slow = gaussian_filter1d(covariance, 10 / (2 * np.pi * cutoff_hz * dt_s), axis=0, mode="constant")
-    slow = _nearest_rotation(slow + 1e-6 * covariance.mean(axis=0))
+    slow = nearest_rotation(slow + 1e-6 * covariance.mean(axis=0))
     known = np.linalg.svd(covariance, compute_uv=False)[:, 1:].sum(axis=1)
     weight = oriented * known / (known + prior + 1e-30)
-    return _smooth_rotations(_nearest_rotation(covariance + prior * slow), weight, dt_s, cutoff_hz)
+    return _smooth_rotations(nearest_rotation(covariance + prior * slow), weight, dt_s, cutoff_hz)
 
 
 def _covariance(points: Array, seen: NDArray[np.bool_], shape: Array) -> Array:
@@ -208,4 +208,4 @@ def _smooth_rotations(rotation: Array, weight: Array, dt_s: float, cutoff_hz: fl
         best = rotation[np.argmax(weight)]
         return np.repeat(best[None], len(rotation), axis=0)
     flat = smooth_series(rotation.reshape(-1, 9), weight, dt_s=dt_s, cutoff_hz=cutoff_hz)
-    return _nearest_rotation(flat.reshape(-1, 3, 3))
+    return nearest_rotation(flat.reshape(-1, 3, 3))

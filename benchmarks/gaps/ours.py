@@ -11,10 +11,11 @@ import numpy as np
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
 from filters.fitting import Fitting, Kind
+from filters.hidden import Fill
 from filters.mixture import Mixture, gap_lengths, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
-from filters.tune import Search, bare_pose, calibrated, delay_kind, free_pose, held_pose, marker_kind, search_on
+from filters.tune import Search, bare_pose, delay_kind, free_pose, held_pose, marker_kind, own_search, search_on
 from mocap.arrays import Array
 
 LEAST_SD_M = 5e-5
@@ -27,28 +28,39 @@ def marker_trial(trial: Trial) -> MarkerTrial:
     return MarkerTrial(name=trial.name, t_s=trial.t_s, xyz_m=trial.xyz_m, sd_m=sd)
 
 
+@dataclass(frozen=True, eq=False)
+class Said:
+    """What one model says of a trial, and of gaps that were hidden in it besides (None: there is no room)."""
+
+    xyz_m: Array
+    cov_m2: Array
+    own: Fill | None
+
+
 @dataclass(eq=False)
 class Lesson:
-    """What all our methods learned from one set of training trials; estimates of the last trial are kept."""
+    """What all our methods learned from one set of training trials, and what each model said of trials.
+
+    A method that comes later finds there what it shares with those before; its time to fill lacks that.
+    """
 
     search: Search
     kinds: dict[str, Kind]
-    done: dict = field(default_factory=dict)
+    _said: dict[tuple[bytes, str], Said] = field(default_factory=dict)
+    _fitting: tuple[bytes, Fitting, Search | None] | None = None
 
-    def fitting(self, trial: MarkerTrial) -> Fitting:
-        """All trials, the one to fill last."""
+    def said(self, name: str, trial: MarkerTrial) -> Said:
+        """By one model."""
         key = trial.xyz_m.tobytes()
-        if self.done.get("trial") != key:
-            self.done = {"trial": key, "fitting": Fitting([*self.search.trials, trial], self.search.trunk)}
-        return self.done["fitting"]
-
-    def estimate(self, name: str, trial: MarkerTrial) -> tuple[Array, Array]:
-        """Positions and covariance by one model."""
-        fitting = self.fitting(trial)
-        if name not in self.done:
-            found = fitting.fill(self.kinds[name], PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
-            self.done[name] = found.xyz_m, found.cov_m2
-        return self.done[name]
+        if (key, name) not in self._said:
+            if self._fitting is None or self._fitting[0] != key:
+                fitting = Fitting([*self.search.trials, trial], self.search.trunk)
+                self._fitting = key, fitting, own_search(fitting)
+            _, fitting, own = self._fitting
+            kind = self.kinds[name]
+            found = fitting.fill(kind, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
+            self._said[key, name] = Said(found.xyz_m, found.cov_m2, own.fill(kind) if own else None)
+        return self._said[key, name]
 
 
 _lessons: dict[tuple[str, ...], Lesson] = {}
@@ -98,12 +110,10 @@ class Ours:
 def _filler(learned: Lesson, members: Sequence[str], mixture: Mixture) -> Callable[[Trial], Filled]:
     def fill(trial: Trial) -> Filled:
         own = marker_trial(trial)
-        found = [learned.estimate(member, own) for member in members]
-        length = gap_lengths(own.seen)
-        kinds = [learned.kinds[member] for member in members]
-        xyz, cov = calibrated(mixture, kinds, learned.fitting(own)).combine(
-            [x for x, _ in found], [c for _, c in found], length
-        )
+        said = [learned.said(member, own) for member in members]
+        hidden = [each.own for each in said if each.own is not None]
+        fitted = mixture.calibrated(hidden) if hidden else mixture
+        xyz, cov = fitted.combine([each.xyz_m for each in said], [each.cov_m2 for each in said], gap_lengths(own.seen))
         return Filled(xyz, cov + (own.sd_m**2)[..., None, None] * np.eye(3))
 
     return fill

@@ -135,17 +135,24 @@ def test_gaps_of_one_marker_do_not_disturb_each_other():
 
 
 def test_regressors_are_delayed_poses_whose_ends_are_held():
-    """Against a loop over frames and delays, of markers that move as one with the asked: all weights are 1 / 0.1."""
+    """Against a loop over frames and delays, of markers that move as one with the asked: all weights are 1 / 0.1.
+
+    From the neighbours all delays are in the frame of the row itself.
+    """
     poses, shapes = Fitting([trial_of(1), trial_of(2)], TRUNK).shapes(SETTINGS)
     known = Delayed(poses, shapes, SETTINGS)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
-    others = np.isin(np.arange(8), (1, 6))
-    found = known._regressors(5, others, frames).reshape(3, len(known._lags), 2, 3)
-    for row, (k, frame) in enumerate(frames):
-        for column, lag in enumerate(known._lags):
-            at = min(max(frame + lag, 0), 119)
-            np.testing.assert_allclose(found[row, column], 10 * known.whole[k].reshape(-1, 8, 3)[at][others])
+    others = np.isin(np.arange(8), (1, 4, 6))
+    whole = completed(poses, shapes)
+    for view in known._views(5, others, frames):
+        found = known._regressors(view, frames).reshape(3, len(known._lags), 3, 3)
+        for row, (k, frame) in enumerate(frames):
+            pose = whole[k].reshape(-1, 8, 3)
+            at = view.frames(pose[[frame]])
+            for column, lag in enumerate(known._lags):
+                delayed = pose[min(max(frame + lag, 0), 119)][others]
+                np.testing.assert_allclose(found[row, column], 10 * (delayed - at.position_m[0]) @ at.rotation[0])
 
 
 def test_gaps_are_found_with_their_edges():

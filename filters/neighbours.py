@@ -1,0 +1,66 @@
+"""A marker seen from its neighbours: a frame that moves with the markers near it.
+
+On a rigid segment a marker rests in the frame of those beside it, however the segment turns in the body (Tits, Tilmanne
+& Dutoit 2018 take three of them). Here all others are aligned with their mean shape by Procrustes analysis (Gower 1975;
+Kabsch 1976), and those that keep their distance to the marker weigh most: rigid or not, the frame turns as they do.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.body import BodyFrames, nearest_rotation
+
+POWER = 4
+"""Weights are 1 / apart^4, of what two markers move apart by in units of the median, and a twentieth of it."""
+FIRM = 0.03
+"""Share of the mean shape's extent that holds the frame where neighbours do not tell how they turn: on a line."""
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """What a marker is seen from.
+
+    Attributes:
+        which: (M,) True for the k markers that are looked at.
+        weight: (k,) of each of them; their sum is one.
+        shape: (k, 3) their mean shape about its centre.
+    """
+
+    which: NDArray[np.bool_]
+    weight: Array
+    shape: Array
+
+    @classmethod
+    def of(cls, which: NDArray[np.bool_], poses: Array, apart: Array, *, rounds: int = 3) -> "Neighbours":
+        """Of poses (n, M, 3) without gaps, and what each of the k markers moves apart from the one that is asked for.
+
+        Args:
+            which: (M,) the k markers.
+            poses: See above.
+            apart: (k,) see above.
+            rounds: Of alignment; the first is with the first pose.
+        """
+        weight = (apart / max(float(np.median(apart)), 1e-12) + 0.05) ** -float(POWER)
+        points = poses[:, which]
+        found = cls(which, weight / weight.sum(), np.zeros(points.shape[1:]))
+        mean = points[0]
+        for _ in range(rounds):
+            found = cls(which, found.weight, mean - found.weight @ mean)
+            mean = found.frames(poses).to_body(points).mean(axis=0)
+        return found
+
+    def frames(self, poses: Array) -> BodyFrames:
+        """Frames of poses (n, M, 3): the origin is the weighted mean, the axes are those of the mean shape."""
+        points = poses[:, self.which]
+        centre = np.einsum("k,nki->ni", self.weight, points)
+        covariance = np.einsum("k,nki,kj->nij", self.weight, points - centre[:, None], self.shape)
+        extent = self.weight @ np.sum(self.shape**2, axis=1)
+        return BodyFrames(rotation=nearest_rotation(covariance + FIRM / 3 * extent * np.eye(3)), position_m=centre)
+
+
+def body_itself(count: int) -> BodyFrames:
+    """The frame that poses are given in, so many times."""
+    return BodyFrames(rotation=np.tile(np.eye(3), (count, 1, 1)), position_m=np.zeros((count, 3)))

@@ -9,6 +9,7 @@ errs differently from the motion models, which makes a mixture of both better th
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ class DelaySettings:
         rows: Frames of the other trials to learn from, at most.
         own: Frames of the trial itself, at most, besides those at the edges of gaps.
         certain: Poses known better than this are learned from.
+        views: From where a marker is looked at: the body's frame, its neighbours', or both, averaged.
     """
 
     ranks: tuple[int, ...]
@@ -49,6 +51,7 @@ class DelaySettings:
     rows: int = 300
     own: int = 150
     certain: float = 0.8
+    views: tuple[Literal["body", "neighbours"], ...] = ("body", "neighbours")
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,11 +189,12 @@ class Delayed:
         return np.concatenate([frames[_even(len(frames), rows)], last])
 
     def _views(self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64]) -> list["View"]:
-        """From the body, and from the neighbours if there are three."""
+        """Those that are wanted; from the neighbours only if there are three."""
         body = View(marker, others, self._apart[marker, others], None)
-        if np.count_nonzero(others) < 3:
+        if np.count_nonzero(others) < 3 or self.settings.views == ("body",):
             return [body]
-        return [body, replace(body, near=Neighbours.of(others, self._at(frames), body.apart))]
+        near = replace(body, near=Neighbours.of(others, self._at(frames), body.apart))
+        return [body, near] if "body" in self.settings.views else [near]
 
     def _task(
         self, view: "View", frames: NDArray[np.int64], asked: NDArray[np.int64] | None = None

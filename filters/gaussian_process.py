@@ -139,11 +139,6 @@ def _square(a: Rows, b: Rows, inner: Array) -> Array:
     return np.maximum(np.sum(a.x**2, axis=1)[:, None] + np.sum(b.x**2, axis=1) - 2 * inner, 0.0)
 
 
-def _square(a: Rows, b: Rows, inner: Array) -> Array:
-    """(n, m) squared distances |x - x'|^2."""
-    return np.maximum(np.sum(a.x**2, axis=1)[:, None] + np.sum(b.x**2, axis=1) - 2 * inner, 0.0)
-
-
 def predict(covariance: Covariance, rows: Rows, y: Array, asked: Rows) -> tuple[Array, Array]:
     """Posterior at rows that are asked for.
 

@@ -21,7 +21,7 @@ from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.errors import FormatError, MocapError
 
-FORMAT = "eal-mocap model 4"
+FORMAT = "eal-mocap model 5"
 _DAMAGE = (
     OSError,
     LookupError,

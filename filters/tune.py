@@ -151,15 +151,19 @@ def calibrated(mixture: Mixture, kinds: Sequence[Kind], fitting: Fitting) -> Mix
     return mixture if own is None else mixture.calibrated([own.fill(kind) for kind in kinds])
 
 
-SHARP = PoseSettings(excess=0.3, residual=0.6, weight=16.0)
+SHARP = PoseSettings(excess=0.3, residual=0.6, body=0.1, weight=16.0)
 """Where a search starts: less noise than a single recording shows, as a mixture's widths are learned afterwards, and a
 stiffer potential."""
 
 
 def free_pose(search: Search, base: PoseSettings = SHARP) -> PoseSettings:
-    """The pose model without forces, its subspace and body chosen on the hidden gaps: rank, whether the axes turn."""
+    """The pose model without forces, its subspace and body chosen on the hidden gaps.
+
+    That is the rank, whether the axes turn, and how freely the body moves.
+    """
     free = replace(base, mechanics="free", potential="none")
-    return search.improve(free, [{"ranks": (rank,)} for rank in (16, 8, 26)] + [{"turns": not base.turns}])
+    ranks, bodies = [{"ranks": (rank,)} for rank in (16, 8, 26)], [{"body": factor} for factor in (0.01, 1.0)]
+    return search.improve(free, [*ranks, {"turns": not base.turns}, *bodies])
 
 
 def bare_pose(search: Search, free: PoseSettings) -> PoseSettings:

@@ -35,7 +35,9 @@ def main() -> int:
     parser.add_argument(
         "--sets", nargs="+", choices=SETS, help="default: all; with --quick as time permits " + ", ".join(QUICK_SETS)
     )
-    parser.add_argument("--methods", nargs="+", help="names; default: all; with --quick without released tools and the mechanics alone")
+    parser.add_argument(
+        "--methods", nargs="+", help="names; default: all; with --quick without released tools and the mechanics alone"
+    )
     parser.add_argument("--seeds", type=int, help="number of seeds (3)")
     parser.add_argument("--folds", type=int, help="trials of each set that are left out, at most (all)")
     parser.add_argument("--jobs", type=int, default=1, help="processes")

@@ -157,9 +157,10 @@ def test_trials_without_room_are_refused(small):
 
 
 def test_markers_may_come_in_any_order_be_missing_or_more(learned, flights):
-    """A recording with its markers reversed is tracked the same, to half of what is stated.
+    """A recording with its markers reversed is tracked the same, to six tenths of what is stated.
 
-    The widths of the subspace's residual are found on samples hidden by a seed: others in another order of markers.
+    That is 95 % of coordinates, none by more than 2.5: the widths of the subspace's residual, and how well each model
+    does in the recording, are found on samples hidden by a seed, others in another order of markers.
     Without one marker and with a new one that follows the back it is tracked nearly the same: the pose is known from
     the others, and the new marker, which the model has never seen, is followed where it is seen.
     """
@@ -171,8 +172,8 @@ def test_markers_may_come_in_any_order_be_missing_or_more(learned, flights):
     other = track_with(learned, NAMES[::-1], turned, positions(turned))
     sd = np.sqrt(np.diagonal(base.cov_m2, axis1=-2, axis2=-1))
     ratio = np.abs(other.xyz_m[:, ::-1] - base.xyz_m) / sd
-    assert np.quantile(ratio, 0.95) < 0.5, ratio.max()
-    assert ratio.max() < 2
+    assert np.quantile(ratio, 0.95) < 0.6, ratio.max()
+    assert ratio.max() < 2.5
     names = (*NAMES[1:], "logger")
     extra = trial.xyz_m[:, 1:2] + [0.0, 0.0, 0.01]
     extra[80:95] = np.nan

@@ -270,3 +270,20 @@ def test_intervals_hold_in_another_recording(larger):
     own = mixed_fill(mixed.calibrated(recording()), recording())
     inside = np.abs(own.miss_m) <= 1.959964 * np.sqrt(own.variance)
     assert inside.mean() == pytest.approx(0.95, abs=0.015)
+
+
+def test_a_model_that_fails_in_a_recording_weighs_less_there():
+    """Two that are alike in training, of which one errs four times as much in the recording: it weighs 1 / 256 of it.
+
+    That is the ratio of variances to the power 2 of the mixture, drawn a little to nothing by the two gaps that
+    ``own`` stands for: of 240 gaps 240 / 242 of the logarithm is taken.
+    """
+    rng = np.random.default_rng(10)
+    mixed = learn_mixture(fills(rng, [same, same], n_gaps=200))
+    good, bad = fills(rng, [same, same], n_gaps=60)
+    own = mixed.calibrated([good, replace(bad, miss_m=4 * bad.miss_m)])
+    ratio = own.scale[:, 1] / own.scale[:, 0] / (mixed.scale[:, 1] / mixed.scale[:, 0])
+    np.testing.assert_allclose(ratio, 4.0, rtol=0.1)
+    weight = own.weights((own.scale[0] ** 2)[:, None], np.array([10]))
+    before = mixed.weights((mixed.scale[0] ** 2)[:, None], np.array([10]))
+    assert weight[1] / weight[0] / (before[1] / before[0]) == pytest.approx(4.0**-4, rel=0.4)

@@ -87,8 +87,9 @@ class Mixture:
 
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
         each is multiplied by the geometric mean over gaps of its root mean square error in stated deviations, as if
-        ``own`` gaps more had shown that nothing is to be changed. Then all widths are multiplied by the ratio that 95 %
-        of errors stay under (``learn_mixture``), with ``prior`` such gaps.
+        ``own`` gaps more had shown that nothing is to be changed; that is for the weights. All widths are multiplied by
+        the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with ``prior`` such gaps, whatever
+        the scales have become.
 
         Args:
             fills: What each of the K models said of the hidden samples.
@@ -99,11 +100,10 @@ class Mixture:
         for fill, scaling in zip(fills, self.scaling(fills[0].length), strict=True):
             squared = np.mean(fill.miss_m**2 / fill.variance, axis=1) / scaling**2
             found.append(np.mean([0.5 * np.log(squared[gap == one].mean()) for one in np.unique(gap)]))
-        factor = np.exp(_share(gap, own) * np.clip(found, -2.0, 2.0))
-        scaled = replace(self, scale=self.scale * factor)
-        mean, variance = mixed_errors(scaled, fills)
-        ratio = _conformal(np.abs(mean) / np.sqrt(variance) / 1.959964, gap)
-        return replace(scaled, widen=np.clip(scaled.widen * ratio ** _share(gap, prior), 0.1, 10.0))
+        scaled = replace(self, scale=self.scale * np.exp(_share(gap, own) * np.clip(found, -2.0, 2.0)))
+        before, after = (_conformal(_in_intervals(mixture, fills), gap) for mixture in (self, scaled))
+        factor = after * before ** (_share(gap, prior) - 1)
+        return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
 
 
 def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -117,8 +117,8 @@ def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
 def learn_mixture(
     fills: Sequence[Fill],
     *,
-    power: float = 2.0,
-    strength: float = 0.03,
+    power: float = 1.0,
+    strength: float = 0.1,
     prior: float = 12.0,
     folds: int = 5,
 ) -> Mixture:
@@ -133,7 +133,7 @@ def learn_mixture(
 
     Args:
         fills: What each model said of the same hidden samples.
-        power: Power of the stated variances; 1 would be weights of precision. See ``design/mixture.py``.
+        power: Power of the stated variances; 1: weights of precision. ``design/mixture.py`` settled it.
         strength: Penalty on squared offsets and slopes.
         prior: See above.
         folds: See above.
@@ -146,8 +146,7 @@ def learn_mixture(
     for k in range(folds):
         here = part == k
         known = chosen if here.all() or not here.any() else _mixture([_some(f, ~here) for f in fills], **options)
-        mean, variance = mixed_errors(known, [_some(f, here) for f in fills])
-        ratio[here] = np.abs(mean) / np.sqrt(variance) / 1.959964
+        ratio[here] = _in_intervals(known, [_some(f, here) for f in fills])
     overall = _conformal(ratio, gap)
     widen = []
     for n in chosen.length:
@@ -166,6 +165,12 @@ def mixed_errors(mixture: Mixture, fills: Sequence[Fill]) -> tuple[Array, Array]
     mean = np.einsum("kn,kni->ni", weight, miss)
     total = np.einsum("kn,kni->ni", weight, variance + (miss - mean) ** 2)
     return mean, total * mixture.widening(length)[:, None] ** 2
+
+
+def _in_intervals(mixture: Mixture, fills: Sequence[Fill]) -> Array:
+    """(n, 3) absolute errors of a mixture in units of its 95 % intervals."""
+    mean, variance = mixed_errors(mixture, fills)
+    return np.abs(mean) / np.sqrt(variance) / 1.959964
 
 
 def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: float) -> Mixture:

@@ -262,8 +262,8 @@ PROJECTS = {
 def test_real_flights_teach_a_third():
     """Two flights of a bat (078A3 F2 and F3, 100 and 80 frames) teach a third, F5: its hidden gaps are filled better.
 
-    Root mean square errors in three sets of gaps of 10, 25, 50, 100 frames: 2.9, 11, 6.3, 11 mm, and 94 % of
-    coordinates inside 95 % intervals; constant velocity 3.3, 16, 22, 81 mm, and 95 %.
+    Root mean square errors in three sets of gaps of 10, 25, 50, 100 frames: 2.2, 7.1, 6.3, 13 mm, and 95 % of
+    coordinates inside 95 % intervals; constant velocity 2.1, 8.0, 21, 91 mm.
     """
     flights = {}
     for name, file in PROJECTS.items():

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.gaps import plots
-from benchmarks.gaps.ours import ours
+from benchmarks.gaps.ours import alone, ours
 from benchmarks.gaps.peers import released
 from benchmarks.gaps.registry import methods
 from benchmarks.gaps.run import LATE, QUICK, QUICK_SETS, Extent, Task, results
@@ -49,9 +49,9 @@ def main() -> int:
     unknown = sorted(set(args.methods or []) - set(known))
     if unknown:
         parser.error(f"no method {', '.join(unknown)}; there are {', '.join(known)}")
-    # tools in an environment of their own start a process for each fill
-    least = {method.name for method in [*released.peers(), *ours()[3:]]} if args.quick else set()
-    chosen = [name for name in known if (name in args.methods if args.methods else name not in least)]
+    # released tools start a process for each fill
+    slow = {method.name for method in [*released.peers(), *alone()]} if args.quick else set()
+    chosen = [name for name in known if (name in args.methods if args.methods else name not in slow)]
     extent = QUICK if args.quick else Extent()
     if args.seeds:
         extent = replace(extent, seeds=tuple(range(args.seeds)))
@@ -77,7 +77,7 @@ def main() -> int:
             print(f"{name}: left out: no time for all methods", file=sys.stderr)
     folds = pd.DataFrame(rows, columns=FOLDS)
     print(as_text(summary(folds)), flush=True)
-    own, names = [method.name for method in ours()], set(folds["method"].astype(str))
+    own, names = [method.name for method in [*ours(), *alone()]], set(folds["method"].astype(str))
     peers = sorted(names.difference(own))
     if own[0] in names and peers and len(set(folds["seed"])) > 1:
         print(as_sentence(against_best(folds, own[0], peers), own[0]), flush=True)

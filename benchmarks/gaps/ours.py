@@ -124,10 +124,14 @@ BESIDE = ("marker", "delayed poses")
 
 
 def ours() -> list[Method]:
-    """The default, the same with other potentials (controls), and the mechanics alone with all of them."""
+    """The default, and the same with other potentials (controls)."""
     return [
         Ours("EAL", (*BESIDE, "mechanics + V_z")),
         Ours("EAL, no potential", (*BESIDE, "mechanics")),
         Ours("EAL, quadratic potential", (*BESIDE, "mechanics + quadratic")),
-        *(Ours(f"{part} alone", (part,)) for part in ("mechanics + V_z", "mechanics + quadratic", "mechanics")),
     ]
+
+
+def alone() -> list[Method]:
+    """The mechanics without what they are mixed with, held by each potential."""
+    return [Ours(f"{part} alone", (part,)) for part in ("mechanics + V_z", "mechanics + quadratic", "mechanics")]

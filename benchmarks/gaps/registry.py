@@ -17,9 +17,9 @@ def methods() -> tuple[Method, ...]:
     """
     found = peers()
     if find_spec("benchmarks.gaps.ours") is not None:
-        from benchmarks.gaps.ours import ours
+        from benchmarks.gaps.ours import alone, ours
 
-        found = [*found, *ours()]
+        found = [*found, *ours(), *alone()]
     else:
         print("benchmarks.gaps.ours is not there: peers only", file=sys.stderr)
     names = [method.name for method in found]

@@ -32,7 +32,7 @@ from benchmarks.gaps.sets import SETS, load
 from filters.delayed import DelaySettings
 from filters.fitting import Kind
 from filters.hidden import Fill, hide_groups
-from filters.mixture import Mixture, learn_mixture, mixed_errors
+from filters.mixture import Mixture, learn_mixture, mixed_fill
 from filters.tune import SHARP, USUAL_MARKER, Search, search_on
 
 LENGTHS = (10, 25, 50, 100)
@@ -66,10 +66,10 @@ def fills(name: str, left_out: int) -> tuple[list[Fill], list[Fill], list[Fill]]
 
 def judged(mixture: Mixture, test: Sequence[Fill]) -> tuple[np.ndarray, float]:
     """Log errors by length and coverage of a mixture on gaps that it did not learn from."""
-    mean, variance = mixed_errors(mixture, test)
-    length, squared = test[0].length, np.sum(mean**2, axis=1)
+    fill = mixed_fill(mixture, test)
+    length, squared = fill.length, np.sum(fill.miss_m**2, axis=1)
     logs = [0.5 * np.log(squared[length == n].mean() * 1e6) if (length == n).any() else np.nan for n in LENGTHS]
-    return np.array(logs), float(100 * np.mean(np.abs(mean) < 1.959964 * np.sqrt(variance)))
+    return np.array(logs), float(100 * np.mean(np.abs(fill.miss_m) < 1.959964 * np.sqrt(fill.apart)))
 
 
 def main(names: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from filters.gaussian_process import Covariance, Rows, fitted, predict
 from filters.hidden import unseen_runs
 from filters.neighbours import Neighbours, body_itself
 from filters.poses import MarkerTrial, PoseTrial, Shapes, certain_shapes
+from filters.several import averaged
 from mocap.arrays import Array
 from mocap.body import BodyFrames, smooth_series
 
@@ -244,15 +245,6 @@ class View:
     def frames(self, poses: Array) -> BodyFrames:
         """Frames of poses (n, M, 3)."""
         return body_itself(len(poses)) if self.near is None else self.near.frames(poses)
-
-
-def averaged(means: Array, covs: Array) -> tuple[Array, Array]:
-    """Mean and covariance of K normal densities, (K, n, 3) and (K, n, 3, 3), mixed by their squared precisions."""
-    weight = np.trace(covs, axis1=-2, axis2=-1) ** -2.0
-    weight /= weight.sum(axis=0)
-    mean = np.einsum("kn,kni->ni", weight, means)
-    apart = means - mean
-    return mean, np.einsum("kn,knij->nij", weight, covs + apart[..., :, None] * apart[..., None, :])
 
 
 def gaps_of(seen: NDArray[np.bool_]) -> Iterator[Gap]:

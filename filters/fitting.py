@@ -1,9 +1,11 @@
 """Kinds of models fitted to trials, and what they say of one of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import overload
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from filters.delayed import DelaySettings, Filled, fill_delayed
@@ -11,10 +13,11 @@ from filters.learn import MarkerSettings, PoseSettings, learn_constant_velocity,
 from filters.motion.base import MotionModel
 from filters.observations import Observations
 from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
+from filters.several import Several, averaged
 from filters.track import Progress, Smoothed, smooth
 
-Kind = PoseSettings | DelaySettings | MarkerSettings
-"""A pose model, a regression on delayed poses, or constant velocity of each marker for itself, with their settings."""
+Kind = PoseSettings | Several | DelaySettings | MarkerSettings
+"""Pose models, a regression on delayed poses, or constant velocity of each marker for itself, with their settings."""
 
 
 @dataclass(eq=False)
@@ -49,7 +52,11 @@ class Fitting:
 
     @overload
     def fill(
-        self, kind: PoseSettings | MarkerSettings, observations: Observations, *, progress: Progress | None = None
+        self,
+        kind: PoseSettings | Several | MarkerSettings,
+        observations: Observations,
+        *,
+        progress: Progress | None = None,
     ) -> Smoothed: ...
     @overload
     def fill(
@@ -63,7 +70,22 @@ class Fitting:
             observations: What each frame shows; a regression takes the trial's own positions instead.
             progress: Called with the share done.
         """
+        if isinstance(kind, Several):
+            tells = shares(progress, len(kind.members))
+            found = [self.fill(one, observations, progress=tell) for one, tell in zip(kind.members, tells, strict=True)]
+            xyz, cov = averaged(np.array([f.xyz_m for f in found]), np.array([f.cov_m2 for f in found]))
+            return replace(found[0], xyz_m=xyz, cov_m2=cov)
         with threadpool_limits(1):
             if isinstance(kind, DelaySettings):
                 return fill_delayed(self.trials[-1], *self.shapes(kind), kind)
             return smooth(self.motion(kind), observations, self.trials[-1].t_s, progress=progress)
+
+
+def shares(progress: Progress | None, count: int) -> list[Progress | None]:
+    """What each of so many parts calls with its own share done."""
+
+    def tell(part: int, share: float) -> None:
+        if progress is not None:
+            progress((part + share) / count)
+
+    return [None if progress is None else partial(tell, part) for part in range(count)]

@@ -99,15 +99,22 @@ class Fill:
 
     Attributes:
         miss_m: (n, 3) estimates minus measurements.
-        variance: (n, 3) stated variance of a measurement there.
+        variance: (n, 3) stated variance of the estimates.
+        noise: (n,) variance of the measurements.
         gap: (n,) number of the gap.
         length: (n,) its length in frames.
     """
 
     miss_m: Array
     variance: Array
+    noise: Array
     gap: NDArray[np.int64]
     length: NDArray[np.int64]
+
+    @property
+    def apart(self) -> Array:
+        """(n, 3) stated variance of what estimates and measurements lie apart."""
+        return self.variance + self.noise[:, None]
 
     @property
     def log_rmse(self) -> float:
@@ -124,7 +131,7 @@ class Fill:
         """
         density = []
         for n in np.unique(self.length):
-            variance, squared = self.variance[self.length == n], self.miss_m[self.length == n] ** 2
+            variance, squared = self.apart[self.length == n], self.miss_m[self.length == n] ** 2
             density.append(0.5 * np.log(variance).mean() + 0.5 * np.log(np.mean(squared / variance)))
         return 0.5 * (self.log_rmse + float(np.mean(density)))
 
@@ -132,9 +139,13 @@ class Fill:
 def fill_of(hidden: Hidden, xyz_m: Array, cov_m2: Array) -> Fill:
     """Compare estimates (T, M, 3) with covariance (T, M, 3, 3) with what was hidden."""
     where = hidden.mask
-    variance = np.diagonal(cov_m2[where], axis1=-2, axis2=-1) + hidden.trial.sd_m[where][:, None] ** 2
-    miss = (xyz_m - hidden.trial.xyz_m)[where]
-    return Fill(miss_m=miss, variance=variance, gap=hidden.gap[where], length=hidden.length[where])
+    return Fill(
+        miss_m=(xyz_m - hidden.trial.xyz_m)[where],
+        variance=np.diagonal(cov_m2[where], axis1=-2, axis2=-1),
+        noise=hidden.trial.sd_m[where] ** 2,
+        gap=hidden.gap[where],
+        length=hidden.length[where],
+    )
 
 
 def joined_fills(fills: list[Fill]) -> Fill:
@@ -143,6 +154,7 @@ def joined_fills(fills: list[Fill]) -> Fill:
     return Fill(
         miss_m=np.concatenate([f.miss_m for f in fills]),
         variance=np.concatenate([f.variance for f in fills]),
+        noise=np.concatenate([f.noise for f in fills]),
         gap=np.concatenate([f.gap + s for f, s in zip(fills, start, strict=False)]),
         length=np.concatenate([f.length for f in fills]),
     )

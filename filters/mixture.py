@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 
 from filters.hidden import Fill, unseen_runs
 from mocap.arrays import Array, frozen
@@ -86,10 +86,10 @@ class Mixture:
         """The mixture with scales and intervals that hold in gaps hidden in a recording itself.
 
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
-        each is multiplied by the geometric mean over gaps of its root mean square error in stated deviations, as if
-        ``own`` gaps more had shown that nothing is to be changed; that is for the weights. All widths are multiplied by
-        the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with ``prior`` such gaps, whatever
-        the scales have become.
+        each is multiplied by what makes its root mean square error in stated deviations 1 in the geometric mean over
+        gaps, as if ``own`` gaps more had shown that nothing is to be changed; that is for the weights. All widths are
+        multiplied by the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with ``prior`` such
+        gaps, whatever the scales have become.
 
         Args:
             fills: What each of the K models said of the hidden samples.
@@ -98,10 +98,10 @@ class Mixture:
         """
         gap, found = fills[0].gap, []
         for fill, scaling in zip(fills, self.scaling(fills[0].length), strict=True):
-            squared = np.mean(fill.miss_m**2 / fill.variance, axis=1) / scaling**2
-            found.append(np.mean([0.5 * np.log(squared[gap == one].mean()) for one in np.unique(gap)]))
-        scaled = replace(self, scale=self.scale * np.exp(_share(gap, own) * np.clip(found, -2.0, 2.0)))
-        before, after = (_conformal(_in_intervals(mixture, fills), gap) for mixture in (self, scaled))
+            scaled = replace(fill, variance=fill.variance * scaling[:, None] ** 2)
+            found.append(_log_scale(scaled, [gap == one for one in np.unique(gap)]))
+        scaled = replace(self, scale=self.scale * np.exp(_share(gap, own) * np.array(found)))
+        before, after = (_conformal(_widths(mixture, fills), gap) for mixture in (self, scaled))
         factor = after * before ** (_share(gap, prior) - 1)
         return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
 
@@ -146,7 +146,7 @@ def learn_mixture(
     for k in range(folds):
         here = part == k
         known = chosen if here.all() or not here.any() else _mixture([_some(f, ~here) for f in fills], **options)
-        ratio[here] = _in_intervals(known, [_some(f, here) for f in fills])
+        ratio[here] = _widths(known, [_some(f, here) for f in fills])
     overall = _conformal(ratio, gap)
     widen = []
     for n in chosen.length:
@@ -156,21 +156,38 @@ def learn_mixture(
     return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
 
 
-def mixed_errors(mixture: Mixture, fills: Sequence[Fill]) -> tuple[Array, Array]:
-    """(n, 3) errors of a mixture on hidden samples, and the variances that it states of measurements there."""
+def mixed_fill(mixture: Mixture, fills: Sequence[Fill]) -> Fill:
+    """What a mixture says of hidden samples, from what each model says."""
     length = fills[0].length
     miss = np.stack([f.miss_m for f in fills])
     variance = np.stack([f.variance for f in fills]) * mixture.scaling(length)[..., None] ** 2
     weight = mixture.weights(variance.mean(axis=2), length)
     mean = np.einsum("kn,kni->ni", weight, miss)
     total = np.einsum("kn,kni->ni", weight, variance + (miss - mean) ** 2)
-    return mean, total * mixture.widening(length)[:, None] ** 2
+    return replace(fills[0], miss_m=mean, variance=total * mixture.widening(length)[:, None] ** 2)
 
 
-def _in_intervals(mixture: Mixture, fills: Sequence[Fill]) -> Array:
-    """(n, 3) absolute errors of a mixture in units of its 95 % intervals."""
-    mean, variance = mixed_errors(mixture, fills)
-    return np.abs(mean) / np.sqrt(variance) / 1.959964
+def _widths(mixture: Mixture, fills: Sequence[Fill]) -> Array:
+    """(n, 3) factors, a tenth at least, on a mixture's deviation by which 95 % intervals just hold measurements."""
+    found = mixed_fill(mixture, fills)
+    beyond = (found.miss_m / 1.959964) ** 2 - found.noise[:, None]
+    return np.sqrt(np.maximum(beyond / found.variance, 0.01))
+
+
+def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:
+    """Logarithm of the factor on a model's deviation by which its errors are as large as stated.
+
+    That is: by which root mean squares, in deviations from measurements, are 1 in the geometric mean over groups of
+    samples. It stays within ``most`` of 0: where measurements err by more than the model, there is nothing to see.
+    """
+
+    def excess(log_scale: float) -> float:
+        squared = fill.miss_m**2 / (np.exp(2 * log_scale) * fill.variance + fill.noise[:, None])
+        return float(np.mean([np.log(squared[group].mean()) for group in groups]))
+
+    if excess(most) >= 0:
+        return most
+    return -most if excess(-most) <= 0 else float(brentq(excess, -most, most, xtol=1e-6))
 
 
 def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: float) -> Mixture:
@@ -179,11 +196,10 @@ def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: flo
     lengths = np.unique(length).astype(float)
     scale = np.ones((len(lengths), k))
     for i, fill in enumerate(fills):
-        squared = fill.miss_m**2 / fill.variance
+        overall = _log_scale(fill, [np.ones(len(length), dtype=bool)])
         for j, n in enumerate(lengths):
             share = _share(fill.gap[length == n], prior)
-            here = np.log(np.mean(squared[length == n]))
-            scale[j, i] = np.exp(0.5 * (share * here + (1 - share) * np.log(np.mean(squared))))
+            scale[j, i] = np.exp(share * _log_scale(fill, [length == n]) + (1 - share) * overall)
 
     def mixture(x: Array) -> Mixture:
         offset, slope = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
@@ -208,6 +224,7 @@ def _some(fill: Fill, which: NDArray[np.bool_]) -> Fill:
     return Fill(
         miss_m=fill.miss_m[which],
         variance=fill.variance[which],
+        noise=fill.noise[which],
         gap=fill.gap[which],
         length=fill.length[which],
     )

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from filters.delayed import DelaySettings
-from filters.fitting import Fitting, Kind
-from filters.hidden import Fill
+from filters.fitting import Fitting, Kind, shares
 from filters.learn import MarkerSettings, PoseSettings
-from filters.mixture import Mixture, gap_lengths, mixed_errors
+from filters.mixture import Mixture, gap_lengths, mixed_fill
 from filters.observations import Observations
 from filters.poses import MarkerTrial
+from filters.several import Several
 from filters.track import Progress, Smoothed
 from filters.tune import USUAL_MARKER, Tuned, calibrated, mixed, search_on, tuned
 from mocap.errors import MocapError
@@ -139,7 +139,9 @@ def kind_name(kind: Kind) -> str:
     if isinstance(kind, MarkerSettings):
         return "constant velocity of each marker"
     if isinstance(kind, DelaySettings):
-        return "Gaussian process of delayed poses"
+        return f"Gaussian process of delayed poses, axes that {'turn' if kind.turns else 'do not turn'} with the body"
+    if isinstance(kind, Several):
+        return f"{kind_name(kind.members[0])}, mean of {len(kind.members)}"
     mechanics = {"free": "constant velocity of the pose", "linear": "linear mechanics", "field": "learned forces"}
     held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
     return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential")
@@ -147,16 +149,14 @@ def kind_name(kind: Kind) -> str:
 
 def scores_of(found: Tuned) -> dict[str, dict[str, list[float]]]:
     """Errors and coverage of each model and of the mixture on what was hidden, by length of gap."""
-    mean, total = mixed_errors(found.mixture, found.fills)
-    length = found.fills[0].length
-    mixed = Fill(miss_m=mean, variance=total, gap=found.fills[0].gap, length=length)
+    mixed, length = mixed_fill(found.mixture, found.fills), found.fills[0].length
     named = [(kind_name(kind), fill) for kind, fill in zip(found.kinds, found.fills, strict=True)]
     out = {}
     for name, fill in [*named, ("mixture", mixed)]:
         rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": []}
         for n in np.unique(length):
             at = fill.length == n
-            inside = np.abs(fill.miss_m[at]) <= 1.959964 * np.sqrt(fill.variance[at])
+            inside = np.abs(fill.miss_m[at]) <= 1.959964 * np.sqrt(fill.apart[at])
             rows["gap_frames"].append(int(n))
             rows["rmse_mm"].append(float(1e3 * np.sqrt(np.mean(np.sum(fill.miss_m[at] ** 2, axis=1)))))
             rows["coverage95"].append(float(100 * inside.mean()))
@@ -224,12 +224,11 @@ def track_with(
     Returns:
         Markers that were not seen are those of the mixture; all else is that of the last model, the one held by V_z.
     """
-    fitting, found = fitting_for(learned, names, recording), []
-    for i, kind in enumerate(learned.kinds):
-        tell = None if progress is None else (lambda share, i=i: progress((i + share) / len(learned.kinds)))
-        found.append(fitting.fill(kind, observations, progress=tell))
+    fitting, tells = fitting_for(learned, names, recording), shares(progress, len(learned.kinds))
+    found = [fitting.fill(kind, observations, progress=tell) for kind, tell in zip(learned.kinds, tells, strict=True)]
     length = gap_lengths(recording.seen)
     mixture = calibrated(learned.mixture, learned.kinds, fitting) if learned.trials else learned.mixture
     xyz, cov = mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
     seen, last = recording.seen[..., None], found[-1]
+    assert isinstance(last, Smoothed)  # ``LearnedModel.kinds`` end with a motion model
     return replace(last, xyz_m=np.where(seen, last.xyz_m, xyz), cov_m2=np.where(seen[..., None], last.cov_m2, cov))

@@ -18,10 +18,11 @@ from filters.model import LearnedModel, kind_name
 from filters.motion.pose import PoseMotion
 from filters.motion.shape import LinearShape
 from filters.poses import MarkerTrial
+from filters.several import Several
 from mocap.arrays import Array
 from mocap.errors import FormatError, MocapError
 
-FORMAT = "eal-mocap model 5"
+FORMAT = "eal-mocap model 6"
 _DAMAGE = (
     OSError,
     LookupError,
@@ -40,8 +41,8 @@ def save_model(learned: LearnedModel, path: Path) -> None:
     """Write a model as a numpy archive, whole or not at all.
 
     ``header`` is JSON: names, choices, scores, units, versions. For each trial i ``trial_i_t_s``, ``trial_i_xyz_m`` and
-    ``trial_i_sd_m``; ``mixture_*``; and, to be looked at, ``pose_*``: what the last model is when it is fitted to all
-    trials (mean pose, basis, shapes, stiffness and damping where its mechanics are linear).
+    ``trial_i_sd_m``; ``mixture_*``; and, to be looked at, ``pose_*``: what the last model, or the first of its members,
+    is when it is fitted to all trials (mean pose, basis, shapes, stiffness and damping where its mechanics are linear).
     """
     header = {
         "format": FORMAT,
@@ -73,7 +74,8 @@ def save_model(learned: LearnedModel, path: Path) -> None:
 
 def _pictures(learned: LearnedModel) -> dict[str, Array]:
     """What the last model learned from the trials alone."""
-    kind = learned.kinds[-1]
+    last = learned.kinds[-1]
+    kind = last.members[0] if isinstance(last, Several) else last
     if not isinstance(kind, PoseSettings):
         return {}
     trunk = [learned.names.index(name) for name in learned.trunk] or list(range(len(learned.names)))
@@ -129,7 +131,13 @@ def load_model(path: Path) -> LearnedModel:
 
 
 def _kind(written: dict[str, Any]) -> Kind:
-    """A kind as ``save_model`` wrote it; JSON has no tuples."""
-    settings = {key: tuple(value) if isinstance(value, list) else value for key, value in written.items()}
+    """A kind as ``save_model`` wrote it."""
+    if written["type"] == Several.__name__:
+        return Several(tuple(PoseSettings(**_settings(one)) for one in written["members"]))
     kinds: dict[str, type[Any]] = {kind.__name__: kind for kind in (PoseSettings, DelaySettings, MarkerSettings)}
-    return kinds[written["type"]](**{key: value for key, value in settings.items() if key != "type"})
+    return kinds[written["type"]](**_settings(written))
+
+
+def _settings(written: dict[str, Any]) -> dict[str, Any]:
+    """What a kind is made from; JSON has no tuples."""
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in written.items() if key != "type"}

@@ -13,6 +13,7 @@ from filters.learn import MarkerSettings, PoseSettings, Potential
 from filters.mixture import Mixture, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
+from filters.several import Several, averaged_fills
 
 Settings = TypeVar("Settings", PoseSettings, DelaySettings, MarkerSettings)
 
@@ -40,6 +41,8 @@ class Search:
 
     def fill(self, kind: Kind) -> Fill:
         """Fill all hidden gaps with one candidate, learned without them."""
+        if isinstance(kind, Several):
+            return averaged_fills([self.fill(one) for one in kind.members])
         for before, fill in self.tried:
             if before == kind:
                 return fill
@@ -50,6 +53,8 @@ class Search:
 
     def both(self, kind: Kind) -> Fill:
         """The same with the gaps that were hidden again."""
+        if isinstance(kind, Several):
+            return averaged_fills([self.both(one) for one in kind.members])
         first = self.fill(kind)
         return joined_fills([first, self._fill(kind, self.again)]) if self.again else first
 
@@ -156,14 +161,24 @@ SHARP = PoseSettings(excess=0.3, residual=0.6, body=0.1, weight=16.0)
 stiffer potential."""
 
 
+RANKS = (16, 8, 26)
+"""Of the pose subspace; besides, the rank that fits the trials best (``PoseSettings.ranks``)."""
+
+
 def free_pose(search: Search, base: PoseSettings = SHARP) -> PoseSettings:
     """The pose model without forces, its subspace and body chosen on the hidden gaps.
 
     That is the rank, whether the axes turn, and how freely the body moves.
     """
     free = replace(base, mechanics="free", potential="none")
-    ranks, bodies = [{"ranks": (rank,)} for rank in (16, 8, 26)], [{"body": factor} for factor in (0.01, 1.0)]
+    ranks, bodies = [{"ranks": (rank,)} for rank in RANKS], [{"body": factor} for factor in (0.01, 1.0)]
     return search.improve(free, [*ranks, {"turns": not base.turns}, *bodies])
+
+
+def of_two_ranks(search: Search, pose: PoseSettings) -> PoseSettings | Several:
+    """The mean of a pose model and the same of rank 16, or 8 if it has 16; itself where that errs more."""
+    both = Several((pose, replace(pose, ranks=(8,) if pose.ranks == (16,) else (16,))))
+    return both if search.fill(both).log_rmse < search.fill(pose).log_rmse else pose
 
 
 def bare_pose(search: Search, free: PoseSettings) -> PoseSettings:
@@ -184,10 +199,11 @@ def held_pose(
     return search.improve(best, [{"weight": 0.25 * best.weight}, {"weight": 4 * best.weight}])
 
 
-def delay_kind(search: Search, free: PoseSettings) -> DelaySettings:
-    """The regression on delayed poses of the subspace and body of a pose model."""
+def delay_kinds(search: Search, free: PoseSettings) -> tuple[DelaySettings, DelaySettings]:
+    """The regression on delayed poses of the body of a pose model, with its axes and with the other ones."""
     start = DelaySettings(ranks=free.ranks, body_hz=free.body_hz, turns=free.turns)
-    return search.improve(start, [{"turns": not free.turns}, {"cutoff": 8.0}])
+    best = search.improve(start, [{"cutoff": 8.0}])
+    return best, replace(best, turns=not best.turns)
 
 
 USUAL_MARKER = MarkerSettings(acceleration=0.3)
@@ -217,8 +233,8 @@ class Tuned:
 def tuned(search: Search) -> Tuned:
     """The default tracker, a mixture: constant velocity of markers, delayed poses, mechanics held by V_z."""
     free = free_pose(search)
-    kinds: tuple[Kind, ...] = (marker_kind(search), delay_kind(search, free), held_pose(search, free))
-    return mixed(search, kinds)
+    held = of_two_ranks(search, held_pose(search, free))
+    return mixed(search, (marker_kind(search), *delay_kinds(search, free), held))
 
 
 def mixed(search: Search, kinds: Sequence[Kind]) -> Tuned:

@@ -15,7 +15,17 @@ from filters.hidden import Fill
 from filters.mixture import Mixture, gap_lengths, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
-from filters.tune import Search, bare_pose, delay_kind, free_pose, held_pose, marker_kind, own_search, search_on
+from filters.tune import (
+    Search,
+    bare_pose,
+    delay_kinds,
+    free_pose,
+    held_pose,
+    marker_kind,
+    of_two_ranks,
+    own_search,
+    search_on,
+)
 from mocap.arrays import Array
 
 LEAST_SD_M = 5e-5
@@ -82,12 +92,14 @@ def lesson(training: Sequence[Trial]) -> Lesson:
             times=3 if much.trials > 1 else 1,
         )
         free = free_pose(search)
+        delayed, turned = delay_kinds(search, free)
         kinds: dict[str, Kind] = {
             "marker": marker_kind(search),
-            "delayed poses": delay_kind(search, free),
-            "mechanics": bare_pose(search, free),
-            "mechanics + V_z": held_pose(search, free),
-            "mechanics + quadratic": held_pose(search, free, ("quadratic",)),
+            "delayed poses": delayed,
+            "delayed poses, turned": turned,
+            "mechanics": of_two_ranks(search, bare_pose(search, free)),
+            "mechanics + V_z": of_two_ranks(search, held_pose(search, free)),
+            "mechanics + quadratic": of_two_ranks(search, held_pose(search, free, ("quadratic",))),
         }
         _lessons[key] = Lesson(search, kinds)
     return _lessons[key]
@@ -119,7 +131,7 @@ def _filler(learned: Lesson, members: Sequence[str], mixture: Mixture) -> Callab
     return fill
 
 
-BESIDE = ("marker", "delayed poses")
+BESIDE = ("marker", "delayed poses", "delayed poses, turned")
 """What is mixed with the mechanics."""
 
 

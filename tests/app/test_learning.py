@@ -285,7 +285,7 @@ def test_real_flights_teach_a_third():
     for n, share in ((10, 1.1), (25, 1.0), (50, 0.5), (100, 0.5)):
         at = plain_fill.length == n
         assert np.sqrt(squared[at].mean()) < share * np.sqrt(plain_squared[at].mean())
-    inside = np.abs(learned_fill.miss_m) < 1.96 * np.sqrt(learned_fill.variance)
+    inside = np.abs(learned_fill.miss_m) < 1.96 * np.sqrt(learned_fill.apart)
     assert 0.88 < inside.mean() < 0.99
 
 

@@ -135,7 +135,7 @@ def test_stated_variances_hold_for_measurements(filled):
     """
     hidden, fill = filled
     assert len(fill.miss_m) == hidden.mask.sum()
-    squared = fill.miss_m**2 / fill.variance
+    squared = fill.miss_m**2 / fill.apart
     assert abs(squared.mean() - 1) < 4 * np.sqrt(2 / squared.size)
 
 
@@ -147,7 +147,7 @@ def test_cost_is_what_it_says(filled):
     _, fill = filled
     log_rmse, density = [], []
     for n in np.unique(fill.length):
-        miss, variance = fill.miss_m[fill.length == n], fill.variance[fill.length == n]
+        miss, variance = fill.miss_m[fill.length == n], fill.apart[fill.length == n]
         log_rmse.append(np.log(np.sqrt(np.mean(np.linalg.norm(miss, axis=1) ** 2))))
         widths = np.geomspace(0.3, 3, 4001)
         at = [0.5 * np.mean(np.log(2 * np.pi * w**2 * variance) + miss**2 / (w**2 * variance)) for w in widths]
@@ -159,7 +159,8 @@ def test_cost_is_what_it_says(filled):
 def test_a_common_factor_on_what_is_stated_costs_nothing(filled):
     """Widths are learned afterwards; errors that grow by a factor cost its logarithm."""
     _, fill = filled
-    assert replace(fill, variance=9 * fill.variance).cost == pytest.approx(fill.cost, abs=1e-12)
+    wide = replace(fill, variance=9 * fill.variance, noise=9 * fill.noise)
+    assert wide.cost == pytest.approx(fill.cost, abs=1e-12)
     grown = replace(fill, miss_m=3 * fill.miss_m)
     assert grown.log_rmse == pytest.approx(fill.log_rmse + np.log(3), abs=1e-12)
     assert grown.cost == pytest.approx(fill.cost + np.log(3), abs=1e-12)
@@ -170,7 +171,7 @@ def test_a_common_factor_on_what_is_stated_costs_nothing(filled):
 def test_joined_gaps_stay_apart(filled):
     """Gaps of several trials keep their samples together and get numbers of their own."""
     _, fill = filled
-    empty = Fill(miss_m=fill.miss_m[:0], variance=fill.variance[:0], gap=fill.gap[:0], length=fill.length[:0])
+    empty = Fill(**{name: value[:0] for name, value in vars(fill).items()})
     both = joined_fills([fill, empty, fill])
     assert len(np.unique(both.gap)) == 2 * len(np.unique(fill.gap))
     np.testing.assert_array_equal(both.miss_m, np.concatenate([fill.miss_m, fill.miss_m]))

@@ -9,6 +9,7 @@ import pytest
 
 from filters.learn import MarkerSettings, PoseSettings
 from filters.model_file import load_model, save_model
+from filters.several import Several
 from mocap.errors import FormatError, MocapError
 from tests.filters.small_model import same, small_model
 
@@ -24,10 +25,11 @@ def test_every_choice_is_kept(small, tmp_path):
     three = small.mixture
     mixture = replace(three, offset=np.array([0.1, -1 / 3]), slope=np.array([0.0, 1e-300]), scale=np.ones((1, 2)))
     path = tmp_path / "m.npz"
-    save_model(replace(small, kinds=(kind, MarkerSettings(acceleration=0.1)), mixture=mixture), path)
+    several = Several((kind, replace(kind, ranks=(3,))))
+    save_model(replace(small, kinds=(MarkerSettings(acceleration=0.1), several), mixture=mixture), path)
     again = load_model(path)
-    assert again.kinds == (kind, MarkerSettings(acceleration=0.1))
-    assert asdict(again.kinds[0]) == asdict(kind)
+    assert again.kinds == (MarkerSettings(acceleration=0.1), several)
+    assert asdict(again.kinds[1]) == asdict(several)
     assert same(again.mixture, mixture)
 
 
@@ -65,7 +67,7 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 5"}')},
+        {"header": np.array('{"format": "eal-mocap model 6"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
@@ -92,7 +94,7 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     save_model(small, path)
     with np.load(path) as file:
         header = {**json.loads(str(file["header"])), "format": "eal-mocap model 9"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 5', but it says 'eal-mocap model 9': learn it"):
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 6', but it says 'eal-mocap model 9': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))

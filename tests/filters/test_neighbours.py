@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from filters.delayed import averaged
 from filters.neighbours import Neighbours, body_itself
 
 WHICH = np.array([True, True, False, True, True])
@@ -65,13 +64,3 @@ def test_the_body_itself_changes_nothing():
     """Points are where they were."""
     points = np.random.default_rng(2).normal(size=(3, 5, 3))
     np.testing.assert_array_equal(body_itself(3).to_body(points), points)
-
-
-def test_two_views_are_averaged_by_how_sure_they_are():
-    """Against a mixture of two normal densities by hand: deviations of 1 and 2, so weights of 16 to 1."""
-    means = np.array([[[0.0, 0.0, 0.0]], [[1.7, 0.0, 0.0]]])
-    covs = np.array([[np.eye(3)], [4 * np.eye(3)]])
-    mean, cov = averaged(means, covs)
-    np.testing.assert_allclose(mean, [[0.1, 0.0, 0.0]])
-    within = (16 * 1 + 4) / 17
-    np.testing.assert_allclose(cov[0], np.diag([within + (16 * 0.1**2 + 1.6**2) / 17, within, within]))

@@ -60,7 +60,8 @@ class Known(Search):
         cost = self.law(kind)
         self.tried.append((kind, cost))
         miss = np.full((1, 3), np.exp(cost) / 3**0.25)
-        return Fill(miss_m=miss, variance=miss**2, gap=np.zeros(1, dtype=int), length=np.ones(1, dtype=int))
+        number = np.ones(1, dtype=int)
+        return Fill(miss_m=miss, variance=miss**2, noise=np.zeros(1), gap=number, length=number)
 
 
 def test_the_best_of_independent_choices_is_found():

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize
+from scipy.optimize import minimize, root_scalar
 
 from filters.hidden import Fill, unseen_runs
 from mocap.arrays import Array, frozen
@@ -187,7 +187,7 @@ def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.
 
     if excess(most) >= 0:
         return most
-    return -most if excess(-most) <= 0 else float(brentq(excess, -most, most, xtol=1e-6))
+    return -most if excess(-most) <= 0 else float(root_scalar(excess, bracket=(-most, most), xtol=1e-6).root)
 
 
 def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: float) -> Mixture:

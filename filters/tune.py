@@ -14,6 +14,7 @@ from filters.mixture import Mixture, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.several import Several, averaged_fills
+from filters.track import Smoothed
 
 Settings = TypeVar("Settings", PoseSettings, DelaySettings, MarkerSettings)
 
@@ -46,9 +47,10 @@ class Search:
         for before, fill in self.tried:
             if before == kind:
                 return fill
-        fill = self._fill(kind, self.hidden)
+        fill, density = self._fill(kind, self.hidden)
         self.tried.append((kind, fill))
-        self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm: {_unusual(kind)}")
+        likelihood = "" if np.isnan(density) else f", log likelihood {density:.3f} a coordinate"
+        self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm{likelihood}: {_unusual(kind)}")
         return fill
 
     def both(self, kind: Kind) -> Fill:
@@ -56,10 +58,11 @@ class Search:
         if isinstance(kind, Several):
             return averaged_fills([self.both(one) for one in kind.members])
         first = self.fill(kind)
-        return joined_fills([first, self._fill(kind, self.again)]) if self.again else first
+        return joined_fills([first, self._fill(kind, self.again)[0]]) if self.again else first
 
-    def _fill(self, kind: Kind, hidden: Sequence[tuple[int, Hidden]]) -> Fill:
-        fills = []
+    def _fill(self, kind: Kind, hidden: Sequence[tuple[int, Hidden]]) -> tuple[Fill, float]:
+        """Of hidden samples; and the filter's own log likelihood of a coordinate that it was shown, NaN without one."""
+        fills, observed = [], []
         for index, gaps in hidden:
             if gaps not in self._fitting:
                 others = [trial for i, trial in enumerate(self.trials) if i != index]
@@ -68,7 +71,9 @@ class Search:
             shown = fitting.trials[-1]
             found = fitting.fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
             fills.append(fill_of(gaps, found.xyz_m, found.cov_m2))
-        return joined_fills(fills)
+            observed += found.observed if isinstance(found, Smoothed) else []
+        rows = sum(seen.n_rows for seen in observed)
+        return joined_fills(fills), sum(seen.log_likelihood for seen in observed) / rows if rows else np.nan
 
     def improve(self, start: Settings, choices: Sequence[dict], *, least: float = 0.01) -> Settings:
         """The start with those changes, tried one after the other, that lower the cost by ``least`` or more."""

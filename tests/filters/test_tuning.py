@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from filters.hidden import Fill, Hidden
-from filters.learn import MarkerSettings, PoseSettings
+from filters.learn import MarkerSettings, PoseSettings, learn_constant_velocity
+from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
+from filters.track import log_likelihood
 from filters.tune import SHARP, Search, bare_pose, free_pose, held_pose, search_on
 from tests.filters.test_learned_models import DT_S, flapping
 
@@ -88,12 +90,22 @@ def test_no_change_for_less_than_it_should_gain():
 
 
 def test_a_candidate_is_tried_once():
-    """Asked again the search answers from its notes, and tells nobody."""
+    """Asked again the search answers from its notes, and tells nobody.
+
+    It tells the filter's own likelihood, too: ``log_likelihood`` of the same observations over all their coordinates.
+    """
     told = []
     search = search_on([trial_of(3, 40)], [], np.random.default_rng(0), tell=told.append)
     assert search.fill(MarkerSettings()) is search.fill(MarkerSettings())
     assert len(told) == 1
     assert "MarkerSettings" in told[0]
+    total, rows = 0.0, 0
+    for _, hidden in search.hidden:
+        shown = hidden.shown
+        model = learn_constant_velocity(shown.xyz_m, dt_s=shown.dt_s)
+        positions = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
+        total, rows = total + log_likelihood(model, positions, shown.t_s), rows + 3 * shown.seen.sum()
+    assert float(told[0].split("log likelihood ")[1].split()[0]) == pytest.approx(total / rows, abs=6e-4)
 
 
 def test_every_length_is_hidden_often_enough():

@@ -39,6 +39,7 @@ from benchmarks.gaps.protocol import cells, evaluate, shown_trials
 from benchmarks.gaps.sets import load
 from filters.learn import PoseSettings
 from filters.several import Several
+from filters.tune import other_rank
 
 USUAL = ("bat", "bat_wing", "gait", "snake_gap", "snake_glide", "twin_lizard")
 REGRESSION = ("delayed poses", "delayed poses, turned")
@@ -60,7 +61,7 @@ def main(names: Sequence[str]) -> None:
         held = learned.kinds["mechanics + V_z"]
         one = held.members[0] if isinstance(held, Several) else held
         assert isinstance(one, PoseSettings)
-        other = replace(one, ranks=(8,) if one.ranks == (16,) else (16,))
+        other = other_rank(one)
         learned.kinds |= {
             "one": one,
             "other rank": other,

@@ -141,7 +141,7 @@ def kind_name(kind: Kind) -> str:
     if isinstance(kind, DelaySettings):
         return f"Gaussian process of delayed poses, axes that {'turn' if kind.turns else 'do not turn'} with the body"
     if isinstance(kind, Several):
-        return f"{kind_name(kind.members[0])}, mean of {len(kind.members)}"
+        return f"{kind_name(kind.members[0])}, mean of {len(kind.members)} ranks of the pose"
     mechanics = {"free": "constant velocity of the pose", "linear": "linear mechanics", "field": "learned forces"}
     held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
     return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential")

@@ -166,23 +166,24 @@ SHARP = PoseSettings(excess=0.3, residual=0.6, body=0.1, weight=16.0)
 stiffer potential."""
 
 
-RANKS = (16, 8, 26)
-"""Of the pose subspace; besides, the rank that fits the trials best (``PoseSettings.ranks``)."""
-
-
 def free_pose(search: Search, base: PoseSettings = SHARP) -> PoseSettings:
     """The pose model without forces, its subspace and body chosen on the hidden gaps.
 
     That is the rank, whether the axes turn, and how freely the body moves.
     """
     free = replace(base, mechanics="free", potential="none")
-    ranks, bodies = [{"ranks": (rank,)} for rank in RANKS], [{"body": factor} for factor in (0.01, 1.0)]
+    ranks, bodies = [{"ranks": (rank,)} for rank in (16, 8, 26)], [{"body": factor} for factor in (0.01, 1.0)]
     return search.improve(free, [*ranks, {"turns": not base.turns}, *bodies])
 
 
+def other_rank(pose: PoseSettings) -> PoseSettings:
+    """The same of rank 16, or 8 if it has 16."""
+    return replace(pose, ranks=(8,) if pose.ranks == (16,) else (16,))
+
+
 def of_two_ranks(search: Search, pose: PoseSettings) -> PoseSettings | Several:
-    """The mean of a pose model and the same of rank 16, or 8 if it has 16; itself where that errs more."""
-    both = Several((pose, replace(pose, ranks=(8,) if pose.ranks == (16,) else (16,))))
+    """The mean of a pose model and the same of another rank; itself where that errs more."""
+    both = Several((pose, other_rank(pose)))
     return both if search.fill(both).log_rmse < search.fill(pose).log_rmse else pose
 
 

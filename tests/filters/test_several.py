@@ -8,8 +8,8 @@ import pytest
 from filters.fitting import Fitting
 from filters.hidden import Fill, fill_of
 from filters.observations import PositionObservations
-from filters.several import Several, averaged, averaged_fills
-from filters.tune import SHARP, Search, of_two_ranks, search_on
+from filters.several import Several, averaged
+from filters.tune import SHARP, Search, of_two_ranks, other_rank, search_on
 from tests.filters.test_tuning import trial_of
 
 POSE = replace(SHARP, ranks=(3,), mechanics="linear")
@@ -53,21 +53,20 @@ def test_a_search_says_of_several_what_a_tracker_does(search: Search):
     assert seen[-1] == pytest.approx(1.0)
 
 
-class Two(Search):
-    """A search in which rank 4 errs by 1, any other by -0.5 or so much more."""
-
-    def fill(self, kind):
-        """One sample; of several the mean."""
-        if isinstance(kind, Several):
-            return averaged_fills([self.fill(one) for one in kind.members])
-        miss = np.full((1, 3), 1.0 if kind.ranks == (4,) else self.trunk[0] * -0.5)
-        number = np.ones(1, dtype=int)
-        return Fill(miss_m=miss, variance=np.ones((1, 3)), noise=np.zeros(1), gap=number, length=number)
-
-
-@pytest.mark.parametrize(("wrong", "kept"), [(1, True), (5, True), (7, False)])
-def test_two_ranks_only_where_their_mean_errs_less(wrong, kept):
-    """Errors of 1 and -0.5, -2.5, -3.5: their mean errs by 0.25, 0.75, 1.25. The second has rank 16."""
-    pose = replace(SHARP, ranks=(4,))
+@pytest.mark.parametrize(("miss", "kept"), [(-0.5, True), (-2.5, True), (-3.5, False)])
+def test_two_ranks_only_where_their_mean_errs_less(miss, kept):
+    """The best errs by 1, the other of rank 16 by so much: their mean errs by 0.25, 0.75, 1.25."""
+    pose, number = replace(SHARP, ranks=(4,)), np.ones(1, dtype=int)
     both = Several((pose, replace(pose, ranks=(16,))))
-    assert of_two_ranks(Two(trials=[], trunk=[wrong], hidden=[]), pose) == (both if kept else pose)
+    tried = [
+        (one, Fill(miss_m=np.full((1, 3), m), variance=np.ones((1, 3)), noise=np.zeros(1), gap=number, length=number))
+        for one, m in zip(both.members, (1.0, miss), strict=True)
+    ]
+    assert of_two_ranks(Search(trials=[], trunk=[], hidden=[], tried=tried), pose) == (both if kept else pose)
+
+
+@pytest.mark.parametrize(("rank", "other"), [((8,), (16,)), ((16,), (8,)), (SHARP.ranks, (16,))])
+def test_the_other_rank_is_another(rank, other):
+    """Whatever a model's rank is, only that changes."""
+    pose = replace(SHARP, ranks=rank)
+    assert other_rank(pose) == replace(pose, ranks=other)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from filters.fitting import Fitting
+from filters.fitting import Fitting, Kind
 from filters.hidden import Fill, fill_of
 from filters.observations import PositionObservations
 from filters.several import Several, averaged
@@ -58,7 +58,7 @@ def test_two_ranks_only_where_their_mean_errs_less(miss, kept):
     """The best errs by 1, the other of rank 16 by so much: their mean errs by 0.25, 0.75, 1.25."""
     pose, number = replace(SHARP, ranks=(4,)), np.ones(1, dtype=int)
     both = Several((pose, replace(pose, ranks=(16,))))
-    tried = [
+    tried: list[tuple[Kind, Fill]] = [
         (one, Fill(miss_m=np.full((1, 3), m), variance=np.ones((1, 3)), noise=np.zeros(1), gap=number, length=number))
         for one, m in zip(both.members, (1.0, miss), strict=True)
     ]

@@ -8,7 +8,7 @@ import numpy as np
 from app.prepare import Prepared, prepare
 from app.source import Source
 from app.tracking import marker_trial, seen_part
-from filters.model import LearnedModel, learn_model
+from filters.model import LearnedModel, learn_model, own_fitting
 from filters.poses import MarkerTrial
 from mocap.errors import MocapError
 
@@ -39,7 +39,8 @@ def learn_from(
         raise MocapError(f"only {seen.sum()} markers are ever seen in these recordings: a model needs 4")
     kept = [name for name, ever in zip(names, seen, strict=True) if ever]
     trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
-    return learn_model(kept, [n for n in trunk if n in kept], trials, np.random.default_rng(seed), tell=tell)
+    trunk, bones = [name for name in trunk if name in kept], recordings[0].skeleton.rigid
+    return learn_model(kept, trunk, trials, np.random.default_rng(seed), bones=bones, tell=tell)
 
 
 def _with_markers(recording: Prepared, names: Sequence[str]) -> MarkerTrial:
@@ -68,4 +69,11 @@ def readable_scores(learned: LearnedModel) -> str:
     for name, rows in learned.scores.items():
         cells = [f"{e:.3g} ({c:.0f} %)" for e, c in zip(rows["rmse_mm"], rows["coverage95"], strict=True)]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    bones = own_fitting(learned).bones
+    if len(bones.ends):
+        lines += ["", "Distances that hold the pose (rigid bones of the skeleton, and pairs found to be as good):", ""]
+        lines += ["| markers | mm, in the last recording | varies by |", "|---|---|---|"]
+        for (a, b), length, sd in zip(bones.ends, bones.length_m, bones.sd_m, strict=True):
+            pair = f"{learned.names[a]}, {learned.names[b]}"
+            lines.append(f"| {pair} | {1e3 * length:.4g} | {100 * sd / length:.1f} % |")
     return "\n".join(lines) + "\n"

@@ -18,7 +18,7 @@ from mocap.clean import REASONS, clean
 from mocap.click_noise import USUAL_DOF, ClickNoise, click_noise
 from mocap.errors import CalibrationError, FormatError
 from mocap.position_noise import position_sd
-from mocap.skeleton import Skeleton
+from mocap.skeleton import Skeleton, ends_among
 from mocap.swapped_rays import exchange_rays, exchanged_rays
 from mocap.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 
@@ -261,8 +261,7 @@ def _prepare_points(source: Source) -> Prepared:
 
 def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
     """(B, 2) markers of the rigid bones."""
-    pairs = [(names.index(bone.a), names.index(bone.b)) for bone in skeleton.bones if bone.rigid]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
 
 
 def _names_put_right(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from app.gaps import hide_gaps, interpolated, score
 from app.prepare import Prepared
+from filters.bones import rigid_bones
 from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
 from filters.model import LearnedModel, learn_from_itself, track_with
 from filters.motion.base import MotionModel
@@ -21,6 +22,7 @@ from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames
 from mocap.cameras import project
 from mocap.records import MarkerTracks, Origin
+from mocap.skeleton import ends_among
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
@@ -84,8 +86,15 @@ def learn_models(
     models: dict[str, MotionModel] = {"constant_velocity": learn_constant_velocity(xyz, dt_s=prepared.dt_s)}
     if why_no_pose(prepared, part) is None:
         frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz, hidden=hidden)
-        models["eal"] = learn_pose([pose_trial(prepared.t_s[part.frames], xyz, frames)], settings)
+        named = ends_among(part_names(prepared, part), prepared.skeleton.rigid)
+        bones = rigid_bones([marker_trial(prepared, part, hidden=hidden)], named)
+        models["eal"] = learn_pose([pose_trial(prepared.t_s[part.frames], xyz, frames)], settings, bones=bones)
     return models
+
+
+def part_names(prepared: Prepared, part: Part) -> list[str]:
+    """Names of the tracked markers."""
+    return [prepared.names[int(m)] for m in part.markers]
 
 
 def marker_trial(prepared: Prepared, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
@@ -107,9 +116,9 @@ def track_mixed(
     progress: Progress | None = None,
 ) -> Smoothed | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
-    names = [prepared.names[int(m)] for m in part.markers]
+    names, skeleton = part_names(prepared, part), prepared.skeleton
     own = marker_trial(prepared, part, hidden=hidden)
-    learned = learn_from_itself(names, prepared.skeleton.trunk, own, settings)
+    learned = learn_from_itself(names, skeleton.trunk, own, settings, bones=skeleton.rigid)
     return None if learned is None else track_learned(prepared, part, learned, hidden=hidden, progress=progress)
 
 
@@ -122,7 +131,7 @@ def track_learned(
     progress: Progress | None = None,
 ) -> Smoothed:
     """Filter and smooth the seen part with a model that was learned from other trials."""
-    names = [prepared.names[int(m)] for m in part.markers]
+    names = part_names(prepared, part)
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
     own = marker_trial(prepared, part, hidden=hidden)
     return track_with(learned, names, own, observations, progress=progress)

@@ -2,15 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from filters.bones import rigid_bones
 from filters.delayed import DelaySettings, Filled, fill_delayed
 from filters.learn import MarkerSettings, PoseSettings, learn_constant_velocity, learn_pose
 from filters.motion.base import MotionModel
+from filters.motion.bones import Bones
+from filters.motion.pose import PoseMotion
 from filters.observations import Observations
 from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from filters.several import Several, averaged
@@ -27,10 +30,12 @@ class Fitting:
     Attributes:
         trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
         trunk: Indices of the trunk's markers.
+        named: Indices of the markers of the skeleton's rigid bones.
     """
 
     trials: Sequence[MarkerTrial]
     trunk: Sequence[int]
+    named: Sequence[tuple[int, int]] = ()
     _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
     _shapes: dict[tuple, Shapes] = field(default_factory=dict)
 
@@ -43,12 +48,21 @@ class Fitting:
             self._shapes[body, kind.ranks] = shapes_of(self._poses[body], ranks=kind.ranks)
         return self._poses[body], self._shapes[body, kind.ranks]
 
+    @cached_property
+    def bones(self) -> Bones:
+        """Those of the last trial."""
+        return rigid_bones(self.trials, self.named)
+
     def motion(self, kind: PoseSettings | MarkerSettings) -> MotionModel:
         """A motion model for the last trial."""
         if isinstance(kind, MarkerSettings):
             return learn_constant_velocity(self.trials[-1].xyz_m, dt_s=self.trials[-1].dt_s, settings=kind)
+        return self.pose(kind)
+
+    def pose(self, kind: PoseSettings) -> PoseMotion:
+        """A pose model for the last trial."""
         poses, shapes = self.shapes(kind)
-        return learn_pose(poses, kind, shapes=shapes)
+        return learn_pose(poses, kind, shapes=shapes, bones=self.bones)
 
     @overload
     def fill(

@@ -10,6 +10,7 @@ from scipy.spatial.distance import pdist
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
+from filters.motion.bones import Bones
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.motion.literal import LiteralShape
 from filters.motion.pose import PoseMotion, body_path
@@ -46,6 +47,8 @@ class PoseSettings:
         certain: Poses known better than this (``Components.known``) are samples of the potential.
         weight: Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units
             of the log density (``with_potential``).
+        bones: The same of rigid bones: how often V_b (``filters.motion.bones``) is charged while the motion turns by a
+            radian. Bones are not counted anew in each frame, as what they say of neighbouring ones is the same.
     """
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
@@ -63,6 +66,7 @@ class PoseSettings:
     centres: int = 400
     certain: float = 0.8
     weight: float = 4.0
+    bones: float = 1.0
 
 
 def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
@@ -113,7 +117,12 @@ def learn_mechanics(motion: Motion, settings: PoseSettings) -> ShapeMechanics:
 
 
 def learn_pose(
-    trials: Sequence[PoseTrial], settings: PoseSettings, *, shapes: Shapes | None = None, target: int = -1
+    trials: Sequence[PoseTrial],
+    settings: PoseSettings,
+    *,
+    shapes: Shapes | None = None,
+    target: int = -1,
+    bones: Bones | None = None,
 ) -> PoseMotion:
     """Learn a pose model from trials, for tracking one of them.
 
@@ -122,17 +131,14 @@ def learn_pose(
         settings: Choices.
         shapes: Shapes of these trials where they are at hand (``shapes_of``).
         target: Trial that is to be tracked: its path, its offset from the mean pose.
+        bones: Its bones.
     """
     shapes = shapes_of(trials, ranks=settings.ranks) if shapes is None else shapes
     motion = recorded_motion(trials, shapes, certain=settings.certain)
     trial, subspace = trials[target], shapes.subspace
     density = np.median([body_density(t) for t in trials], axis=0)
-    own = replace(
-        subspace,
-        mean=subspace.mean + shapes.offset[target],
-        residual_sd=settings.residual
-        * np.sqrt(subspace.residual_sd**2 + _across_markers(shapes.offset_sd[target]) ** 2),
-    )
+    left_sd = settings.residual * np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[target]))
+    own = replace(subspace, mean=subspace.mean + shapes.offset[target], residual_sd=left_sd)
     spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
     extent = float(np.sqrt(np.nanmean((trial.y - np.nan_to_num(own.mean)) ** 2)))
     model = PoseMotion(
@@ -144,6 +150,8 @@ def learn_pose(
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
         residual_rate_hz=settings.residual_rate * residual_rate(shapes.residual, trial.dt_s),
         usual=usual_motion(motion),
+        bones=bones if bones is not None and len(bones.ends) and settings.bones else None,
+        bone_stiffness=settings.bones / motion.tau_s,
         name="pose_constant_velocity",
     )
     return with_potential(model, motion, settings)

@@ -15,6 +15,7 @@ from filters.several import Several
 from filters.track import Progress, Smoothed
 from filters.tune import USUAL_MARKER, Tuned, calibrated, mixed, search_on, tuned
 from mocap.errors import MocapError
+from mocap.skeleton import ends_among
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -27,6 +28,7 @@ class LearnedModel:
     Attributes:
         names: The M markers.
         trunk: Those of the body.
+        bones: Markers of the skeleton's rigid bones.
         trials: What it learned from; none where a recording is to teach itself.
         kinds: Its K kinds of models; the last is a motion model.
         mixture: How they are mixed.
@@ -36,6 +38,7 @@ class LearnedModel:
 
     names: tuple[str, ...]
     trunk: tuple[str, ...]
+    bones: tuple[tuple[str, str], ...]
     trials: tuple[MarkerTrial, ...]
     kinds: tuple[Kind, ...]
     mixture: Mixture
@@ -53,6 +56,7 @@ def learn_model(
     trials: Sequence[MarkerTrial],
     rng: np.random.Generator,
     *,
+    bones: Sequence[tuple[str, str]] = (),
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
     """Choose motion models and their mixture on gaps hidden in the trials.
@@ -62,6 +66,7 @@ def learn_model(
         trunk: Those of the body; empty: all.
         trials: What to learn from.
         rng: What to hide.
+        bones: Markers of the skeleton's rigid bones.
         tell: Called with a line for each candidate.
 
     Raises:
@@ -69,7 +74,7 @@ def learn_model(
     """
     check_rates(trials)
     body = [names.index(name) for name in trunk] or list(range(len(names)))
-    search = search_on(trials, body, rng, tell=tell)
+    search = search_on(trials, body, rng, named=ends_among(names, bones), tell=tell)
     if not search.hidden:
         raise MocapError(
             "no gap could be hidden in these trials: a model needs a trial of at least 40 frames in which markers are "
@@ -79,6 +84,7 @@ def learn_model(
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
+        bones=tuple(bones),
         trials=tuple(trials),
         kinds=found.kinds,
         mixture=found.mixture,
@@ -92,6 +98,7 @@ def learn_from_itself(
     recording: MarkerTrial,
     settings: PoseSettings,
     *,
+    bones: Sequence[tuple[str, str]] = (),
     most_frames: int = 300,
 ) -> LearnedModel | None:
     """A model of no other trials: how to mix three kinds is learned on gaps hidden in the recording to be tracked.
@@ -101,13 +108,15 @@ def learn_from_itself(
         trunk: Those of the body; empty: all.
         recording: What is to be tracked.
         settings: Of the pose model; its subspace and body are those of the regression, too.
+        bones: Markers of the skeleton's rigid bones.
         most_frames: Gaps are hidden in the stretch of so many frames of which most is seen.
 
     Returns:
         None: no gap could be hidden.
     """
     body = [names.index(name) for name in trunk if name in names] or list(range(len(names)))
-    search = search_on([recording], body, np.random.default_rng(0), most_frames=most_frames, times=1)
+    named, rng = ends_among(names, bones), np.random.default_rng(0)
+    search = search_on([recording], body, rng, named=named, most_frames=most_frames, times=1)
     if not search.hidden:
         return None
     delay = DelaySettings(ranks=settings.ranks, body_hz=settings.body_hz, turns=settings.turns)
@@ -115,6 +124,7 @@ def learn_from_itself(
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
+        bones=tuple(bones),
         trials=(),
         kinds=found.kinds,
         mixture=found.mixture,
@@ -198,8 +208,17 @@ def fitting_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTr
     """
     trials = [*for_recording(learned, names), recording]
     check_rates(trials)
+    return _fitting(learned, names, trials)
+
+
+def own_fitting(learned: LearnedModel) -> Fitting:
+    """The model's trials alone, to look at what its kinds learn from them."""
+    return _fitting(learned, learned.names, learned.trials)
+
+
+def _fitting(learned: LearnedModel, names: Sequence[str], trials: Sequence[MarkerTrial]) -> Fitting:
     trunk = [names.index(name) for name in learned.trunk if name in names] or list(range(len(names)))
-    return Fitting(trials, trunk)
+    return Fitting(trials, trunk, ends_among(names, learned.bones))
 
 
 def track_with(

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from filters.delayed import DelaySettings
-from filters.fitting import Fitting, Kind
-from filters.learn import MarkerSettings, PoseSettings, learn_pose
+from filters.fitting import Kind
+from filters.learn import MarkerSettings, PoseSettings
 from filters.mixture import Mixture
-from filters.model import LearnedModel, kind_name
+from filters.model import LearnedModel, kind_name, own_fitting
 from filters.motion.pose import PoseMotion
 from filters.motion.shape import LinearShape
 from filters.poses import MarkerTrial
@@ -22,7 +22,7 @@ from filters.several import Several
 from mocap.arrays import Array
 from mocap.errors import FormatError, MocapError
 
-FORMAT = "eal-mocap model 6"
+FORMAT = "eal-mocap model 7"
 _DAMAGE = (
     OSError,
     LookupError,
@@ -42,7 +42,8 @@ def save_model(learned: LearnedModel, path: Path) -> None:
 
     ``header`` is JSON: names, choices, scores, units, versions. For each trial i ``trial_i_t_s``, ``trial_i_xyz_m`` and
     ``trial_i_sd_m``; ``mixture_*``; and, to be looked at, ``pose_*``: what the last model, or the first of its members,
-    is when it is fitted to all trials (mean pose, basis, shapes, stiffness and damping where its mechanics are linear).
+    is when it is fitted to all trials (mean pose, basis, shapes, stiffness and damping where its mechanics are linear);
+    ``bone_*``: markers, by index, that keep their distance, with its mean and deviation in the last trial.
     """
     header = {
         "format": FORMAT,
@@ -50,6 +51,7 @@ def save_model(learned: LearnedModel, path: Path) -> None:
         "units": "m, s; shapes z in m; stiffness 1/s^2, damping 1/s",
         "names": learned.names,
         "trunk": learned.trunk,
+        "bones": learned.bones,
         "trials": [trial.name for trial in learned.trials],
         "kinds": [{"type": type(kind).__name__, **asdict(kind)} for kind in learned.kinds],
         "models": [kind_name(kind) for kind in learned.kinds],
@@ -78,15 +80,18 @@ def _pictures(learned: LearnedModel) -> dict[str, Array]:
     kind = last.members[0] if isinstance(last, Several) else last
     if not isinstance(kind, PoseSettings):
         return {}
-    trunk = [learned.names.index(name) for name in learned.trunk] or list(range(len(learned.names)))
-    poses, shapes = Fitting(learned.trials, trunk).shapes(kind)
-    model: PoseMotion = learn_pose(poses, kind, shapes=shapes)
+    fitting = own_fitting(learned)
+    _, shapes = fitting.shapes(kind)
+    model: PoseMotion = fitting.pose(kind)
     out = {
         "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
         "pose_basis": shapes.subspace.basis.reshape(-1, 3, model.rank),
         "pose_residual_sd_m": shapes.subspace.residual_sd.reshape(-1, 3),
         "pose_shapes_m": np.concatenate(shapes.z),
         "pose_acceleration_density": model.mechanics.density @ model.mechanics.density.T,
+        "bone_ends": fitting.bones.ends,
+        "bone_length_m": fitting.bones.length_m,
+        "bone_sd_m": fitting.bones.sd_m,
     }
     if isinstance(model.mechanics, LinearShape):
         out |= {"pose_stiffness": model.mechanics.stiffness, "pose_damping": model.mechanics.damping}
@@ -119,6 +124,7 @@ def load_model(path: Path) -> LearnedModel:
             return LearnedModel(
                 names=tuple(header["names"]),
                 trunk=tuple(header["trunk"]),
+                bones=tuple((a, b) for a, b in header["bones"]),
                 trials=trials,
                 kinds=kinds,
                 mixture=Mixture(power=header["power"], **parts),

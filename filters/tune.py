@@ -28,6 +28,7 @@ class Search:
         trunk: Indices of the trunk's markers.
         hidden: Those of them that are validated on, by index, with what is hidden.
         again: More of that, for the mixture alone.
+        named: Indices of the markers of the skeleton's rigid bones.
         tried: Every candidate with how it filled all gaps.
         tell: Called with a line for each candidate.
     """
@@ -36,6 +37,7 @@ class Search:
     trunk: Sequence[int]
     hidden: Sequence[tuple[int, Hidden]]
     again: Sequence[tuple[int, Hidden]] = ()
+    named: Sequence[tuple[int, int]] = ()
     tell: Callable[[str], None] = lambda _line: None
     tried: list[tuple[Kind, Fill]] = field(default_factory=list)
     _fitting: dict[Hidden, Fitting] = field(default_factory=dict)
@@ -66,7 +68,7 @@ class Search:
         for index, gaps in hidden:
             if gaps not in self._fitting:
                 others = [trial for i, trial in enumerate(self.trials) if i != index]
-                self._fitting[gaps] = Fitting([*others, gaps.shown], self.trunk)
+                self._fitting[gaps] = Fitting([*others, gaps.shown], self.trunk, self.named)
             fitting = self._fitting[gaps]
             shown = fitting.trials[-1]
             found = fitting.fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
@@ -96,6 +98,7 @@ def search_on(
     trunk: Sequence[int],
     rng: np.random.Generator,
     *,
+    named: Sequence[tuple[int, int]] = (),
     validated: int = 2,
     most_frames: int = 500,
     times: int = 3,
@@ -107,6 +110,7 @@ def search_on(
         trials: Training trials of the same markers.
         trunk: Indices of the trunk's markers.
         rng: What to hide.
+        named: Indices of the markers of the skeleton's rigid bones.
         validated: Number of trials to hide gaps in at a time.
         most_frames: Of such a trial, the stretch of so many frames of which most is seen.
         times: Gaps are hidden so often, at most, until each length is there twice; and again, until eight times.
@@ -127,7 +131,7 @@ def search_on(
                 break
         return [(i, hidden) for i, hidden in found if hidden.mask.any()]
 
-    return Search(trials=trials, trunk=trunk, hidden=hide(2), again=hide(8), tell=tell)
+    return Search(trials=trials, trunk=trunk, hidden=hide(2), again=hide(8), named=named, tell=tell)
 
 
 def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
@@ -152,7 +156,9 @@ def own_search(fitting: Fitting, *, most_frames: int = 500) -> Search | None:
     hidden = hide_groups(_excerpt(fitting.trials[-1], most_frames), np.random.default_rng(0))
     if not hidden.mask.any():
         return None
-    return Search(trials=fitting.trials, trunk=fitting.trunk, hidden=[(len(fitting.trials) - 1, hidden)])
+    return Search(
+        trials=fitting.trials, trunk=fitting.trunk, named=fitting.named, hidden=[(len(fitting.trials) - 1, hidden)]
+    )
 
 
 def calibrated(mixture: Mixture, kinds: Sequence[Kind], fitting: Fitting) -> Mixture:
@@ -189,7 +195,13 @@ def of_two_ranks(search: Search, pose: PoseSettings) -> PoseSettings | Several:
 
 def bare_pose(search: Search, free: PoseSettings) -> PoseSettings:
     """The same with the mechanics that fill best without a potential: linear, a field of forces, or none."""
-    return search.improve(replace(free, mechanics="linear"), [{"mechanics": other} for other in ("field", "free")])
+    best = search.improve(replace(free, mechanics="linear"), [{"mechanics": other} for other in ("field", "free")])
+    return of_bones(search, best)
+
+
+def of_bones(search: Search, pose: PoseSettings) -> PoseSettings:
+    """The same with its bones held as stiffly as fills best."""
+    return search.improve(pose, [{"bones": 0.25 * pose.bones}, {"bones": 4 * pose.bones}])
 
 
 def held_pose(
@@ -202,7 +214,8 @@ def held_pose(
     start = replace(free, mechanics="linear", potential=potentials[0])
     other = [{"mechanics": name} for name in ("field", "free")] + [{"potential": name} for name in potentials[1:]]
     best = search.improve(start, other)
-    return search.improve(best, [{"weight": 0.25 * best.weight}, {"weight": 4 * best.weight}])
+    best = search.improve(best, [{"weight": 0.25 * best.weight}, {"weight": 4 * best.weight}])
+    return of_bones(search, best)
 
 
 def delay_kinds(search: Search, free: PoseSettings) -> tuple[DelaySettings, DelaySettings]:

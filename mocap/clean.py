@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
-from mocap.skeleton import Skeleton
+from mocap.skeleton import Skeleton, ends_among
 
 Mask = NDArray[np.bool_]
 
@@ -60,8 +60,7 @@ def clean(xyz_m: Array, sd_m: Array, t_s: Array, skeleton: Skeleton, names: tupl
     slack = 4 * np.nan_to_num(_column_medians(sd_m))
     reject("jump", jumps(xyz, t_s, max_speed_m_s=limit, slack_m=slack))
     reject("duplicate", duplicates(xyz, sd_m))
-    bones = [(names.index(b.a), names.index(b.b)) for b in skeleton.bones if b.rigid]
-    reject("bone_length", stretched(xyz, np.array(bones, dtype=int).reshape(-1, 2)))
+    reject("bone_length", stretched(xyz, np.array(ends_among(names, skeleton.rigid), dtype=int).reshape(-1, 2)))
     return Cleaning(rejected=rejected, max_speed_m_s=limit)
 
 

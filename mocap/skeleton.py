@@ -91,9 +91,19 @@ class Skeleton:
                 )
         return self
 
+    @property
+    def rigid(self) -> tuple[tuple[str, str], ...]:
+        """Ends of the rigid bones."""
+        return tuple((bone.a, bone.b) for bone in self.bones if bone.rigid)
+
     def renamed(self, names: Sequence[str]) -> tuple[str, ...]:
         """File names to names of this skeleton, by its aliases."""
         return tuple(self.aliases.get(name, name) for name in names)
+
+
+def ends_among(names: Sequence[str], bones: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
+    """Indices into names of both ends of each bone that has both there."""
+    return [(names.index(a), names.index(b)) for a, b in bones if a in names and b in names]
 
 
 _KEYS = {"name", "markers", "bones", "joints", "trunk", "aliases", "max_speed_m_s"}

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from filters.ensemble import Gaussian, Prediction, SigmaPoints, default_points, predicted
 from filters.motion.base import MotionModel, Step
+from filters.motion.bones import Bones, hold_bones
 from filters.motion.constant_velocity import white_acceleration
 from filters.motion.enforce import enforce, informed
 from filters.motion.shape import ShapeMechanics
@@ -52,7 +53,8 @@ class PoseMotion(MotionModel):
     and angular acceleration: the path is where it is linearised, and drops out of what is predicted. The shape z has
     ``mechanics``; the residual e of each coordinate is a Matern-3/2 process, e'' + 2 a e' + a^2 e = noise, with its own
     variance. With an empirical potential the shape is held by that (``enforce``), in place of the constraints that
-    nobody knows: together the empirical-analytical Lagrangian of the paper.
+    nobody knows: together the empirical-analytical Lagrangian of the paper. Constraints that are known, the lengths of
+    rigid bones, hold shape and residual (``hold_bones``).
 
     Attributes:
         path: Path of the body.
@@ -66,6 +68,8 @@ class PoseMotion(MotionModel):
         gradient: (S, k) leading components to (S, k) gradients of the potential over eps^2, a second; None: no
             potential.
         held: The number k of components that the potential reads: r, or 2r if it is one of positions and velocities.
+        bones: Distances that markers keep; None: none are known.
+        bone_stiffness: Factor on their potential V_b, a second.
         name: For reports.
     """
 
@@ -79,6 +83,8 @@ class PoseMotion(MotionModel):
     usual: Gaussian | None = None
     gradient: Callable[[Array], Array] | None = None
     held: int = 0
+    bones: Bones | None = None
+    bone_stiffness: float = 0.0
     name: str = "eal"
     linear: bool = True
     reads: int = field(init=False)
@@ -182,9 +188,17 @@ class PoseMotion(MotionModel):
         return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
     def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:
-        """Hold the shape by the potential, for the time of the step."""
+        """Hold the shape by the potential and the bones, for the time of the step."""
         pull = self.gradient
-        return state if pull is None else enforce(state, lambda x: dt_s * pull(x), self.held)
+        if pull is not None:
+            state = enforce(state, lambda x: dt_s * pull(x), self.held)
+        if self.bones is not None:
+            r, k, (_, _, e, _, _), basis = self.rank, self.reads, self.parts, self.subspace.basis
+            pose = self.subspace.mean + basis @ state.mean[:r] + state.mean[e]
+            deviations = state.factor[:r, :k].T @ basis.T + state.factor[e, :k].T
+            stiffness = dt_s * self.bone_stiffness
+            state = hold_bones(state, self.bones, pose.reshape(-1, 3), deviations.reshape(k, -1, 3), stiffness)
+        return state
 
     def informed(self, state: Gaussian) -> Gaussian:
         """The shape and its velocity are some that were recorded."""

@@ -20,6 +20,7 @@ def small_model():
     return LearnedModel(
         names=tuple("abcde"),
         trunk=(),
+        bones=(("a", "b"),),
         trials=(trial,),
         kinds=(MarkerSettings(),),
         mixture=mixture,

@@ -33,7 +33,7 @@ def twin(seed):
 
 @pytest.fixture(scope="module")
 def flights():
-    return [twin(seed) for seed in range(4)]
+    return [twin(seed) for seed in range(7)]
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +56,10 @@ def without(trial, hole, markers):
 
 @pytest.fixture(scope="module")
 def filled(learned, flights):
-    """A wing of the fourth flight, hidden for 50 frames (two beats) at four places: misses and deviations."""
-    trial, truth = flights[3]
+    """A wing of four other flights, hidden for 50 frames (two beats) at four places: misses and deviations."""
     parts = []
-    for start, wing in ((15, [4, 5]), (25, [6, 7]), (35, [4, 5]), (45, [6, 7])):
+    places = ((15, [4, 5]), (25, [6, 7]), (35, [4, 5]), (45, [6, 7]))
+    for (trial, truth), (start, wing) in zip(flights[3:], places, strict=True):
         hole = slice(start, start + 50)
         shown = without(trial, range(start, start + 50), [NAMES[m] for m in wing])
         own = track_with(learned, NAMES, shown, positions(shown))
@@ -79,15 +79,14 @@ def test_a_wing_is_filled_far_better_than_by_constant_velocity(filled):
 
 
 def test_intervals_hold_the_truth(filled):
-    """88 to 99 % of the coordinates in gaps of a flight that was not learned from lie inside 95 % intervals."""
+    """88 to 99 % of the coordinates in gaps of flights that were not learned from lie inside 95 % intervals."""
     inside = np.concatenate([(np.abs(miss) <= 1.959964 * sd).ravel() for miss, _, sd, _, _ in filled])
     assert 0.88 <= inside.mean() <= 0.99
 
 
 def test_what_is_seen_is_kept(filled, flights):
     """Outside the gap tracked markers are nearer to the truth than what was measured, and say so."""
-    _, truth = flights[3]
-    for *_, own, shown in filled:
+    for (*_, own, shown), (_, truth) in zip(filled, flights[3:], strict=True):
         seen = shown.seen
         assert np.std((own.xyz_m - truth)[seen]) < 0.9 * SD_M
         inside = np.abs(own.xyz_m - truth)[seen] <= 1.959964 * np.sqrt(np.diagonal(own.cov_m2, 0, -2, -1))[seen]

@@ -1,0 +1,76 @@
+"""Which markers keep their distance, and what it is: learned from trials."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.motion.bones import Bones
+from filters.poses import MarkerTrial
+
+INDEPENDENT = 0.1
+"""Neighbouring frames err alike: each counts as so many independent ones."""
+LEAST = 0.005
+"""No distance is known better than to this share of it."""
+
+
+def learn_bones(trials: Sequence[MarkerTrial], ends: NDArray[np.int64]) -> Bones:
+    """Lengths in the last of some trials, and how far they are kept.
+
+    A distance varies within a trial with the variance w (less that of the measurements), and its mean over trials
+    (animal, placement of markers) with b. The last trial's length L is the mean of its own and of that of all trials,
+    by their precisions, and s^2 = w + what is uncertain of L.
+
+    Args:
+        trials: Trials of the same markers.
+        ends: (P, 2) markers; pairs that are seen together too little to tell are left out.
+    """
+    a, b = ends.T
+    apart = [np.linalg.norm(trial.xyz_m[:, a] - trial.xyz_m[:, b], axis=-1) for trial in trials]
+    seen = [np.isfinite(d) for d in apart]
+    count = np.array([s.sum(axis=0) for s in seen])  # (G, P)
+    mean = np.array([np.where(s, d, 0.0).sum(axis=0) for s, d in zip(seen, apart, strict=True)]) / np.maximum(count, 1)
+    noises = [trial.sd_m[:, a] ** 2 + trial.sd_m[:, b] ** 2 for trial in trials]
+    noise = [np.where(s, n, 0.0).sum(axis=0) for s, n in zip(seen, noises, strict=True)]
+    spread = [np.where(s, (d - m) ** 2, 0.0).sum(axis=0) for s, d, m in zip(seen, apart, mean, strict=True)]
+    known = count > 0
+    freedom = count.sum(axis=0) - known.sum(axis=0) / INDEPENDENT
+    ok = freedom > 0
+    ends, count, mean, known, freedom = ends[ok], count[:, ok], mean[:, ok], known[:, ok], freedom[ok]
+    length = (count * mean).sum(axis=0) / count.sum(axis=0)
+    floor = (LEAST * length) ** 2
+    within = np.maximum((np.sum(spread, axis=0) - np.sum(noise, axis=0))[ok] / freedom, floor)
+    trials_known = known.sum(axis=0)
+    differ = np.where(known, (mean - length) ** 2, 0.0).sum(axis=0) / np.maximum(trials_known - 1, 1)
+    between = np.where(trials_known > 1, np.maximum(differ, floor), (0.1 * length) ** 2)
+    own, common = INDEPENDENT * count[-1] / within, 1 / between
+    return Bones(
+        ends=ends,
+        length_m=(own * mean[-1] + common * length) / (own + common),
+        sd_m=np.sqrt(within + 1 / (own + common)),
+    )
+
+
+def rigid_bones(
+    trials: Sequence[MarkerTrial], named: Sequence[tuple[int, int]] = (), *, tolerance: float = 0.05, most: int = 2
+) -> Bones:
+    """The bones of the last of some trials: those that are named, and pairs that keep their distance as if they were.
+
+    Pairs are taken in the order of how well they keep it, s / L, until each marker has ``most`` bones.
+
+    Args:
+        trials: Trials of the same markers.
+        named: Ends of the skeleton's rigid bones.
+        tolerance: The largest s / L of a pair that is not named.
+        most: Bones of a marker, if they are not named.
+    """
+    pairs = learn_bones(trials, np.array(np.triu_indices(trials[0].xyz_m.shape[1], 1)).T)
+    share = pairs.sd_m / pairs.length_m
+    wanted = {(min(ends), max(ends)) for ends in named}
+    chosen = [i for i, ends in enumerate(pairs.ends.tolist()) if tuple(ends) in wanted]
+    held = np.bincount(pairs.ends[chosen].ravel(), minlength=trials[0].xyz_m.shape[1])
+    for i in np.argsort(share, kind="stable"):
+        if share[i] <= tolerance and i not in chosen and held[pairs.ends[i]].min() < most:
+            chosen.append(int(i))
+            held[pairs.ends[i]] += 1
+    return Bones(ends=pairs.ends[chosen], length_m=pairs.length_m[chosen], sd_m=pairs.sd_m[chosen])

@@ -58,7 +58,7 @@ def main(names: Sequence[str]) -> None:
         trials = load(name)
         training = [trial for i, trial in enumerate(trials) if i != 1]
         learned = lesson(training)
-        held = learned.kinds["mechanics + V_z"]
+        held = learned.kind("mechanics + V_z")
         one = held.members[0] if isinstance(held, Several) else held
         assert isinstance(one, PoseSettings)
         other = other_rank(one)

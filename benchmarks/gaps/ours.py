@@ -55,9 +55,15 @@ class Lesson:
     """
 
     search: Search
-    kinds: dict[str, Kind]
+    kinds: dict[str, Kind] = field(default_factory=dict)
     _said: dict[tuple[bytes, str], Said] = field(default_factory=dict)
     _fitting: tuple[bytes, Fitting, Search | None] | None = None
+
+    def kind(self, name: str) -> Kind:
+        """One of ``KINDS``, searched for when it is first asked for, or another that was put among ``kinds``."""
+        if name not in self.kinds:
+            self.kinds[name] = KINDS[name](self.search)
+        return self.kinds[name]
 
     def said(self, name: str, trial: MarkerTrial) -> Said:
         """By one model."""
@@ -67,11 +73,21 @@ class Lesson:
                 fitting = Fitting([*self.search.trials, trial], self.search.trunk)
                 self._fitting = key, fitting, own_search(fitting)
             _, fitting, own = self._fitting
-            kind = self.kinds[name]
+            kind = self.kind(name)
             found = fitting.fill(kind, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
             self._said[key, name] = Said(found.xyz_m, found.cov_m2, own.fill(kind) if own else None)
         return self._said[key, name]
 
+
+KINDS: dict[str, Callable[[Search], Kind]] = {
+    "marker": marker_kind,
+    "delayed poses": lambda search: delay_kinds(search, free_pose(search))[0],
+    "delayed poses, turned": lambda search: delay_kinds(search, free_pose(search))[1],
+    "mechanics": lambda search: of_two_ranks(search, bare_pose(search, free_pose(search))),
+    "mechanics + V_z": lambda search: of_two_ranks(search, held_pose(search, free_pose(search))),
+    "mechanics + quadratic": lambda search: of_two_ranks(search, held_pose(search, free_pose(search), ("quadratic",))),
+}
+"""Models by name; a search keeps what it tried, so that what they have in common is tried once."""
 
 _lessons: dict[tuple[str, ...], Lesson] = {}
 
@@ -91,17 +107,7 @@ def lesson(training: Sequence[Trial]) -> Lesson:
             most_frames=max(much.frames, 500) if much.trials > 1 else much.frames,
             times=3 if much.trials > 1 else 1,
         )
-        free = free_pose(search)
-        delayed, turned = delay_kinds(search, free)
-        kinds: dict[str, Kind] = {
-            "marker": marker_kind(search),
-            "delayed poses": delayed,
-            "delayed poses, turned": turned,
-            "mechanics": of_two_ranks(search, bare_pose(search, free)),
-            "mechanics + V_z": of_two_ranks(search, held_pose(search, free)),
-            "mechanics + quadratic": of_two_ranks(search, held_pose(search, free, ("quadratic",))),
-        }
-        _lessons[key] = Lesson(search, kinds)
+        _lessons[key] = Lesson(search)
     return _lessons[key]
 
 
@@ -115,7 +121,7 @@ class Ours:
     def learn(self, training: Sequence[Trial]) -> Filler:
         """Search, then learn the mixture's weights and widths on the same hidden gaps."""
         learned = lesson(training)
-        mixture = learn_mixture([learned.search.both(learned.kinds[member]) for member in self.members])
+        mixture = learn_mixture([learned.search.both(learned.kind(member)) for member in self.members])
         return _filler(learned, self.members, mixture)
 
 

@@ -25,7 +25,8 @@ time.
 
 Known distances after the mixture (each pair whose distance varies by less than 2 or 5 % in training, as a measurement
 with that deviation) took 2 to 3 % off bats, 6 to 10 where one marker was hidden, and added 3 to 18 % on gait and 2 to 3
-on snake_gap: lengths differ between trials, and what many of them say is not independent (by hand).
+on snake_gap: lengths differ between trials, and what many of them say is not independent (by hand). In the filter they
+are a gain: ``design/bones.py``.
 """
 
 import sys

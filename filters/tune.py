@@ -167,9 +167,9 @@ def calibrated(mixture: Mixture, kinds: Sequence[Kind], fitting: Fitting) -> Mix
     return mixture if own is None else mixture.calibrated([own.fill(kind) for kind in kinds])
 
 
-SHARP = PoseSettings(excess=0.3, residual=0.6, body=0.1, weight=16.0)
+SHARP = PoseSettings(excess=0.3, residual=0.6, body=0.1, weight=16.0, bones=0.0)
 """Where a search starts: less noise than a single recording shows, as a mixture's widths are learned afterwards, and a
-stiffer potential."""
+stiffer potential. Bones come last (``of_bones``): they make poses alike between which the search is to choose."""
 
 
 def free_pose(search: Search, base: PoseSettings = SHARP) -> PoseSettings:
@@ -200,8 +200,8 @@ def bare_pose(search: Search, free: PoseSettings) -> PoseSettings:
 
 
 def of_bones(search: Search, pose: PoseSettings) -> PoseSettings:
-    """The same with its bones held as stiffly as fills best."""
-    return search.improve(pose, [{"bones": 0.25 * pose.bones}, {"bones": 4 * pose.bones}])
+    """The same with its bones held as stiffly as fills best, or not at all."""
+    return search.improve(pose, [{"bones": 1.0}, {"bones": 0.25}])
 
 
 def held_pose(

@@ -15,8 +15,8 @@ On the gaps hidden in training trials (by hand; the same model, bones of weight 
 | twin_lizard | -2.4 / -3.7 / -1.4 | | -2.6 / -4.7 / -5.8 (its own) |
 
 On the trial left out, skeletons' bones: bat_wing -2.1 (0.3) / -3.0 / -2.1, gait -13.0 (0.3) / -14.8 / -11.6, lizard
--4.3 (0.3) / -5.9 / -6.0. Many redundant pairs count one thing several times, and a weight over 1 does so in time: with 4
-and linear forces gaps of all limbs for 100 frames of gait come out at 114 and 67 mm in place of 32 and 42. So each
+-4.3 (0.3) / -5.9 / -6.0. Many redundant pairs count one thing several times, and a weight over 1 does so in time: with
+4 and linear forces gaps of all limbs for 100 frames of gait come out at 114 and 67 mm in place of 32 and 42. So each
 marker has the bones that its skeleton names, and pairs up to two; the weight is 1, 0.25 or none.
 
 A search that holds bones from the start finds other ranks, axes and forces, and these may fill worse without all limbs:

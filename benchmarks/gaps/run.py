@@ -44,7 +44,7 @@ class Extent:
         return self.training < 100
 
 
-QUICK = Extent(seeds=(0,), scenarios=("single", "limb"), lengths=(10, 50), folds=1, training=2, frames=160)
+QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
 QUICK_SETS = ("bat", "mouse", "snake_glide")
 LATE = "out of time"

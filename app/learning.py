@@ -71,7 +71,7 @@ def readable_scores(learned: LearnedModel) -> str:
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     bones = own_fitting(learned).bones
     if len(bones.ends):
-        lines += ["", "Distances that hold the pose (rigid bones of the skeleton, and pairs found to be as good):", ""]
+        lines += ["", "Distances that hold models with bones (of the skeleton, and pairs found to be as rigid):", ""]
         lines += ["| markers | mm, in the last recording | varies by |", "|---|---|---|"]
         for (a, b), length, sd in zip(bones.ends, bones.length_m, bones.sd_m, strict=True):
             pair = f"{learned.names[a]}, {learned.names[b]}"

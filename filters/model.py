@@ -154,7 +154,8 @@ def kind_name(kind: Kind) -> str:
         return f"{kind_name(kind.members[0])}, mean of {len(kind.members)} ranks of the pose"
     mechanics = {"free": "constant velocity of the pose", "linear": "linear mechanics", "field": "learned forces"}
     held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
-    return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential")
+    bones = " + bones" if kind.bones else ""
+    return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential") + bones
 
 
 def scores_of(found: Tuned) -> dict[str, dict[str, list[float]]]:

@@ -60,8 +60,8 @@ def readable_scores(learned: LearnedModel) -> str:
     lines = [
         f"# A model of {len(learned.trials)} recordings",
         "",
-        f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Errors in gaps that were hidden while "
-        "learning, root mean square in mm (per cent inside 95 % intervals):",
+        f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Errors in the hidden gaps "
+        "by which models were chosen, root mean square in mm (per cent inside 95 % intervals, which are set by them):",
         "",
         "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
         "|---" * (len(lengths) + 1) + "|",

@@ -17,6 +17,8 @@ from app.source import Source
 from app.tracking import (
     Part,
     learn_models,
+    marker_trial,
+    part_names,
     seen_part,
     track,
     track_learned,
@@ -27,7 +29,7 @@ from app.tracking import (
     why_no_pose,
 )
 from filters.learn import PoseSettings
-from filters.model import LearnedModel
+from filters.model import LearnedModel, for_recording
 from filters.motion.base import MotionModel
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
@@ -126,7 +128,7 @@ def _run_job(
                 prepared, part, settings=settings, methods=methods, learned=learned, rng=rng, progress=progress
             )
     if learned is not None:
-        name, why = "learned", f"learned from {', '.join(trial.name for trial in learned.trials)}"
+        name, why = "learned", _learned_from(learned, prepared, part)
         with stages.stage("track") as progress:
             smoothed = track_learned(prepared, part, learned, progress=progress)
     else:
@@ -187,6 +189,14 @@ def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
     inner = trunk_frames(prepared, part, cutoff_hz=cutoff_hz)
     index = np.clip(np.arange(len(prepared.t_s)) - part.frames.start, 0, len(inner.rotation) - 1)
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
+
+
+def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
+    own = marker_trial(prepared, part)
+    others = {trial.name for trial in for_recording(learned, part_names(prepared, part), own)}
+    itself = [trial.name for trial in learned.trials if trial.name not in others]
+    left_out = f"; {', '.join(itself)} is this recording itself, and was left out" if itself else ""
+    return f"learned from {', '.join(t.name for t in learned.trials if t.name in others) or 'no other'}{left_out}"
 
 
 def _choose(

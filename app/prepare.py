@@ -22,6 +22,9 @@ from mocap.skeleton import Skeleton, ends_among
 from mocap.swapped_rays import exchange_rays, exchanged_rays
 from mocap.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 
+LEAST_SD_M = 1e-6
+"""Positions are not known better than that, whatever a file says."""
+
 WIDE = 0.05
 """A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
 
@@ -201,6 +204,7 @@ def prepare(source: Source) -> Prepared:
         bad_cameras=health.bad,
         noise=noise,
         findings=(
+            *source.frame_findings,
             *findings,
             *camera_findings(health, [c.name for c in filmed.cameras]),
             *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
@@ -219,7 +223,7 @@ def _prepare_points(source: Source) -> Prepared:
     if not tracks.seen.any():
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
     skeleton, names = load_skeleton(source.skeleton, tracks.names)
-    sd = np.where(np.isfinite(tracks.sd_m), tracks.sd_m, position_sd(tracks))
+    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
     xyz = np.where(named.unsure[..., None], np.nan, xyz)
@@ -250,6 +254,7 @@ def _prepare_points(source: Source) -> Prepared:
         max_speed_m_s=cleaning.max_speed_m_s,
         camera_factor=np.zeros((0, len(xyz))),
         findings=(
+            *source.frame_findings,
             f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),

@@ -12,6 +12,7 @@ from mocap.arrays import Array, unique
 from mocap.cameras import Camera, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.formats import dltdv
+from mocap.formats.every_frame import every_frame
 from mocap.formats.profile import with_profile
 from mocap.formats.recording import Recording
 from mocap.formats.registry import read
@@ -63,18 +64,27 @@ class Source:
                 raise MocapError(f"--{name} says something of cameras, but there are no coefficients: give --dlt")
 
     @cached_property
+    def _read(self) -> tuple[Recording, tuple[str, ...]]:
+        recording = read(self.tracks)
+        recording = recording if self.unit is None else recording.with_unit(self.unit)
+        if self.fps is None and recording.fps is None:
+            raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
+        return every_frame(recording if self.fps is None else recording.with_rate(self.fps))
+
+    @property
     def recording(self) -> Recording:
-        """What the file of the tracks holds.
+        """What the file of the tracks holds, with every frame from first to last.
 
         Raises:
             FormatError: it cannot be read.
             MocapError: nobody tells the frame rate.
         """
-        recording = read(self.tracks)
-        recording = recording if self.unit is None else recording.with_unit(self.unit)
-        if self.fps is None and recording.fps is None:
-            raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
-        return recording if self.fps is None else recording.with_rate(self.fps)
+        return self._read[0]
+
+    @property
+    def frame_findings(self) -> tuple[str, ...]:
+        """What is to be said of frames that the file leaves out."""
+        return self._read[1]
 
     @property
     def filmed(self) -> bool:

@@ -296,5 +296,5 @@ def _best_window(seen: Mask, part: Part, most_frames: int) -> slice:
 
 
 def without_potential(model: MotionModel) -> MotionModel:
-    """The same pose model with nothing to hold its shape: what the potential is measured against."""
+    """The same pose model without V_z: what the potential is measured against."""
     return replace(model, gradient=None, name="pose_constant_velocity") if isinstance(model, PoseMotion) else model

@@ -39,7 +39,7 @@ from mocap.arrays import Array
 
 FPS, FRAMES, NOISE_M = 200.0, 300, 2e-4
 TRUNK = (0, 1, 2, 3)
-POTENTIALS: tuple[Potential, ...] = ("none", "quadratic", "motion")
+POTENTIALS: tuple[Potential, ...] = ("none", "quadratic motion", "motion")
 MECHANICS: tuple[Mechanics, ...] = ("free", "linear")
 
 
@@ -90,7 +90,7 @@ def main() -> None:
                 f"{1e3 * np.exp(logs[p].mean()):{w}.2f}" for p, w in zip(POTENTIALS, (7, 10, 7), strict=True)
             )
             line = f"{bend:5.0f}{gaits:6}{trials:7}  {mechanics:10}{errors}"
-            for beside, width in (("none", 12), ("quadratic", 17)):
+            for beside, width in (("none", 12), ("quadratic motion", 17)):
                 gain = logs["motion"] - logs[beside]
                 line += f"{np.exp(gain.mean()):{width}.2f} ({np.exp(gain.min()):.2f}-{np.exp(gain.max()):.2f})"
             print(line, flush=True)

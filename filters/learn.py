@@ -21,7 +21,7 @@ from mocap.arrays import Array
 from mocap.body import smooth_series
 
 Mechanics = Literal["free", "linear", "field", "literal"]
-Potential = Literal["shape", "motion", "quadratic", "none"]
+Potential = Literal["shape", "motion", "quadratic", "quadratic motion", "none"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +40,7 @@ class PoseSettings:
         residual_rate: Factor on the rate at which that changes.
         body: Factor on the density of the body's accelerations.
         potential: What holds the shape: V_z of the shape, V_z of shape and velocity, the quadratic potential of a
-            Gaussian (a control), or nothing.
+            Gaussian (a control) of either, or nothing.
         beta: Kernel width: beta over the median squared distance of the samples.
         lam: Spectral filtering parameter lambda.
         centres: Most samples that the potential is learned from.
@@ -193,14 +193,14 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
         return replace(model, name="eal_literal")
     if settings.potential == "none":
         return model
-    held = model.rank * (2 if settings.potential == "motion" else 1)
+    held = model.rank * (2 if "motion" in settings.potential else 1)
     scale = np.repeat([1 / motion.unit, motion.tau_s / motion.unit], model.rank)[:held]
     samples = np.column_stack([motion.z, motion.rate])[:, :held] * scale
     turns = settings.weight / motion.tau_s
-    if settings.potential == "quadratic":
+    if "quadratic" in settings.potential:
         cov = np.cov(samples.T).reshape(held, held)
         information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / held * np.eye(held))
-        centre, stiffness = samples.mean(axis=0), turns / held
+        centre, stiffness = samples.mean(axis=0), 2 * turns / held  # its mean value is held / 2
         return replace(
             model,
             gradient=lambda x: (x * scale - centre) @ information * (stiffness * scale),

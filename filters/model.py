@@ -77,8 +77,8 @@ def learn_model(
     search = search_on(trials, body, rng, named=ends_among(names, bones), tell=tell)
     if not search.hidden:
         raise MocapError(
-            "no gap could be hidden in these trials: a model needs a trial of at least 40 frames in which markers are "
-            "seen for 16 frames on end; give longer or more complete trials"
+            "no gap could be hidden in these trials: that needs a marker that is seen in three frames before and after "
+            "ten others; give longer or more complete trials"
         )
     found = tuned(search)
     return LearnedModel(
@@ -138,9 +138,10 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
     Raises:
         MocapError: they differ by more than 1 %.
     """
-    rates = [1 / trial.dt_s for trial in trials]
-    if max(rates) > 1.01 * min(rates):
-        listed = ", ".join(f"{trial.name} {rate:.6g}" for trial, rate in zip(trials, rates, strict=True))
+    some = [trial for trial in trials if len(trial.t_s) > 1]
+    rates = [1 / trial.dt_s for trial in some]
+    if rates and max(rates) > 1.01 * min(rates):
+        listed = ", ".join(f"{trial.name} {rate:.6g}" for trial, rate in zip(some, rates, strict=True))
         raise MocapError(f"trials of one model need one frame rate, but have frames a second: {listed}")
 
 
@@ -153,6 +154,7 @@ def kind_name(kind: Kind) -> str:
     if isinstance(kind, Several):
         return f"{kind_name(kind.members[0])}, mean of {len(kind.members)} ranks of the pose"
     mechanics = {"free": "constant velocity of the pose", "linear": "linear mechanics", "field": "learned forces"}
+    mechanics["literal"] = "V_z as a force"
     held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
     bones = " + bones" if kind.bones else ""
     return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential") + bones
@@ -175,8 +177,16 @@ def scores_of(found: Tuned) -> dict[str, dict[str, list[float]]]:
     return out
 
 
-def for_recording(learned: LearnedModel, names: Sequence[str]) -> list[MarkerTrial]:
+def same_recording(a: MarkerTrial, b: MarkerTrial) -> bool:
+    """Whether at least half of the samples of the one that has fewer are in the other, to a micrometre."""
+    sets = [{tuple(row) for row in np.rint(1e6 * trial.xyz_m[trial.seen]).astype(int).tolist()} for trial in (a, b)]
+    return len(sets[0] & sets[1]) > 0.5 * min(map(len, sets))
+
+
+def for_recording(learned: LearnedModel, names: Sequence[str], recording: MarkerTrial) -> list[MarkerTrial]:
     """The trials with the markers of a recording, in its order; markers that the model does not know are never seen.
+
+    A trial that is the recording itself is left out: it would show what was hidden to see how well gaps are filled.
 
     Raises:
         MocapError: fewer than four markers in common.
@@ -193,7 +203,7 @@ def for_recording(learned: LearnedModel, names: Sequence[str]) -> list[MarkerTri
         xyz, sd = trial.xyz_m[:, index], trial.sd_m[:, index]
         xyz[:, index < 0], sd[:, index < 0] = np.nan, np.nan
         out.append(replace(trial, xyz_m=xyz, sd_m=sd))
-    return out
+    return [trial for trial in out if not same_recording(trial, recording)]
 
 
 def fitting_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTrial) -> Fitting:
@@ -207,9 +217,8 @@ def fitting_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTr
     Raises:
         MocapError: another frame rate, or other markers.
     """
-    trials = [*for_recording(learned, names), recording]
-    check_rates(trials)
-    return _fitting(learned, names, trials)
+    check_rates([*learned.trials, recording])
+    return _fitting(learned, names, [*for_recording(learned, names, recording), recording])
 
 
 def own_fitting(learned: LearnedModel) -> Fitting:

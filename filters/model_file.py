@@ -64,9 +64,9 @@ def save_model(learned: LearnedModel, path: Path) -> None:
     for name in ("offset", "slope", "length", "scale", "widen"):
         arrays[f"mixture_{name}"] = getattr(learned.mixture, name)
     temporary = path.with_name(f".{path.name}.part")
+    everything: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays, **_pictures(learned)}
     try:
         with temporary.open("wb") as file:
-            everything: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays, **_pictures(learned)}
             np.savez_compressed(file, **everything)
         temporary.replace(path)
     except OSError as error:

@@ -67,7 +67,8 @@ def observe(
         deviations: (k, M, 3) ensemble rows of the markers: their covariance is the sum of squares over k; the first
             ``reads`` belong to the first columns of the factor.
         reads: Number of columns of the factor that move the markers.
-        gate_sd: Groups with a row further off than this many standard deviations are not believed (``gate_groups``).
+        gate_sd: Groups with a row further off than this many standard deviations are not believed (``gate_groups``);
+            a measured position always is.
         rounds: Reweightings of Student-t groups.
     """
     n_groups, marker = len(sights.size), sights.where[:, 1]

@@ -106,7 +106,7 @@ def filter_forward(
         observations: What each frame shows.
         t_s: (T,) times.
         frames: Consecutive frames; None: all.
-        before: Filtered state of the frame before them; not read at frame 0.
+        before: Filtered state of the frame before them; None: the model's initial state.
         gate_sd: Groups further off are not believed (``gate_groups``).
         keep: Whether to keep states and predictions for smoothing.
         linearisations: Times that rays are linearised (``filter_frame``).

@@ -98,7 +98,8 @@ def _collect(tasks: Sequence[Task], args: argparse.Namespace, deadline: float) -
     unfinished: set[str] = set()
     if args.resume and path.exists():
         rows = pd.read_csv(path).to_dict("records")
-        done = {(r["set"], r["trial"], r["method"]) for r in rows if np.isfinite(r["rmse_mm"])}
+        whole = {(r["set"], r["trial"], r["method"], r["seed"]) for r in rows if np.isfinite(r["rmse_mm"])}
+        done = {key[:3] for key in whole if all((*key[:3], seed) in whole for seed in tasks[0].extent.seeds)}
         done -= {(r["set"], r["trial"], r["method"]) for r in rows[-1:]}  # it may have been cut off in the middle
         rows = [r for r in rows if (r["set"], r["trial"], r["method"]) in done]
         tasks = [t for t in tasks if (t.name, load(t.name)[t.trial].name, t.method) not in done]

@@ -12,6 +12,7 @@ from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
 from filters.fitting import Fitting, Kind
 from filters.hidden import Fill
+from filters.learn import Potential
 from filters.mixture import Mixture, gap_lengths, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
@@ -79,13 +80,16 @@ class Lesson:
         return self._said[key, name]
 
 
+GAUSSIAN: tuple[Potential, ...] = ("quadratic motion", "quadratic")
+"""The control of ``held_pose``'s own two."""
+
 KINDS: dict[str, Callable[[Search], Kind]] = {
     "marker": marker_kind,
     "delayed poses": lambda search: delay_kinds(search, free_pose(search))[0],
     "delayed poses, turned": lambda search: delay_kinds(search, free_pose(search))[1],
     "mechanics": lambda search: of_two_ranks(search, bare_pose(search, free_pose(search))),
     "mechanics + V_z": lambda search: of_two_ranks(search, held_pose(search, free_pose(search))),
-    "mechanics + quadratic": lambda search: of_two_ranks(search, held_pose(search, free_pose(search), ("quadratic",))),
+    "mechanics + quadratic": lambda search: of_two_ranks(search, held_pose(search, free_pose(search), GAUSSIAN)),
 }
 """Models by name; a search keeps what it tried, so that what they have in common is tried once."""
 

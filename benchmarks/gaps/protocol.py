@@ -1,8 +1,8 @@
 """The protocol: leave a trial out, learn from the others, hide what was measured, compare.
 
 Truth are the measured samples of the trial that was left out; intervals are judged as intervals of measurements. All
-methods meet the same gaps (seeded by trial and seed). ``tune`` gives all methods the same validation: gaps in training
-trials only.
+methods meet the same gaps (seeded by trial and seed). ``tune`` gives all peers the same validation: gaps in training
+trials only. Our own search hides more gaps there (``ours.lesson``), and some in what the trial shows (``ours.Lesson``).
 """
 
 import time
@@ -42,7 +42,7 @@ class Plan:
 
 FULL = Plan()
 plan: ContextVar[Plan] = ContextVar("plan", default=FULL)
-"""The plan that ``validation`` follows: the same for all methods of a run, so that all are tuned alike."""
+"""The plan that ``validation`` follows: the same for all peers of a run, so that all are tuned alike."""
 
 
 @dataclass(frozen=True, kw_only=True)

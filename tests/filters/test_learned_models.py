@@ -112,19 +112,27 @@ def test_the_pose_model_holds_its_data(learned):
     assert model.residual_rate_hz > 0
 
 
-@pytest.mark.parametrize(("potential", "name"), [("shape", "eal"), ("motion", "eal"), ("quadratic", "pose_quadratic")])
+@pytest.mark.parametrize(
+    ("potential", "name"),
+    [("shape", "eal"), ("motion", "eal"), ("quadratic", "pose_quadratic"), ("quadratic motion", "pose_quadratic")],
+)
 def test_the_potential_is_added_and_nothing_else(learned, potential, name):
     """``with_potential`` changes gradient, what it reads, and name; unseen states are pulled, seen ones hardly."""
     _, settings, model, shapes, trial = learned
     motion = recorded_motion([trial], shapes, certain=settings.certain)
     held = with_potential(model, motion, replace(settings, potential=potential))
     states = np.column_stack([motion.z, motion.rate])[:, : held.held]
-    assert held.held == (4 if potential == "motion" else 2)
+    assert held.held == (4 if "motion" in potential else 2)
     changed = {field.name for field in fields(held) if getattr(held, field.name) is not getattr(model, field.name)}
     assert changed - {"points", "reads"} == {"gradient", "held", "name"}
     assert held.name == name
     far, near = (np.linalg.norm(held.gradient(size * states[:5])) for size in (3, 1))
-    assert far > (2.9 if potential == "quadratic" else 10) * near  # a parabola's force is proportional
+    quadratic = "quadratic" in potential
+    assert far > (2.9 if quadratic else 10) * near  # a parabola's force is proportional
+    if quadratic:  # V = (x - mean) grad V / 2 is charged the weight on average
+        away = states - states.mean(axis=0)
+        charged = 0.5 * np.mean(np.sum(away * held.gradient(states), axis=1))
+        assert charged == pytest.approx(settings.weight / motion.tau_s, rel=0.02)
 
 
 def test_constant_velocity_starts_where_each_marker_is_first_seen(learned):

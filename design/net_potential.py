@@ -17,7 +17,7 @@ of all limbs for 100 frames the error in mm, and the share inside 95 % intervals
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -32,41 +32,33 @@ from filters.motion.pose import PoseMotion
 from filters.observations import PositionObservations
 from filters.track import smooth
 from filters.tune import Search, free_pose, held_pose, search_on
-from mocap.arrays import Array
 
 USUAL = ("bat", "bat_wing", "gait", "snake_gap", "twin_lizard")
 
 
+def beyond(model: PoseMotion) -> PoseMotion:
+    """The model held by V_net; see the module."""
+    k, pull, usual = model.held, model.gradient, model.usual
+    assert pull is not None
+    assert usual is not None
+    factor = np.linalg.cholesky((usual.factor @ usual.factor.T)[:k, :k])
+    points = spread(Gaussian(usual.mean[:k], factor), scale(default_points(k))[0])
+    design = np.column_stack([np.ones(len(points)), points - points[0]])
+    known, *_ = np.linalg.lstsq(design, pull(points), rcond=None)
+    slope = 0.5 * (known[1:] + known[1:].T)
+    return replace(model, gradient=lambda x: pull(x) - known[0] - (x - points[0]) @ slope)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class NetPose(PoseMotion):
-    """A pose model whose potential counts beyond its quadratic part under the recorded covariance."""
+class Wide(PoseMotion):
+    """A pose model whose mean moves by its own potential, and whose covariance shrinks by that of another."""
 
-    both: bool = False
-
-    def __post_init__(self) -> None:
-        """The quadratic part."""
-        super().__post_init__()
-        if self.gradient is None or self.usual is None:
-            raise ValueError("a pose model with a potential and recorded poses is needed")
-        k, pull = self.held, self.gradient
-        factor = np.linalg.cholesky((self.usual.factor @ self.usual.factor.T)[:k, :k])
-        c, _ = scale(default_points(k))
-        points = spread(Gaussian(self.usual.mean[:k], factor), c)
-        design = np.column_stack([np.ones(len(points)), points - points[0]])
-        known, *_ = np.linalg.lstsq(design, pull(points), rcond=None)
-        known[1:] = 0.5 * (known[1:] + known[1:].T)
-
-        def net(x: Array) -> Array:
-            return pull(x) - known[0] - (x - points[0]) @ known[1:]
-
-        plain = {f.name: getattr(self, f.name) for f in fields(PoseMotion) if f.init}
-        object.__setattr__(self, "plain", PoseMotion(**plain))
-        object.__setattr__(self, "net", PoseMotion(**plain | {"gradient": net}))
+    other: PoseMotion | None = None
 
     def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:
-        """Mean by V_z or V_net, covariance by V_net."""
-        net = self.net.constrain(state, dt_s)
-        return net if self.both else Gaussian(self.plain.constrain(state, dt_s).mean, net.factor)
+        """Hold the shape."""
+        assert self.other is not None
+        return Gaussian(super().constrain(state, dt_s).mean, self.other.constrain(state, dt_s).factor)
 
 
 def filler(search: Search, kind: PoseSettings, version: str) -> Filler:
@@ -75,9 +67,11 @@ def filler(search: Search, kind: PoseSettings, version: str) -> Filler:
     def fill(trial: Trial) -> Filled:
         own = marker_trial(trial)
         model = Fitting([*search.trials, own], search.trunk).pose(kind)
-        if version != "V_z":
-            plain = {f.name: getattr(model, f.name) for f in fields(PoseMotion) if f.init}
-            model = NetPose(**plain, both=version == "both")
+        if version == "width":
+            parts = {f.name: getattr(model, f.name) for f in fields(PoseMotion) if f.init}
+            model = Wide(**parts, other=beyond(model))
+        if version == "both":
+            model = beyond(model)
         found = smooth(model, PositionObservations(xyz_m=own.xyz_m, sd_m=own.sd_m), own.t_s)
         return Filled(found.xyz_m, found.cov_m2 + (own.sd_m**2)[..., None, None] * np.eye(3))
 

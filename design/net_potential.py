@@ -13,6 +13,14 @@ nothing. ``width``: the mean moves as V_z has it, the covariance as V_net has it
 As in the gap benchmark the first trial of a set is left out and gaps of every kind are filled by the model held by V_z
 alone, with three seeds. Printed: the mean over kinds of gaps of the change of the logarithm of the error in per cent,
 of all limbs for 100 frames the error in mm, and the share inside 95 % intervals as the model itself states them.
+
+| set | V_z | width | both |
+|---|---|---|---|
+| bat_wing | 90 % inside | +1.3 %, 90 % | +15.9 %, 84 % |
+| gait | all 100 35.1 mm, 69 % | +8.1 %, 127.7 mm, 64 % | +19.1 %, 90.9 mm, 59 % |
+
+It is no gain: what V_z says of a wide state holds the mean, too, and a wider state is not one that knows its phase
+better. Which phase a gap of all limbs comes out at turns with small changes of the model.
 """
 
 import sys

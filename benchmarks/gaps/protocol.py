@@ -2,7 +2,8 @@
 
 Truth are the measured samples of the trial that was left out; intervals are judged as intervals of measurements. All
 methods meet the same gaps (seeded by trial and seed). ``tune`` gives all peers the same validation: gaps in training
-trials only. Our own search hides more gaps there (``ours.lesson``), and some in what the trial shows (``ours.Lesson``).
+trials only. Our own search hides no more gaps there to choose by, as many again to learn weights and widths of a
+mixture (``ours.lesson``), and some in what the trial that is filled shows (``ours.Lesson``).
 """
 
 import time
@@ -35,9 +36,9 @@ class Plan:
         lengths: Of gaps; one may be named several times.
     """
 
-    trials: int = 2
-    frames: int = 300
-    lengths: tuple[int, ...] = (*GAPS, *GAPS[1::2], *GAPS)
+    trials: int = 4
+    frames: int = 500
+    lengths: tuple[int, ...] = GAPS * 4
 
 
 FULL = Plan()
@@ -177,7 +178,7 @@ class Validation:
 
 
 def validation(training: Sequence[Trial]) -> list[Validation]:
-    """Folds over the first two training trials (see ``Plan``): gaps of every length, with the scenarios in turn.
+    """Folds over the first training trials (see ``Plan``): gaps of every length, with the scenarios in turn.
 
     With one training trial its own gaps are filled by what was learned from the rest of it.
     """

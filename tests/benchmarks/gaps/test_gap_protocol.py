@@ -246,9 +246,9 @@ def test_validation_of_one_trial_learns_from_what_it_shows():
 
 
 def test_validation_holds_every_length():
-    """Two folds of complete trials validate all four lengths and all four scenarios."""
+    """Each complete trial is a fold; together they validate all four lengths and all four scenarios."""
     folds = validation([make_trial(seed=k, name=str(k)) for k in range(3)])
     gaps = [gap for fold in folds for copy in fold.shown for gap in copy.gaps]
-    assert len(folds) == 2
+    assert len(folds) == 3
     assert {gap.length for gap in gaps} == set(GAPS)
     assert {gap.scenario for gap in gaps} == set(SCENARIOS)

@@ -86,5 +86,5 @@ def triangulate_file(source: Source, out: Path, *, refine: bool, force: bool) ->
         points=int(seen.sum()),
         samples=seen.size,
         residual_px=float(np.median(residual[seen])),
-        findings=(filmed.pixel_origin.describe(), *findings),
+        findings=(*source.frame_findings, filmed.pixel_origin.describe(), *findings),
     )

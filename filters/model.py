@@ -153,8 +153,12 @@ def kind_name(kind: Kind) -> str:
         return f"Gaussian process of delayed poses, axes that {'turn' if kind.turns else 'do not turn'} with the body"
     if isinstance(kind, Several):
         return f"{kind_name(kind.members[0])}, mean of {len(kind.members)} ranks of the pose"
-    mechanics = {"free": "constant velocity of the pose", "linear": "linear mechanics", "field": "learned forces"}
-    mechanics["literal"] = "V_z as a force"
+    mechanics = {
+        "free": "constant velocity of the pose",
+        "linear": "linear mechanics",
+        "field": "learned forces",
+        "literal": "V_z as a force",
+    }
     held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
     bones = " + bones" if kind.bones else ""
     return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential") + bones

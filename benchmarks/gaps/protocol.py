@@ -33,7 +33,8 @@ class Plan:
     Attributes:
         trials: Training trials that are folds of it, at most.
         frames: Of such a trial, at most.
-        lengths: Of gaps; one may be named several times.
+        lengths: Of gaps; one may be named several times. They go round with the four scenarios: in one trial a length
+            comes with one of these, over four trials with all.
     """
 
     trials: int = 4

@@ -15,7 +15,7 @@ from app.run import Run
 from app.source import Source
 from app.tracking import seen_part, track, tracked_motion
 from datasets import make_bat, make_lizard, write_recording
-from filters.learn import learn_constant_velocity
+from filters.learn_markers import learn_constant_velocity
 from mocap.arrays import Array
 
 Animal = Literal["bat", "lizard"]

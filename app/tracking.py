@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from app.gaps import hide_gaps, interpolated, score
 from app.prepare import Prepared
 from filters.bones import rigid_bones
-from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
+from filters.learn import PoseSettings, learn_pose
+from filters.learn_markers import learn_constant_velocity
 from filters.model import LearnedModel, learn_from_itself, track_with
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion

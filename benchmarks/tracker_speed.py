@@ -22,7 +22,8 @@ import numpy as np
 from datasets import make_bat
 from datasets.rig import tunnel_cameras
 from eal.threads import one_blas_thread
-from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
+from filters.learn import PoseSettings, learn_pose
+from filters.learn_markers import learn_constant_velocity
 from filters.live import live, looks
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion

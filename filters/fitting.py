@@ -10,7 +10,8 @@ from threadpoolctl import threadpool_limits
 
 from filters.bones import rigid_bones
 from filters.delayed import DelaySettings, Filled, fill_delayed
-from filters.learn import MarkerSettings, PoseSettings, learn_constant_velocity, learn_pose
+from filters.learn import PoseSettings, learn_pose
+from filters.learn_markers import MarkerSettings, learn_constant_velocity
 from filters.motion.base import MotionModel
 from filters.motion.bones import Bones
 from filters.motion.pose import PoseMotion
@@ -56,7 +57,8 @@ class Fitting:
     def motion(self, kind: PoseSettings | MarkerSettings) -> MotionModel:
         """A motion model for the last trial."""
         if isinstance(kind, MarkerSettings):
-            return learn_constant_velocity(self.trials[-1].xyz_m, dt_s=self.trials[-1].dt_s, settings=kind)
+            *others, xyz_m = (trial.xyz_m for trial in self.trials)
+            return learn_constant_velocity(xyz_m, dt_s=self.trials[-1].dt_s, others=others, settings=kind)
         return self.pose(kind)
 
     def pose(self, kind: PoseSettings) -> PoseMotion:

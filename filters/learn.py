@@ -11,14 +11,11 @@ from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
 from filters.motion.bones import Bones
-from filters.motion.constant_velocity import ConstantVelocity
 from filters.motion.literal import LiteralShape
 from filters.motion.pose import PoseMotion, body_path
 from filters.motion.shape import ShapeMechanics
 from filters.poses import PoseTrial, Shapes, certain_shapes, residual_rate, shapes_of
-from filters.subspace import bridge
 from mocap.arrays import Array
-from mocap.body import smooth_series
 
 Mechanics = Literal["free", "linear", "field", "literal"]
 Potential = Literal["shape", "motion", "quadratic", "quadratic motion", "none"]
@@ -67,27 +64,6 @@ class PoseSettings:
     certain: float = 0.8
     weight: float = 4.0
     bones: float = 1.0
-
-
-def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
-    """Spectral density of a white acceleration that moves like a series: S = 2 sd(velocity) sd(acceleration).
-
-    For an oscillation of variance a^2 at w, S = 2 a^2 w^3: its acceleration has variance a^2 w^4 and keeps its sign for
-    about 1 / w.
-
-    Args:
-        y: (T, k) series.
-        dt_s: Time step.
-        cutoff_hz: Faster motion is taken for noise.
-
-    Returns:
-        (k,) densities in unit^2/s^3, positive.
-    """
-    smooth = smooth_series(y, np.ones(len(y)), dt_s=dt_s, cutoff_hz=cutoff_hz)
-    velocity = np.gradient(smooth, dt_s, axis=0)
-    acceleration = np.gradient(velocity, dt_s, axis=0)
-    density = 2 * velocity.std(axis=0) * acceleration.std(axis=0)
-    return np.maximum(density, 1e-6 * max(density.max(), 1e-12))
 
 
 def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, certain: float) -> Motion:
@@ -252,46 +228,3 @@ def penalty(potential: EmpiricalPotential, scale: Array, stiffness: float) -> Ca
     ``stiffness`` is 1/eps^2 a second; ``scale`` (k,) brings the state to the units of the samples.
     """
     return lambda x: potential.barrier_gradient(x * scale) * (stiffness * scale)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MarkerSettings:
-    """Choices of constant velocity, each marker for itself.
-
-    Attributes:
-        acceleration: Factor on the density of accelerations that the recording shows. The smaller it is, the more
-            frames on both sides of a gap are averaged over to know with what velocity a marker left and came back.
-    """
-
-    acceleration: float = 1.0
-
-
-def learn_constant_velocity(
-    xyz_m: Array, *, dt_s: float, settings: MarkerSettings = MarkerSettings()
-) -> ConstantVelocity:
-    """Constant velocity for each marker, with the acceleration that the recording shows.
-
-    Args:
-        xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
-        dt_s: Time step.
-        settings: Choices.
-    """
-    seen = np.isfinite(xyz_m[..., 0])
-    start = xyz_m[np.argmax(seen, axis=0), np.arange(xyz_m.shape[1])]
-    start = np.where(np.isfinite(start), start, np.nanmean(xyz_m.reshape(-1, 3), axis=0))
-    density = np.full(xyz_m.shape[1], np.nan)
-    for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
-        frames = np.flatnonzero(seen[:, marker])
-        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])
-        density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s)).mean()
-    speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / dt_s
-    speed_sd = float(np.sqrt(np.mean(speed[np.isfinite(speed)] ** 2))) if np.isfinite(speed).any() else 1.0
-    extent = float(np.sqrt(np.mean(np.nanvar(xyz_m.reshape(-1, 3), axis=0))))
-    if np.isfinite(density).any():
-        density = np.where(np.isfinite(density), density, np.nanmedian(density))
-    else:
-        density = np.full(len(density), max(speed_sd, 1e-3) ** 2 / dt_s)
-    density = np.maximum(settings.acceleration * density, 1e-9)  # m^2/s^3: one that never moves has a covariance, too
-    return ConstantVelocity(
-        start_m=start, start_sd_m=max(extent, 1e-3), speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density
-    )

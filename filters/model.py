@@ -7,7 +7,8 @@ import numpy as np
 
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind, shares
-from filters.learn import MarkerSettings, PoseSettings
+from filters.learn import PoseSettings
+from filters.learn_markers import MarkerSettings
 from filters.mixture import Mixture, gap_lengths, mixed_fill
 from filters.observations import Observations
 from filters.poses import MarkerTrial

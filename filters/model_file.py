@@ -12,7 +12,8 @@ import numpy as np
 
 from filters.delayed import DelaySettings
 from filters.fitting import Kind
-from filters.learn import MarkerSettings, PoseSettings
+from filters.learn import PoseSettings
+from filters.learn_markers import MarkerSettings
 from filters.mixture import Mixture
 from filters.model import LearnedModel, kind_name, own_fitting
 from filters.motion.pose import PoseMotion

@@ -9,7 +9,8 @@ import numpy as np
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind
 from filters.hidden import Fill, Hidden, fill_of, hide_groups, joined_fills, lengths_for
-from filters.learn import MarkerSettings, PoseSettings, Potential
+from filters.learn import PoseSettings, Potential
+from filters.learn_markers import MarkerSettings
 from filters.mixture import Mixture, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial

@@ -15,7 +15,7 @@ from app.source import Source
 from app.tracking import marker_trial, seen_part
 from datasets import make_bat
 from filters.hidden import Fill, fill_of, hide_groups, joined_fills
-from filters.learn import learn_constant_velocity
+from filters.learn_markers import learn_constant_velocity
 from filters.model import learn_model, track_with
 from filters.model_file import load_model
 from filters.observations import PositionObservations

@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from filters.learn import MarkerSettings
+from filters.learn_markers import MarkerSettings
 from filters.mixture import Mixture
 from filters.model import LearnedModel
 from filters.poses import MarkerTrial

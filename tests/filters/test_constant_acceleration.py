@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from filters.ensemble import Gaussian
-from filters.learn_acceleration import jerk_moments, learn_constant_acceleration
+from filters.learn_markers import jerk_moments, learn_constant_acceleration
 from filters.motion.base import Step
 from filters.motion.constant_acceleration import ConstantAcceleration, white_jerk
 from filters.observations import PositionObservations

@@ -5,7 +5,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from datasets import make_bat
-from filters.learn import PoseSettings, learn_constant_velocity, learn_pose
+from filters.learn import PoseSettings, learn_pose
+from filters.learn_markers import learn_constant_velocity
 from filters.observations import PixelObservations
 from filters.poses import pose_trial
 from filters.track import smooth

@@ -7,7 +7,7 @@ import pytest
 
 from datasets import make_bat
 from filters.hidden import hide_groups
-from filters.learn import learn_constant_velocity
+from filters.learn_markers import learn_constant_velocity
 from filters.model import LearnedModel, fitting_for, learn_model, track_with
 from filters.model_file import load_model, save_model
 from filters.observations import PositionObservations

@@ -5,16 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from filters.learn import (
-    PoseSettings,
-    acceleration_density,
-    learn_constant_velocity,
-    learn_pose,
-    learn_potential,
-    penalty,
-    recorded_motion,
-    with_potential,
-)
+from filters.learn import PoseSettings, learn_pose, learn_potential, penalty, recorded_motion, with_potential
+from filters.learn_markers import acceleration_density, learn_constant_velocity
 from filters.poses import pose_trial, shapes_of
 from mocap.body import body_frames
 
@@ -155,3 +147,18 @@ def test_constant_velocity_of_few_frames(n_frames):
     assert np.isfinite(start.mean).all()
     assert (np.diag(start.factor) > 0).all()
     assert (np.diag(model.noise(DT_S)) > 0).all()
+
+
+def test_constant_velocity_learns_from_other_recordings(learned):
+    """A marker that rests, or is never seen, has the noise that other recordings show; their mean is geometric."""
+    moving = learned[0]
+    still, unseen = moving.copy(), moving.copy()
+    still[:, 6] = still[0, 6] + 1e-6 * np.random.default_rng(5).normal(size=(len(still), 3))
+    unseen[:, 6] = np.nan
+    one, other, both, without = (
+        learn_constant_velocity(xyz, dt_s=DT_S, others=others).density
+        for xyz, others in ((moving, ()), (still, ()), (still, (moving,)), (unseen, (moving,)))
+    )
+    assert other[6] < 1e-6 * one[6]
+    np.testing.assert_allclose(both, np.sqrt(one * other), rtol=1e-9)
+    np.testing.assert_allclose(without, one, rtol=1e-9)

@@ -7,7 +7,8 @@ from dataclasses import asdict, fields, replace
 import numpy as np
 import pytest
 
-from filters.learn import MarkerSettings, PoseSettings
+from filters.learn import PoseSettings
+from filters.learn_markers import MarkerSettings
 from filters.model_file import load_model, save_model
 from filters.several import Several
 from mocap.errors import FormatError, MocapError

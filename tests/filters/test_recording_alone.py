@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from filters.fitting import Fitting
-from filters.learn import MarkerSettings, PoseSettings
+from filters.learn import PoseSettings
+from filters.learn_markers import MarkerSettings
 from filters.model import learn_from_itself, track_with
 from filters.observations import PositionObservations
 from tests.filters.test_tuning import trial_of

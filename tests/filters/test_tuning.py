@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from filters.hidden import Fill, Hidden
-from filters.learn import MarkerSettings, PoseSettings, learn_constant_velocity
+from filters.learn import PoseSettings
+from filters.learn_markers import MarkerSettings, learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.track import log_likelihood

@@ -21,13 +21,16 @@ pytestmark = pytest.mark.viewer
 FRAME = 33
 
 
-def corner_of(picture, window):
-    """(x, y) where a picture of a view lies in that of the window."""
-    (h, w), (height, width) = picture.shape[:2], window.shape[:2]
-    for y in range(height - h, -1, -1):
-        for x in range(width - w + 1):
-            if (window[y : y + h, x : x + w] == picture).all():
-                return np.array([x, y])
+def place_of(viewer, view, patience_s=60.0):
+    """Size (w, h) of a view's picture and where (x, y) it lies in that of the window, once both show the same."""
+    end = time.monotonic() + patience_s
+    while time.monotonic() < end:
+        picture = viewer.picture(view, frame=FRAME)
+        window = np.asarray(Image.open(io.BytesIO(viewer.client.take_screenshot())).convert("RGB"))
+        (h, w), dot = picture.shape[:2], np.argwhere((picture != picture[0, 0]).any(axis=-1))[0]
+        for y, x in np.argwhere((window == picture[*dot]).all(axis=-1)) - dot:
+            if y >= 0 and x >= 0 and np.array_equal(window[y : y + h, x : x + w], picture):
+                return np.array([w, h]), np.array([x, y])
     raise AssertionError("the view is not in its window")
 
 
@@ -72,11 +75,9 @@ def test_pointing_at_a_marker_reads_its_name_and_position(tmp_path):
         run = loaded(viewer, run, tmp_path)
         with Pointer(viewer.client.url.removeprefix("rerun+").removesuffix("/proxy")) as pointer:
             for entity, expected in entities.items():
-                picture = viewer.picture(tile(run, "cam1", entity), frame=FRAME)
-                window = np.asarray(Image.open(io.BytesIO(viewer.client.take_screenshot())).convert("RGB"))
-                size = np.array(picture.shape[1::-1])
+                size, corner = place_of(viewer, tile(run, "cam1", entity))
                 scale = min(size / SIZE_PX)
-                places = (uv - np.array(SIZE_PX) / 2) * scale + size / 2 + corner_of(picture, window)
+                places = (uv - np.array(SIZE_PX) / 2) * scale + size / 2 + corner
                 for m in lonely:
                     words = (f'"{markers.names[m]}"', f"{entity.rsplit('/', 1)[1]}[", "positions")
                     text = read_at(pointer, places[m], *words)

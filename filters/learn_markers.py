@@ -1,0 +1,139 @@
+"""Constant velocity and constant acceleration of single markers, learned from recordings."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from filters.motion.constant_acceleration import ConstantAcceleration
+from filters.motion.constant_velocity import ConstantVelocity
+from filters.subspace import bridge
+from mocap.arrays import Array
+from mocap.body import smooth_series
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerSettings:
+    """Choices of constant velocity, each marker for itself.
+
+    Attributes:
+        acceleration: Factor on the density of accelerations that the trials show. The smaller it is, the more frames
+            on both sides of a gap are averaged over to know with what velocity a marker left and came back.
+    """
+
+    acceleration: float = 1.0
+
+
+def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
+    """Spectral density of a white acceleration that moves like a series: S = 2 sd(velocity) sd(acceleration).
+
+    For an oscillation of variance a^2 at w, S = 2 a^2 w^3: its acceleration has variance a^2 w^4 and keeps its sign for
+    about 1 / w.
+
+    Args:
+        y: (T, k) series.
+        dt_s: Time step.
+        cutoff_hz: Faster motion is taken for noise.
+
+    Returns:
+        (k,) densities in unit^2/s^3, positive.
+    """
+    smooth = smooth_series(y, np.ones(len(y)), dt_s=dt_s, cutoff_hz=cutoff_hz)
+    velocity = np.gradient(smooth, dt_s, axis=0)
+    acceleration = np.gradient(velocity, dt_s, axis=0)
+    density = 2 * velocity.std(axis=0) * acceleration.std(axis=0)
+    return np.maximum(density, 1e-6 * max(density.max(), 1e-12))
+
+
+def marker_density(xyz_m: Array, *, dt_s: float) -> Array:
+    """(M,) spectral density of each marker's acceleration in a recording (T, M, 3); NaN where it is seen too seldom."""
+    seen = np.isfinite(xyz_m[..., 0])
+    density = np.full(xyz_m.shape[1], np.nan)
+    for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
+        frames = np.flatnonzero(seen[:, marker])
+        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])
+        density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s)).mean()
+    return density
+
+
+def learn_constant_velocity(
+    xyz_m: Array, *, dt_s: float, others: Sequence[Array] = (), settings: MarkerSettings = MarkerSettings()
+) -> ConstantVelocity:
+    """Constant velocity for each marker, with the acceleration that the recordings show.
+
+    Args:
+        xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
+        dt_s: Time step.
+        others: Other recordings of the same markers and rate. Of each marker's densities in all the geometric mean is
+            taken: one short recording may show it at rest (``design/marker_noise.py``).
+        settings: Choices.
+    """
+    seen = np.isfinite(xyz_m[..., 0])
+    start = xyz_m[np.argmax(seen, axis=0), np.arange(xyz_m.shape[1])]
+    start = np.where(np.isfinite(start), start, np.nanmean(xyz_m.reshape(-1, 3), axis=0))
+    shown = np.log([marker_density(xyz, dt_s=dt_s) for xyz in (*others, xyz_m)])
+    density = np.exp(np.ma.masked_invalid(shown).mean(axis=0).filled(np.nan))
+    speed = np.linalg.norm(np.diff(xyz_m, axis=0), axis=-1) / dt_s
+    speed_sd = float(np.sqrt(np.mean(speed[np.isfinite(speed)] ** 2))) if np.isfinite(speed).any() else 1.0
+    extent = float(np.sqrt(np.mean(np.nanvar(xyz_m.reshape(-1, 3), axis=0))))
+    if np.isfinite(density).any():
+        density = np.where(np.isfinite(density), density, np.nanmedian(density))
+    else:
+        density = np.full(len(density), max(speed_sd, 1e-3) ** 2 / dt_s)
+    density = np.maximum(settings.acceleration * density, 1e-9)  # m^2/s^3: one that never moves has a covariance, too
+    return ConstantVelocity(
+        start_m=start, start_sd_m=max(extent, 1e-3), speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density
+    )
+
+
+def jerk_moments(y: Array, *, dt_s: float, cutoff_hz: float) -> tuple[Array, Array]:
+    """Standard deviation of the acceleration, and spectral density of a white jerk that moves like a series.
+
+    S = 2 sd(acceleration) sd(jerk): for an oscillation of variance a^2 at w this is 2 a^2 w^5, as its jerk has variance
+    a^2 w^6 and keeps its sign for about 1 / w.
+
+    Args:
+        y: (T, k) series.
+        dt_s: Time step.
+        cutoff_hz: Faster motion is taken for noise.
+
+    Returns:
+        (k,) deviations in unit/s^2, and (k,) densities in unit^2/s^5, positive.
+    """
+    smooth = smooth_series(y, np.ones(len(y)), dt_s=dt_s, cutoff_hz=cutoff_hz)
+    acceleration = np.gradient(np.gradient(smooth, dt_s, axis=0), dt_s, axis=0)
+    density = 2 * acceleration.std(axis=0) * np.gradient(acceleration, dt_s, axis=0).std(axis=0)
+    return acceleration.std(axis=0), np.maximum(density, 1e-6 * max(density.max(), 1e-12))
+
+
+def learn_constant_acceleration(xyz_m: Array, *, dt_s: float) -> ConstantAcceleration:
+    """Constant acceleration for each marker, with the jerk that the recording shows.
+
+    Markers that are seen too seldom take the median of the others; where all are, the jerk changes the acceleration by
+    itself within a frame.
+
+    Args:
+        xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
+        dt_s: Time step.
+    """
+    start = learn_constant_velocity(xyz_m, dt_s=dt_s)
+    seen = np.isfinite(xyz_m[..., 0])
+    sd, density = np.full((2, xyz_m.shape[1]), np.nan)
+    for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
+        frames = np.flatnonzero(seen[:, marker])
+        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])
+        each = jerk_moments(series, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
+        sd[marker], density[marker] = np.sqrt(np.mean(each[0] ** 2)), each[1].mean()
+    if np.isfinite(density).any():
+        known = np.isfinite(density)
+        sd, density = np.where(known, sd, np.median(sd[known])), np.where(known, density, np.median(density[known]))
+    else:
+        sd = np.full(len(sd), start.speed_sd_m_s / dt_s)
+        density = sd**2 / dt_s
+    return ConstantAcceleration(
+        start_m=start.start_m,
+        start_sd_m=start.start_sd_m,
+        speed_sd_m_s=start.speed_sd_m_s,
+        acceleration_sd_m_s2=2 * np.maximum(sd, 1e-3),
+        density=np.maximum(density, 1e-9),  # a marker that never moves still has a covariance
+    )

@@ -22,13 +22,14 @@ import numpy as np
 from datasets import make_bat
 from datasets.rig import tunnel_cameras
 from eal.threads import one_blas_thread
-from filters.learn import PoseSettings, learn_pose
+from filters.fitting import Fitting
+from filters.learn import PoseSettings
 from filters.learn_markers import learn_constant_velocity
 from filters.live import live, looks
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
 from filters.observations import Observations, PixelObservations, PositionObservations
-from filters.poses import MarkerTrial, poses_of
+from filters.poses import MarkerTrial
 from filters.track import filter_forward, smooth
 from mocap import triangulate
 from mocap.arrays import Array
@@ -94,7 +95,7 @@ def twin(n_frames: int, settings: PoseSettings) -> Case:
     seen = filmed(truth.truth.xyz_m[:n_frames], t_s)
     trunk = [truth.truth.names.index(name) for name in truth.skeleton.trunk]
     own = MarkerTrial(name="bat", t_s=t_s, xyz_m=seen.xyz_m, sd_m=np.full(seen.xyz_m.shape[:2], 1e-3))
-    return Case(learn_pose(poses_of([own], trunk, body_hz=settings.body_hz), settings), seen, t_s)
+    return Case(Fitting([own], trunk).pose(settings), seen, t_s)
 
 
 def best(calls: dict[str, Callable[[], None]], rounds: int) -> dict[str, tuple[float, float]]:
@@ -114,7 +115,7 @@ def show(title: str, case: Case, calls: dict[str, Callable[[], None]], rounds: i
     n_frames = len(case.t_s)
     for name, (wall, cpu) in best(calls, rounds).items():
         print(
-            f"{title:36}{case.model.points.n:4}  {name:22}{1e3 * wall / n_frames:9.2f}{1e3 * cpu / n_frames:9.2f}"
+            f"{title:44}{case.model.points.n:4}  {name:22}{1e3 * wall / n_frames:9.2f}{1e3 * cpu / n_frames:9.2f}"
             f"{n_frames / wall:10.0f}",
             flush=True,
         )
@@ -152,14 +153,14 @@ def mouse() -> None:
     xyz = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
     trunk = [tracks.names.index(n) for n in ("left_coord", "right_coord", "left_back", "right_back", "miniscope")]
     own = MarkerTrial(name="mouse", t_s=tracks.t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 1e-4))
-    settings, start = PoseSettings(), time.perf_counter()
+    start = time.perf_counter()
     with one_blas_thread():
-        model = learn_pose(poses_of([own], trunk, body_hz=settings.body_hz), settings)
+        model = Fitting([own], trunk).pose(PoseSettings())
     learned = time.perf_counter() - start
     case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), tracks.t_s)
     (wall, cpu) = best({"smooth": case.smoothed}, 1)["smooth"]
     print(
-        f"mouse, {len(xyz)} x {xyz.shape[1]} positions, V_z, n = {model.points.n}: learned in {learned:.1f} s, "
+        f"mouse, {len(xyz)} x {xyz.shape[1]} positions, V_z, bones, n = {model.points.n}: learned in {learned:.1f} s, "
         f"filtered and smoothed in {wall:.1f} s ({cpu:.1f} s of the processor)"
     )
 
@@ -176,16 +177,17 @@ def main() -> None:
         return
     n_frames, rounds = (100, 1) if options.quick else (300, ROUNDS)
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
-    print(f"{'34 markers x 30 cameras':36}{'n':>4}  {'':22}{'wall ms':>9}{'cpu ms':>9}{'frames/s':>10}")
+    print(f"{'34 markers x 30 cameras':44}{'n':>4}  {'':22}{'wall ms':>9}{'cpu ms':>9}{'frames/s':>10}")
     case = markers(n_frames)
     lines = {"filter": case.filtered, "filter + smooth": case.smoothed}
     lines["filter, rays twice"] = partial(case.filtered, 2)
     lags = {"live, lag 10": partial(case.lagged, 10, 1), "live, lag 10, by tens": partial(case.lagged, 10, 10)}
     show("constant velocity a marker", case, lines | lags, rounds)
     for title, settings in {
-        "pose, no forces": PoseSettings(potential="none"),
-        "pose, V_z": PoseSettings(),
-        "pose, field + V_z of motion": PoseSettings(mechanics="field", potential="motion"),
+        "pose, no forces": PoseSettings(potential="none", bones=0.0),
+        "pose, V_z": PoseSettings(bones=0.0),
+        "pose, V_z, bones": PoseSettings(),
+        "pose, field, V_z of motion, bones": PoseSettings(mechanics="field", potential="motion"),
     }.items():
         case = twin(n_frames, settings)
         assert isinstance(case.model, PoseMotion)

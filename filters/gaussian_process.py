@@ -106,16 +106,15 @@ class Covariance:
             self.own * apart.same * bent,
         )
 
-    def gradient(self, apart: "Apart") -> tuple[Array, Array]:
-        """(n, n) covariance of rows with themselves, noise included, and its (8, n, n) slopes by each logarithm."""
+    def gradient(self, apart: "Apart") -> tuple[Array, tuple[Array, ...]]:
+        """(n, n) covariance of rows with themselves, noise included, and its 8 slopes (n, n) by each logarithm."""
         linear, curved, trial, slow, own = self.parts(apart)
         u = apart.lag / self.memory
         sharp = -self.sharp * apart.square * (curved + own)
         memory = slow * u**2 / (1 + u)  # d (1 + u) exp(-u) / du = -u exp(-u)
         noise = self.noise * np.eye(len(linear))
-        return linear + curved + trial + slow + own + noise, np.stack(
-            [linear, curved, sharp, trial, slow, memory, own, noise]
-        )
+        slopes = (linear, curved, sharp, trial, slow, memory, own, noise)
+        return linear + curved + trial + slow + own + noise, slopes
 
     def prior(self, rows: Rows) -> Array:
         """(n,) variances of rows, without noise."""
@@ -187,7 +186,7 @@ def fitted(tasks: Sequence[tuple[Rows, Array]], *, start: Covariance | None = No
             scale2 = np.mean(y * solved, axis=0) + 1e-300
             total += (0.5 * np.mean(np.log(scale2)) + np.mean(np.log(np.diag(factor[0])))) / len(known)
             pull = inverse - (solved / scale2) @ solved.T / y.shape[1]
-            slope = slope + 0.5 * np.tensordot(slopes, pull, 2) / (len(y) * len(known))
+            slope = slope + 0.5 * np.array([np.vdot(each, pull) for each in slopes]) / (len(y) * len(known))
         return float(total), slope
 
     if not known:

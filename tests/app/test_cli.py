@@ -19,7 +19,7 @@ FPS = 240.0
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    return write_recording(make_bat(seed=3, n_frames=90, n_cameras=4), tmp_path_factory.mktemp("bat"))
+    return write_recording(make_bat(seed=3, n_frames=60, n_cameras=4), tmp_path_factory.mktemp("bat"))
 
 
 def run(monkeypatch, capsys, *arguments: object) -> tuple[int, str, str]:
@@ -56,8 +56,8 @@ def test_track_writes_all_that_scripts_rely_on(mocap, files, tmp_path):
     names = list(dict.fromkeys(c.rsplit("_cam", 1)[0] for c in pixels.columns))
     fields = [f"{name}_{field}" for name in names for field in ("x", "y", "z", "sd", "origin")]
     assert list(markers.columns) == ["frame", "t_s", *fields]
-    np.testing.assert_array_equal(markers["frame"], np.arange(1, 91))
-    np.testing.assert_allclose(markers["t_s"], np.arange(90) / FPS, atol=1e-9)
+    np.testing.assert_array_equal(markers["frame"], np.arange(1, 61))
+    np.testing.assert_allclose(markers["t_s"], np.arange(60) / FPS, atol=1e-9)
     seen = np.stack(
         [pixels.filter(regex=f"^{name}_cam.*_X$").notna().sum(axis=1).to_numpy() >= 2 for name in names], axis=1
     )

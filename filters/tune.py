@@ -232,7 +232,7 @@ USUAL_MARKER = MarkerSettings(acceleration=0.3)
 
 def marker_kind(search: Search) -> MarkerSettings:
     """Constant velocity of each marker, by how many frames its velocity is known at the edges of a gap."""
-    return search.improve(USUAL_MARKER, [{"acceleration": factor} for factor in (0.1, 0.03, 1.0)])
+    return search.improve(USUAL_MARKER, [{"acceleration": factor} for factor in (0.1, 0.03, 0.01, 1.0)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,7 +17,7 @@ demo: setup
 	$(BIN)/mocap demo bat --out out/demo --force
 
 test: setup
-	$(BIN)/python -m pytest
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist loadgroup
 
 check: test
 	$(BIN)/ruff check .

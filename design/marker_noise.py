@@ -21,9 +21,9 @@ gaps comes near:
 | likelihood | +3.2 | +1.0 | 0.0 | +1.0 | +4.4 | -2.1 |
 | flat | +2.4 | +2.1 | +3.4 | +7.1 | +13.3 | -1.3 |
 
-``all`` is within 1 % of the best way in nine of twelve trials, within 1.4 % in all, and on ``snake_gap``, where a piece of 180 frames
-shows some markers at rest, 2.5 and 0.6 % better than ``own``. The factor matters more: the snakes want 0.01 to 0.03
-(``snake_glide`` -10 and -8 % against 0.3), the lizard twin 1.
+``all`` is within 1 % of the best way in nine of twelve trials, within 1.4 % in all, and on ``snake_gap``, where a piece
+of 180 frames shows some markers at rest, 2.5 and 0.6 % better than ``own``. The factor matters more: the snakes want
+0.01 to 0.03 (``snake_glide`` -10 and -8 % against 0.3), the lizard twin 1.
 """
 
 import sys

@@ -82,7 +82,8 @@ def main() -> int:
     own, names = [method.name for method in [*ours(), *alone()]], set(folds["method"].astype(str))
     peers = sorted(names.difference(own))
     if own[0] in names and peers and len(set(folds["seed"])) > 1:
-        print(as_sentence(against_best(folds, own[0], peers), own[0]), flush=True)
+        by = "trial" if folds.groupby("set")["trial"].nunique().min() > 2 else "seed"
+        print(as_sentence(against_best(folds, own[0], peers, by=by), own[0]), flush=True)
     _write(folds, args.out, final=True)
     print(f"{time.perf_counter() - begin:.0f} s; {args.out}", file=sys.stderr)
     return 0

@@ -99,13 +99,15 @@ def ratios(folds: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out, columns=[*CELL, "method", "best", "ln_ratio", "error"])
 
 
-def against_best(folds: pd.DataFrame, method: str, peers: Sequence[str]) -> pd.DataFrame:
+def against_best(folds: pd.DataFrame, method: str, peers: Sequence[str], *, by: str = "seed") -> pd.DataFrame:
     """A method against the peer that is best in a cell by the other seeds: the best of many by the same seed is luck.
 
     Columns: ``CELL``, ``seed``, ``best`` (the peer of the least mean log RMSE over the other seeds), ``ln_ratio`` (ln
-    RMSE of the method minus that peer's, by this seed). Cells of one seed are left out.
+    RMSE of the method minus that peer's, by this seed). Cells of one seed are left out. With ``by`` "trial" the same of
+    trials in place of seeds: seeds hide other gaps in the same trial, and in a short one these show the same event.
     """
-    logs = pooled(folds).assign(log=lambda table: np.log(table["rmse_mm"])).set_index([*CELL, "seed", "method"])["log"]
+    table = pooled(folds) if by == "seed" else folds
+    logs = np.log(table.set_index([*CELL, by, "method"])["rmse_mm"]).groupby(level=[*CELL, by, "method"]).mean()
     out = []
     for cell, part in logs.unstack("method").groupby(CELL, sort=False):
         for row, line in part.iterrows():
@@ -113,22 +115,23 @@ def against_best(folds: pd.DataFrame, method: str, peers: Sequence[str]) -> pd.D
             if len(part) > 1 and len(others):
                 best = str(others.idxmin())
                 out.append((*cell, row[-1], best, line[method] - line[best]))
-    return pd.DataFrame(out, columns=[*CELL, "seed", "best", "ln_ratio"])
+    return pd.DataFrame(out, columns=[*CELL, by, "best", "ln_ratio"])
 
 
 def as_sentence(ratios: pd.DataFrame, method: str) -> str:
     """What ``against_best`` says of gaps of 25 frames or more.
 
-    A cell's standard error is the same for all: by the variance between seeds, pooled over cells.
+    A cell's standard error is the same for all: by the variance between seeds, or trials, pooled over cells.
     """
+    by = "trial" if "trial" in ratios else "seed"
     by_cell = ratios[ratios["gap"] >= 25].dropna().groupby(CELL)["ln_ratio"]
     cells = by_cell.agg(["min", "mean", "max", "count", "var"])
     mean, near = np.expm1(np.average(cells["mean"], weights=cells["count"])), 0.03
     sure = 2 * np.sqrt(cells["var"].mean() / cells["count"])
     return (
-        f"{method} against the peer that is best in the cell by the other seeds, gaps of 25 frames or more: "
+        f"{method} against the peer that is best in the cell by the other {by}s, gaps of 25 frames or more: "
         f"{mean:+.0%} on average; of {len(cells)} cells {(cells['max'] < -near).sum()} more than 3 % better with every "
-        f"seed, {(cells['min'] > near).sum()} worse; {(cells['mean'] < -sure).sum()} better by more than two standard "
+        f"{by}, {(cells['min'] > near).sum()} worse; {(cells['mean'] < -sure).sum()} better by more than two standard "
         f"errors, {(cells['mean'] > sure).sum()} worse"
     )
 

@@ -106,3 +106,19 @@ def test_the_best_of_many_is_chosen_by_the_other_seeds():
     assert "-65% on average; of 1 cells 1 more than 3 % better with every seed, 0 worse" in said
     assert said.endswith("; 1 better by more than two standard errors, 0 worse")  # -1.04 with 0.35
     assert against_best(folds[folds["seed"] == 0], "ours", ["a", "b"]).empty
+
+
+def test_the_best_of_many_is_chosen_by_the_other_trials():
+    """Two seeds a trial, geometric means 2 of ours, 1 and 4 of peer a, 8 and 1 of b: as if a trial had one seed."""
+    mm = {("ours", "x"): 2.0, ("ours", "y"): 2.0, ("a", "x"): 1.0, ("a", "y"): 4.0, ("b", "x"): 8.0, ("b", "y"): 1.0}
+    folds = make_folds(
+        {
+            ("bat", 50, method, seed, trial): (10 + seed, value * 3.0 ** (1 - 2 * seed))
+            for (method, trial), value in mm.items()
+            for seed in (0, 1)
+        }
+    )
+    found = against_best(folds, "ours", ["a", "b"], by="trial").set_index("trial")
+    assert found["best"].to_dict() == {"x": "b", "y": "a"}
+    np.testing.assert_allclose(found["ln_ratio"], [np.log(2 / 8), np.log(2 / 4)])
+    assert "with every trial" in as_sentence(found.reset_index(), "ours")

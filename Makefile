@@ -17,7 +17,7 @@ demo: setup
 	$(BIN)/mocap demo bat --out out/demo --force
 
 test: setup
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist loadgroup
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup
 
 check: test
 	$(BIN)/ruff check .

@@ -162,13 +162,13 @@ def smooth(
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
 
     A recording whose states would take more than ``most_bytes`` is filtered in blocks of which only the state before
-    each is kept; going back, each block is filtered again. The memory for states is then flat in the number of
-    frames, for a third more time.
+    each is kept; going back, each block but the last is filtered again. The memory for states is then flat in the
+    number of frames, for a third more time.
     """
     n_frames, size = observations.n_frames, model.points.n
     options: dict[str, Any] = {"gate_sd": gate_sd, "linearisations": linearisations}
     length = max(2, int(most_bytes / (3 * 8 * size**2)))
-    blocks = [range(start, min(start + length, n_frames)) for start in range(0, n_frames, length)]
+    blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
     with threadpool_limits(1):
         half = None if progress is None else (lambda share: progress(0.5 * share))
         before: list[Gaussian | None] = [None]

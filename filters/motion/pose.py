@@ -3,6 +3,8 @@
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -42,6 +44,34 @@ def body_path(frames: BodyFrames, t_s: Array) -> BodyPath:
     rate = turn / np.diff(t_s)[:, None]
     rate = 0.5 * (np.concatenate([rate[:1], rate]) + np.concatenate([rate, rate[-1:]]))
     return BodyPath(frames=frames, velocity_m_s=np.gradient(frames.position_m, t_s, axis=0), rate_rad_s=rate)
+
+
+class PathStep(NamedTuple):
+    """What a path's own motion does in steps of time, (n, ...) each.
+
+    Attributes:
+        shift: (n, 6) what it adds to the body's deviation from the path.
+        speed: (n, 6) and to the rate of that.
+        half: (n, 3, 3) half of its turn.
+    """
+
+    shift: Array
+    speed: Array
+    half: Array
+
+
+def path_steps(path: BodyPath, dt_s: float, part: slice = slice(None)) -> PathStep:
+    """The steps from frame to frame of a part of a path, each of the same time."""
+    position, rotation = path.frames.position_m[part], path.frames.rotation[part]
+    velocity, rate = path.velocity_m_s[part], path.rate_rad_s[part]
+    half = Rotation.from_rotvec(0.5 * dt_s * rate[:-1]).as_matrix()
+    moved = position[:-1] + dt_s * velocity[:-1] - position[1:]
+    turned = Rotation.from_matrix(np.swapaxes(rotation[1:], 1, 2) @ rotation[:-1] @ half @ half).as_rotvec()
+    return PathStep(
+        np.concatenate([moved, turned], axis=1),
+        np.concatenate([velocity[:-1] - velocity[1:], rate[:-1] - rate[1:]], axis=1),
+        half,
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,6 +120,7 @@ class PoseMotion(MotionModel):
     reads: int = field(init=False)
     points: SigmaPoints = field(init=False)
     rank: int = field(init=False)
+    _steps: list[tuple[float, PathStep]] = field(init=False, repr=False, default_factory=list)
 
     def __post_init__(self) -> None:
         """Sizes."""
@@ -98,7 +129,7 @@ class PoseMotion(MotionModel):
         object.__setattr__(self, "reads", 2 * rank + 6 + size)
         object.__setattr__(self, "points", default_points(2 * rank + 12 + 2 * size))
 
-    @property
+    @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
         """Where [z, zdot], g, e, gdot and edot are."""
         r, d = 2 * self.rank, len(self.subspace.mean)
@@ -130,11 +161,10 @@ class PoseMotion(MotionModel):
         states = np.concatenate([state.mean[None], state.factor.T])
         both = self.advance(states, step.dt_s)
         turn, spin = slice(g.start + 3, g.stop), slice(g_rate.start + 3, g_rate.stop)
-        half = Rotation.from_rotvec(0.5 * step.dt_s * self.path.rate_rad_s[step.frame - 1]).as_matrix()
+        shift, speed, half = self._along(step.frame, step.dt_s)
         both[:, turn] = (states[:, turn] @ half + step.dt_s * states[:, spin]) @ half  # in axes that turn with the path
         ahead, rows = both[0], both[1:]
         ahead[shape], rows[:, shape] = mean, state.factor[shape].T @ transition.T
-        shift, speed = self._path_input(step.frame, step.dt_s)
         ahead[g] += shift
         ahead[g_rate] += speed
         if bent.shape[1]:
@@ -143,16 +173,14 @@ class PoseMotion(MotionModel):
             rows = np.concatenate([rows, extra])
         return predicted(ahead, rows, step.noise)
 
-    def _path_input(self, frame: int, dt_s: float) -> tuple[Array, Array]:
-        """What the path's own motion adds to the body's deviation from it, and to its rate."""
-        frames, before = self.path.frames, frame - 1
-        moved = frames.position_m[before] + dt_s * self.path.velocity_m_s[before] - frames.position_m[frame]
-        flown = frames.rotation[before] @ Rotation.from_rotvec(dt_s * self.path.rate_rad_s[before]).as_matrix()
-        turned = Rotation.from_matrix(frames.rotation[frame].T @ flown).as_rotvec()
-        slower = self.path.velocity_m_s[before] - self.path.velocity_m_s[frame]
-        return np.concatenate([moved, turned]), np.concatenate(
-            [slower, self.path.rate_rad_s[before] - self.path.rate_rad_s[frame]]
-        )
+    def _along(self, frame: int, dt_s: float) -> PathStep:
+        """What the path's own motion adds in the step to a frame; known beforehand for steps of the first's time."""
+        if not self._steps:
+            self._steps.append((dt_s, path_steps(self.path, dt_s)))
+        usual_s, steps = self._steps[0]
+        if abs(dt_s - usual_s) <= 1e-9 * usual_s:
+            return PathStep(*(part[frame - 1] for part in steps))
+        return PathStep(*(part[0] for part in path_steps(self.path, dt_s, slice(frame - 1, frame + 1))))
 
     def _matern(self, dt_s: float) -> Array:
         """(2, 2) transition of the residual and its rate."""

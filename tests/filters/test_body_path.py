@@ -88,6 +88,18 @@ def test_the_body_flies_on_with_constant_velocity_in_the_world(seed):
             np.testing.assert_allclose(found[0], expected[0], atol=1e-12)
 
 
+def test_steps_of_any_time_are_their_own():
+    """What a step predicts does not depend on the times of those before it, to 1e-9 of a step."""
+    path = curved(np.random.default_rng(0), 4)
+    size = model(path).points.n
+    state, used = Gaussian(np.random.default_rng(1).normal(0, 0.01, size), 0.01 * np.eye(size)), model(path)
+    for frame, dt_s in ((1, DT_S), (2, DT_S * (1 + 1e-12)), (3, 3 * DT_S), (2, DT_S)):
+        step = Step(frame, dt_s, used.noise(dt_s))
+        found, fresh = (pose.predict(state, step).state for pose in (used, model(path)))
+        np.testing.assert_allclose(found.mean, fresh.mean, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.factor @ found.factor.T, fresh.factor @ fresh.factor.T, rtol=0, atol=1e-9)
+
+
 @given(seed=st.integers(0, 1000))
 def test_turns_go_on_to_second_order(seed):
     """The orientation misses by the square of the deviation while the path turns little: a tenth of it, a hundredth.

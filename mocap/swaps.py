@@ -34,7 +34,7 @@ REPAIRS = {
     "exchanged_marker": "bore another marker's name",
 }
 """How a sample was repaired, by the key that reports use."""
-DOUBTFUL = {"doubtful_name": "beside a run of exchanged names, and may be of either marker"}
+DOUBTFUL = {"doubtful_name": "beside a run of exchanged names, or alone on the way of another marker: may be of either"}
 """Why a sample was rejected here, by the key that reports use."""
 UNBROKEN = 30.0
 """Negative log probability that two markers change names while one of them goes on straight in full view."""
@@ -130,16 +130,19 @@ def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchange
         unsure |= doubtful
         swaps += runs
         done.add(best)
-    return Exchanged(swaps=(*swaps, *lone_runs(xyz, bend, bone_lengths(xyz, bones))), unsure=unsure)
+    lone, doubtful = lone_runs(xyz, bend, bone_lengths(xyz, bones))
+    return Exchanged(swaps=(*swaps, *lone), unsure=unsure | doubtful)
 
 
-def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> list[Swap]:
-    """Runs in which a marker bore the name of another one that was hidden all the while.
+def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> tuple[list[Swap], Mask]:
+    """Runs in which a marker bore the name of another one that was hidden all the while, and (T, M) doubtful samples.
 
     A stretch of one name, unbroken and straight, is given to another marker where its ends lie on the way of that one
     rather than on its own: log densities of both ends about both straight continuations, whose deviations grow with the
     frames that they bridge, and what bones say, less two changes. Rigid bones must speak for it clearly by themselves:
-    markers that hide each other for a few frames come and go near to each other.
+    markers that hide each other for a few frames come and go near to each other. Where bones say neither, a stretch
+    that stands alone under its name is doubtful if it fills a hole in the way of a marker that is always ten times as
+    far off as it is from that way.
 
     Args:
         xyz_m: (T, M, 3) positions.
@@ -149,26 +152,32 @@ def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> lis
     seen = np.isfinite(xyz_m[..., 0])
     ways = [straight_on(xyz_m, bend_m)[:2], tuple(v[::-1] for v in straight_on(xyz_m[::-1], bend_m)[:2])]
     found = []
+    doubtful = np.zeros_like(seen)
     for j in np.flatnonzero(seen.any(axis=0) & np.isfinite(bend_m)):
         frames = np.flatnonzero(seen[:, j])
         off = np.linalg.norm(xyz_m[frames, j] - ways[0][0][frames, j], axis=-1) > ways[0][1][frames, j]
         for part in np.split(frames, np.flatnonzero((np.diff(frames) > STEP) | off[1:]) + 1):
             ends = (part[0], part[-1])
             hidden = ~seen[ends[0] : ends[1] + 1].any(axis=0) & np.isfinite(bend_m)
-            near = np.zeros(len(hidden), dtype=bool)
-            for (ahead, limit), end in zip(ways, ends, strict=True):
-                near |= np.linalg.norm(xyz_m[end, j] - ahead[end], axis=-1) <= limit[end]
-            for i in np.flatnonzero(hidden & near):
+            at_ends = list(zip(ways, ends, strict=True))
+            off_way = np.stack([np.linalg.norm(xyz_m[end, j] - ahead[end], axis=-1) for (ahead, _), end in at_ends])
+            near = off_way <= np.stack([limit[end] for (_, limit), end in at_ends])
+            beside = np.stack(
+                [seen[max(0, ends[0] - STEP) : ends[0]].any(axis=0), seen[ends[1] + 1 :][:STEP].any(axis=0)]
+            )
+            fills = np.all(near & beside, axis=0) if not beside[:, j].any() else np.zeros_like(hidden)
+            for i in np.flatnonzero(hidden & near.any(axis=0)):
                 pair = (int(min(i, j)), int(max(i, j)))
                 inside = slice(ends[0], ends[1] + 1)
                 by_bones = float(pair_evidence(xyz_m[inside], lengths, pair, set()).sum())
+                apart = np.linalg.norm(xyz_m[:, i] - xyz_m[:, j], axis=-1)
+                if by_bones <= -MARGIN or not np.isfinite(apart).any():
+                    continue
+                doubtful[part, j] |= fills[i] and 10 * off_way[:, i].max() < np.nanquantile(apart, 0.05)
                 if by_bones < MARGIN:
                     continue
-                apart = np.linalg.norm(xyz_m[:, i] - xyz_m[:, j], axis=-1)
-                if not np.isfinite(apart).any():
-                    continue
                 widest, score = float(np.nanmedian(apart)), by_bones - 2 * CHANGE
-                for (ahead, limit), end in zip(ways, ends, strict=True):
+                for (ahead, limit), end in at_ends:
                     for marker, sign in ((i, 1), (j, -1)):
                         sd = float(
                             np.clip(np.nan_to_num(limit[end, marker] / (5 * np.sqrt(3)), nan=widest), 1e-9, widest)
@@ -184,7 +193,7 @@ def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> lis
         if not taken[where].any():
             taken[where] = True
             chosen.append(run)
-    return chosen
+    return chosen, doubtful & ~taken
 
 
 def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tuple[list[Swap], Mask]:

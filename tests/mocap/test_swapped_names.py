@@ -134,6 +134,22 @@ def test_the_name_of_a_hidden_marker(bat):
     assert not exchanged_markers(given, NO_BONES).swaps
 
 
+def test_a_few_frames_under_the_name_of_a_hidden_marker_are_doubtful(bat):
+    """Nothing but the hole that they fill tells whose they are; in their own place they are kept."""
+    a, b = bat.pair("elbow")
+    xyz = bat.truth + 2e-4 * np.random.default_rng(3).standard_normal(bat.truth.shape)
+    few = range(100, 103)
+    xyz[np.setdiff1d(np.arange(90, 130), few), a] = np.nan
+    own = xyz.copy()
+    own[few, b] = np.nan
+    xyz[few, a] = np.nan
+    given = exchange(xyz, [swap(a, b, few)])
+    found = exchanged_markers(given, NO_BONES)
+    assert not found.swaps
+    assert np.argwhere(found.unsure).tolist() == [[frame, a] for frame in few]
+    assert not exchanged_markers(own, NO_BONES).unsure.any()
+
+
 def test_the_longer_of_two_stretches_keeps_its_names():
     """Names that change once without a bone to tell: the stretch that is longer is believed."""
     t = np.arange(100.0)

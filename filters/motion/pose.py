@@ -120,7 +120,6 @@ class PoseMotion(MotionModel):
     reads: int = field(init=False)
     points: SigmaPoints = field(init=False)
     rank: int = field(init=False)
-    _steps: list[tuple[float, PathStep]] = field(init=False, repr=False, default_factory=list)
 
     def __post_init__(self) -> None:
         """Sizes."""
@@ -172,6 +171,11 @@ class PoseMotion(MotionModel):
             extra[:, shape] = bent.T
             rows = np.concatenate([rows, extra])
         return predicted(ahead, rows, step.noise)
+
+    @cached_property
+    def _steps(self) -> list[tuple[float, PathStep]]:
+        """A time and all steps of the path in it, once they are made."""
+        return []
 
     def _along(self, frame: int, dt_s: float) -> PathStep:
         """What the path's own motion adds in the step to a frame; known beforehand for steps of the first's time."""

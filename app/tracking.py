@@ -1,7 +1,7 @@
 """Learn motion models from a prepared recording, track with them, and measure on hidden samples how they fill gaps."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,6 @@ from filters.learn import PoseSettings, learn_pose
 from filters.learn_markers import learn_constant_velocity
 from filters.model import LearnedModel, learn_from_itself, track_with
 from filters.motion.base import MotionModel
-from filters.motion.pose import PoseMotion
 from filters.observations import WHOLE
 from filters.poses import MarkerTrial, pose_trial
 from filters.records import TrackedMotion
@@ -294,8 +293,3 @@ def _best_window(seen: Mask, part: Part, most_frames: int) -> slice:
     total = np.concatenate([[0], np.cumsum(seen[part.frames].sum(axis=1))])
     best = int(np.argmax(total[most_frames:] - total[:-most_frames]))
     return slice(start + best, start + best + most_frames)
-
-
-def without_potential(model: MotionModel) -> MotionModel:
-    """The same pose model without V_z: what the potential is measured against."""
-    return replace(model, gradient=None, name="pose_constant_velocity") if isinstance(model, PoseMotion) else model

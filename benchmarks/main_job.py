@@ -5,6 +5,7 @@ The seeds are others than those on which ``design/potential_stiffness.py`` settl
 """
 
 import argparse
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -13,10 +14,17 @@ from app.demo import Animal, measured_demo
 from app.gaps import interior_gaps, score
 from app.main_job import Stages
 from app.prepare import Prepared
-from app.tracking import learn_models, seen_part, track, tracked_motion, without_potential
+from app.tracking import learn_models, seen_part, track, tracked_motion
 from filters.learn import PoseSettings
+from filters.motion.base import MotionModel
+from filters.motion.pose import PoseMotion
 
 METHODS = ("mixture", "eal", "pose_constant_velocity", "constant_velocity", "cubic", "linear")
+
+
+def without_potential(model: MotionModel) -> MotionModel:
+    """The same pose model without V_z: what the potential is measured against."""
+    return replace(model, gradient=None, name="pose_constant_velocity") if isinstance(model, PoseMotion) else model
 
 
 def measure(animal: Animal, seed: int) -> dict[str, dict[str, float | None]]:

@@ -69,7 +69,7 @@ class Exchanged:
 
     Attributes:
         swaps: Runs that were undone, one entry a run.
-        unsure: (T, M) samples beside a run that may belong to either marker.
+        unsure: (T, M) samples that may belong to either marker, beside a run or alone on another's way (``lone_runs``).
     """
 
     swaps: tuple[Swap, ...]
@@ -170,8 +170,10 @@ def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> tup
                 pair = (int(min(i, j)), int(max(i, j)))
                 inside = slice(ends[0], ends[1] + 1)
                 by_bones = float(pair_evidence(xyz_m[inside], lengths, pair, set()).sum())
+                if by_bones < MARGIN and not (fills[i] and by_bones > -MARGIN):
+                    continue
                 apart = np.linalg.norm(xyz_m[:, i] - xyz_m[:, j], axis=-1)
-                if by_bones <= -MARGIN or not np.isfinite(apart).any():
+                if not np.isfinite(apart).any():
                     continue
                 doubtful[part, j] |= fills[i] and 10 * off_way[:, i].max() < np.nanquantile(apart, 0.05)
                 if by_bones < MARGIN:

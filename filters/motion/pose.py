@@ -174,7 +174,7 @@ class PoseMotion(MotionModel):
 
     @cached_property
     def _steps(self) -> list[tuple[float, PathStep]]:
-        """A time and all steps of the path in it, once they are made."""
+        """The time of the first step, and all steps of the path in that time; empty until ``_along`` makes them."""
         return []
 
     def _along(self, frame: int, dt_s: float) -> PathStep:

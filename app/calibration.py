@@ -1,22 +1,17 @@
-"""A calibration as files: calibration.toml, DLT coefficients, camera profile, report; all there or none."""
+"""A calibration as files: calibration.toml, DLT coefficients, camera profile, report."""
 
 import json
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from app.tables import check_target
 from mocap.cameras import Camera
-from mocap.errors import FormatError, MocapError
+from mocap.errors import FormatError
 from mocap.formats.anipose import write_calibration
 from mocap.formats.dltdv import write_coefficients
 from mocap.formats.profile import write_profile
-
-FILES = ("calibration.toml", "dltCoefs.csv", "camera_profile.txt", "report.json", "report.md")
-"""All that a calibration's folder may hold."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -32,76 +27,46 @@ class CalibrationReport:
     lines: Sequence[str]
 
 
-def check_folder(folder: Path, *, force: bool, inputs: Sequence[Path]) -> None:
-    """Refuse to replace an earlier calibration unasked, and to write where something is read from.
-
-    Raises:
-        MocapError: as said.
-    """
-    if any((folder / name).exists() for name in FILES) or not folder.is_dir():
-        check_target(folder, force=force, inputs=inputs)
-
-
 def write_calibration_folder(
     folder: Path,
     cameras: Sequence[Camera],
     report: CalibrationReport,
     *,
-    force: bool,
-    inputs: Sequence[Path],
     upright: Sequence[Camera] | None = None,
     lenses: bool = True,
 ) -> CalibrationReport:
     """Write a calibration into a folder; files that cannot hold it are left out, and the report says why.
 
     Args:
-        folder: Where to.
+        folder: Where to, as ``mocap.output.result_folder`` gives it.
         cameras: In the pixel convention of the input, for ``dltCoefs.csv``.
         report: What was found.
-        force: Whether files of an earlier calibration may be replaced.
-        inputs: What was read, which is never written to.
         upright: The same cameras for pixel rows from the upper left, for ``calibration.toml``; None: ``cameras``.
         lenses: Whether the cameras' lenses are whole (else ``dltCoefs.csv`` alone is written).
 
     Returns:
         The report as written.
-
-    Raises:
-        MocapError: the folder holds a calibration and ``force`` is not given, or it cannot be written.
     """
-    check_folder(folder, force=force, inputs=inputs)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".calibration.", dir=folder) as name:
-            temporary = Path(name)
-            written, held_back = [], []
-            todo = [("dltCoefs.csv", write_coefficients, cameras)]
-            if lenses:
-                todo += [
-                    ("calibration.toml", write_calibration, cameras if upright is None else upright),
-                    ("camera_profile.txt", write_profile, cameras),
-                ]
-            for name, write, what in todo:
-                try:
-                    write(temporary / name, what)
-                    written.append(name)
-                except (FormatError, ValueError) as error:
-                    held_back.append(f"{name} was not written: {error}")
-            lines = [*report.lines, "", *(f"- {line}" for line in held_back)] if held_back else [*report.lines]
-            lines += ["", "Written: " + ", ".join([*written, "report.json", "report.md"]) + "."]
-            full = CalibrationReport(
-                numbers={**report.numbers, "written": written, "not_written": held_back}, lines=lines
-            )
-            text = json.dumps(full.numbers, indent=1, allow_nan=False, default=_plain)
-            (temporary / "report.json").write_text(text + "\n", encoding="utf-8")
-            (temporary / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-            for name in FILES:
-                if (temporary / name).exists():
-                    (temporary / name).replace(folder / name)
-                else:
-                    (folder / name).unlink(missing_ok=True)
-    except OSError as error:
-        raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
+    written, held_back = [], []
+    todo = [("dltCoefs.csv", write_coefficients, cameras)]
+    if lenses:
+        todo += [
+            ("calibration.toml", write_calibration, cameras if upright is None else upright),
+            ("camera_profile.txt", write_profile, cameras),
+        ]
+    for name, write, what in todo:
+        try:
+            write(folder / name, what)
+            written.append(name)
+        except (FormatError, ValueError) as error:
+            (folder / name).unlink(missing_ok=True)
+            held_back.append(f"{name} was not written: {error}")
+    lines = [*report.lines, "", *(f"- {line}" for line in held_back)] if held_back else [*report.lines]
+    lines += ["", "Written: " + ", ".join([*written, "report.json", "report.md"]) + "."]
+    full = CalibrationReport(numbers={**report.numbers, "written": written, "not_written": held_back}, lines=lines)
+    text = json.dumps(full.numbers, indent=1, allow_nan=False, default=_plain)
+    (folder / "report.json").write_text(text + "\n", encoding="utf-8")
+    (folder / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return full
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from app.tables import check_target
 from mocap.formats.dltdv_set import set_files
 from mocap.formats.format import Hints
 from mocap.formats.registry import read, write, writer
@@ -20,38 +19,34 @@ def convert_files(
     fps: float | None = None,
     unit: str | None = None,
     filled: bool = False,
-    force: bool = False,
 ) -> dict[str, Any]:
     """Read, join and write.
 
     Args:
         files: Files of any format.
-        out: File to write; DLTdv's set has its name's beginning.
+        out: File to write, as ``mocap.output.result_file`` gives it; DLTdv's set has its name's beginning.
         hints: What the user states of the files.
         to: Format; None: as the end of the name says.
         fps: Frames a second; replaces what the files say.
         unit: Of lengths, where the files do not state it.
         filled: As in ``mocap.formats.registry.write``.
-        force: Whether to replace what exists.
 
     Returns:
-        ``format``, the files ``written``, ``remarks`` on what is not held or held otherwise, ``findings`` of readers.
+        ``format``, names of the files ``written``, ``remarks`` on what is not held or held otherwise, ``findings`` of
+        readers.
 
     Raises:
         MocapError: a file cannot be read, the format cannot hold it, or a file exists.
     """
     format = writer(out, to)
-    check_target(out, force=force, inputs=files, folder=False)
     recording = joined([read(path, hints) for path in files])
     recording = recording if fps is None else recording.with_rate(fps)
     recording = recording if unit is None else recording.with_unit(unit)
     written = list(set_files(out, recording).values()) if format.name == "dltdv" else [out]
-    for path in written:
-        check_target(path, force=force, inputs=files, folder=False)
     remarks = write(recording, out, format.name, filled=filled)
     return {
         "format": format.name,
-        "written": [str(path) for path in written],
+        "written": [path.name for path in written],
         "remarks": remarks,
         "findings": list(recording.findings),
     }

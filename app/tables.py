@@ -1,85 +1,33 @@
-"""A run as files: tables, report and recording, all there or none."""
+"""A run as files: tables, report and recording."""
 
 import csv
 import json
-import shutil
-import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.run import Run
-from mocap.errors import MocapError
 from mocap.records import MarkerTracks, Origin
 
-OURS = {"markers.csv", "joints.csv", "report.json", "report.md", "potentials", "recording.rrd"}
-"""All that a run's folder holds."""
 
-
-def check_target(path: Path, *, force: bool, inputs: Iterable[Path | None] = (), folder: bool = True) -> None:
-    """Refuse to write over what exists, and over the input whatever is asked.
+def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None]) -> None:
+    """Write ``markers.csv``, ``joints.csv``, ``report.json``, ``report.md``, ``potentials/`` and ``recording.rrd``.
 
     Args:
-        path: File or folder to write.
-        force: Whether what exists may be replaced.
-        inputs: Files that are read; None is skipped.
-        folder: Whether a folder will be written.
-
-    Raises:
-        MocapError: ``path`` is or holds an input, or exists and may not be replaced.
+        run: What to write.
+        folder: Where to, as ``mocap.output.result_folder`` gives it.
+        write_recording: Writes what is to be looked at.
     """
-    target = path.resolve()
-    for read in [*(p.resolve() for p in inputs if p is not None), Path.cwd()]:
-        if target == read or (folder and target in read.parents):
-            raise MocapError(f"{path} is or holds {read}, which is read from: give another --out")
-    if not path.exists():
-        return
-    if not force:
-        raise MocapError(f"{path} exists: give --force to replace it, or another --out")
-    if path.is_dir() != folder:
-        raise MocapError(f"{path} is a {'folder' if path.is_dir() else 'file'}: give another --out")
-
-
-def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None], force: bool = False) -> None:
-    """Write ``markers.csv``, ``joints.csv``, ``report.json``, ``report.md`` and ``recording.rrd``.
-
-    All is written to a temporary folder beside the target and renamed when whole. Of a folder that exists an earlier
-    run is replaced; whatever else it holds stays.
-
-    Raises:
-        MocapError: the folder exists and ``force`` is not given, or it cannot be written.
-    """
-    check_target(folder, force=force)
-    old = folder.with_name(f".{folder.name}.old")
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    except OSError as error:
-        raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
-    try:
-        write_markers(run.tracked.markers, run.repaired, temporary / "markers.csv")
-        write_joints(run, temporary / "joints.csv")
-        (temporary / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
-        (temporary / "report.md").write_text(run.report_text, encoding="utf-8")
-        for name, potential in run.potentials.items():
-            (temporary / "potentials").mkdir(exist_ok=True)
-            potential.potential.save(temporary / "potentials" / f"{name}.npz")
-        write_recording(run, temporary / "recording.rrd")
-        temporary.chmod(0o755)
-        if folder.exists():
-            for stranger in folder.iterdir():
-                if stranger.name not in OURS:
-                    shutil.move(stranger, temporary / stranger.name)
-            folder.replace(old)
-        temporary.replace(folder)
-        shutil.rmtree(old, ignore_errors=True)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if old.exists() and not folder.exists():
-            old.replace(folder)
-        raise
+    write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
+    write_joints(run, folder / "joints.csv")
+    (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
+    (folder / "report.md").write_text(run.report_text, encoding="utf-8")
+    for name, potential in run.potentials.items():
+        (folder / "potentials").mkdir(exist_ok=True)
+        potential.potential.save(folder / "potentials" / f"{name}.npz")
+    write_recording(run, folder / "recording.rrd")
 
 
 def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path) -> None:

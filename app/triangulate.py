@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from app.source import Source, audit_points, load_filmed, load_skeleton
-from app.tables import check_target
 from mocap import triangulate
 from mocap.arrays import Array
 from mocap.formats import dltdv
@@ -50,20 +49,18 @@ def linear_in_blocks(matrices: Array, uv_px: Array, *, frames: int = 2000) -> tu
     return xyz, residual
 
 
-def triangulate_file(source: Source, out: Path, *, refine: bool, force: bool) -> TriangulationSummary:
+def triangulate_file(source: Source, out: Path, *, refine: bool) -> TriangulationSummary:
     """Write a DLTdv xyzpts file.
 
     Args:
         source: Files, with cameras.
-        out: File to write.
+        out: File to write, as ``mocap.output.result_file`` gives it.
         refine: False: DLTdv's linear least squares, with its three iterations of undistortion, nothing cleaned. True:
             the smallest reprojection error, rays that miss rejected, with columns ``<name>_sd``.
-        force: Whether to replace ``out``.
 
     Raises:
         MocapError: whatever makes that impossible.
     """
-    check_target(out, force=force, inputs=source.inputs, folder=False)
     filmed = load_filmed(source, iterations=None if refine else 3)
     _, names = load_skeleton(source.skeleton, filmed.pixels.names)
     if refine:

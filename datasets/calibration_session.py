@@ -148,7 +148,7 @@ def write_board_session(
             )
             if picture is not None:
                 path = images / camera.name / f"{f + 1:04d}.png"
-                cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 3])
+                path.write_bytes(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes())
                 count += 1
     np.savez_compressed(
         folder / "truth.npz",

@@ -1,8 +1,5 @@
 """What ``mocap data`` makes: every twin, pendulum and calibration session, by name."""
 
-import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +17,7 @@ from datasets.scene import Motion
 from datasets.wand import wand_sweep, write_wand_sweep
 from mocap.cameras import Camera
 from mocap.errors import MocapError
+from mocap.output import Tell, result_folder, silent
 
 Progress = Callable[[float], object]
 _TUNNEL_BOARD = Board(columns=10, rows=7, square_m=0.025)
@@ -157,14 +155,24 @@ ENTRIES = (
 """In the order in which they are listed."""
 
 
-def make(name: str, folder: Path, *, seed: int = 0, progress: Progress = lambda _: None) -> None:
-    """Make an entry; the folder appears when it is whole.
+def make(
+    name: str,
+    folder: Path,
+    *,
+    seed: int = 0,
+    replace: bool = False,
+    progress: Progress = lambda _: None,
+    tell: Tell = silent,
+) -> None:
+    """Make an entry; its files appear when all are whole.
 
     Args:
         name: Of the entry.
-        folder: Where to: new, or empty.
+        folder: Where to.
         seed: Any integer of 0 or more; the same makes the same.
+        replace: As in ``mocap.output.result_folder``.
         progress: Told the share done.
+        tell: Told of what an interrupted run had left.
 
     Raises:
         MocapError: there is no such entry, the folder holds something, or it cannot be written.
@@ -172,16 +180,5 @@ def make(name: str, folder: Path, *, seed: int = 0, progress: Progress = lambda 
     entry = next((entry for entry in ENTRIES if entry.name == name), None)
     if entry is None:
         raise MocapError(f"{name!r} cannot be made; what can: {', '.join(entry.name for entry in ENTRIES)}")
-    try:
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise MocapError(f"{folder} exists: give another --out, or empty it")
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        try:
-            entry.write(seed, draft, progress)
-            draft.chmod(0o755)
-            os.replace(draft, folder)
-        finally:
-            shutil.rmtree(draft, ignore_errors=True)
-    except OSError as error:
-        raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
+    with result_folder(folder, name, replace=replace, tell=tell) as draft:
+        entry.write(seed, draft, progress)

@@ -1,8 +1,6 @@
 """A recording with its truth as files: the DLTdv set, the skeleton, the truth, and what other programs would write."""
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -43,7 +41,7 @@ _OTHER_KINDS = {
 def write_recording(recording: SyntheticRecording, folder: Path, *, others: bool = False) -> dict[str, Path]:
     """Write a recording into a folder, which is made if need be; files of the same names are replaced.
 
-    Each file appears when all are whole. The offsets say which frame of a camera shows the instant of a row, as DLTdv
+    The offsets say which frame of a camera shows the instant of a row, as DLTdv
     has them: below zero where the camera starts late, in fractions of frames. The truth holds ``names``, ``t_s``,
     ``xyz_m``, ``fps``, ``start_s``, ``occluded``, ``lost``, ``outlier`` and ``contact``, as in the record.
 
@@ -66,15 +64,11 @@ def write_recording(recording: SyntheticRecording, folder: Path, *, others: bool
             kinds.pop(kind, None)
     paths = {kind: folder / f"{recording.name}_{ending}" for kind, ending in kinds.items()}
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        draft = {kind: Path(scratch) / path.name for kind, path in paths.items()}
-        _write(recording, draft)
-        if "profile" in draft:
-            write_profile(draft["profile"], recording.cameras)
-        if others:
-            _write_others(recording, draft)
-        for kind, path in paths.items():
-            os.replace(draft[kind], path)
+    _write(recording, paths)
+    if "profile" in paths:
+        write_profile(paths["profile"], recording.cameras)
+    if others:
+        _write_others(recording, paths)
     return paths
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,15 @@ class ArchiveError(ValueError):
 def write(path: Path, *, arrays: dict[str, Array], kernel: Kernel, settings: dict[str, Any]) -> None:
     """Write arrays, kernel and settings; the file appears whole or not at all."""
     text = json.dumps({"version": VERSION, "kernel": kernel_to_dict(kernel), **settings})
-    temporary = path.with_name(path.name + ".part")
-    with temporary.open("wb") as stream:
-        np.savez_compressed(stream, settings=np.array(text), **arrays)  # pyright: ignore[reportArgumentType]
-    os.replace(temporary, path)
+    handle, temporary = tempfile.mkstemp(prefix=".potential-", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, settings=np.array(text), **arrays)  # pyright: ignore[reportArgumentType]
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
 
 
 def read(path: Path) -> tuple[dict[str, Array], Kernel, dict[str, Any]]:

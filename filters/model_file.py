@@ -21,7 +21,7 @@ from filters.motion.shape import LinearShape
 from filters.poses import MarkerTrial
 from filters.several import Several
 from mocap.arrays import Array
-from mocap.errors import FormatError, MocapError
+from mocap.errors import FormatError
 
 FORMAT = "eal-mocap model 7"
 _DAMAGE = (
@@ -39,7 +39,7 @@ _DAMAGE = (
 
 
 def save_model(learned: LearnedModel, path: Path) -> None:
-    """Write a model as a numpy archive, whole or not at all.
+    """Write a model as a numpy archive.
 
     ``header`` is JSON: names, choices, scores, units, versions. For each trial i ``trial_i_t_s``, ``trial_i_xyz_m`` and
     ``trial_i_sd_m``; ``mixture_*``; and, to be looked at, ``pose_*``: what the last model, or the first of its members,
@@ -64,15 +64,9 @@ def save_model(learned: LearnedModel, path: Path) -> None:
         arrays |= {f"trial_{i}_t_s": trial.t_s, f"trial_{i}_xyz_m": trial.xyz_m, f"trial_{i}_sd_m": trial.sd_m}
     for name in ("offset", "slope", "length", "scale", "widen"):
         arrays[f"mixture_{name}"] = getattr(learned.mixture, name)
-    temporary = path.with_name(f".{path.name}.part")
     everything: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays, **_pictures(learned)}
-    try:
-        with temporary.open("wb") as file:
-            np.savez_compressed(file, **everything)
-        temporary.replace(path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise MocapError(f"{path}: cannot be written: {error.strerror}; give another --out") from None
+    with path.open("wb") as file:
+        np.savez_compressed(file, **everything)
 
 
 def _pictures(learned: LearnedModel) -> dict[str, Array]:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from mocap.arrays import unique
 from mocap.errors import SkeletonError
-from mocap.formats.csv_table import whole_file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +157,7 @@ def write_skeleton(path: Path, skeleton: Skeleton) -> None:
         lines += [f"max_speed_m_s = {float(skeleton.max_speed_m_s)!r}"]
     lines += ["", "[joints]", *(f"{text(j.name)} = {text([j.parent, j.centre, j.child])}" for j in skeleton.joints)]
     lines += ["", "[aliases]", *(f"{text(k)} = {text(v)}" for k, v in skeleton.aliases.items())]
-    with whole_file(path) as stream:
+    with path.open("w", encoding="utf-8", newline="") as stream:
         stream.write("\n".join(lines) + "\n")
 
 

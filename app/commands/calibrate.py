@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.commands.console import errors
+from app.commands.console import announce
 from app.commands.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOriginOption, Profile
 from mocap.errors import CalibrationError
 
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
 calibrate = typer.Typer(no_args_is_help=True, help="Calibrate cameras, with residuals, refusing the implausible.")
 
 
-def _tell(text: str) -> None:
-    errors.print(text, highlight=False, soft_wrap=True)
-
-
 def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
     from rich.console import Console
     from rich.markdown import Markdown
@@ -29,7 +25,7 @@ def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
         print((out / "report.json").read_text(encoding="utf-8"), end="")  # noqa: T201
     else:
         Console().print(Markdown("\n".join(report.lines)))
-        _tell(f"Wrote {out}/")
+        announce(f"Wrote {out}/")
 
 
 def _size(text: str, option: str) -> tuple[int, int]:
@@ -84,15 +80,17 @@ def images(
 ) -> None:
     """Pictures of a checkerboard or ChArUco board: lenses and places of 1 to 30 cameras."""
     from app.calibrating import from_pictures
-    from app.calibration import check_folder, write_calibration_folder
+    from app.calibration import write_calibration_folder
+    from mocap.output import result_folder
 
     if not square_mm > 0:
         raise CalibrationError(f"--square-mm {square_mm:g}: a square has a side above 0")
     board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
     inputs = [p for p in (folder, lenses) if p is not None]
-    check_folder(out, force=force, inputs=inputs)
-    cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=_tell)
-    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs), out, as_json)
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
+        cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=announce)
+        written = write_calibration_folder(rig, cameras, report)
+    _finish(written, out, as_json)
 
 
 @calibrate.command()
@@ -113,20 +111,22 @@ def wand(
 ) -> None:
     """Two points of known distance waved through the volume, with background points."""
     from app.calibrating import from_wand
-    from app.calibration import check_folder, write_calibration_folder
+    from app.calibration import write_calibration_folder
+    from mocap.output import result_folder
 
     inputs = [p for p in (file, background, profile) if p is not None]
-    check_folder(out, force=force, inputs=inputs)
-    cameras, upright, report = from_wand(
-        file,
-        background=background,
-        profile=profile,
-        length_m=length_m,
-        moves=free,
-        lower_left=origin == "lower-left",
-        tell=_tell,
-    )
-    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, upright=upright), out, as_json)
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
+        cameras, upright, report = from_wand(
+            file,
+            background=background,
+            profile=profile,
+            length_m=length_m,
+            moves=free,
+            lower_left=origin == "lower-left",
+            tell=announce,
+        )
+        written = write_calibration_folder(rig, cameras, report, upright=upright)
+    _finish(written, out, as_json)
 
 
 @calibrate.command()
@@ -142,15 +142,17 @@ def dlt(
 ) -> None:
     """11 DLT coefficients a camera from points whose places are known."""
     from app.calibrating import from_points
-    from app.calibration import check_folder, write_calibration_folder
+    from app.calibration import write_calibration_folder
+    from mocap.output import result_folder
 
     scale = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}.get(unit)
     if scale is None:
         raise CalibrationError(f"--unit {unit!r}: m, cm or mm")
     inputs = [points, pixels]
-    check_folder(out, force=force, inputs=inputs)
-    cameras, report = from_points(points, pixels, unit_m=scale)
-    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, lenses=False), out, as_json)
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
+        cameras, report = from_points(points, pixels, unit_m=scale)
+        written = write_calibration_folder(rig, cameras, report, lenses=False)
+    _finish(written, out, as_json)
 
 
 @calibrate.command()
@@ -171,8 +173,9 @@ def refine(
 ) -> None:
     """Self-calibration: cameras moved until the rays of the markers meet, the scale kept by bones or as it was."""
     from app.calibrating import from_tracks
-    from app.calibration import check_folder, write_calibration_folder
+    from app.calibration import write_calibration_folder
     from app.source import Source
+    from mocap.output import result_folder
 
     source = Source(
         tracks=tracks,
@@ -184,6 +187,7 @@ def refine(
         image_height_px=image_height,
     )
     inputs = [p for p in source.inputs if p is not None]
-    check_folder(out, force=force, inputs=inputs)
-    cameras, report = from_tracks(source, bones=bone or [], focal=focal)
-    _finish(write_calibration_folder(out, cameras, report, force=force, inputs=inputs, lenses=False), out, as_json)
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
+        cameras, report = from_tracks(source, bones=bone or [], focal=focal)
+        written = write_calibration_folder(rig, cameras, report, lenses=False)
+    _finish(written, out, as_json)

@@ -31,6 +31,11 @@ def progress() -> Iterator[Stages]:
         yield Stages(tell=tell)
 
 
+def announce(line: str) -> None:
+    """Say a line on stderr."""
+    errors.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
 def finish(report: object, text: str, out: Path, as_json: bool) -> None:
     """Say what was found and written."""
     if as_json:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import errors
+from app.commands.console import announce
 from app.commands.options import AsJson, Columns, Force, FormatName, Fps, SparseCameras, Unit
 
 
@@ -32,12 +32,15 @@ def convert(
     from app.convert import convert_files
     from mocap.formats.format import Hints
     from mocap.formats.plain import parse_columns
+    from mocap.output import result_file
 
     hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name)
-    done = convert_files(files, out, hints=hints, to=to, fps=fps, unit=unit, filled=filled, force=force)
+    with result_file(out, replace=force, inputs=files, tell=announce) as file:
+        done = convert_files(files, file, hints=hints, to=to, fps=fps, unit=unit, filled=filled)
+    done["written"] = [str(out.with_name(name)) for name in done["written"]]
     if as_json:
         print(json.dumps(done))  # noqa: T201
         return
     for remark in [*done["findings"], *done["remarks"]]:
-        errors.print(remark, highlight=False, soft_wrap=True, markup=False)
-    errors.print(f"wrote {', '.join(done['written'])}", highlight=False, soft_wrap=True, markup=False)
+        announce(remark)
+    announce(f"wrote {', '.join(done['written'])}")

@@ -7,8 +7,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from app.commands.console import errors, progress
-from app.commands.options import AsJson, Out
+from app.commands.console import announce, errors, progress
+from app.commands.options import AsJson, Force, Out
 
 data = typer.Typer(no_args_is_help=True, help="Recordings whose truth is known, and where real ones are.")
 
@@ -42,14 +42,16 @@ def make_data(
     name: Annotated[str, typer.Argument(help="What to make: see mocap data list.")],
     out: Out,
     seed: Annotated[int, typer.Option(min=0, help="The same makes the same files.")] = 0,
+    force: Force = False,
 ) -> None:
     """Make a recording, a calibration session or a pendulum with its truth, as files of the programs people use."""
     from datasets.catalogue import make
+    from mocap.output import MANIFEST
 
     with progress() as stages, stages.stage(name) as share:
-        make(name, out, seed=seed, progress=share)
+        make(name, out, seed=seed, replace=force, progress=share, tell=announce)
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
-    names = sorted(path.name + ("/" if path.is_dir() else "") for path in out.iterdir())
+    names = sorted(path.name + ("/" if path.is_dir() else "") for path in out.iterdir() if path.name != MANIFEST)
     errors.print(
         f"wrote {out} ({size / 1e6:.1f} MB): {', '.join(names)}", highlight=False, soft_wrap=True, markup=False
     )

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import finish, progress
+from app.commands.console import announce, finish, progress
 from app.commands.options import AsJson, Force, Out
 
 
@@ -26,12 +26,12 @@ def demo(
 ) -> None:
     """Run the main job on a built-in recording, and compare with its truth."""
     from app.demo import run_demo
-    from app.tables import check_target, write_run
+    from app.tables import write_run
     from app.view.record import write_recording
+    from mocap.output import result_folder
 
-    check_target(out, force=force)
-    with progress() as stages:
+    with result_folder(out, "track", replace=force, tell=announce) as folder, progress() as stages:
         run = run_demo(animal.value, stages=stages, seed=seed)
         with stages.stage("write"):
-            write_run(run, out, write_recording=write_recording, force=force)
+            write_run(run, folder, write_recording=write_recording)
     finish(run.report, run.report_text, out, as_json)

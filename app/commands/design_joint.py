@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.markdown import Markdown
 
-from app.commands.console import errors, program, progress
+from app.commands.console import announce, errors, program, progress
 from app.commands.options import AsJson, Force, Out
 from mocap.errors import MocapError
 
@@ -58,14 +58,13 @@ def design_joint(
     from app.joint_design.run import design_joint as shape_joint
     from app.joint_design.source import read_source
     from app.joint_design.write import write_design
-    from app.tables import check_target
     from app.view.log_truss import write_truss_recording
     from eal.joint_design import DesignError, Law, Limits, Tolerance
+    from mocap.output import result_folder
 
     asked = tuple(part.strip() for part in laws.split(","))
     if not set(asked) <= set(get_args(Law)):
         raise MocapError(f"--laws {laws}: give some of {', '.join(get_args(Law))}, with commas between")
-    check_target(out, force=force, inputs=[source, skeleton])
     found = read_source(source, joint, skeleton)
     solid = solid and not internal and found.potential.dimension == 2
     try:
@@ -97,10 +96,13 @@ def design_joint(
         energy_j=None if energy_mj is None else energy_mj * MM,
         tolerance=Tolerance(position=error_mm * MM, length=error_mm * MM, stiffness=error_stiffness),
     )
-    with progress() as stages:
+    with (
+        result_folder(out, "design-joint", replace=force, inputs=[source, skeleton], tell=announce) as folder,
+        progress() as stages,
+    ):
         design = shape_joint(found, wish, stage=lambda name: lambda share: stages.tell(name, share))
         with stages.stage("write"):
-            write_design(design, out, write_recording=write_truss_recording, force=force)
+            write_design(design, folder, write_recording=write_truss_recording)
     if as_json:
         print(json.dumps(report(design)))  # noqa: T201
         return

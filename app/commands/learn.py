@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.markdown import Markdown
 
-from app.commands.console import errors, program
+from app.commands.console import announce, errors, program
 from app.commands.options import (
     AsJson,
     Dlt,
@@ -48,8 +48,8 @@ def learn(
     were hidden from it, and printed.
     """
     from app.learning import learn_from, readable_scores
-    from app.tables import check_target
     from filters.model_file import save_model
+    from mocap.output import result_file
 
     sources = [
         Source(
@@ -68,11 +68,9 @@ def learn(
     ]
     sources = [s if s.recording.pixels is not None else replace(s, coefficients=None) for s in sources]
     inputs = [path for source in sources for path in source.inputs]
-    check_target(out, force=force, inputs=inputs, folder=False)
-    learned = learn_from(
-        sources, seed=seed, tell=lambda line: errors.print(line, highlight=False, soft_wrap=True, markup=False)
-    )
-    save_model(learned, out)
+    with result_file(out, replace=force, inputs=inputs, tell=announce) as file:
+        learned = learn_from(sources, seed=seed, tell=announce)
+        save_model(learned, file)
     if as_json:
         print(json.dumps({"out": str(out), "scores": learned.scores}))  # noqa: T201
         return

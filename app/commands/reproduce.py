@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import errors
+from app.commands.console import announce, errors
 from app.commands.options import Force, Out
 from mocap.errors import MocapError
 
@@ -24,19 +24,19 @@ def reproduce(
     from app.reproduce import FIGURES
     from app.reproduce import reproduce as make_figures
     from app.reproduce.samples import real_bat_samples
-    from app.tables import check_target
+    from mocap.output import result_folder
 
     for name in figures or []:
         if name.lower().removeprefix("fig") not in FIGURES:
             raise MocapError(f"there is no figure {name!r}: the figures are {', '.join(FIGURES)}")
-    check_target(out, force=force)
-    verdicts = make_figures(
-        figures or None,
-        out,
-        quick,
-        lambda line: errors.print(line, highlight=False, soft_wrap=True, markup=False),
-        real_bat_m=None if real is None else real_bat_samples(real),
-    )
+    with result_folder(out, "reproduce", replace=force, tell=announce) as folder:
+        verdicts = make_figures(
+            figures or None,
+            folder,
+            quick,
+            announce,
+            real_bat_m=None if real is None else real_bat_samples(real),
+        )
     errors.print(
         f"\nWrote {out}/: {len(verdicts)} verdicts in verdicts.json, figures and their numbers", highlight=False
     )

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import errors
+from app.commands.console import announce, errors
 from app.commands.options import Force, Out
 
 
@@ -18,12 +18,11 @@ def share(
     force: Force = False,
 ) -> None:
     """Write a folder that any web server shows: the recording, and the viewer with it."""
-    from app.tables import check_target
     from app.view.share import write_site
+    from mocap.output import result_folder
 
-    check_target(out, force=force, inputs=runs)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_site(runs, out)
+    with result_folder(out, "share", replace=force, inputs=runs, tell=announce) as folder:
+        write_site(runs, folder)
     size_mb = sum(path.stat().st_size for path in out.iterdir()) / 1e6
     errors.print(
         f"Wrote {out}/ ({size_mb:.0f} MB): put it on any web server and open its index.html.\n"

@@ -10,7 +10,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from app.commands.console import errors, finish, progress
+from app.commands.console import announce, finish, progress
 from app.commands.options import (
     AsJson,
     Dlt,
@@ -79,11 +79,12 @@ def track(
 ) -> None:
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
     from app.main_job import Model, run_job
-    from app.tables import check_target, write_run
+    from app.tables import write_run
     from app.view.footage import offsets_of, open_movies, with_footage
     from app.view.record import recording_id, write_recording
     from app.view.watch import session
     from filters.model_file import load_model
+    from mocap.output import result_folder
 
     source = Source(
         tracks=tracks,
@@ -100,20 +101,20 @@ def track(
         unit=unit,
     )
     learned = None if model in get_args(Model) else load_model(existing_model(model))
-    check_target(out, force=force, inputs=[*source.inputs, None if learned is None else Path(model)])
+    inputs = [*source.inputs, None if learned is None else Path(model)]
     movies = open_movies(video or [])
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     name = cast(Model, model) if learned is None else "auto"
     with session(announce) if live else nullcontext() as watched:
-        with progress() as stages:
+        with result_folder(out, "track", replace=force, inputs=inputs, tell=announce) as folder, progress() as stages:
             watch = None if watched is None else watched[0].watch
             run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate, watch=watch)
             run = replace(run, report_text=f"{run.report_text}\n## The same again\n\n    {again()}\n")
             if movies:
                 run = with_footage(run, movies, offsets=offsets_of(tracks, video_offset), straight=video_straight)
             with stages.stage("write"):
-                write_run(run, out, write_recording=write_recording, force=force)
+                write_run(run, folder, write_recording=write_recording)
         finish(run.report, run.report_text, out, as_json)
         if watched is not None:
             watched[0].show(out / "recording.rrd", recording_id(run))
@@ -124,11 +125,6 @@ def track(
 def again() -> str:
     """The command as it was called, and with which version."""
     return f"{shlex.join(['mocap', *sys.argv[1:]])}    # version {version('eal-mocap')}"
-
-
-def announce(line: str) -> None:
-    """Say a line on stderr."""
-    errors.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
 def existing_model(model: str) -> Path:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import errors
+from app.commands.console import announce
 from app.commands.options import AsJson, Dlt, DltOrigin, Force, ImageHeight, PixelOriginOption, PixelSd, Profile, Tracks
 from app.source import Source
 from mocap.errors import MocapError
@@ -30,6 +30,7 @@ def triangulate(
 ) -> None:
     """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
     from app.triangulate import triangulate_file
+    from mocap.output import result_file
 
     source = Source(
         tracks=tracks,
@@ -43,14 +44,13 @@ def triangulate(
     )
     if not source.filmed:
         raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
-    summary = triangulate_file(source, out, refine=refine, force=force)
+    with result_file(out, replace=force, inputs=source.inputs, tell=announce) as file:
+        summary = triangulate_file(source, file, refine=refine)
     if as_json:
         print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201
         return
     for finding in summary.findings:
-        errors.print(finding, highlight=False, soft_wrap=True)
-    errors.print(
-        f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px",
-        highlight=False,
-        soft_wrap=True,
+        announce(finding)
+    announce(
+        f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px"
     )

@@ -16,6 +16,7 @@ from mocap.arrays import Array
 from mocap.body import BodyFrames
 from mocap.errors import FormatError, MocapError
 from mocap.joints import joint_tracks
+from mocap.output import current_files
 from mocap.records import JointTracks, MarkerTracks, Origin
 from mocap.skeleton import Joint, Skeleton, read_skeleton
 
@@ -111,12 +112,14 @@ def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
 
 
 def _from_run(folder: Path, joint: str | None) -> JointSource:
-    there = sorted(path.stem for path in (folder / "potentials").glob("*.npz"))
+    files = current_files(folder)
+    potentials = {Path(file).stem: path for file, path in files.items() if file.startswith("potentials/")}
+    there = sorted(potentials)
     if not there:
         raise MocapError(f"{folder}: has no potentials/: give a folder that mocap track wrote with --skeleton")
     if joint not in there:
         raise MocapError(f"{folder}: give --joint, one of {', '.join(there)}" + (f", not {joint}" if joint else ""))
-    return _from_file(folder / "potentials" / f"{joint}.npz", joint, folder / "joints.csv")
+    return _from_file(potentials[joint], joint, files.get("joints.csv", folder / "joints.csv"))
 
 
 def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, path: Path) -> JointSource:

@@ -1,8 +1,6 @@
-"""A designed joint as files: all there or none."""
+"""A designed joint as files."""
 
 import json
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,7 +13,6 @@ from app.joint_design.pictures import figure_7_and_9, motion
 from app.joint_design.report import members, readable, report
 from app.joint_design.run import JointDesign
 from app.joint_design.solid import Kit, assembled, overlaps
-from app.tables import check_target
 from eal.arrays import Array
 from mocap.errors import MocapError
 
@@ -24,42 +21,30 @@ FINEST_MM = 2e-3
 """Edges shorter than this are taken out of a mesh."""
 
 
-def write_design(
-    design: JointDesign, folder: Path, *, write_recording: Callable[[JointDesign, Path], None], force: bool = False
-) -> None:
+def write_design(design: JointDesign, folder: Path, *, write_recording: Callable[[JointDesign, Path], None]) -> None:
     """Write ``report.json``, ``report.md``, ``recording.rrd``; of planar trusses pictures, of printed ones the parts.
 
-    ``potential_and_energy.png``, ``motion.png``, ``drawing.png`` and ``.svg``; ``parts/*.stl`` and ``assembly.3mf``. To
-    a temporary folder beside the target, renamed when whole.
+    ``potential_and_energy.png``, ``motion.png``, ``drawing.png`` and ``.svg``; ``parts/*.stl`` and ``assembly.3mf``.
+
+    Args:
+        design: What to write.
+        folder: Where to, as ``mocap.output.result_folder`` gives it.
+        write_recording: Writes what is to be looked at.
 
     Raises:
-        MocapError: the folder exists and ``force`` is not given, or it cannot be written.
+        MocapError: parts overlap when assembled.
     """
-    check_target(folder, force=force)
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    except OSError as error:
-        raise MocapError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
-    try:
-        (temporary / "report.json").write_text(json.dumps(report(design), indent=1), encoding="utf-8")
-        (temporary / "report.md").write_text(readable(design) + members(design), encoding="utf-8")
-        if design.truss.dimension == 2:
-            plan = drawing(design)
-            plan.savefig(temporary / "drawing.png", dpi=DPI)
-            plan.savefig(temporary / "drawing.svg")
-            figure_7_and_9(design).savefig(temporary / "potential_and_energy.png", dpi=DPI)
-            motion(design).savefig(temporary / "motion.png", dpi=DPI)
-        if design.kit is not None:
-            _write_parts(design.kit, rest_point(design), temporary)
-        write_recording(design, temporary / "recording.rrd")
-        temporary.chmod(0o755)
-        if folder.exists():
-            shutil.rmtree(folder)
-        temporary.replace(folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
+    (folder / "report.json").write_text(json.dumps(report(design), indent=1), encoding="utf-8")
+    (folder / "report.md").write_text(readable(design) + members(design), encoding="utf-8")
+    if design.truss.dimension == 2:
+        plan = drawing(design)
+        plan.savefig(folder / "drawing.png", dpi=DPI)
+        plan.savefig(folder / "drawing.svg")
+        figure_7_and_9(design).savefig(folder / "potential_and_energy.png", dpi=DPI)
+        motion(design).savefig(folder / "motion.png", dpi=DPI)
+    if design.kit is not None:
+        _write_parts(design.kit, rest_point(design), folder)
+    write_recording(design, folder / "recording.rrd")
 
 
 def _write_parts(kit: Kit, q_m: Array, folder: Path) -> None:

@@ -1,7 +1,6 @@
 """All figures: compute, draw, write."""
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -90,7 +89,7 @@ def reproduce(
                 for verdict in figure.verdicts:
                     progress(verdict.line())
     text = json.dumps([v.as_dict() for v in verdicts], indent=1, ensure_ascii=False)
-    _write(out / "verdicts.json", text.encode())
+    (out / "verdicts.json").write_text(text, encoding="utf-8")
     return verdicts
 
 
@@ -99,13 +98,5 @@ def write_figure(figure: Figure, out: Path) -> None:
     canvas = Canvas(figsize=(6.4, 4.6), dpi=110, layout="constrained")
     FigureCanvasAgg(canvas)
     figure.draw(canvas)
-    temporary = out / f"fig{figure.name}.png.part"
-    canvas.savefig(temporary, format="png")
-    os.replace(temporary, out / f"fig{figure.name}.png")
-    _write(out / f"fig{figure.name}.csv", figure.csv_text().encode())
-
-
-def _write(path: Path, content: bytes) -> None:
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
+    canvas.savefig(out / f"fig{figure.name}.png")
+    (out / f"fig{figure.name}.csv").write_bytes(figure.csv_text().encode())

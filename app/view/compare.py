@@ -1,6 +1,5 @@
 """Runs side by side in one recording, frame by frame: two motion models, two digitisers, two settings."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from app.view.landscape import MM_PER_M
 from app.view.log_health import log_line, usual_limit
 from app.view.row_map import amounts, log_row_map, rms
 from app.view.stored import Stored, read_recording, recording_file
+from app.view.stream import recording_into
 from mocap.arrays import Array
 from mocap.errors import MocapError
 
@@ -40,11 +40,9 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
         MocapError: too few or too many, one of them is no recording, or they share no marker.
     """
     stored, differences = _read(runs)
-    partial = out.with_name(f".{out.name}.partial")
-    rec = rr.RecordingStream(APPLICATION, recording_id=" - ".join(s.name for s in stored), send_properties=False)
-    rec.set_log_time_enabled(False)
-    try:
-        rec.save(partial, default_blueprint=_blueprint(stored, differences))
+    name = " - ".join(s.name for s in stored)
+    blueprint = _blueprint(stored, differences)
+    with recording_into(out, application=APPLICATION, recording_id=name, blueprint=blueprint) as rec:
         for number, run in enumerate(stored):
             rec.send_chunks([c.with_entity_path(f"{paths.run(number)}{c.entity_path}".rstrip("/")) for c in run.chunks])
             with numbered_from(run.first):
@@ -52,11 +50,6 @@ def write_comparison(runs: Sequence[Path], out: Path) -> None:
         with numbered_from(stored[0].first):
             for number, (names, apart) in enumerate(differences, start=1):
                 _log_difference(rec, number, stored[number].name, stored[0].t_s, names, apart)
-        rec.flush(timeout_sec=60)
-        rec.disconnect()
-        os.replace(partial, out)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def comparison_blueprint(runs: Sequence[Path]) -> rrb.Blueprint:

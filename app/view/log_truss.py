@@ -11,9 +11,9 @@ from app.view import palette
 from app.view.columns import FRAME, segments, single, time_columns
 from app.view.landscape import MM_PER_M, triangles
 from app.view.log_health import log_line
+from app.view.stream import recording_into
 from eal.arrays import Array
 from eal.joint_design import member_forces
-from mocap.errors import MocapError
 
 APPLICATION = "mocap"
 V, U, TRUSS, ENERGY = "/potential", "/energy", "/truss", "/along"
@@ -28,23 +28,18 @@ def write_truss_recording(design: JointDesign, path: Path) -> None:
     """Write a designed joint as a recording; lengths in mm at the animal's size.
 
     Raises:
-        MocapError: the file cannot be written.
+        RecordingError: rerun does not take it.
+        OSError: the file cannot be written.
     """
     planar = design.truss.dimension == 2
-    try:
-        rec = rr.RecordingStream(APPLICATION, recording_id=f"joint-{design.source.name}", send_properties=False)
-        rec.set_log_time_enabled(False)
-        rec.save(path, default_blueprint=_blueprint(design, planar))
+    name, blueprint = f"joint-{design.source.name}", _blueprint(design, planar)
+    with recording_into(path, application=APPLICATION, recording_id=name, blueprint=blueprint) as rec:
         if planar:
             _log_surface(rec, V, design, design.target.v, design.source.potential.value(design.way.states.q_m))
             along = design.way.states.energy_j - design.design.stored
             _log_surface(rec, U, design, np.clip(design.fit.u, 0.0, 1.0), np.clip(along, 0.0, 1.0))
         _log_members(rec, design)
         _log_energies(rec, design)
-        rec.flush(timeout_sec=60)
-        rec.disconnect()
-    except (OSError, RuntimeError) as error:
-        raise MocapError(f"{path}: the recording was not written ({error}); is RERUN set to off?") from error
 
 
 def _millimetres(design: JointDesign) -> float:

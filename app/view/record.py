@@ -1,9 +1,6 @@
 """A run, written as one recording."""
 
 import hashlib
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -26,20 +23,16 @@ from app.view.log_video import log_video
 from app.view.log_volume import log_volume
 from app.view.log_world import log_world
 from app.view.scene import Scene, make_scene
+from app.view.stream import recording_into
 from app.view.volume import block
-from mocap.errors import MocapError
 
 APPLICATION = "mocap"
 SPACE = "body"
 """Frame of reference in which joints have three coordinates and a potential in these."""
 
 
-class RecordingError(MocapError):
-    """A recording could not be written."""
-
-
 def write_recording(run: Run, path: Path) -> None:
-    """Write all views of a run to a file, whole or not at all.
+    """Write all views of a run to a file.
 
     Frames before the first and after the last position of any marker are left out: there is nothing to see in them.
 
@@ -48,23 +41,19 @@ def write_recording(run: Run, path: Path) -> None:
         path: The ``.rrd`` to write; its folder exists.
 
     Raises:
-        RecordingError: the file cannot be written there.
+        RecordingError: rerun does not take it.
+        OSError: the file cannot be written there.
     """
     shown = known_part(run)
     part = cut(run, shown)
     layout = make_layout(part)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with _stream(partial, run, layout) as rec, numbered_from(shown.start + 1):
-            log_run(rec, part, layout)
-        os.replace(partial, path)
-    except (OSError, RuntimeError) as error:
-        raise RecordingError(
-            f"{path}: the recording was not written ({error}); check that the folder exists and can be written to, "
-            "and that the environment variable RERUN is not set to off"
-        ) from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with (
+        recording_into(
+            path, application=APPLICATION, recording_id=recording_id(run), blueprint=make_blueprint(layout)
+        ) as rec,
+        numbered_from(shown.start + 1),
+    ):
+        log_run(rec, part, layout)
 
 
 def run_scene(run: Run) -> Scene:
@@ -126,21 +115,3 @@ def recording_id(run: Run) -> str:
         digest.update(str(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return f"{run.name}-{digest.hexdigest()}"
-
-
-@contextmanager
-def _stream(path: Path, run: Run, layout: Layout) -> Iterator[rr.RecordingStream]:
-    """A stream into a file, closed and whole afterwards; data that the viewer cannot take are an error meanwhile."""
-    strict = rr.strict_mode()
-    rr.set_strict_mode(True)
-    try:
-        rec = rr.RecordingStream(APPLICATION, recording_id=recording_id(run), send_properties=False)
-        rec.set_log_time_enabled(False)
-        rec.save(path, default_blueprint=make_blueprint(layout))
-        try:
-            yield rec
-        finally:
-            rec.flush(timeout_sec=60)
-            rec.disconnect()
-    finally:
-        rr.set_strict_mode(strict)

@@ -3,12 +3,12 @@
 import html
 import re
 import shutil
-import tempfile
 import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 
-from app.view.compare import recording_of, run_names
+from app.view.compare import run_names, write_comparison
+from app.view.stored import recording_file
 from app.view.viewer import open_viewer
 
 FILES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
@@ -46,34 +46,29 @@ def write_site(runs: Sequence[Path], folder: Path) -> None:
 
     Args:
         runs: Folders of runs, or their recordings.
-        folder: To write; its parent exists. Files of these names in it are replaced once all are written.
+        folder: Where to, as ``mocap.output.result_folder`` gives it.
 
     Raises:
         MocapError: a run has no recording, or the viewer does not start.
     """
-    partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    target = folder / "recording.rrd"
+    if len(runs) == 1:
+        shutil.copyfile(recording_file(runs[0]), target)
+    else:
+        write_comparison(runs, target)
+    viewer = open_viewer(target, web=True)
     try:
-        recording = recording_of(runs, partial)
-        target = partial / "recording.rrd"
-        recording.replace(target) if recording.parent == partial else shutil.copyfile(recording, target)
-        viewer = open_viewer(target, web=True)
-        try:
-            page = str(viewer.url).partition("?")[0]
-            for name in FILES:
-                (partial / name).write_bytes(_fetched(page + name))
-            text = _fetched(page).decode("utf-8")
-        finally:
-            viewer.close()
-        policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}" />'
-        text = _ELSEWHERE.sub("", text).replace("<html>", f"<html>\n  {policy}", 1)
-        (partial / "viewer.html").write_text(text, encoding="utf-8")
-        title = html.escape(", ".join(run_names(runs)))
-        (partial / "index.html").write_text(_PAGE.format(title=title), encoding="utf-8")
-        folder.mkdir(exist_ok=True)
-        for path in partial.iterdir():
-            path.replace(folder / path.name)
+        page = str(viewer.url).partition("?")[0]
+        for name in FILES:
+            (folder / name).write_bytes(_fetched(page + name))
+        text = _fetched(page).decode("utf-8")
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        viewer.close()
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}" />'
+    text = _ELSEWHERE.sub("", text).replace("<html>", f"<html>\n  {policy}", 1)
+    (folder / "viewer.html").write_text(text, encoding="utf-8")
+    title = html.escape(", ".join(run_names(runs)))
+    (folder / "index.html").write_text(_PAGE.format(title=title), encoding="utf-8")
 
 
 def _fetched(url: str) -> bytes:

@@ -12,6 +12,7 @@ from app.view import paths
 from app.view.columns import FRAME, TIME
 from mocap.arrays import Array
 from mocap.errors import MocapError
+from mocap.output import current
 
 _UP, _DOWN = 1, 2  # codes of rerun's view coordinates
 
@@ -102,7 +103,7 @@ def recording_file(path: Path) -> Path:
     Raises:
         StoredError: there is none.
     """
-    file = path / "recording.rrd" if path.is_dir() else path
+    file = current(path, "recording.rrd") if path.is_dir() else path
     if not file.is_file():
         raise StoredError(f"{path}: there is no recording: give a folder that mocap track or mocap demo wrote")
     return file

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from mocap.arrays import Array
 from mocap.cameras import Camera, decompose, pinhole_camera
 from mocap.errors import FormatError
-from mocap.formats.csv_table import read_table, whole_file
+from mocap.formats.csv_table import read_table
 from mocap.formats.dltdv_files import calibration_recording
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import Head
@@ -120,7 +120,7 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
         name = camera.name.replace("\\", "\\\\").replace('"', '\\"')
         lines += [f"[cam_{number}]", f'name = "{name}"', *(f"{key} = {value}" for key, value in values.items())]
         lines += ["fisheye = true"] * isinstance(lens, FisheyeLens) + [""]
-    with whole_file(path) as stream:
+    with path.open("w", encoding="utf-8", newline="") as stream:
         stream.write("\n".join([*lines, "[metadata]", ""]))
 
 

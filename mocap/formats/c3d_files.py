@@ -1,5 +1,7 @@
 """C3D as a format of the registry, and its writer, through ezc3d."""
 
+import errno
+import os
 from pathlib import Path
 
 import ezc3d
@@ -7,7 +9,6 @@ import numpy as np
 
 from mocap.errors import FormatError
 from mocap.formats.c3d import read_c3d
-from mocap.formats.csv_table import whole_path
 from mocap.formats.format import Format
 from mocap.formats.optical import metres
 from mocap.formats.recording import FILLED, Recording, points_of
@@ -57,8 +58,9 @@ def write_c3d(path: Path, recording: Recording) -> None:
     file["data"]["points"] = data
     masks = np.zeros((7, *residual.T.shape), dtype=bool)
     file["data"]["meta_points"] = {"residuals": residual.T[None], "camera_masks": masks}
-    with whole_path(path) as temporary:
-        file.write(str(temporary))
+    file.write(str(path))
+    if path.stat().st_size < data.size * 4:  # ezc3d does not say that a disk is full
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 FORMATS = (

@@ -2,11 +2,8 @@
 
 import csv
 import io
-import os
 import re
-import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -168,34 +165,9 @@ def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) ->
     return f"{path.name}: holds cells that are not numbers; export it again"
 
 
-@contextmanager
-def whole_path(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` to write to; renamed when it is whole; on an error nothing is left."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name[:50]}.", suffix=path.suffix[:9], dir=path.parent)
-        os.close(handle)
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be written: {error.strerror}; name another place") from None
-    try:
-        yield Path(name)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[io.TextIOWrapper]:
-    """Write a text file under a temporary name and rename it when it is whole; on an error nothing is left."""
-    with whole_path(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
-        yield stream
-
-
 def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:
     """Write names and (rows, columns) numbers, ``NaN`` where missing."""
-    with whole_file(path) as stream:
+    with path.open("w", encoding="utf-8", newline="") as stream:
         if names:
             csv.writer(stream, lineterminator="\n").writerow(names)
         pd.DataFrame(values).to_csv(

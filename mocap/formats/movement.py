@@ -8,7 +8,6 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.formats.csv_table import whole_path
 from mocap.formats.format import Format, Hints
 from mocap.formats.lines import one_line
 from mocap.formats.optical import UNIT_M, metres, rate_of_times
@@ -155,8 +154,8 @@ def write_movement(path: Path, recording: Recording) -> None:
     dataset = dataset.assign_coords(frame=("time", recording.frames))
     if len(views) == 1:
         dataset = dataset.isel(view=0, drop=recording.points is not None)
-    with whole_path(path) as temporary:
-        dataset.to_netcdf(temporary, engine="h5netcdf")
+    # made in memory: a full disk ends the HDF5 library with a segmentation fault
+    path.write_bytes(dataset.to_netcdf(engine="h5netcdf"))
 
 
 def _grid(recording: Recording) -> tuple[list[str], list[str], list[int]]:

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from mocap.cameras import Camera, pinhole_camera
 from mocap.errors import CalibrationError, FormatError
-from mocap.formats.csv_table import whole_file
 from mocap.formats.dltdv_files import calibration_recording, is_number_row
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import Head
@@ -140,7 +139,7 @@ def write_profile(path: Path, cameras: Sequence[Camera]) -> None:
     Raises:
         FormatError: a camera has no lens or size, which this format must hold.
     """
-    with whole_file(path) as stream:
+    with path.open("w", encoding="utf-8", newline="") as stream:
         for number, camera in enumerate(cameras, start=1):
             if camera.lens is None or camera.size_px is None:
                 raise FormatError(

@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from mocap.errors import FormatError
-from mocap.formats.csv_table import whole_path
 from mocap.formats.format import Format, Hints
 from mocap.formats.optical import rate_of_times
 from mocap.formats.recording import Recording, pixel_recording, point_recording, points_of
@@ -127,8 +126,7 @@ def _read_csv(path: Path, _hints: Hints) -> Recording:
 
 
 def _write_csv(path: Path, recording: Recording) -> None:
-    with whole_path(path) as temporary:
-        _long(path, recording).to_csv(temporary, index=False, na_rep="NaN", lineterminator="\n")
+    _long(path, recording).to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
 
 
 def _read_parquet(path: Path, _hints: Hints) -> Recording:
@@ -159,8 +157,8 @@ def _write_parquet(path: Path, recording: Recording) -> None:
 
     table = pyarrow.Table.from_pandas(_long(path, recording), preserve_index=False)
     meta = {**(table.schema.metadata or {}), _META: json.dumps({"fps": recording.fps, "read_as": recording.format})}
-    with whole_path(path) as temporary:
-        parquet.write_table(table.replace_schema_metadata(meta), temporary)
+    with path.open("wb") as stream:
+        parquet.write_table(table.replace_schema_metadata(meta), stream)
 
 
 _HELD = frozenset({"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score"})

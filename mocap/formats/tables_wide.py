@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 
 from mocap.errors import FormatError
-from mocap.formats.csv_table import whole_path
 from mocap.formats.format import Format, Hints
 from mocap.formats.optical import rate_of_times
 from mocap.formats.recording import Recording, point_recording, points_of
@@ -67,8 +66,7 @@ def _write(path: Path, recording: Recording) -> None:
         if own.keys() & columns.keys():
             raise FormatError(f"{path.name}: marker {name!r} would have a column of another marker: rename it")
         columns |= own
-    with whole_path(path) as temporary:
-        pd.DataFrame(columns).to_csv(temporary, index=False, na_rep="NaN", lineterminator="\n")
+    pd.DataFrame(columns).to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
 
 
 FORMATS = (

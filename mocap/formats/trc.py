@@ -7,7 +7,6 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.formats.csv_table import whole_file
 from mocap.formats.format import Format, Hints
 from mocap.formats.lines import numbers, points, read_lines
 from mocap.formats.optical import UNIT_M, metres, rate_of_times
@@ -114,7 +113,7 @@ def _write(path: Path, recording: Recording) -> None:
     fps, count = recording.fps or 1.0, len(tracks.t_s)
     values = tracks.xyz_m / metres(path, unit)
     decimals = 9 + round(np.log10(metres(path, unit)))  # a nanometre
-    with whole_file(path) as stream:
+    with path.open("w", encoding="utf-8", newline="") as stream:
         stream.write(f"PathFileType\t4\t(X/Y/Z)\t{path.name}\n")
         stream.write("\t".join([*_KEYS, "OrigNumFrames"]) + "\n")
         start = int(recording.frames[0]) if count else 1

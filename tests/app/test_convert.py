@@ -12,6 +12,7 @@ from app.prepare import prepare
 from app.source import Source
 from mocap.errors import CalibrationError, MocapError
 from mocap.formats.registry import read, write
+from mocap.output import MANIFEST
 from tests.mocap.recordings import points
 from tests.real_data import real
 
@@ -79,7 +80,7 @@ def test_views_and_calibration_become_a_dltdv_set(mocap, tmp_path):
     assert code == 0, err
     assert "not held: scores" in err
     ends = ("xypts.csv", "xyzpts.csv", "xyzres.csv", "offsets.csv", "dltCoefs.csv", "profile.txt")
-    assert {path.name for path in tmp_path.iterdir()} == {f"mouse_{end}" for end in ends}
+    assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, *(f"mouse_{end}" for end in ends)}
     np.testing.assert_allclose(read(tmp_path / "mouse_xypts.csv").pixels.uv_px[3], read(views[3]).pixels.uv_px[0],
                                atol=0.5e-6)  # fmt: skip
 

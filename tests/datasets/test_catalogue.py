@@ -9,6 +9,7 @@ from app.cli import app
 from datasets.catalogue import ENTRIES, make
 from datasets.real import real_path
 from mocap.errors import MocapError
+from mocap.output import MANIFEST
 
 SMALL = (
     "bat_wind_tunnel",
@@ -35,12 +36,13 @@ def test_an_entry_is_made_from_its_seed(name, tmp_path):
     changed = [f for f in files if (tmp_path / "a" / f).read_bytes() != (tmp_path / "c" / f).read_bytes()]
     assert len(changed) >= (1 if name == "pendulum_spherical" else 2)
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+    assert json.loads((tmp_path / "a" / MANIFEST).read_text())["results"].keys() == {name}
 
 
 def test_nothing_is_overwritten_and_nothing_half_made(tmp_path, monkeypatch):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("mine")
-    with pytest.raises(MocapError, match="full exists: give another --out"):
+    with pytest.raises(MocapError, match="full exists and holds other files"):
         make("pendulum_planar", tmp_path / "full")
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
     with pytest.raises(MocapError, match="'bats' cannot be made; what can: bat, bat_30"):

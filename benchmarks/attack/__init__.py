@@ -1,0 +1,1 @@
+"""Attacks on the program: damaged files, interrupted writing: ``python -m benchmarks.attack``."""

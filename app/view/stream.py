@@ -45,7 +45,7 @@ def recording_into(
             rec.send_blueprint(blueprint, make_active=False, make_default=True)
             yield rec
             content = buffer.read(flush=True, flush_timeout_sec=600)
-        except (RuntimeError, ValueError) as error:
+        except RuntimeError as error:
             raise RecordingError(
                 f"{path.name}: the recording was not made ({error}): is the environment variable RERUN set to off?"
             ) from error

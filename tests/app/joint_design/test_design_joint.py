@@ -15,6 +15,7 @@ from eal import GaussianKernel, fit_potential, load_potential
 from eal.choice import median_beta
 from eal.joint_design import Truss, equilibria
 from mocap.errors import MocapError
+from mocap.output import MANIFEST
 from tests.real_data import real
 
 
@@ -81,7 +82,7 @@ def test_everything_is_written(designed):
     folder, _ = designed
     names = {path.name for path in folder.iterdir()}
     pictures = {"drawing.png", "drawing.svg", "potential_and_energy.png", "motion.png"}
-    assert names == pictures | {"report.json", "report.md", "recording.rrd", "parts", "assembly.3mf"}
+    assert names == pictures | {"report.json", "report.md", "recording.rrd", "parts", "assembly.3mf", MANIFEST}
     assert json.loads((folder / "report.json").read_text())["joint"] == "elbow"
 
 

@@ -15,6 +15,7 @@ import argparse
 import ctypes
 import errno
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -23,9 +24,8 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 from unittest import mock
 
 import numpy as np
@@ -33,9 +33,6 @@ import numpy as np
 import app.cli  # loaded before children are forked
 from datasets.folder import write_recording
 from mocap.output import PARTIAL, current_files, digest, read_manifest
-
-if TYPE_CHECKING:
-    from app.run import Run
 
 KILL, INTERRUPT, ERROR, FULL = 1, 2, 3, 4
 WAYS: dict[str, tuple[int, int]] = {
@@ -122,22 +119,30 @@ def converting(files: Path) -> list[Case]:
 
 def tracking(files: Path) -> list[Case]:
     """Commands that write what was tracked, learned or drawn; it is made here, once."""
-    from app.learning import learn_from
     from app.main_job import run_job
+    from app.prepare import prepare
     from app.reproduce.fig_penalty import figure_14a
     from app.source import Source
+    from app.tracking import marker_trial, part_names, seen_part
     from datasets.lizard import make_lizard
+    from filters.learn import PoseSettings
+    from filters.model import learn_from_itself
 
-    twins = [make_lizard(seed=seed, n_frames=120) for seed in (0, 1)]
-    paths = [write_recording(twin, files / str(seed)) for seed, twin in enumerate(twins)]
-    sources = [
-        Source(tracks=p["pixels"], coefficients=p["coefficients"], skeleton=p["skeleton"], fps=twin.fps)
-        for p, twin in zip(paths, twins, strict=True)
-    ]
-    run = run_job(sources[0], model="constant_velocity", validated=False)
-    learned, figure = learn_from(sources, seed=0), figure_14a(quick=True)
-    base = [str(paths[0]["pixels"]), "--dlt", str(paths[0]["coefficients"]), "--fps", f"{twins[0].fps:g}"]
-    ask = ["--skeleton", str(paths[0]["skeleton"]), "--out", "OUT", "--force"]
+    twin = make_lizard(seed=0, n_frames=150)
+    paths = write_recording(twin, files / "twin")
+    source = Source(
+        tracks=paths["pixels"], coefficients=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
+    )
+    run, figure = run_job(source, model="constant_velocity", validated=False), figure_14a(quick=True)
+    prepared = prepare(source)
+    part = seen_part(prepared)
+    trial = marker_trial(prepared, part)
+    learned = learn_from_itself(part_names(prepared, part), (), trial, PoseSettings())
+    if learned is None:
+        raise RuntimeError("the twin is too short to learn from")
+    learned = replace(learned, trials=(trial,))
+    base = [str(paths["pixels"]), "--dlt", str(paths["coefficients"]), "--fps", f"{twin.fps:g}"]
+    ask = ["--skeleton", str(paths["skeleton"]), "--out", "OUT", "--force"]
     return [
         Case("track", ("track", *base, *ask), patches={"app.main_job.run_job": lambda *_, **__: run}),
         Case("demo", ("demo", "--out", "OUT", "--force"), patches={"app.demo.run_demo": lambda *_, **__: run[0]}),
@@ -148,25 +153,45 @@ def tracking(files: Path) -> list[Case]:
             "reproduce", ("reproduce", "14a", "--out", "OUT", "--force"),
             patches={"app.reproduce.run._SYNTHETIC": {"14a": lambda **_: figure}},
         ),
-        *_shown(files, run[0]),
     ]  # fmt: skip
 
 
-def _shown(files: Path, run: "Run") -> list[Case]:
-    """Joint design, and the folder for a web server."""
+def showing(files: Path) -> list[Case]:
+    """Joint design, and the folder for a web server: with the viewer's own files."""
     import urllib.request
 
-    from app.joint_design.run import Wish, design_joint
-    from app.joint_design.source import read_source
+    from app.main_job import run_job
+    from app.source import Source
     from app.tables import write_run
     from app.view.record import write_recording as write_rrd
     from app.view.viewer import open_viewer
+    from datasets.lizard import make_lizard
 
-    folder = files / "run"
+    folder, twin = files / "run", make_lizard(seed=0, n_frames=150)
+    paths = write_recording(twin, files / "shown")
+    source = Source(
+        tracks=paths["pixels"], coefficients=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
+    )
     folder.mkdir()
-    write_run(run, folder, write_recording=write_rrd)
+    write_run(run_job(source, model="constant_velocity", validated=False)[0], folder, write_recording=write_rrd)
     joint = sorted(path.stem for path in (folder / "potentials").iterdir())[0]
-    design = design_joint(read_source(folder, joint, None), Wish())
+    asked = (
+        "design-joint",
+        str(folder),
+        "--joint",
+        joint,
+        "--out",
+        "OUT",
+        "--force",
+        "--starts",
+        "1",
+        "--members",
+        "4",
+    )
+    kept = files / "design"
+    keep = {"app.joint_design.write.write_design": lambda design, *_, **__: kept.write_bytes(pickle.dumps(design))}
+    forked(Case("", asked, patches=keep), files / "joint", files / "log")  # in a child: JAX starts threads
+    design = pickle.loads(kept.read_bytes())
     viewer, fetched = open_viewer(folder / "recording.rrd", web=True), {}
     for name in ("", "re_viewer.js", "re_viewer_bg.wasm", "favicon.ico"):
         url = str(viewer.url).partition("?")[0] + name
@@ -176,7 +201,7 @@ def _shown(files: Path, run: "Run") -> list[Case]:
     page = mock.Mock(url=viewer.url)
     return [
         Case(
-            "design-joint", ("design-joint", str(folder), "--joint", joint, "--out", "OUT", "--force"),
+            "design-joint", asked,
             patches={"app.joint_design.run.design_joint": lambda *_, **__: design},
         ),
         Case(
@@ -390,7 +415,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run and print a table; the exit code is the number of losses."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="the commands that compute little")
-    parser.add_argument("--only", help="one command, as the table names it")
+    parser.add_argument("--only", help="commands as the table names them, with commas between")
     parser.add_argument("--kinds", default="plain,link,mount", help="kinds of folder")
     parser.add_argument("--step", type=int, default=0, help="every so many calls; 0: 1, or 9 with --quick")
     options = parser.parse_args(arguments)
@@ -411,11 +436,9 @@ def main(arguments: list[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         files = Path(folder) / "files"
         files.mkdir()
-        found = converting(files)
-        if not options.quick and options.only not in {case.name for case in found}:
-            found += tracking(files)
-        for case in found:
-            if options.only and case.name != options.only:
+        groups = (converting,) if options.quick else (converting, tracking, showing)
+        for case in (case for group in groups for case in group(files)):
+            if options.only and case.name not in options.only.split(","):
                 continue
             for k, kind in enumerate(options.kinds.split(",")):
                 scratch = Path(folder) / f"{case.name.replace(' ', '_')}_{kind}"

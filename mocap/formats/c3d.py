@@ -92,7 +92,7 @@ def _layout(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
     if channels is not None and channels * head.analog_per_frame != head.analog:
         raise damaged(
             path,
-            f"{head.analog} analog values a frame, but ANALOG:USED is {channels:g} with {head.analog_per_frame} a frame",
+            f"{head.analog} analog values a frame, but ANALOG:USED is {channels:g}, each {head.analog_per_frame} times",
         )
     scale, findings = head.number("POINT:SCALE"), []
     if not (np.isfinite(head.scale) and 1e-9 < abs(head.scale) < 1e9):
@@ -147,7 +147,7 @@ def _frames(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
             for key, other in said.items()
             if other not in whole
         ]
-    if 0 < min(said.values()) and frame * min(said.values()) > room:
+    if min(said.values()) > 0 and frame * min(said.values()) > room:
         raise FormatError(
             f"{path.name}: {min(said.values())} frames are announced, {max(room // frame, 0)} are there: the file is "
             "cut; export it again"

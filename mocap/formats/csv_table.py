@@ -14,10 +14,12 @@ import pandas as pd
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.lines import LARGEST, LINE_END
 
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
+_RETURNS = re.compile(LINE_END.pattern.encode())
 _TRUTH = re.compile(rb"true|false", re.IGNORECASE)
 _NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1')
 
@@ -73,13 +75,18 @@ def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
                 empty = empty and not held.strip()
                 cut = held.rfind(b"\n") + 1
                 if cut and len(chunk) == BLOCK:
-                    yield held[:cut].replace(b"\r\n", b"\n").replace(b"\r", b"\n"), False
+                    yield _one_kind(held[:cut]), False
                     held = held[cut:]
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     if empty:
         raise FormatError(f"{path.name}: the file is empty: export it again")
-    yield held.replace(b"\r\n", b"\n").replace(b"\r", b"\n"), True
+    yield _one_kind(held), True
+
+
+def _one_kind(text: bytes) -> bytes:
+    """The text with line ends of one kind, as ``lines.LINE_END`` has them."""
+    return _RETURNS.sub(b"\n", text) if b"\r" in text else text
 
 
 def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
@@ -125,10 +132,13 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
     except ValueError:
         raise FormatError(_bad_cell(path, body, names, line)) from None
     values = table.to_numpy()
-    if np.isinf(values).any():
-        row, column = np.argwhere(np.isinf(values))[0]
+    with np.errstate(invalid="ignore"):
+        wrong = np.abs(values) > LARGEST
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
         where = names[column] if names else f"column {column + 1}"
-        raise FormatError(f"{path.name}: line {row + line}, {where}: infinite; expected a number or NaN")
+        what = "infinite" if np.isinf(values[row, column]) else f"{values[row, column]:g}"
+        raise FormatError(f"{path.name}: line {row + line}, {where}: {what}; expected a number or NaN")
     return values
 
 

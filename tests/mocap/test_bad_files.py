@@ -224,9 +224,9 @@ def test_profiles_of_other_camera_models_are_named(tmp_path, columns, kind):
     [
         ("1 2 3", "line 2 has 3 columns; expected 12"),
         (LINE.replace("887", "x"), "line 2 holds something that is not a number"),
-        ("2" + LINE[1:].replace("2560", "nan"), "line 2 describes no camera"),
+        ("2" + LINE[1:].replace("2560", "nan"), "line 2 holds something that is not a number"),
         ("2" + LINE[1:].replace("1698", "0"), "line 2 describes no camera"),
-        ("2" + LINE[1:].replace("1698", "inf"), "line 2 describes no camera"),
+        ("2" + LINE[1:].replace("1698", "inf"), "line 2 holds something that is not a number"),
     ],
 )
 def test_broken_profile_lines(tmp_path, line, message):

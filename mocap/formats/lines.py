@@ -130,9 +130,11 @@ def frame_numbers(path: Path, values: Any, *, first_line: int | None = None) -> 
     if (wrong | falling).any():
         row = int(np.argmax(wrong | falling))
         where = f"row {row + 1}" if first_line is None else f"line {row + first_line}"
-        trouble = (
-            f"is no frame number below {MOST_FRAMES:.0e}" if wrong[row] else f"follows frame {values[row - 1]:.12g}"
-        )
+        trouble = f"{values[row]:.12g} is no frame number below {MOST_FRAMES:.0e}"
+        if np.isnan(values[row]):
+            trouble = "no frame number"
+        elif not wrong[row]:
+            trouble = f"{values[row]:.12g} follows frame {values[row - 1]:.12g}"
         raise FormatError(f"{path.name}: {where}: {trouble}: the file is cut or edited; export it again")
     return values.astype(np.int64)
 

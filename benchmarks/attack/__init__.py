@@ -1,0 +1,1 @@
+"""Attacks on the program, from seeds: damaged files; what becomes of each is counted."""

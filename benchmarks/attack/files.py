@@ -147,7 +147,7 @@ def _rows_of(some: np.ndarray, all_: np.ndarray) -> bool:
     return front + back >= n
 
 
-def _plain(findings: Sequence[str]) -> frozenset[str]:
+def plain_findings(findings: Sequence[str]) -> frozenset[str]:
     """Findings without their numbers: a count that differs is no new finding."""
     return frozenset(re.sub(r"[\d.eE+-]*\d", "#", finding) for finding in findings)
 
@@ -168,7 +168,7 @@ def seeds(folder: Path, *, real: bool = True) -> list[Seed]:
             continue
         if per_format[recording.format] < A_FORMAT or path.parent == folder:
             per_format[recording.format] += 1
-            findings = _plain(inspect([path], Hints())[0]["findings"])
+            findings = plain_findings(inspect([path], Hints())[0]["findings"])
             out.append(Seed(path.name, recording.format, path.read_bytes(), values_of(recording), findings))
     return out
 
@@ -241,7 +241,7 @@ def judge(seed: Seed, case: int, folder: Path, *, track: bool = False) -> Outcom
         pass
     except Exception as error:
         return outcome("traceback", changed, f"after reading: {type(error).__name__}: {error}")
-    new = _plain(found["findings"]) - seed.findings
+    new = plain_findings(found["findings"]) - seed.findings
     return outcome("finding" if new else verdict, changed, "; ".join(sorted(new)))
 
 
@@ -363,9 +363,8 @@ def run(options: argparse.Namespace) -> int:
     shifted = Counter((o.format, o.kind) for o in done if o.verdict == "shifted")
     print("shifted in silence: " + (", ".join(f"{f} {k} {n}" for (f, k), n in shifted.most_common()) or "none"))
     defects = sum(outcome.verdict in DEFECTS for outcome in done)
-    print(
-        f"{len(done)} mutants of {len(found)} files, seed {options.seed}, {time.perf_counter() - start:.0f} s: {defects} defects"
-    )
+    took = time.perf_counter() - start
+    print(f"{len(done)} mutants of {len(found)} files, seed {options.seed}, {took:.0f} s: {defects} defects")
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         _write(options.out / "table.csv", rows)

@@ -24,11 +24,9 @@ def kinds(content: bytes) -> tuple[str, ...]:
 
 def damaged(content: bytes, kind: str, rng: np.random.Generator) -> bytes:
     """The content with one kind of damage, once to three times."""
-    data = content
+    data, bytewise = content, kind in _BYTES or b"\0" in content
     for _ in range(int(rng.integers(1, 4)) if kind not in ("cut", "ends", "columns") else 1):
-        data = (
-            _bytes(data, kind, rng) if kind in _BYTES or kind in BINARY and b"\0" in content else _text(data, kind, rng)
-        )
+        data = (_bytes if bytewise else _text)(data, kind, rng)
     return data
 
 

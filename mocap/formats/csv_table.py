@@ -21,7 +21,7 @@ BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
 _RETURNS = re.compile(LINE_END.pattern.encode())
 _TRUTH = re.compile(rb"true|false", re.IGNORECASE)
-_NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1')
+_NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1', re.ASCII)
 
 
 def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:

@@ -2,6 +2,7 @@
 
 import csv
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.formats.lines import LARGEST
+from mocap.formats.lines import LARGEST, number
 from mocap.formats.recording import Recording
 from mocap.records import Origin
 
@@ -79,7 +80,8 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
                 index_col=False,
             )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # UnicodeDecodeError is a ValueError
-        raise FormatError(f"{path.name}: {' '.join(str(error).split())[:200]}; correct it or export it again") from None
+        trouble = _bad_cell(path, kinds) or " ".join(str(error).split())[:200]
+        raise FormatError(f"{path.name}: {trouble}; correct it or export it again") from None
     if table.empty:
         raise FormatError(f"{path.name}: holds no rows: export it again")
     for title in table.select_dtypes("number"):
@@ -91,6 +93,18 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
                 "correct it or write NaN"
             )
     return table
+
+
+def _bad_cell(path: Path, kinds: dict[str, type]) -> str | None:
+    """Where the first cell is that should be a number and is none; None where no such cell is found."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream, suppress(csv.Error):
+        rows = csv.reader(stream)
+        next(rows, [])
+        for row in rows:
+            for (title, kind), cell in zip(kinds.items(), row, strict=False):
+                if kind is float and cell.strip() not in ("", "NaN") and np.isnan(number(cell)):
+                    return f"line {rows.line_num}, {title}: {cell!r} is not a number"
+    return None
 
 
 def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:

@@ -16,7 +16,9 @@ STAGES: dict[str, Callable[[argparse.Namespace], int]] = {"files": files.run}
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the stages; 0 where no attack left a traceback, a hang or a blow-up."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.attack", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.attack", description="Attacks on the program, from seeds."
+    )
     parser.add_argument("--stage", choices=tuple(STAGES), action="append", help="only this one; may be repeated")
     parser.add_argument("--cases", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)

@@ -175,13 +175,13 @@ def _samples(head: Head, data: bytes, count: int) -> tuple[Array, Array, int]:
     body = data[head.data_at : head.data_at + (4 if real else 2) * width * count]
     raw = (reals if real else whole_numbers)(body, head.processor).reshape(count, width)
     words = raw[:, : 4 * head.points].reshape(count, head.points, 4)
-    fourth: NDArray = words[..., 3].astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        whole = (fourth == np.round(fourth)) & (np.abs(fourth) <= 0xFFFF)
     step = abs(head.scale)
+    with np.errstate(invalid="ignore"):
+        xyz = words[..., :3].astype(np.float64) * (1.0 if real else step)
+        fourth: NDArray = words[..., 3].astype(np.float64)
+        whole = (fourth == np.round(fourth)) & (np.abs(fourth) <= 0xFFFF)
     number = np.where(whole, fourth, -1).astype(np.int64)
     residual = np.where(number < 0, -1.0, (number >> 8) * step)
-    xyz = words[..., :3].astype(np.float64) * (1.0 if real else step)
     return xyz, residual, int((~whole).sum())
 
 

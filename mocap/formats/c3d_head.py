@@ -71,7 +71,8 @@ def reals(data: bytes, processor: int) -> Array:
     """32-bit reals of a processor; DEC's have their halves exchanged and an exponent larger by 2."""
     if processor == DEC:
         halves = np.frombuffer(data, dtype="<u2").reshape(-1, 2)
-        return np.ascontiguousarray(halves[:, ::-1]).view("<f4").ravel() / np.float32(4)
+        with np.errstate(invalid="ignore"):
+            return np.ascontiguousarray(halves[:, ::-1]).view("<f4").ravel() / np.float32(4)
     return np.frombuffer(data, dtype=">f4" if processor == SGI else "<f4").astype(np.float32, copy=False)
 
 

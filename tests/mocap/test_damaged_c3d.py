@@ -127,6 +127,17 @@ def test_a_frame_rate_stated_twice(tmp_path):
         read_c3d(tmp_path / "a.c3d")
 
 
+def test_bits_that_are_no_number_warn_nobody(tmp_path):
+    """A signalling NaN (7F80 0001) among the reals of a DEC file is a sample that was not seen, without a warning."""
+    data = bytearray(real("c3d_samples", "sample_01", "Eb015vr.c3d").read_bytes())
+    start = 512 * (struct.unpack_from("<H", data, at_word(data, 9))[0] - 1)
+    data[start : start + 4] = b"\x80\x7f\x01\x00"
+    (tmp_path / "a.c3d").write_bytes(data)
+    whole = read_c3d(real("c3d_samples", "sample_01", "Eb015vr.c3d"))
+    assert whole.points.seen[0, 0]
+    assert read_c3d(tmp_path / "a.c3d").points.seen.sum() == whole.points.seen.sum() - 1
+
+
 def test_words_for_residuals_that_no_writer_makes(tmp_path):
     """A fourth word of 0.37 or NaN is neither a residual nor a mask of cameras: counted, and its sample not seen."""
     data = bytearray(made(tmp_path / "a.c3d").read_bytes())

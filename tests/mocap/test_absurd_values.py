@@ -182,9 +182,9 @@ def test_a_standard_deviation_below_zero(tmp_path):
         read(tmp_path / "w.csv")
 
 
-@pytest.mark.parametrize("end", ["\r\n", "\r", "\r\r\n", "mixed"])
+@pytest.mark.parametrize("end", ["\r\n", "\r", "\r\r\n", "\n\r", "mixed"])
 def test_line_ends_of_any_kind(tmp_path, end):
-    """Unix, Windows, old Macs, text that was translated twice, and all of them in one file give the same values."""
+    """Unix, Windows, old Macs, text that was translated twice, empty lines between, and a mixture give the same values."""
     head, rows = text_of("dlc.csv")
     text = head + "\n".join([*rows, ""])
     (tmp_path / "a.csv").write_bytes(text.encode())

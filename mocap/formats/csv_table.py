@@ -14,12 +14,11 @@ import pandas as pd
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.formats.lines import LARGEST, LINE_END
+from mocap.formats.lines import LARGEST, one_kind
 
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
-_RETURNS = re.compile(LINE_END.pattern.encode())
 _TRUTH = re.compile(rb"true|false", re.IGNORECASE)
 _NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1', re.ASCII)
 
@@ -75,18 +74,13 @@ def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
                 empty = empty and not held.strip()
                 cut = held.rfind(b"\n") + 1
                 if cut and len(chunk) == BLOCK:
-                    yield _one_kind(held[:cut]), False
+                    yield one_kind(held[:cut]), False
                     held = held[cut:]
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     if empty:
         raise FormatError(f"{path.name}: the file is empty: export it again")
-    yield _one_kind(held), True
-
-
-def _one_kind(text: bytes) -> bytes:
-    """The text with line ends of one kind, as ``lines.LINE_END`` has them."""
-    return _RETURNS.sub(b"\n", text) if b"\r" in text else text
+    yield one_kind(held), True
 
 
 def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:

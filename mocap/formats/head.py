@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mocap.errors import FormatError
 from mocap.formats.apart import read_apart
-from mocap.formats.lines import LINE_END
+from mocap.formats.lines import one_kind
 from mocap.formats.matlab import SECONDS, variables
 
 LENGTH = 1 << 16
@@ -36,7 +36,7 @@ class Head:
         """Whole lines of a text file; none of a binary one."""
         if b"\0" in self.start:
             return ()
-        lines = LINE_END.split(self.start.decode("utf-8-sig", "replace"))
+        lines = one_kind(self.start.decode("utf-8-sig", "replace")).split("\n")
         if len(self.start) == LENGTH:
             lines = lines[:-1] or lines  # the last one is not whole
         return tuple(lines)

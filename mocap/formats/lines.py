@@ -3,8 +3,9 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, AnyStr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,6 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.errors import FormatError
 
-LINE_END = re.compile(r"\r*\n|\r")
-"""Of Unix, of Windows, also where it was translated twice, and of old Macs; all may be in one file."""
 LARGEST = 1e19
 """No number of a recording is larger; times in nanoseconds are not."""
 MOST_FRAMES = 10**9
@@ -47,7 +46,16 @@ def read_lines(path: Path) -> list[str]:
             f"{path.name}: the last line has no end, the file seems to be cut: export it again (or, if it is whole, "
             "end it with an empty line)"
         )
-    return LINE_END.split(text)[:-1]
+    return one_kind(text).split("\n")[:-1]
+
+
+def one_kind(text: AnyStr) -> AnyStr:
+    """Text with the line ends of Unix; those of Windows, also where they were translated twice, and of old Macs go."""
+    if isinstance(text, bytes):
+        return one_kind(text.decode("latin-1")).encode("latin-1") if b"\r" in text else text
+    while "\r\r\n" in text:
+        text = text.replace("\r\r\n", "\r\n")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, first_line: int) -> Array:
@@ -76,21 +84,14 @@ def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, f
                 f"{path.name}: line {place} has {len(cells) - surplus} cells, expected {columns} as the head says: "
                 "the file is cut or was edited; export it again"
             )
-    rows = [[cell.strip() for cell in row[:columns]] for row in rows]
-    rows = [["nan" if cell in _MISSING else cell for cell in row] for row in rows]
-    try:
-        if _NO_NUMBER.search("".join(cell for row in rows for cell in row if cell != "nan")):
-            raise ValueError
-        values = np.array(rows, dtype=np.float64).reshape(len(rows), columns)
-        bad = np.argwhere(np.abs(values) > LARGEST)
-    except ValueError:
-        bad = [(i, j) for i, row in enumerate(rows) for j, cell in enumerate(row) if not _is_cell(cell)][:1]
-        values = np.empty(0)
+    rows = [["nan" if cell.strip() in _MISSING else cell for cell in row[:columns]] for row in rows]
+    values, bad = _array(rows, columns, plain=all(line.isascii() and "_" not in line for line in lines))
+    bad = np.argwhere(bad | (np.abs(values) > LARGEST))
     if len(bad):
         i, j = bad[0]
         trouble = "is larger than anything measured" if np.isfinite(number(rows[i][j])) else "is not a finite number"
         raise FormatError(
-            f"{path.name}: line {i + first_line}, cell {j + 1}: {rows[i][j]!r} {trouble}; "
+            f"{path.name}: line {i + first_line}, cell {j + 1}: {rows[i][j].strip()!r} {trouble}; "
             "correct it, or leave it empty if the marker was not seen"
         )
     return values
@@ -108,8 +109,13 @@ def number(text: str) -> float:
         return np.nan
 
 
-def _is_cell(cell: str) -> bool:
-    return cell == "nan" or abs(number(cell)) <= LARGEST
+def _array(rows: list[list[str]], columns: int, *, plain: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """(rows, columns) numbers, and where a cell is none; only ``plain`` text is what NumPy and we read alike."""
+    if plain:
+        with suppress(ValueError):
+            return np.array(rows, dtype=np.float64).reshape(len(rows), columns), np.zeros((len(rows), columns), bool)
+    values = np.array([[number(cell) for cell in row] for row in rows]).reshape(len(rows), columns)
+    return values, np.isnan(values) & (np.array(rows).reshape(len(rows), columns) != "nan")
 
 
 def frame_numbers(path: Path, values: Any, *, first_line: int | None = None) -> NDArray[np.int64]:

@@ -353,6 +353,8 @@ def run(options: argparse.Namespace) -> int:
     done, start = [], time.perf_counter()
     for outcome in outcomes(found, jobs, workers=options.workers, track=options.track):
         done.append(outcome)
+        if len(done) % 1000 == 0:
+            print(f"{len(done)} of {len(jobs)}, {time.perf_counter() - start:.0f} s", file=sys.stderr)
         if outcome.verdict in DEFECTS:
             print(
                 f"case {outcome.case}, {outcome.seed}, {outcome.kind}: {outcome.verdict}: {outcome.text}",

@@ -14,8 +14,10 @@ from mocap.formats.bounds import most_bytes
 
 REFUSED = 3
 """Exit code of a script that refuses the file; the reason is on stdout."""
-OWN_BYTES = 2 << 30
-"""Address space of Python with the libraries; more where many cores each reserve some."""
+SPARE_BYTES = 1 << 29
+"""What libraries may need beside what they read."""
+UNKNOWN_BYTES = 2 << 30
+"""Address space of Python with its libraries where the system does not tell."""
 
 
 def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
@@ -64,8 +66,7 @@ def answer(read: Callable[[str, int], bytes]) -> int:
     try:
         import resource
 
-        own = max(OWN_BYTES, OWN_BYTES // 4 + _address_space(resource.getpagesize()))
-        allowed = own + 4 * most  # as it is read, as plain values, as it is sent, and a copy on the way
+        allowed = _address_space(resource.getpagesize()) + SPARE_BYTES + 2 * most  # as it is read, and as it is sent
         resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
     except (ImportError, ValueError, OSError):
         pass  # this system knows no such limits: the time limit of the caller is left
@@ -82,8 +83,8 @@ def answer(read: Callable[[str, int], bytes]) -> int:
 
 
 def _address_space(page: int) -> int:
-    """Bytes of address space that this process has; 0 where the system does not tell."""
+    """Bytes of address space that this process has."""
     try:
         return page * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     except OSError:
-        return 0
+        return UNKNOWN_BYTES

@@ -26,7 +26,7 @@ check: test
 
 bench: setup
 	for name in triangulation ukf tracker_speed main_job robustness dropouts two_digitisers eal_potential eal_trajectories \
-	    calibration importers fuzz_readers twins twin_ranking full_pass view_speed joint_design; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+	    calibration importers attack twins twin_ranking full_pass view_speed joint_design; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
 	$(BIN)/python -m app.pictures docs/pictures

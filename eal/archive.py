@@ -4,11 +4,13 @@ import json
 import os
 import tempfile
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eal import npz
 from eal.arrays import Array
 from eal.composite import CoordinateKernel, ProductKernel, SumKernel
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel, Radial
@@ -46,10 +48,10 @@ def read(path: Path) -> tuple[dict[str, Array], Kernel, dict[str, Any]]:
         ArchiveError: the file is not a potential, or of another version.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with npz.opened(path) as stored:
             settings = json.loads(str(stored["settings"]))
             arrays = {name: stored[name] for name in ARRAYS}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         raise ArchiveError(f"{path}: not a potential written by EmpiricalPotential.save: {error}") from None
     if settings.get("version") != VERSION:
         raise ArchiveError(f"{path}: version {settings.get('version')!r}, but this program reads {VERSION}: fit again")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eal import npz
 from filters.delayed import DelaySettings
 from filters.fitting import Kind
 from filters.learn import PoseSettings
@@ -100,7 +101,7 @@ def load_model(path: Path) -> LearnedModel:
         FormatError: the file is no such model.
     """
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+        with npz.opened(path) as file:
             header = json.loads(str(file["header"]))
             if header.get("format") != FORMAT:
                 raise FormatError(f"{path}: expected '{FORMAT}', but it says '{header.get('format')}': learn it again")

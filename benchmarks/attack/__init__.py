@@ -1,1 +1,1 @@
-"""Attacks on the program: damaged files, interrupted writing: ``python -m benchmarks.attack``."""
+"""Attacks on the program, from seeds: damaged files, and interrupted writing; what becomes of each is counted."""

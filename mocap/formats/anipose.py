@@ -16,6 +16,7 @@ from mocap.formats.csv_table import read_table
 from mocap.formats.dltdv_files import calibration_recording
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import Head
+from mocap.formats.lines import frame_numbers
 from mocap.formats.recording import Recording, point_recording
 from mocap.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.records import Origin
@@ -151,15 +152,13 @@ def _points(path: Path, _hints: Hints) -> Recording:
     if filled.any():
         findings.append(f"{filled.sum()} samples have the error {PLACEHOLDER:g}: Anipose's filter put them in")
     frames = values[:, where["fnum"]] if "fnum" in where else np.arange(len(values), dtype=np.float64)
-    if not (np.isfinite(frames).all() and (frames == np.round(frames)).all()):
-        raise FormatError(f"{path.name}: fnum holds something that is no frame number: export it again")
     return point_recording(
         path,
         "anipose-3d",
         names=names,
         xyz=xyz,
         unit=None,
-        frames=frames.astype(np.int64),
+        frames=frame_numbers(path, frames, first_line=2),
         first=0,
         origin=np.where(seen, np.where(filled, Origin.INTERPOLATED, Origin.MEASURED), Origin.MISSING),
         score=table[..., 5],

@@ -11,12 +11,13 @@ import pandas as pd
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.lines import LARGEST, one_kind
 
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
 _TRUTH = re.compile(rb"true|false", re.IGNORECASE)
-_NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1')
+_NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1', re.ASCII)
 
 
 def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
@@ -70,13 +71,13 @@ def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
                 empty = empty and not held.strip()
                 cut = held.rfind(b"\n") + 1
                 if cut and len(chunk) == BLOCK:
-                    yield held[:cut].replace(b"\r\n", b"\n").replace(b"\r", b"\n"), False
+                    yield one_kind(held[:cut]), False
                     held = held[cut:]
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     if empty:
         raise FormatError(f"{path.name}: the file is empty: export it again")
-    yield held.replace(b"\r\n", b"\n").replace(b"\r", b"\n"), True
+    yield one_kind(held), True
 
 
 def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
@@ -122,10 +123,13 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
     except ValueError:
         raise FormatError(_bad_cell(path, body, names, line)) from None
     values = table.to_numpy()
-    if np.isinf(values).any():
-        row, column = np.argwhere(np.isinf(values))[0]
+    with np.errstate(invalid="ignore"):
+        wrong = np.abs(values) > LARGEST
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
         where = names[column] if names else f"column {column + 1}"
-        raise FormatError(f"{path.name}: line {row + line}, {where}: infinite; expected a number or NaN")
+        what = "infinite" if np.isinf(values[row, column]) else f"{values[row, column]:g}"
+        raise FormatError(f"{path.name}: line {row + line}, {where}: {what}; expected a number or NaN")
     return values
 
 

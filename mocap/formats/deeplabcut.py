@@ -16,7 +16,7 @@ from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.formats.format import Format
 from mocap.formats.head import Head
-from mocap.formats.lines import numbers, one_line, read_lines
+from mocap.formats.lines import frame_numbers, number, numbers, one_line, read_lines
 from mocap.formats.recording import Recording, pixel_recording
 
 _KEY = "df_with_missing"
@@ -26,6 +26,7 @@ _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodypar
 def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
     """Columns as (individual, body part, coordinate), (T, columns) values and (T,) frame numbers."""
     lines = read_lines(path)
+    lines = [line for line in lines if line.strip()]
     rows = [next(csv.reader([line]), []) for line in lines[:4]]
     depth = next((i + 1 for i, row in enumerate(rows) if row and row[0] == "coords"), 0)
     if depth == 0 or tuple(row[0] for row in rows[:depth]) not in _LEVELS:
@@ -37,14 +38,14 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
         raise FormatError(f"{path.name}: the {depth} lines of the head have different lengths: export it again")
     # labels by hand have the folder and the file of each picture in place of a frame number
     index = next((i for i in range(1, width) if any(row[i] for row in rows[:depth])), 1)
-    body = [line for line in lines[depth:] if line.strip()]
+    body = lines[depth:]
     if not body:
         raise FormatError(f"{path.name}: no frames after the head: export it again")
     frames = np.arange(len(body), dtype=np.float64)
     cells = [next(csv.reader(io.StringIO(line))) if '"' in line else line.split(",") for line in body]
     first = [row[0] for row in cells]
-    if index == 1 and all(cell.strip().isdigit() for cell in first):
-        frames = np.array(first, dtype=np.float64)
+    if index == 1 and any(np.isfinite(number(cell)) for cell in first):
+        frames = frame_numbers(path, [number(cell) for cell in first], first_line=depth + 1).astype(np.float64)
     table = [",".join(row[index:]) for row in cells]
     values = numbers(path, table, separator=",", columns=width - index, first_line=depth + 1)
     parts = [row[index:] for row in rows[1:depth]]
@@ -80,14 +81,13 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
     if low.any():
         findings.append(f"{low.sum()} samples have a likelihood below 0.6")
     try:
-        number = frames.astype(np.int64)
         return pixel_recording(
             path,
             format,
             names=names,
             cameras=[path.stem],
             uv_px=uv[None],
-            frames=number,
+            frames=frame_numbers(path, frames),
             first=0,
             pixel_origin="upper-left",
             animals=tuple(animals) if animals[0][0] else (),

@@ -8,6 +8,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.bounds import check_bytes
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import Head
 from mocap.formats.lines import numbers, read_lines
@@ -40,8 +41,9 @@ def read_sparse(path: Path) -> Array:
     if not (np.isfinite(sizes).all() and (sizes == np.round(sizes)).all() and (sizes >= 0).all()):
         raise FormatError(f"{path.name}: line 2 should hold rows, columns and count, but is {body[0]!r}")
     rows, columns, count = (int(size) for size in sizes)
-    if rows == 0 or columns == 0 or rows * columns > 1 << 30:
+    if rows == 0 or columns == 0:
         raise FormatError(f"{path.name}: {rows} rows x {columns} columns: line 2 is damaged; export it again")
+    check_bytes(path, 8 * rows * columns, f"the table of {rows} rows x {columns} columns that line 2 announces")
     if count != len(body) - 1:
         raise FormatError(
             f"{path.name}: {len(body) - 1} values, but line 2 says {count}: the file seems to be cut; export it again"

@@ -10,6 +10,7 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.cameras import Camera, dlt_camera
 from mocap.errors import FormatError
+from mocap.formats.bounds import check_bytes
 from mocap.formats.lines import one_line
 from mocap.formats.optical import rate
 from mocap.lens import BrownLens
@@ -115,6 +116,7 @@ def _sparse(path: Path, data: Any, name: str, columns: int, *, missing: float) -
     whole = (np.diff(ends) >= 0).all() and ends[0] == 0 and ends[-1] == len(values) == len(row)
     if not whole or (len(row) and (row.min() < 0 or row.max() >= rows)):
         raise FormatError(f"{path.name}: the sparse matrix {name} is damaged: save the project again")
+    check_bytes(path, 8 * rows * columns, f"the sparse matrix {name}")
     dense = np.full((rows, columns), missing)
     dense[row, np.repeat(np.arange(columns), np.diff(ends))] = np.where(values == 0, missing, values)
     return dense

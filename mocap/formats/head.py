@@ -3,11 +3,12 @@
 import csv
 import json
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 from mocap.errors import FormatError
 from mocap.formats.apart import read_apart
+from mocap.formats.lines import one_kind
 from mocap.formats.matlab import SECONDS, variables
 
 LENGTH = 1 << 16
@@ -35,8 +36,7 @@ class Head:
         """Whole lines of a text file; none of a binary one."""
         if b"\0" in self.start:
             return ()
-        text = self.start.decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\r", "\n")
-        lines = text.split("\n")
+        lines = one_kind(self.start.decode("utf-8-sig", "replace")).split("\n")
         if len(self.start) == LENGTH:
             lines = lines[:-1] or lines  # the last one is not whole
         return tuple(lines)
@@ -68,7 +68,8 @@ class Head:
         """Names at the root of an HDF5 file; empty of others."""
         if not self.is_hdf5:
             return frozenset()
-        return frozenset(json.loads(read_apart(self.path, "hdf5_process.py", kind="HDF5", seconds=SECONDS)))
+        stat = self.path.stat()
+        return _hdf5_names(self.path, stat.st_mtime_ns, stat.st_size)
 
     @cached_property
     def mat(self) -> frozenset[str]:
@@ -76,6 +77,12 @@ class Head:
         if not self.start.startswith(b"MATLAB 5.0"):
             return frozenset()
         return frozenset(name for name in variables(self.path) if name != "None" and not name.startswith("__"))
+
+
+@lru_cache(maxsize=1)
+def _hdf5_names(path: Path, _changed_ns: int, _size: int) -> frozenset[str]:
+    """The names of a file in one state; the sniffers and the reader ask for them in turn."""
+    return frozenset(json.loads(read_apart(path, "hdf5_process", kind="HDF5", seconds=SECONDS)))
 
 
 def head(path: Path) -> Head:

@@ -1,14 +1,24 @@
 """Text exports of motion-capture systems: lines of a head, then rows of cells with numbers."""
 
+import re
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
+from typing import Any, AnyStr
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
 
+LARGEST = 1e19
+"""No number of a recording is larger; times in nanoseconds are not."""
+MOST_FRAMES = 10**9
 _MISSING = ("", "NA", "NaN", "nan")
+_NO_NUMBER = re.compile(r"[^0-9eE+.\-]")
+"""Letters that Python's float takes, but no program writes: underscores, digits of other scripts, infinity."""
 
 
 def read_lines(path: Path) -> list[str]:
@@ -36,7 +46,16 @@ def read_lines(path: Path) -> list[str]:
             f"{path.name}: the last line has no end, the file seems to be cut: export it again (or, if it is whole, "
             "end it with an empty line)"
         )
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")[:-1]
+    return one_kind(text).split("\n")[:-1]
+
+
+def one_kind(text: AnyStr) -> AnyStr:
+    """Text with the line ends of Unix; those of Windows, also where they were translated twice, and of old Macs go."""
+    if isinstance(text, bytes):
+        return one_kind(text.decode("latin-1")).encode("latin-1") if b"\r" in text else text
+    while "\r\r\n" in text:
+        text = text.replace("\r\r\n", "\r\n")
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, first_line: int) -> Array:
@@ -44,7 +63,7 @@ def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, f
 
     Args:
         path: Of the file, for messages.
-        lines: One a row; an empty cell too many at the end is none.
+        lines: One a row. Empty cells too many at the end are none where all rows have as many.
         separator: Between cells.
         columns: Cells that each row must have.
         first_line: Number of the first of ``lines`` in the file, from 1.
@@ -53,39 +72,77 @@ def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, f
         (rows, columns) numbers.
 
     Raises:
-        FormatError: a row has another number of cells, or a cell is no finite number.
+        FormatError: a row has another number of cells, or a cell is no number.
     """
-    rows = []
-    for number, line in enumerate(lines, start=first_line):
-        cells = line.split(separator)
-        if len(cells) == columns + 1 and not cells[-1].strip():
-            cells.pop()
-        if len(cells) != columns:
+    rows = [line.split(separator) for line in lines]
+    usual = Counter(map(len, rows)).most_common(1)[0][0] if rows else columns
+    closed = usual > columns and not any("".join(row[columns:]).strip() for row in rows if len(row) == usual)
+    surplus = usual - columns if closed else 0
+    for place, cells in enumerate(rows, start=first_line):
+        if len(cells) != columns + surplus:
             raise FormatError(
-                f"{path.name}: line {number} has {len(cells)} cells, expected {columns} as the head says: "
+                f"{path.name}: line {place} has {len(cells) - surplus} cells, expected {columns} as the head says: "
                 "the file is cut or was edited; export it again"
             )
-        rows.append(["nan" if cell.strip() in _MISSING else cell for cell in cells])
-    try:
-        values = np.array(rows, dtype=np.float64).reshape(len(rows), columns)
-        bad = np.argwhere(np.isinf(values))
-    except ValueError:
-        bad = [(i, j) for i, row in enumerate(rows) for j, cell in enumerate(row) if not _is_number(cell)][:1]
-        values = np.empty(0)
+    rows = [["nan" if cell.strip() in _MISSING else cell for cell in row[:columns]] for row in rows]
+    values, bad = _array(rows, columns, plain=all(line.isascii() and "_" not in line for line in lines))
+    bad = np.argwhere(bad | (np.abs(values) > LARGEST))
     if len(bad):
         i, j = bad[0]
+        trouble = "is larger than anything measured" if np.isfinite(number(rows[i][j])) else "is not a finite number"
         raise FormatError(
-            f"{path.name}: line {i + first_line}, cell {j + 1}: {rows[i][j].strip()!r} is not a finite number; "
+            f"{path.name}: line {i + first_line}, cell {j + 1}: {rows[i][j].strip()!r} {trouble}; "
             "correct it, or leave it empty if the marker was not seen"
         )
     return values
 
 
-def _is_number(cell: str) -> bool:
+def number(text: str) -> float:
+    """A number as programs write it; NaN where it is none.
+
+    Python takes more: ``1_000``, digits of other scripts, ``infinity``.
+    """
+    text = text.strip()
     try:
-        return bool(np.isfinite(float(cell))) or cell == "nan"
+        return np.nan if _NO_NUMBER.search(text) else float(text)
     except ValueError:
-        return False
+        return np.nan
+
+
+def _array(rows: list[list[str]], columns: int, *, plain: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """(rows, columns) numbers, and where a cell is none; only ``plain`` text is what NumPy and we read alike."""
+    if plain:
+        with suppress(ValueError):
+            return np.array(rows, dtype=np.float64).reshape(len(rows), columns), np.zeros((len(rows), columns), bool)
+    values = np.array([[number(cell) for cell in row] for row in rows]).reshape(len(rows), columns)
+    return values, np.isnan(values) & (np.array(rows).reshape(len(rows), columns) != "nan")
+
+
+def frame_numbers(path: Path, values: Any, *, first_line: int | None = None) -> NDArray[np.int64]:
+    """Whole numbers that increase, from a column of them.
+
+    Args:
+        path: Of the file, for messages.
+        values: (T,) numbers.
+        first_line: Line of the first of them, if each has a line.
+
+    Raises:
+        FormatError: one is none, or does not increase; the message names its line, or its row.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        wrong = ~((values == np.round(values)) & (np.abs(values) < MOST_FRAMES))
+        falling = np.append(False, ~(np.diff(values) > 0)) if first_line is not None else np.zeros_like(wrong)
+    if (wrong | falling).any():
+        row = int(np.argmax(wrong | falling))
+        where = f"row {row + 1}" if first_line is None else f"line {row + first_line}"
+        trouble = f"{values[row]:.12g} is no frame number below {MOST_FRAMES:.0e}"
+        if np.isnan(values[row]):
+            trouble = "no frame number"
+        elif not wrong[row]:
+            trouble = f"{values[row]:.12g} follows frame {values[row - 1]:.12g}"
+        raise FormatError(f"{path.name}: {where}: {trouble}: the file is cut or edited; export it again")
+    return values.astype(np.int64)
 
 
 def one_line(error: Exception) -> str:

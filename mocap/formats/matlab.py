@@ -26,4 +26,4 @@ def variables(path: Path) -> dict[str, Any]:
 @lru_cache(maxsize=1)
 def _variables(path: Path, _changed_ns: int, _size: int) -> dict[str, Any]:
     """The variables of a file in one state; the sniffers and the reader ask for them in turn."""
-    return pickle.loads(read_apart(path, "matlab_process.py", kind="MATLAB (5 to 7.2)", seconds=SECONDS))
+    return pickle.loads(read_apart(path, "matlab_process", kind="MATLAB (5 to 7.2)", seconds=SECONDS))

@@ -1,4 +1,4 @@
-"""The part of reading a MATLAB file that runs in a process of its own: ``python matlab_process.py FILE OUT``.
+"""The part of reading a MATLAB file that runs in a process of its own: ``matlab_process FILE MOST``.
 
 Damaged files send SciPy (1.17) into endless loops and forbidden memory. Exit 0 and a pickle of plain values, or exit 3
 and a message on stdout.
@@ -6,14 +6,17 @@ and a message on stdout.
 
 import pickle
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.io import loadmat
 
-MOST_BYTES = 8 << 30
-REFUSED = 3
+from mocap.formats.apart import answer
+
+_HEAD = 128
+_COMPRESSED = 15
 
 
 def plain(value: Any) -> Any:
@@ -32,22 +35,39 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, bool | int | float | complex | str | bytes | np.generic) else None
 
 
-def main(path: str, out: str) -> int:
-    """Read with SciPy, structs as dictionaries; write what is plain."""
-    try:
-        import resource
+def announced(path: Path) -> int:
+    """Bytes that the variables of a file say they have unpacked: a tag of type and size stands before each.
 
-        resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
-    except (ImportError, ValueError, OSError):
-        pass  # this system knows no such limits: the time limit of the caller is left
-    try:
-        table = plain(loadmat(path, simplify_cells=True))
-        Path(out).write_bytes(pickle.dumps(table))
-    except Exception as error:  # SciPy raises whatever its parser stumbles over
-        sys.stdout.write(f"{type(error).__name__}: {' '.join(str(error).split())}")
-        return REFUSED
-    return 0
+    Raises:
+        ValueError: a variable is longer than the file.
+    """
+    total, size = 0, path.stat().st_size
+    with path.open("rb") as stream:
+        order = "big" if stream.read(_HEAD)[126:128] == b"MI" else "little"
+        while len(tag := stream.read(8)) == 8:
+            kind, length = (int.from_bytes(tag[i : i + 4], order) for i in (0, 4))
+            start = stream.tell()
+            if start + length > size:
+                raise ValueError(f"a variable of {length} bytes at byte {start} ends after the file")
+            if kind == _COMPRESSED:
+                inner = zlib.decompressobj().decompress(stream.read(min(length, 256)), 8)
+                total += int.from_bytes(inner[4:8], order)
+            else:
+                total += length
+            stream.seek(start + length)
+    return total
+
+
+def values(path: str, most: int) -> bytes:
+    """The variables, read with SciPy, structs as dictionaries; what is plain, pickled.
+
+    Raises:
+        MemoryError: they announce more than ``most`` bytes.
+    """
+    if announced(Path(path)) > most:
+        raise MemoryError
+    return pickle.dumps(plain(loadmat(path, simplify_cells=True)))
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(answer(values))

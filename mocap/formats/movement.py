@@ -9,7 +9,7 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.formats.format import Format, Hints
-from mocap.formats.lines import one_line
+from mocap.formats.lines import frame_numbers, one_line
 from mocap.formats.optical import UNIT_M, metres, rate_of_times
 from mocap.formats.recording import Recording, pixel_recording, point_recording
 from mocap.formats.tables import WORDS
@@ -66,7 +66,7 @@ def _recording(path: Path, data: Any) -> Recording:
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: a time is not finite: save it again")
     frames = np.round(times if in_frames else times * (fps or 1.0))
-    frames = np.asarray(data["frame"].values if "frame" in data.coords else frames).astype(np.int64)
+    frames = frame_numbers(path, data["frame"].values if "frame" in data.coords else frames)
     common: dict[str, Any] = {
         "names": [p if len(animals) == 1 else f"{a}_{p}" for a in animals for p in parts],
         "frames": frames,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.lines import number
 from mocap.records import MarkerTracks, Origin
 
 UNIT_M = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -34,12 +35,12 @@ def rate(path: Path, value: object) -> float:
         FormatError: it is no positive number.
     """
     try:
-        number = float(value)  # type: ignore[arg-type]
+        hertz = number(value) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
-        number = np.nan
-    if not (np.isfinite(number) and number > 0):
+        hertz = np.nan
+    if not (np.isfinite(hertz) and hertz > 0):
         raise FormatError(f"{path.name}: the frame rate is {value}; expected frames a second, above 0")
-    return number
+    return hertz
 
 
 def marker_tracks(
@@ -70,10 +71,10 @@ def marker_tracks(
 def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names of which none is empty or another's, and findings on what was changed."""
     found, changed = [], []
-    for number, name in enumerate(names, start=1):
-        new = name or f"point{number}"
+    for place, name in enumerate(names, start=1):
+        new = name or f"point{place}"
         while new in found:
-            new = f"{new}_{number}"
+            new = f"{new}_{place}"
         if new != name:
             changed.append(f"{name!r} -> {new!r}")
         found.append(new)

@@ -12,6 +12,7 @@ from mocap.formats.csv_table import read_table
 from mocap.formats.dltdv_files import is_number_row
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import Head, head
+from mocap.formats.lines import frame_numbers
 from mocap.formats.optical import rate_of_times
 from mocap.formats.recording import Recording, pixel_recording, point_recording
 
@@ -91,10 +92,7 @@ def _mapped(path: Path, header: list[str], values: Array, columns: Mapping[str, 
     table = np.stack([np.stack([column(c) for c in cells], axis=-1) for cells in markers.values()], axis=1)
     frames, times = None, None
     if "frame" in columns:
-        number = column(columns["frame"][0])
-        if not (np.isfinite(number) & (number == np.round(number))).all():
-            raise FormatError(f"{path.name}: the column {columns['frame'][0]!r} holds no frame numbers")
-        frames = number.astype(np.int64)
+        frames = frame_numbers(path, column(columns["frame"][0]), first_line=2)
     fps, findings = None, ["read as a plain table: " + ", ".join(f"{n} = {' '.join(c)}" for n, c in columns.items())]
     if "time" in columns:
         times = column(columns["time"][0])

@@ -6,7 +6,6 @@ cameras too.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from mocap.cameras import Camera, pinhole_camera
 from mocap.errors import CalibrationError, FormatError
+from mocap.formats import lines
 from mocap.formats.dltdv_files import calibration_recording, is_number_row
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import Head
@@ -40,7 +40,7 @@ def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
                 "expected 12: cam f W H cx cy AR k1 k2 p1 p2 k3"
             )
         camera, f, width, height, cx, cy, aspect, k1, k2, p1, p2, k3 = _numbers(path, number, line)
-        if not (all(map(isfinite, map(float, line))) and f > 0 and aspect > 0 and width >= 1 and height >= 1):
+        if not (f > 0 and aspect > 0 and width >= 1 and height >= 1):
             raise FormatError(
                 f"{path.name}: line {number} describes no camera: focal length, aspect ratio and image size must be "
                 f"positive, all numbers finite: {' '.join(line)}"
@@ -61,24 +61,23 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         FormatError: the file cannot be read, or has none.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        texts = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise FormatError(f"{path.name}: not a text file; expected a camera profile") from None
-    found = [(number, text.split()) for number, text in enumerate(lines, start=1) if text.strip()]
+    found = [(number, text.split()) for number, text in enumerate(texts, start=1) if text.strip()]
     if not found:
         raise FormatError(f"{path.name}: the file is empty; expected a camera profile, a line a camera")
     return found
 
 
 def _numbers(path: Path, number: int, line: list[str]) -> list[float]:
-    try:
-        return [float(cell) for cell in line]
-    except ValueError:
-        raise FormatError(
-            f"{path.name}: line {number} holds something that is not a number: {' '.join(line)}"
-        ) from None
+    values = [lines.number(cell) for cell in line]
+    odd = [cell for cell, value in zip(line, values, strict=True) if not abs(value) <= lines.LARGEST]
+    if odd:
+        raise FormatError(f"{path.name}: line {number} holds something that is not a number: {' '.join(line)}")
+    return values
 
 
 def read_sba_profile(path: Path) -> tuple[Camera, ...]:
@@ -97,9 +96,9 @@ def read_sba_profile(path: Path) -> tuple[Camera, ...]:
                 f"{path.name}: line {number} has {len(line)} columns; expected 17: f cx cy AR skew k1 k2 t1 t2 k3 q0 "
                 "q1 q2 q3 tx ty tz"
             )
-        f, cx, cy, aspect, skew, k1, k2, p1, p2, k3, q0, q1, q2, q3, *shift = values = _numbers(path, number, line)
+        f, cx, cy, aspect, skew, k1, k2, p1, p2, k3, q0, q1, q2, q3, *shift = _numbers(path, number, line)
         length = np.linalg.norm([q0, q1, q2, q3])
-        if not (all(map(isfinite, values)) and f > 0 and aspect > 0 and length > 0.1 and skew == 0):
+        if not (f > 0 and aspect > 0 and length > 0.1 and skew == 0):
             raise FormatError(
                 f"{path.name}: line {number} describes no camera: focal length and aspect ratio must be positive, the "
                 "quaternion of length 1, the skew 0, all numbers finite"

@@ -9,7 +9,7 @@ from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.formats.format import Format
 from mocap.formats.head import Head
-from mocap.formats.lines import numbers, points, read_lines
+from mocap.formats.lines import frame_numbers, numbers, points, read_lines
 from mocap.formats.matlab import variables
 from mocap.formats.optical import rate
 from mocap.formats.recording import Recording, point_recording
@@ -57,8 +57,6 @@ def read_tsv(path: Path) -> Recording:
             f"{path.name}: {len(rows)} rows, but NO_OF_FRAMES says {head['NO_OF_FRAMES'][0]}: "
             "the file seems to be cut; export it again"
         )
-    if any(row.count("\t") == len(titles) for row in rows):  # QTM ends every row so, or none
-        rows = [row.removesuffix("\t") for row in rows]
     values = numbers(path, rows, separator="\t", columns=len(titles), first_line=start + 1)
     if not timed:
         count = 1.0 + np.arange(len(values))
@@ -76,7 +74,7 @@ def read_tsv(path: Path) -> Recording:
         names=names,
         xyz=points(values[:, 2:], unit_m=1.0),
         unit="mm",
-        frames=values[:, 0].astype(np.int64),
+        frames=frame_numbers(path, values[:, 0], first_line=start + 1),
         fps=fps,
         t_s=t_s,
         findings=("filled samples are not told from measured ones in this format",),

@@ -29,6 +29,7 @@ from mocap.formats import (
 )
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import head
+from mocap.formats.plausible import plausible
 from mocap.formats.recording import FILLED, Recording
 from mocap.records import Origin
 
@@ -101,7 +102,8 @@ def read_as(format: Format, path: Path, hints: Hints) -> Recording:
     Raises:
         FormatError: it is not what the format promises.
     """
-    recording = format.read(path, hints)
+    _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
+    recording = plausible(format.read(path, hints))
     with path.open("rb") as stream:
         text = b"\0" not in stream.read(1024)
         stream.seek(-1, 2)

@@ -2,6 +2,7 @@
 
 import csv
 import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.lines import LARGEST, number
 from mocap.formats.recording import Recording
 from mocap.records import Origin
 
@@ -78,24 +80,31 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
                 index_col=False,
             )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # UnicodeDecodeError is a ValueError
-        raise FormatError(f"{path.name}: {' '.join(str(error).split())[:200]}; correct it or export it again") from None
+        trouble = _bad_cell(path, kinds) or " ".join(str(error).split())[:200]
+        raise FormatError(f"{path.name}: {trouble}; correct it or export it again") from None
     if table.empty:
         raise FormatError(f"{path.name}: holds no rows: export it again")
-    if np.isinf(table.select_dtypes("number").to_numpy(dtype=np.float64)).any():
-        raise FormatError(f"{path.name}: a number is infinite; expected a number or NaN")
+    for title in table.select_dtypes("number"):
+        wrong = np.abs(table[title].to_numpy(dtype=np.float64)) > LARGEST
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise FormatError(
+                f"{path.name}: line {row + 2}, {title}: {table[title].iloc[row]:g} is no number that was measured; "
+                "correct it or write NaN"
+            )
     return table
 
 
-def frame_numbers(path: Path, values: Any) -> NDArray[np.int64]:
-    """Whole numbers from a column of them.
-
-    Raises:
-        FormatError: one is none.
-    """
-    values = np.asarray(values, dtype=np.float64)
-    if not ((values == np.round(values)) & (np.abs(values) < 1 << 53)).all():
-        raise FormatError(f"{path.name}: a frame number is missing or broken: the file is cut or edited")
-    return values.astype(np.int64)
+def _bad_cell(path: Path, kinds: dict[str, type]) -> str | None:
+    """Where the first cell is that should be a number and is none; None where no such cell is found."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream, suppress(csv.Error):
+        rows = csv.reader(stream)
+        next(rows, [])
+        for row in rows:
+            for (title, kind), cell in zip(kinds.items(), row, strict=False):
+                if kind is float and cell.strip() not in ("", "NaN") and np.isnan(number(cell)):
+                    return f"line {rows.line_num}, {title}: {cell!r} is not a number"
+    return None
 
 
 def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
@@ -111,8 +120,18 @@ def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
 
 
 def with_sd(recording: Recording, sd: Array) -> Recording:
-    """The recording with isotropic covariances of (T, M) standard deviations."""
+    """The recording with isotropic covariances of (T, M) standard deviations.
+
+    Raises:
+        FormatError: one is below 0.
+    """
     if recording.points is None or not np.isfinite(sd).any():
         return recording
+    if (sd < 0).any():
+        row, marker = np.argwhere(sd < 0)[0]
+        raise FormatError(
+            f"{recording.paths[0].name}: the standard deviation of marker {recording.names[marker]!r} in frame "
+            f"{recording.frames[row]} is {sd[row, marker]:g}: correct it or write NaN"
+        )
     points = replace(recording.points, cov_m2=sd[..., None, None] ** 2 * np.eye(3))
     return replace(recording, points=points)

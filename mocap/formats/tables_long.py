@@ -12,10 +12,12 @@ import numpy as np
 import pandas as pd
 
 from mocap.errors import FormatError
+from mocap.formats.bounds import check_bytes
 from mocap.formats.format import Format, Hints
+from mocap.formats.lines import frame_numbers
 from mocap.formats.optical import rate_of_times
 from mocap.formats.recording import Recording, pixel_recording, point_recording, points_of
-from mocap.formats.tables import WORDS, check_origins, codes, frame_numbers, read_rows, titles, with_sd
+from mocap.formats.tables import WORDS, check_origins, codes, read_rows, titles, with_sd
 
 _META = b"eal-mocap"
 _TEXT = ("marker", "camera", "origin", "seen")
@@ -133,9 +135,16 @@ def _read_parquet(path: Path, _hints: Hints) -> Recording:
     import pyarrow.parquet as parquet
 
     try:
-        table = parquet.read_table(path)
+        with path.open("rb") as stream:
+            file = parquet.ParquetFile(stream)
+            meta = file.metadata
+            unpacked = sum(meta.row_group(i).total_byte_size for i in range(meta.num_row_groups))
+            check_bytes(path, max(unpacked, 8 * meta.num_rows * meta.num_columns), "its table")
+            table = file.read()
         fps = json.loads((table.schema.metadata or {}).get(_META, b"{}")).get("fps")
         rows = table.to_pandas()
+    except FormatError:
+        raise
     except Exception as error:  # pyarrow raises its own and whatever damaged metadata bring about
         raise FormatError(
             f"{path.name}: cannot be read as Parquet ({' '.join(str(error).split())[:160]}): it is cut or damaged; "

@@ -8,9 +8,10 @@ import pandas as pd
 
 from mocap.errors import FormatError
 from mocap.formats.format import Format, Hints
+from mocap.formats.lines import frame_numbers
 from mocap.formats.optical import rate_of_times
 from mocap.formats.recording import Recording, point_recording, points_of
-from mocap.formats.tables import REPAIRED, WORDS, check_origins, codes, frame_numbers, read_rows, titles, with_sd
+from mocap.formats.tables import REPAIRED, WORDS, check_origins, codes, read_rows, titles, with_sd
 
 _ENDS = ("x", "y", "z", "sd", "origin")
 
@@ -45,7 +46,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
         names=names,
         xyz=xyz,
         unit="m",
-        frames=frame_numbers(path, table["frame"]),
+        frames=frame_numbers(path, table["frame"], first_line=2),
         fps=fps,
         t_s=times,
         origin=origin,

@@ -8,7 +8,7 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.formats.format import Format, Hints
-from mocap.formats.lines import numbers, points, read_lines
+from mocap.formats.lines import frame_numbers, number, numbers, points, read_lines
 from mocap.formats.optical import UNIT_M, metres, rate_of_times
 from mocap.formats.recording import Recording, point_recording, points_of
 
@@ -43,11 +43,11 @@ def _read(path: Path, _hints: Hints) -> Recording:
     if not rows:
         raise FormatError(f"{path.name}: no frames after the head: export it again")
     width = 2 + 3 * len(names)
-    text = [separator.join(_cells(line, separator, width)) for _, line in rows]
+    text = [line for _, line in rows]
     values = numbers(path, text, separator=separator, columns=width, first_line=rows[0][0])
     frames, times = values[:, 0], values[:, 1]
-    if not (np.isfinite(values[:, :2]).all() and (frames == np.round(frames)).all()):
-        raise FormatError(f"{path.name}: a row has no frame number or time: export it again")
+    if not np.isfinite(times).all():
+        raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
     xyz = points(values[:, 2:], unit_m=1.0)
     zero = (xyz == 0).all(axis=-1)
     xyz[zero] = np.nan
@@ -65,28 +65,17 @@ def _read(path: Path, _hints: Hints) -> Recording:
         names=names,
         xyz=xyz,
         unit=unit,
-        frames=frames.astype(np.int64),
+        frames=frame_numbers(path, frames, first_line=rows[0][0]),
         fps=fps,
         t_s=times,
         findings=tuple(findings),
     )
 
 
-def _cells(line: str, separator: str, width: int) -> list[str]:
-    """Cells of a row; programs leave out or add empty ones at its end."""
-    cells = line.split(separator)
-    while len(cells) > width and not cells[-1].strip():
-        cells.pop()
-    return cells
-
-
 def _rate(path: Path, times: Array, told: str) -> tuple[float | None, list[str]]:
     """Frames a second by the column Time, and how that agrees with DataRate."""
     fps, findings = rate_of_times(path, times)
-    try:
-        said = float(told)
-    except ValueError:
-        said = np.nan
+    said = number(told)
     if fps is None:
         return (said if said > 0 else None), []
     if abs(said - fps) < _SAME_RATE * fps:  # times are rounded: what the head says is nearer to the truth

@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from mocap.errors import FormatError
 from mocap.formats.format import Format
-from mocap.formats.lines import numbers, points, read_lines
+from mocap.formats.lines import frame_numbers, numbers, points, read_lines
 from mocap.formats.optical import rate
 from mocap.formats.recording import Recording, point_recording
 
@@ -51,15 +49,13 @@ def read_csv(path: Path) -> Recording:
     if not rows:
         raise FormatError(f"{path.name}: no frames after the head: export it again")
     values = numbers(path, rows, separator=",", columns=2 + len(axes), first_line=start + 6)
-    if np.isnan(values[:, 0]).any():
-        raise FormatError(f"{path.name}: line {np.argmax(np.isnan(values[:, 0])) + start + 6}: no frame number")
     return point_recording(
         path,
         "vicon-csv",
         names=names,
         xyz=points(values[:, 2:], unit_m=1.0),
         unit=units.pop(),
-        frames=values[:, 0].astype(np.int64),
+        frames=frame_numbers(path, values[:, 0], first_line=start + 6),
         fps=rate(path, head[0][0]),
         findings=("filled samples are not told from measured ones in this format",),
     )

@@ -16,7 +16,7 @@ from mocap.formats.dltdv import read_pixels
 from mocap.formats.dltdv_files import PIXEL, names_of
 from mocap.formats.format import Format, Hints
 from mocap.formats.head import Head
-from mocap.formats.lines import numbers, read_lines
+from mocap.formats.lines import frame_numbers, numbers, read_lines
 from mocap.formats.recording import Recording, pixel_recording, point_recording
 
 _OFFSETS = re.compile(r"(?:cam\d+_offset)+")
@@ -91,10 +91,7 @@ def _frames(path: Path, header: list[str], values: Array) -> tuple[np.ndarray | 
     """Frame numbers of the column ``Frame``, if there is one, and the table without it."""
     if header[0] != "Frame":
         return None, header, values
-    frames = values[:, 0]
-    if not (np.isfinite(frames).all() and (frames == np.round(frames)).all()):
-        raise FormatError(f"{path.name}: the column Frame holds something that is no frame number: export it again")
-    return frames.astype(np.int64), header[1:], values[:, 1:]
+    return frame_numbers(path, values[:, 0], first_line=2), header[1:], values[:, 1:]
 
 
 def _body_pattern(cell: str) -> re.Match[str] | None:

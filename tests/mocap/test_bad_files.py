@@ -1,14 +1,19 @@
 """Files that are not what they should be: one line that names the file, the place and what to do; nothing half done."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap.errors import FormatError
+from mocap.arrays import unique
+from mocap.cameras import dlt_camera
+from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.formats.csv_table import read_table
 from mocap.formats.dltdv import read_coefficients, read_pixels, read_points, read_residuals
-from mocap.formats.profile import read_profile
+from mocap.formats.profile import read_profile, with_profile
+from mocap.records import PixelTracks
 
 HEAD = "p_cam1_X,p_cam1_Y\n"
 ROW_OF_11 = ",".join(["1.5"] * 11) + "\n"
@@ -151,3 +156,85 @@ def test_spaces_around_cells_are_nothing(tmp_path):
     """Cells padded with spaces or tabs read as without, missing ones too."""
     (tmp_path / "x.csv").write_text("p_cam1_X , p_cam1_Y\n 1 , NaN\n\t2,\t3 \n")
     np.testing.assert_array_equal(read_table(tmp_path / "x.csv")[1], [[1, np.nan], [2, 3]])
+
+
+def profile(tmp_path, *lines):
+    path = tmp_path / "cameras.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+LINE = "1 1698 2560 1600 1281 887 1 -0.12 0.05 0 0 0"
+
+
+@pytest.mark.parametrize(("columns", "kind"), [(13, "omnidirectional"), (17, "bundle-adjustment"), (19, "Scaramuzza")])
+def test_profiles_of_other_camera_models_are_named(tmp_path, columns, kind):
+    """A profile of a model that we do not have is refused by that model's name, not read as another."""
+    path = profile(tmp_path, LINE, " ".join(["1"] * columns))
+    with pytest.raises(
+        FormatError, match=rf"^cameras\.txt: line 2 has {columns} columns \(.*{kind}.*not supported.*expected 12"
+    ):
+        read_profile(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("1 2 3", "line 2 has 3 columns; expected 12"),
+        (LINE.replace("887", "x"), "line 2 holds something that is not a number"),
+        ("2" + LINE[1:].replace("2560", "nan"), "line 2 holds something that is not a number"),
+        ("2" + LINE[1:].replace("1698", "0"), "line 2 describes no camera"),
+        ("2" + LINE[1:].replace("1698", "inf"), "line 2 holds something that is not a number"),
+    ],
+)
+def test_broken_profile_lines(tmp_path, line, message):
+    """A line that is no camera is refused with its number: not finite, no focal length, words, too few columns."""
+    with pytest.raises(FormatError, match=rf"^cameras\.txt: {message}"):
+        read_profile(profile(tmp_path, LINE, line))
+    with pytest.raises(FormatError, match=rf"^cameras\.txt: {message.replace('2', '4', 1)}"):
+        read_profile(profile(tmp_path, "", LINE, "", line))
+
+
+def test_a_camera_described_twice(tmp_path):
+    """Two lines of one number leave open which is which."""
+    with pytest.raises(FormatError, match="line 2 describes camera 1 again"):
+        read_profile(profile(tmp_path, LINE, LINE))
+
+
+def test_an_empty_profile(tmp_path):
+    """No line, no camera."""
+    with pytest.raises(FormatError, match="the file is empty"):
+        read_profile(profile(tmp_path, ""))
+
+
+def test_a_profile_of_another_rig(tmp_path):
+    """A profile for three cameras does not fit coefficients for two: the message has both numbers."""
+    cameras = tuple(dlt_camera(f"cam{i}", np.arange(11.0) + 1) for i in (1, 2))
+    with pytest.raises(CalibrationError, match="describes 3 cameras, but the coefficients are for 2"):
+        with_profile(cameras, profile(tmp_path, *(f"{i} {LINE[2:]}" for i in (1, 2, 3))))
+
+
+def test_records_refuse_what_no_recording_is():
+    """Names twice, times that stand still and arrays of another shape are refused by name."""
+    with pytest.raises(ValueError, match=re.escape("t_s must increase, but t_s[2] = 0.1 s follows 0.1 s")):
+        PixelTracks(names=("a",), cameras=("c",), t_s=[0, 0.1, 0.1], uv_px=np.zeros((1, 3, 1, 2)))
+    with pytest.raises(ValueError, match="'a' appears twice"):
+        unique("marker", ("a", "b", "a"))
+    with pytest.raises(ValueError, match=re.escape("uv_px must have shape (1, 2, 1, 2), but has (1, 3, 1, 2)")):
+        PixelTracks(names=("a",), cameras=("c",), t_s=[0, 0.1], uv_px=np.zeros((1, 3, 1, 2)))
+
+
+def test_records_are_copies_that_nobody_writes_to():
+    """Changing the array that a record was made from does not change the record, and the record cannot be changed."""
+    uv = np.zeros((1, 1, 1, 2))
+    pixels = PixelTracks(names=("a",), cameras=("c",), t_s=[0.0], uv_px=uv)
+    uv[:] = 7
+    assert not pixels.uv_px.any()
+    with pytest.raises(ValueError, match="read-only"):
+        pixels.uv_px[:] = 1
+
+
+def test_all_troubles_are_one_family():
+    """A caller can catch everything that a user can mend by one name."""
+    assert issubclass(FormatError, MocapError)
+    assert issubclass(CalibrationError, MocapError)

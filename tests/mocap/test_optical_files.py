@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mocap.errors import FormatError
-from mocap.formats import c3d
 from mocap.formats.c3d import read_c3d
 from mocap.formats.qualisys import read_mat, read_tsv
 from mocap.formats.vicon import read_csv
@@ -82,27 +81,24 @@ def test_vicon_statistics_are_those_of_another_reader(trial, frames, missing):
 
 
 def test_variants_of_one_c3d_agree():
-    """The readme of sample_01 and 02: the same values in Intel and DEC, integers and reals.
+    """The readme of sample_01 and 02: the same values in Intel, DEC and SGI, integers and reals.
 
-    Integers are cut off at the scale of the file, 0.083 and 0.281 mm; reals to 24 bits of at most 2.5 m.
+    Integers are cut off at the scale of the file, 0.083 and 0.281 mm; reals to 24 bits of at most 2.5 m. Residuals are
+    whole multiples of the scale, in some files of sample_02 one more.
     """
     for folder, files, scale_mm in (
-        ("sample_01", ["Eb015pr", "Eb015pi", "Eb015vi", "Eb015vr"], 0.0834),
-        ("sample_02", ["pc_real", "pc_int", "dec_int", "dec_real"], 0.2812),
+        ("sample_01", ["Eb015pr", "Eb015pi", "Eb015vi", "Eb015vr", "Eb015si", "Eb015sr"], 0.0834),
+        ("sample_02", ["pc_real", "pc_int", "dec_int", "dec_real", "sgi_int", "sgi_real"], 0.2812),
     ):
-        first, *others = [read_c3d(real("c3d_samples", folder, f"{name}.c3d")).points for name in files]
+        first, *others = [read_c3d(real("c3d_samples", folder, f"{name}.c3d")) for name in files]
         for other in others:
-            assert other.names == first.names
-            np.testing.assert_array_equal(other.origin, first.origin)
-            np.testing.assert_allclose(other.xyz_m, first.xyz_m, rtol=0, atol=scale_mm * 1e-3 + 1e-6)
-        assert (first.origin == Origin.INTERPOLATED).any()
-
-
-@pytest.mark.parametrize("name", ["sample_01/Eb015si", "sample_01/Eb015sr", "sample_02/sgi_int", "sample_02/sgi_real"])
-def test_big_endian_c3d_is_refused_with_a_reason(name):
-    """ezc3d reads no SGI files: the message says so."""
-    with pytest.raises(FormatError, match="MIPS processor type not supported"):
-        read_c3d(real("c3d_samples", f"{name}.c3d"))
+            assert other.points.names == first.points.names
+            assert (other.fps, other.unit) == (first.fps, first.unit)
+            np.testing.assert_array_equal(other.points.origin, first.points.origin)
+            residuals = other.tables["residual_m"], first.tables["residual_m"]
+            np.testing.assert_allclose(*residuals, rtol=0, atol=scale_mm * 1e-3)
+            np.testing.assert_allclose(other.points.xyz_m, first.points.xyz_m, rtol=0, atol=scale_mm * 1e-3 + 1e-6)
+        assert (first.points.origin == Origin.INTERPOLATED).any()
 
 
 def test_c3d_counts_are_those_of_another_reader():
@@ -170,7 +166,7 @@ DAMAGED_TSV = {
         re.sub(r"Frame\tTime[^\n]*\n", "", TSV).replace("11\t0.10000\t1", "1"),
         "2 names and 6 columns|line 6 has",
     ),
-    "frames backwards": (TSV.replace("12\t0.11", "10\t0.09"), "t_s must increase"),
+    "frames backwards": (TSV.replace("12\t0.11", "10\t0.09"), "line 7: 10 follows frame 11"),
     "not text": (b"MATLAB\0\xff\xfe\n", "not a text file"),
 }
 DAMAGED_CSV = {
@@ -224,22 +220,6 @@ def test_cut_binaries_are_refused(tmp_path, read, parts, keep):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "at", "value"),
-    [("sample_03/gait-raw", 5058, 186), ("sample_02/pc_real", 4311, 109)],
-    ids=["crash", "loop"],
-)
-def test_a_head_that_brings_ezc3d_down_is_a_damaged_file(tmp_path, monkeypatch, name, at, value):
-    """One wrong byte makes ezc3d 1.7 write where it must not, or never end: here it is an error like others."""
-    monkeypatch.setattr(c3d, "SECONDS", 2.0)
-    data = bytearray(real("c3d_samples", f"{name}.c3d").read_bytes())
-    data[at] = value
-    path = tmp_path / "damaged.c3d"
-    path.write_bytes(data)
-    with pytest.raises(FormatError, match=r"damaged\.c3d: the head of this C3D file is damaged"):
-        read_c3d(path)
-
-
 def test_a_recording_longer_than_its_head_can_say_is_called_cut(tmp_path):
     """16 bits count the frames of a C3D file; the parameter that counts the others is compared with what came."""
     import ezc3d
@@ -254,4 +234,4 @@ def test_a_recording_longer_than_its_head_can_say_is_called_cut(tmp_path):
         file["data"]["points"] = np.ones((4, 1, 5))
         file.write(str(path))
         findings = " ".join(read_c3d(path).findings)
-        assert ("frames up to 70000, which were not read" in findings) == cut
+        assert ("TRIAL:ACTUAL_END_FIELD announces 70000 frames, 5 are there" in findings) == cut

@@ -1,0 +1,165 @@
+"""C3D files whose parts contradict each other: refused with the place, or read with a finding, never in silence."""
+
+import struct
+
+import ezc3d
+import numpy as np
+import pytest
+
+from mocap.errors import FormatError
+from mocap.formats.c3d import read_c3d
+from tests.real_data import real
+
+SAMPLES = ("pyomeca/markers_analogs", "sample_01/Eb015pi", "sample_01/Eb015vr", "sample_03/gait-pig")
+
+
+def made(path, frames=40, markers=3, words=None):
+    """A file of ezc3d: reals, Intel, no analog channels."""
+    file = ezc3d.c3d()
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"], point["UNITS"]["value"] = [100.0], ["mm"]
+    point["LABELS"]["value"] = [f"m{i}" for i in range(markers)]
+    for name, value in (words or {}).items():
+        file.add_parameter("TRIAL", name, value)
+    data = np.ones((4, markers, frames))
+    data[:3] = np.random.default_rng(1).normal(scale=500.0, size=(3, markers, frames))
+    file["data"]["points"] = data
+    file.write(str(path))
+    return path
+
+
+def at_word(data: bytes, number: int) -> int:
+    """Byte of the n-th word of the first block, from 1 as the guide counts."""
+    assert len(data) >= 512
+    return 2 * (number - 1)
+
+
+def value_at(data: bytes, name: bytes, *, rank: int = 0) -> int:
+    """Byte of the first value of a parameter of so many dimensions; the group's own record comes before it."""
+    return data.index(name, 512) + len(name) + 2 + 2 + rank
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_values_are_those_of_another_reader(name):
+    """ezc3d 1.7 and this reader give the same positions and residuals to the last bit."""
+    path = real("c3d_samples", f"{name}.c3d")
+    theirs, ours = ezc3d.c3d(str(path))["data"], read_c3d(path)
+    xyz = np.transpose(theirs["points"][:3], (2, 1, 0)) * 1e-3
+    labels = ezc3d.c3d(str(path))["parameters"]["POINT"]["LABELS"]["value"]
+    which = [labels.index(label) for label in ours.names]
+    np.testing.assert_array_equal(ours.points.xyz_m, xyz[:, which])
+    residual = theirs["meta_points"]["residuals"][0].T[:, which] * 1e-3
+    np.testing.assert_array_equal(ours.tables["residual_m"], np.where(residual > 0, residual, np.nan))
+
+
+HEAD = {
+    "points": (2, "4 points by its first block, 3 by POINT:USED"),
+    "analog values": (3, "1 analog values a frame, but ANALOG:USED is 0"),
+    "begin of the data": (9, "data begin at"),
+    "real scale": (8, "the scale of the points is"),
+}
+
+
+@pytest.mark.parametrize("what", HEAD)
+def test_a_word_of_the_first_block_that_contradicts_the_rest(tmp_path, what):
+    """Points, analog values, data start and scale stand twice: one wrong bit is refused with both numbers."""
+    word, message = HEAD[what]
+    data = bytearray(made(tmp_path / "a.c3d").read_bytes())
+    place = at_word(data, word)
+    number = struct.unpack_from("<H", data, place)[0]
+    changed = {"points": number + 1, "analog values": number + 1, "begin of the data": number - 1}.get(what, 0x7F00)
+    struct.pack_into("<H", data, place, changed)
+    (tmp_path / "a.c3d").write_bytes(data)
+    with pytest.raises(FormatError, match=rf"^a\.c3d: the head of this C3D file is damaged .*{message}.*export it"):
+        read_c3d(tmp_path / "a.c3d")
+
+
+@pytest.mark.parametrize("last", [20, 60])
+def test_the_size_tells_which_number_of_frames_is_right(tmp_path, last):
+    """40 frames are there; a head that says 20 or 60 is told so, and the 40 that POINT:FRAMES says are read."""
+    whole = read_c3d(made(tmp_path / "a.c3d"))
+    data = bytearray((tmp_path / "a.c3d").read_bytes())
+    struct.pack_into("<H", data, at_word(data, 5), last)
+    (tmp_path / "a.c3d").write_bytes(data)
+    got = read_c3d(tmp_path / "a.c3d")
+    np.testing.assert_array_equal(got.points.xyz_m, whole.points.xyz_m)
+    assert f"the first block announces {last} frames, 40 are there: was the file cut, or edited?" in got.findings
+
+
+def test_bytes_lost_within_the_data_are_seen(tmp_path):
+    """One byte less moves all that follows; the padding of a file of whole blocks does not hide it."""
+    data = real("c3d_samples", "sample_01", "Eb015pr.c3d").read_bytes()
+    assert len(data) % 512 == 0
+    for changed in (data[:9000] + data[9001:], data[:9000] + b"\0" + data[9000:], data[:9000] + data[9512:]):
+        (tmp_path / "a.c3d").write_bytes(changed)
+        with pytest.raises(FormatError, match=r"a\.c3d: .*(do not fill|are announced)"):
+            read_c3d(tmp_path / "a.c3d")
+
+
+@pytest.mark.parametrize("back", [1, 2, 3], ids=["size", "rank", "type"])
+def test_a_record_that_does_not_fit_is_refused(tmp_path, back):
+    """POINT:LABELS with another type, rank or size of 127 ends where no other parameter begins."""
+    data = bytearray(made(tmp_path / "a.c3d").read_bytes())
+    data[value_at(data, b"LABELS", rank=2) - back - (back == 1)] = 127
+    (tmp_path / "a.c3d").write_bytes(data)
+    with pytest.raises(FormatError, match=r"a\.c3d: (the head of this C3D file is damaged|3 points, but)"):
+        read_c3d(tmp_path / "a.c3d")
+
+
+def test_a_wrong_length_of_a_record_is_a_finding():
+    """The SGI files of sample_02 state the length of their last parameter with its bytes exchanged: all is read."""
+    recording = read_c3d(real("c3d_samples", "sample_02", "sgi_int.c3d"))
+    assert len(recording.names) == 36
+    assert any("the length of the parameter LABELS" in finding for finding in recording.findings)
+
+
+def test_a_frame_rate_stated_twice(tmp_path):
+    """The rate of the first block is used; that POINT:RATE says another is told."""
+    data = bytearray(made(tmp_path / "a.c3d").read_bytes())
+    struct.pack_into("<f", data, 20, 200.0)
+    (tmp_path / "a.c3d").write_bytes(data)
+    recording = read_c3d(tmp_path / "a.c3d")
+    assert recording.fps == 200
+    assert "the frame rate is 200, by POINT:RATE 100: the first is used" in recording.findings
+    struct.pack_into("<f", data, 20, 1e-38)
+    (tmp_path / "a.c3d").write_bytes(data)
+    with pytest.raises(FormatError, match="the frame rate is 1e-38"):
+        read_c3d(tmp_path / "a.c3d")
+
+
+def test_bits_that_are_no_number_warn_nobody(tmp_path):
+    """A signalling NaN (7F80 0001) among the reals of a DEC file is a sample that was not seen, without a warning."""
+    data = bytearray(real("c3d_samples", "sample_01", "Eb015vr.c3d").read_bytes())
+    start = 512 * (struct.unpack_from("<H", data, at_word(data, 9))[0] - 1)
+    data[start : start + 4] = b"\x80\x7f\x01\x00"
+    (tmp_path / "a.c3d").write_bytes(data)
+    whole = read_c3d(real("c3d_samples", "sample_01", "Eb015vr.c3d"))
+    assert whole.points.seen[0, 0]
+    assert read_c3d(tmp_path / "a.c3d").points.seen.sum() == whole.points.seen.sum() - 1
+
+
+def test_words_for_residuals_that_no_writer_makes(tmp_path):
+    """A fourth word of 0.37 or NaN is neither a residual nor a mask of cameras: counted, and its sample not seen."""
+    data = bytearray(made(tmp_path / "a.c3d").read_bytes())
+    start = 512 * (struct.unpack_from("<H", data, at_word(data, 9))[0] - 1)
+    for sample in (4, 5):
+        struct.pack_into("<f", data, start + 16 * sample + 12, 0.37 if sample == 4 else np.nan)
+    (tmp_path / "a.c3d").write_bytes(data)
+    recording = read_c3d(tmp_path / "a.c3d")
+    assert recording.points.seen.sum() == 118
+    assert any(finding.startswith("2 samples have a word for residual") for finding in recording.findings)
+
+
+def test_more_frames_than_sixteen_bits_count(tmp_path):
+    """70,000 frames: the head says 65535 or less, TRIAL:ACTUAL_END_FIELD says it all, and the size agrees."""
+    frames = 70_000
+    words = {"ACTUAL_START_FIELD": [1, 0], "ACTUAL_END_FIELD": [frames & 0xFFFF, frames >> 16]}
+    path = made(tmp_path / "a.c3d", frames=40, markers=1, words=words)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<H", data, at_word(data, 5), 0xFFFF)
+    body = np.tile(np.array([1.5, 2.5, 3.5, 0.0], dtype="<f4"), (frames, 1))
+    body[:, 0] = np.arange(frames) / 16  # exact in 24 bits
+    path.write_bytes(data[: 512 * (struct.unpack_from("<H", data, at_word(data, 9))[0] - 1)] + body.tobytes())
+    recording = read_c3d(path)
+    np.testing.assert_array_equal(recording.frames[[0, -1]], [1, frames])
+    np.testing.assert_allclose(recording.points.xyz_m[:, 0, 0], np.arange(frames) / 16e3, rtol=1e-15)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from app.stated import check_stated
 from app.tables import check_target
 from mocap.formats.dltdv_set import set_files
 from mocap.formats.format import Hints
@@ -40,6 +41,7 @@ def convert_files(
     Raises:
         MocapError: a file cannot be read, the format cannot hold it, or a file exists.
     """
+    check_stated("fps", fps)
     format = writer(out, to)
     check_target(out, force=force, inputs=files, folder=False)
     recording = joined([read(path, hints) for path in files])

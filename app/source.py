@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from app.stated import check_rate, check_stated
 from mocap import audit, origin, triangulate
 from mocap.arrays import Array, unique
-from mocap.cameras import Camera, stacked
+from mocap.cameras import Camera, check_cameras, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.formats import dltdv
 from mocap.formats.every_frame import every_frame
@@ -56,8 +57,7 @@ class Source:
         """Check what is stated."""
         stated = {"fps": self.fps, "pixel-sd": self.pixel_sd, "image-height": self.image_height_px}
         for name, value in stated.items():
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise MocapError(f"--{name} must be a number above 0, but is {value}: correct it")
+            check_stated(name, value)
         cameras = {"profile": self.profile, "origin": self.pixel_origin, "dlt-origin": self.coefficient_origin}
         for name, value in cameras.items():
             if value is not None and self.coefficients is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
@@ -69,6 +69,8 @@ class Source:
         recording = recording if self.unit is None else recording.with_unit(self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
+        if self.fps is None and recording.fps is not None:
+            check_rate(recording.fps, self.tracks.name)
         return every_frame(recording if self.fps is None else recording.with_rate(self.fps))
 
     @property
@@ -163,7 +165,7 @@ def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...]
         project = recording.format == "dltdv-project"
         what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
         raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give --dlt")
-    return recording.pixels, recording.cameras, "the project"
+    return recording.pixels, recording.cameras, source.tracks.name
 
 
 def _calibration(path: Path) -> Recording:
@@ -208,6 +210,7 @@ def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
             f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
             f"{len(cameras)}: give the coefficients of this recording (a column a camera)"
         )
+    check_cameras(cameras, where)
     if source.profile is not None:
         cameras = with_profile(cameras, source.profile)
     if not pixels.seen.any():

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from app.stated import check_rate, check_stated
 from mocap import audit, origin, triangulate
 from mocap.arrays import Array, unique
@@ -19,6 +17,7 @@ from mocap.formats.recording import Recording
 from mocap.formats.registry import read
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
+from mocap.text import as_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +100,8 @@ class Source:
     @property
     def name(self) -> str:
         """Name of the recording, from that of the file."""
-        return self.tracks.stem.removesuffix("xypts").removesuffix("xyzpts").rstrip("_-. ") or self.tracks.stem
+        stem = as_text(self.tracks.stem)
+        return stem.removesuffix("xypts").removesuffix("xyzpts").rstrip("_-. ") or stem
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

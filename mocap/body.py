@@ -9,7 +9,6 @@ from scipy.ndimage import gaussian_filter1d
 
 from mocap.arrays import Array, frozen
 
-
 STIFFEST = 1e12
 """Greatest penalty of a smoother beside a weight of 1."""
 WIDEST = 1 << 20

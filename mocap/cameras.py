@@ -137,21 +137,20 @@ def check_cameras(cameras: Sequence[Camera], where: str) -> None:
             raise CalibrationError(
                 f"{where}: camera {camera.name!r} has a coefficient that is no finite number: {again}"
             )
-        size = np.abs(camera.matrix).max()
+        size = np.abs(camera.matrix[:, :3]).max()
         left = np.linalg.svd(camera.matrix[:, :3] / size, compute_uv=False) if size > 0 else np.zeros(3)
         if not left[2] > FLATTEST * left[0]:
-            spread = f"up to {size:.3g}" if left[0] > 0 else "all 0"
+            spread = f"up to {np.abs(camera.matrix).max():.3g}" if left[0] > 0 else "all 0"
             raise CalibrationError(
                 f"{where}: camera {camera.name!r} has coefficients that make no camera (they are {spread}, and project "
                 f"space to a line or a point): {again}"
             )
-        # the greatest number becomes 1, so that none of the sums and products overflows
-        found = decompose(Camera(name=camera.name, matrix=camera.matrix / size))
-        numbers = np.abs([*found.intrinsic.ravel(), *found.position_m])
-        if not (numbers < FARTHEST).all():
+        far = np.abs(camera.matrix[:, 3]).max() / size  # where the camera stands, in its own focal lengths
+        found = decompose(Camera(name=camera.name, matrix=camera.matrix / size)) if far < FARTHEST else None
+        if found is None or not (np.abs([*found.intrinsic.ravel(), *found.position_m]) < FARTHEST).all():
             raise CalibrationError(
-                f"{where}: camera {camera.name!r} would have a focal length of {found.intrinsic[0, 0]:.3g} px and stand "
-                f"{np.linalg.norm(found.position_m):.3g} m from the origin, which no camera does: {again}"
+                f"{where}: camera {camera.name!r} has coefficients up to {np.abs(camera.matrix).max():.3g}, by which "
+                f"it would stand farther off, or see more sharply, than any camera does: {again}"
             )
     centres = [decompose(camera).position_m for camera in cameras]
     for (a, one), (b, other) in combinations(zip(cameras, centres, strict=True), 2):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.commands.console import errors
+from app.commands.console import errors, show
 from app.commands.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOriginOption, Profile
 from mocap.errors import CalibrationError
 
@@ -22,13 +22,10 @@ def _tell(text: str) -> None:
 
 
 def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
-    from rich.console import Console
-    from rich.markdown import Markdown
-
     if as_json:
         print((out / "report.json").read_text(encoding="utf-8"), end="")  # noqa: T201
     else:
-        Console().print(Markdown("\n".join(report.lines)))
+        show("\n".join(report.lines))
         _tell(f"Wrote {out}/")
 
 

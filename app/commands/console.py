@@ -14,21 +14,20 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.segment import Segment
 
 from app.main_job import Stages
+from mocap.text import as_text
 
 _ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Controls of terminals (ESC, CSI, ...), turns of the writing direction, line ends that are none, bytes of a file's
-name that are no text; not the tab and the new line."""
+"""Controls of terminals (ESC, CSI, ...), turns of the writing direction, line ends that are none; not the tab and
+the new line."""
 
 
 def visible(text: str) -> str:
     r"""Text as it is, but for characters that act on a terminal or change how text reads, written as \\x1b is."""
-    return _ACTS.sub(_escape, text)
+    return _ACTS.sub(_escape, as_text(text))
 
 
 def _escape(found: re.Match[str]) -> str:
     code = ord(found[0])
-    if 0xDC80 <= code <= 0xDCFF:  # a byte of a file's name that is no text in the encoding of this computer
-        code -= 0xDC00
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
 
 
@@ -61,12 +60,12 @@ output = _console(stderr=False)
 
 def say(*lines: str) -> None:
     """Lines on stderr, none broken."""
-    errors.print("\n".join(lines), soft_wrap=True)
+    errors.print(visible("\n".join(lines)), soft_wrap=True)
 
 
 def say_error(text: str) -> None:
     """One line on stderr that tells what went wrong."""
-    errors.print("error: " + " ".join(text.split("\n")), style="red", soft_wrap=True)
+    errors.print(visible("error: " + " ".join(text.split("\n"))), style="red", soft_wrap=True)
 
 
 def show(markdown: str) -> None:
@@ -91,7 +90,7 @@ def progress() -> Iterator[Stages]:
 
         def tell(stage: str, share: float) -> None:
             if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=1.0)
+                tasks[stage] = bars.add_task(visible(stage), total=1.0)
             bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
 
         yield Stages(tell=tell)

@@ -4,10 +4,9 @@ import json
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from app.commands.console import errors, progress
+from app.commands.console import errors, output, progress
 from app.commands.options import AsJson, Out
 
 data = typer.Typer(no_args_is_help=True, help="Recordings whose truth is known, and where real ones are.")
@@ -24,7 +23,7 @@ def list_data(as_json: AsJson = False) -> None:
     if as_json:
         print(json.dumps({"make": {e.name: e.what for e in ENTRIES}, "real": real, "folder": str(where)}))  # noqa: T201
         return
-    console = Console()
+    console = output
     made = Table("mocap data make", "", box=None, title="With truth, made from a seed", title_justify="left")
     for entry in ENTRIES:
         made.add_row(entry.name, entry.what)

@@ -5,10 +5,8 @@ from pathlib import Path
 from typing import Annotated, cast, get_args
 
 import typer
-from rich.console import Console
-from rich.markdown import Markdown
 
-from app.commands.console import errors, program, progress
+from app.commands.console import errors, program, progress, show
 from app.commands.options import AsJson, Force, Out
 from mocap.errors import MocapError
 
@@ -104,7 +102,7 @@ def design_joint(
     if as_json:
         print(json.dumps(report(design)))  # noqa: T201
         return
-    Console().print(Markdown(readable(design)))
+    show(readable(design))
     errors.print(
         f"\nWrote {out}/: report, drawing, pictures{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd\n"
         f"Look at it: {program()} view {out}",

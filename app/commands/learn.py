@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markdown import Markdown
 
-from app.commands.console import errors, program
+from app.commands.console import errors, program, show
 from app.commands.options import (
     AsJson,
     Dlt,
@@ -76,7 +74,7 @@ def learn(
     if as_json:
         print(json.dumps({"out": str(out), "scores": learned.scores}))  # noqa: T201
         return
-    Console().print(Markdown(readable_scores(learned)))
+    show(readable_scores(learned))
     errors.print(
         f"\nWrote {out}. Track another recording with it: {program()} track FILE ... --model {out}", highlight=False
     )

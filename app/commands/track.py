@@ -28,6 +28,7 @@ from app.commands.options import (
 )
 from app.source import Source
 from mocap.errors import MocapError
+from mocap.text import as_text
 
 
 def track(
@@ -123,7 +124,7 @@ def track(
 
 def again() -> str:
     """The command as it was called, and with which version."""
-    return f"{shlex.join(['mocap', *sys.argv[1:]])}    # version {version('eal-mocap')}"
+    return f"{as_text(shlex.join(['mocap', *sys.argv[1:]]))}    # version {version('eal-mocap')}"
 
 
 def announce(line: str) -> None:

@@ -298,7 +298,7 @@ def test_a_failure_while_writing_leaves_nothing(files, tmp_path, monkeypatch):
         raise OSError("the disk is full")
 
     monkeypatch.setattr("app.tables.write_joints", fail)
-    with pytest.raises(OSError, match="disk is full"):
+    with pytest.raises(SystemExit):
         run_here(monkeypatch, track_arguments(files, tmp_path / "run"))
     assert list(tmp_path.iterdir()) == []
 

@@ -14,6 +14,7 @@ import pandas as pd
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.cells import as_cells, from_cell
 
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
@@ -89,7 +90,7 @@ def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
         names = next(csv.reader([first.decode("utf-8-sig").strip()]), [])
     except (UnicodeDecodeError, csv.Error):
         raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
-    return [name.strip() for name in names], rest
+    return [from_cell(name.strip()) for name in names], rest
 
 
 def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line: int, *, open_end: bool) -> Array:
@@ -197,7 +198,7 @@ def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: in
     """Write names and (rows, columns) numbers, ``NaN`` where missing."""
     with whole_file(path) as stream:
         if names:
-            csv.writer(stream, lineterminator="\n").writerow(names)
+            csv.writer(stream, lineterminator="\n").writerow(as_cells(names))
         pd.DataFrame(values).to_csv(
             stream, header=False, index=False, float_format=f"%.{decimals}f", na_rep="NaN", lineterminator="\n"
         )

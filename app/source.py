@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from app.stated import check_rate, check_stated
 from mocap import audit, origin, triangulate
 from mocap.arrays import Array, unique
@@ -239,6 +241,20 @@ def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
     return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late)
+
+
+def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:
+    """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
+
+    Args:
+        filmed: Pixels and cameras.
+        stated_px: Standard deviation that the user states; None: nothing, and ``triangulate.robust`` finds its own.
+        relative: Deviations of rays relative to it, broadcastable to (C, T, M).
+    """
+    if stated_px is None:
+        return np.nan, None
+    shown = triangulate.apparent_sd(filmed.matrices, filmed.ideal_px, relative=np.asarray(relative))
+    return shown, max(stated_px, shown)
 
 
 def stored_points(source: Source) -> Path | None:

@@ -1,9 +1,9 @@
 r"""Text in cells of CSV and TSV files: a spreadsheet must not run it, and a reader must get it back.
 
-A spreadsheet takes a cell that begins with =, +, -, @, a tab or a line's end for a formula, which may run programs. An
-apostrophe before it makes it text (OWASP, CSV injection). Here a cell that begins with an apostrophe holds the text that
-follows, in which a backslash, and what would begin another cell for some spreadsheet (a tab, a line's end, a semicolon),
-are escaped as \\, \t, \r, \n and \x3b. Other text is written as it is.
+A spreadsheet takes a cell that begins with =, +, -, @, a tab or a line's end for a formula, which may run programs.
+An apostrophe before it makes it text (OWASP, CSV injection). Here a cell that begins with an apostrophe holds the text
+that follows, in which a backslash, and what would begin another cell for some spreadsheet (a tab, a line's end, a
+semicolon), are escaped as \\, \t, \r, \n and \x3b. Other text is written as it is.
 """
 
 import re

@@ -71,9 +71,8 @@ def _write(path: Path, recording: Recording) -> None:
             raise FormatError(f"{path.name}: marker {name!r} would have a column of another marker: rename it")
         columns |= own
     with whole_path(path) as temporary:
-        pd.DataFrame({as_cell(title): column for title, column in columns.items()}).to_csv(
-            temporary, index=False, na_rep="NaN", lineterminator="\n"
-        )
+        table = pd.DataFrame({as_cell(title): column for title, column in columns.items()})
+        table.to_csv(temporary, index=False, na_rep="NaN", lineterminator="\n")
 
 
 FORMATS = (

@@ -55,7 +55,9 @@ def test_more_noise_than_rays_show(source, plain):
     for stated, one in found.items():
         both = np.isfinite(one.xyz_m[..., 0]) & np.isfinite(plain.xyz_m[..., 0])
         grown = np.sqrt(np.trace(one.cov_m2, axis1=-2, axis2=-1) / np.trace(plain.cov_m2, axis1=-2, axis2=-1))[both]
-        assert abs(np.median(grown) / (stated / plain.jitter_px) - 1) < 0.1  # other rays are believed, by a few per cent
+        assert (
+            abs(np.median(grown) / (stated / plain.jitter_px) - 1) < 0.1
+        )  # other rays are believed, by a few per cent
         assert one.rays_rejected.sum() < plain.rays_rejected.sum()
         learned, usual = (marker_trial(p, seen_part(p)).sd_m for p in (one, plain))
         assert abs(np.nanmedian(learned) / np.nanmedian(usual) - 1) < 0.1

@@ -47,8 +47,8 @@ class Prepared:
             marker meet.
         ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
         jitter_px: The same over all rays; NaN without cameras.
-        stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states of
-            a pixel; 1: nothing is stated.
+        stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
+            of a pixel; 1: nothing is stated.
         bias_px: Standard deviation of the slow ray errors that were removed.
         residual_px: (T, M) residuals of triangulation before correction; NaN without.
         rejected: (T, M) masks by reason.

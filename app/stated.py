@@ -57,7 +57,7 @@ def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> 
     if stated_px > FAR_OFF * high_px:
         return [
             f"--pixel-sd {stated_px:g} contradicts the pixels: rays miss each other as by {high_px:.2g} px. Intervals "
-            f"are as you state, {stated_px / high_px:.0f} times as wide as by the rays, and fewer samples are rejected: "
+            f"are as you state, {stated_px / high_px:.0f} times as wide as by the rays, and fewer samples rejected: "
             "leave it out, or check it"
         ]
     return []

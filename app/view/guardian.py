@@ -2,8 +2,8 @@
 
 ``started`` runs this file as a small process of its own between the two. It holds the reading end of a pipe whose
 writing end only the parent has. The system closes that end when the parent dies, by SIGKILL or a crash too; then, and
-when the parent closes it, the guardian ends what it started. Pipes close so on every platform; a parent-death signal
-(prctl) exists on Linux only, follows the thread and not the process that asked for it, and a job object on Windows only.
+when the parent closes it, the guardian ends what it started. Pipes close so on every platform; a signal at the parent's
+death (prctl) exists on Linux only and follows the thread that asked for it, a job object exists on Windows only.
 
 The guardian has a session of its own, so that signals to the group of the parent (Ctrl-C, a terminal that closes) reach
 the parent alone, whose end it then sees. Run as a program it imports the standard library only, and starts in 20 ms.
@@ -32,8 +32,8 @@ def started(
         said: Where its stdout and stderr go.
 
     Returns:
-        The guardian: it ends when the command does, with its exit code (128 and the signal's number where a signal ended
-        it). End both with ``end``.
+        The guardian: it ends when the command does, with its exit code (128 and the signal's number where a signal
+        ended it). End both with ``end``.
     """
     detached: dict[str, Any] = {"start_new_session": True}
     if sys.platform == "win32":

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from app.stated import check_stated
 from mocap.formats.dltdv_set import set_files
 from mocap.formats.format import Hints
 from mocap.formats.registry import read, write, writer
@@ -38,6 +39,7 @@ def convert_files(
     Raises:
         MocapError: a file cannot be read, the format cannot hold it, or a file exists.
     """
+    check_stated("fps", fps)
     format = writer(out, to)
     recording = joined([read(path, hints) for path in files])
     recording = recording if fps is None else recording.with_rate(fps)

@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mocap.audit import audit_recording
-from mocap.errors import FormatError
+from mocap.cameras import check_cameras
+from mocap.errors import CalibrationError, FormatError
 from mocap.formats.describe import summary
 from mocap.formats.format import Hints
 from mocap.formats.recording import Recording
@@ -45,7 +48,12 @@ def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
 def _audited(found: dict[str, Any], recording: Recording) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
     try:
-        audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
+        check_cameras(recording.cameras, recording.paths[0].name)
+    except CalibrationError as error:
+        found["findings"].append(str(error))
+    try:
+        with np.errstate(all="ignore"):  # of cameras that are none
+            audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
     except (ValueError, ArithmeticError) as error:  # NumPy's LinAlgError is one: numbers that no rig has
         found["findings"].append(f"the audit came to no end: {error}")
         audited = []

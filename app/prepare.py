@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.cleaning_findings import camera_findings, cleaning_findings, exchange_findings, never_seen
-from app.source import Filmed, Source, audit_points, load_filmed, load_points, load_skeleton
+from app.source import Filmed, Source, audit_points, by_pixels, load_filmed, load_points, load_skeleton
+from app.stated import contradiction
 from filters.observations import Observations, PixelObservations, PositionObservations
 from mocap import audit, triangulate
 from mocap.arrays import Array
@@ -46,6 +47,8 @@ class Prepared:
             marker meet.
         ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
         jitter_px: The same over all rays; NaN without cameras.
+        stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
+            of a pixel; 1: nothing is stated.
         bias_px: Standard deviation of the slow ray errors that were removed.
         residual_px: (T, M) residuals of triangulation before correction; NaN without.
         rejected: (T, M) masks by reason.
@@ -85,6 +88,7 @@ class Prepared:
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
     audited: tuple[audit.Finding, ...] = ()
+    stated_over_shown: float = 1.0
 
     @property
     def dt_s(self) -> float:
@@ -152,7 +156,8 @@ def prepare(source: Source) -> Prepared:
     health = camera_health(filmed.matrices, filmed.ideal_px)
     worse = health.factor
     filmed = replace(filmed, ideal_px=shifted_back(filmed.ideal_px, health))
-    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd, relative=worse[..., None])
+    shown, gate = by_pixels(filmed, source.pixel_sd, worse[..., None])
+    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse[..., None])
     filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names, worse)
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     t_s = filmed.pixels.t_s
@@ -165,11 +170,13 @@ def prepare(source: Source) -> Prepared:
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
-    jitter = source.pixel_sd or bias.jitter_px
     uv = uv - bias.bias_px
     start = triangulate.linear(filmed.matrices, uv, relative=worse[..., None])
     noise = click_noise(filmed.matrices, uv, start, relative=worse)
-    xyz, cov, ray_sd, ray_scale = student_t(filmed.matrices, uv, start, sd_px=jitter, relative=worse, noise=noise)
+    xyz, cov, ray_sd, ray_scale = student_t(
+        filmed.matrices, uv, start, sd_px=bias.jitter_px, relative=worse, noise=noise
+    )
+    ratio = 1.0 if source.pixel_sd is None else source.pixel_sd / bias.jitter_px
     lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     stale, findings = audit_points(source, filmed)
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
@@ -177,7 +184,8 @@ def prepare(source: Source) -> Prepared:
     if filmed.late_frames is not None:
         shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
         told += [f"camera {c.name!r} was read {late:+.2f} frames off, as asked" for c, late in shifts if late]
-    findings = [filmed.pixel_origin.describe(), *told, *findings]
+    contradicted = contradiction(source.pixel_sd, low_px=bias.jitter_px, high_px=shown)
+    findings = [*contradicted, filmed.pixel_origin.describe(), *told, *findings]
     if bias.sd_px:
         findings.append(
             f"rays of one marker miss each other slowly by {bias.sd_px:.2f} px (calibration or lens): removed before "
@@ -189,12 +197,12 @@ def prepare(source: Source) -> Prepared:
         names=names,
         t_s=t_s,
         xyz_m=xyz,
-        cov_m2=cov,
+        cov_m2=cov * ratio**2,
         filmed=filmed,
         uv_px=uv,
-        ray_sd_px=ray_sd,
-        ray_scale_px=ray_scale,
-        jitter_px=jitter,
+        ray_sd_px=ray_sd * ratio,
+        ray_scale_px=ray_scale * ratio,
+        jitter_px=source.pixel_sd or bias.jitter_px,
         bias_px=bias.sd_px,
         residual_px=found.residual_px,
         rejected={"rays_miss": lost, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
@@ -215,6 +223,7 @@ def prepare(source: Source) -> Prepared:
         swaps=swaps,
         stale=stale,
         audited=tuple(audited),
+        stated_over_shown=ratio,
     )
 
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from app.stated import check_rate, check_stated
 from mocap import audit, origin, triangulate
 from mocap.arrays import Array, unique
-from mocap.cameras import Camera, stacked
+from mocap.cameras import Camera, check_cameras, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.formats import dltdv
 from mocap.formats.every_frame import every_frame
@@ -18,6 +19,7 @@ from mocap.formats.recording import Recording
 from mocap.formats.registry import read
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
+from mocap.text import as_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +58,7 @@ class Source:
         """Check what is stated."""
         stated = {"fps": self.fps, "pixel-sd": self.pixel_sd, "image-height": self.image_height_px}
         for name, value in stated.items():
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise MocapError(f"--{name} must be a number above 0, but is {value}: correct it")
+            check_stated(name, value)
         cameras = {"profile": self.profile, "origin": self.pixel_origin, "dlt-origin": self.coefficient_origin}
         for name, value in cameras.items():
             if value is not None and self.coefficients is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
@@ -69,6 +70,8 @@ class Source:
         recording = recording if self.unit is None else recording.with_unit(self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
+        if self.fps is None and recording.fps is not None:
+            check_rate(recording.fps, self.tracks.name)
         return every_frame(recording if self.fps is None else recording.with_rate(self.fps))
 
     @property
@@ -99,7 +102,8 @@ class Source:
     @property
     def name(self) -> str:
         """Name of the recording, from that of the file."""
-        return self.tracks.stem.removesuffix("xypts").removesuffix("xyzpts").rstrip("_-. ") or self.tracks.stem
+        stem = as_text(self.tracks.stem)
+        return stem.removesuffix("xypts").removesuffix("xyzpts").rstrip("_-. ") or stem
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -163,7 +167,7 @@ def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...]
         project = recording.format == "dltdv-project"
         what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
         raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give --dlt")
-    return recording.pixels, recording.cameras, "the project"
+    return recording.pixels, recording.cameras, source.tracks.name
 
 
 def _calibration(path: Path) -> Recording:
@@ -208,6 +212,7 @@ def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
             f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
             f"{len(cameras)}: give the coefficients of this recording (a column a camera)"
         )
+    check_cameras(cameras, where)
     if source.profile is not None:
         cameras = with_profile(cameras, source.profile)
     if not pixels.seen.any():
@@ -236,6 +241,20 @@ def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
     return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late)
+
+
+def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:
+    """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
+
+    Args:
+        filmed: Pixels and cameras.
+        stated_px: Standard deviation that the user states; None: nothing, and ``triangulate.robust`` finds its own.
+        relative: Deviations of rays relative to it, broadcastable to (C, T, M).
+    """
+    if stated_px is None:
+        return np.nan, None
+    shown = triangulate.apparent_sd(filmed.matrices, filmed.ideal_px, relative=np.asarray(relative))
+    return shown, max(stated_px, shown)
 
 
 def stored_points(source: Source) -> Path | None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.run import Run
+from mocap.formats.cells import as_cells
 from mocap.records import MarkerTracks, Origin
 
 
@@ -69,5 +70,5 @@ def _text(values: np.ndarray) -> np.ndarray:
 def _write(path: Path, header: list[str], columns: list[np.ndarray]) -> None:
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
+        writer.writerow(as_cells(header))
         writer.writerows(np.stack(columns, axis=1).tolist())

@@ -54,7 +54,7 @@ def why_no_pose(prepared: Prepared, part: Part) -> str | None:
     if seen.shape[1] < 4:
         return f"only {seen.shape[1]} markers are seen: a pose needs 4"
     spread = np.nanstd(prepared.xyz_m[part.frames][:, part.markers], axis=0)
-    noise = np.sqrt(np.nanmedian(np.trace(prepared.cov_m2, axis1=-2, axis2=-1)) / 3)
+    noise = np.sqrt(np.nanmedian(np.trace(prepared.cov_m2, axis1=-2, axis2=-1)) / 3) / prepared.stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
         return "nothing moves by more than the noise"
     together = int((seen.mean(axis=1) >= 0.6).sum())
@@ -98,12 +98,13 @@ def part_names(prepared: Prepared, part: Part) -> list[str]:
 
 
 def marker_trial(prepared: Prepared, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
-    """The seen part as models learn from it."""
+    """The seen part as models learn from it: with the noise that it shows, whatever is stated."""
+    cov = prepared.cov_m2[part.frames][:, part.markers]
     return MarkerTrial(
         name=prepared.name,
         t_s=prepared.t_s[part.frames],
         xyz_m=_visible(prepared, part, hidden, part.markers),
-        sd_m=np.sqrt(np.trace(prepared.cov_m2[part.frames][:, part.markers], axis1=-2, axis2=-1) / 3),
+        sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3) / prepared.stated_over_shown,
     )
 
 

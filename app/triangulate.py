@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from app.source import Source, audit_points, load_filmed, load_skeleton
+from app.source import Source, audit_points, by_pixels, load_filmed, load_skeleton
+from app.stated import contradiction
 from mocap import triangulate
 from mocap.arrays import Array
 from mocap.formats import dltdv
@@ -64,10 +65,14 @@ def triangulate_file(source: Source, out: Path, *, refine: bool) -> Triangulatio
     filmed = load_filmed(source, iterations=None if refine else 3)
     _, names = load_skeleton(source.skeleton, filmed.pixels.names)
     if refine:
-        found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=source.pixel_sd)
-        xyz, cov, residual = found.xyz_m, found.cov_m2, found.residual_px
+        shown, gate = by_pixels(filmed, source.pixel_sd)
+        found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate)
+        xyz, residual = found.xyz_m, found.residual_px
+        cov = found.cov_m2 * ((source.pixel_sd or found.sd_px) / found.sd_px) ** 2
+        contradicted = contradiction(source.pixel_sd, low_px=shown, high_px=shown)
     else:
         xyz, residual = linear_in_blocks(filmed.matrices, filmed.ideal_px)
+        contradicted = []
         cov = np.broadcast_to(np.nan, (*xyz.shape, 3))
     seen = np.isfinite(xyz[..., 0])
     tracks = MarkerTracks(
@@ -83,5 +88,5 @@ def triangulate_file(source: Source, out: Path, *, refine: bool) -> Triangulatio
         points=int(seen.sum()),
         samples=seen.size,
         residual_px=float(np.median(residual[seen])),
-        findings=(*source.frame_findings, filmed.pixel_origin.describe(), *findings),
+        findings=(*contradicted, *source.frame_findings, filmed.pixel_origin.describe(), *findings),
     )

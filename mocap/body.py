@@ -9,6 +9,11 @@ from scipy.ndimage import gaussian_filter1d
 
 from mocap.arrays import Array, frozen
 
+STIFFEST = 1e12
+"""Greatest penalty of a smoother beside a weight of 1."""
+WIDEST = 1 << 20
+"""Frames to either side that a moving average looks at, at most: memory does not grow with the frame rate."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BodyFrames:
@@ -36,7 +41,8 @@ def smooth_series(y: Array, weight: Array, *, dt_s: float, cutoff_hz: float) -> 
     """Whittaker's smoother: minimise sum w (x - y)^2 + p sum (second difference of x)^2.
 
     p = (2 pi cutoff dt)^-4, so that a sine of ``cutoff_hz`` is halved; samples of weight 0 are bridged by cubics, and
-    continued by straight lines before the first and after the last.
+    continued by straight lines before the first and after the last. p is at most ``STIFFEST``
+    times the greatest weight (a cutoff of 0.0001 of the frame rate): double precision solves nothing stiffer.
 
     Args:
         y: (T, K) series; values of weight 0 are not read.
@@ -51,7 +57,7 @@ def smooth_series(y: Array, weight: Array, *, dt_s: float, cutoff_hz: float) -> 
     if n < 3 or np.count_nonzero(weight) < 2:
         mean = np.average(np.nan_to_num(y), axis=0, weights=weight)
         return np.repeat(mean[None], n, axis=0)
-    penalty = (2 * np.pi * cutoff_hz * dt_s) ** -4
+    penalty = min((2 * np.pi * cutoff_hz * dt_s) ** -4, STIFFEST * float(weight.max()))
     ones = np.ones(n - 2)
     diagonal = np.zeros(n)
     for offset, factor in ((0, 1.0), (1, 4.0), (2, 1.0)):
@@ -187,7 +193,9 @@ def _followed(
     squares = np.sum(np.where(seen[..., None], misfit, 0.0)[oriented] ** 2)
     prior = squares / (3 * seen[oriented].sum()) / loose_rad**2
     covariance = _covariance(points, seen, shape)
-    slow = gaussian_filter1d(covariance, 10 / (2 * np.pi * cutoff_hz * dt_s), axis=0, mode="constant")
+    width = 10 / (2 * np.pi * cutoff_hz * dt_s)
+    radius = min(int(4 * width + 0.5), WIDEST)
+    slow = gaussian_filter1d(covariance, width, axis=0, mode="constant", radius=radius)
     slow = nearest_rotation(slow + 1e-6 * covariance.mean(axis=0))
     known = np.linalg.svd(covariance, compute_uv=False)[:, 1:].sum(axis=1)
     weight = oriented * known / (known + prior + 1e-30)

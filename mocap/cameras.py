@@ -2,12 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.linalg import rq
 
 from mocap.arrays import Array, frozen
+from mocap.errors import CalibrationError
 from mocap.lens import Lens
+
+FLATTEST = 1e-10
+"""Least over greatest singular value of a projection's left 3 x 3 part; of a lens of 1e5 px it is about 1e-5."""
+FARTHEST = 1e9
+"""No focal length or principal point in pixels, and no distance of a camera from the world's origin, is so great."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -111,6 +118,47 @@ def decompose(camera: Camera) -> Pinhole:
         translation_m=translation,
         mirrored=bool(np.linalg.det(rotation) < 0),
     )
+
+
+def check_cameras(cameras: Sequence[Camera], where: str) -> None:
+    """Refuse cameras that no rig can have, before anything is triangulated with them.
+
+    Args:
+        cameras: The C cameras.
+        where: The file or argument that they are from, for the message.
+
+    Raises:
+        CalibrationError: coefficients are not finite, make no camera (a projection without a centre), or are of
+            magnitudes that no camera has; or two cameras stand in one place.
+    """
+    again = "export the calibration again, or calibrate again"
+    for camera in cameras:
+        if not np.isfinite(camera.matrix).all():
+            raise CalibrationError(
+                f"{where}: camera {camera.name!r} has a coefficient that is no finite number: {again}"
+            )
+        size = np.abs(camera.matrix[:, :3]).max()
+        left = np.linalg.svd(camera.matrix[:, :3] / size, compute_uv=False) if size > 0 else np.zeros(3)
+        if not left[2] > FLATTEST * left[0]:
+            spread = f"up to {np.abs(camera.matrix).max():.3g}" if left[0] > 0 else "all 0"
+            raise CalibrationError(
+                f"{where}: camera {camera.name!r} has coefficients that make no camera (they are {spread}, and project "
+                f"space to a line or a point): {again}"
+            )
+        far = np.abs(camera.matrix[:, 3]).max() / size  # where the camera stands, in its own focal lengths
+        found = decompose(Camera(name=camera.name, matrix=camera.matrix / size)) if far < FARTHEST else None
+        if found is None or not (np.abs([*found.intrinsic.ravel(), *found.position_m]) < FARTHEST).all():
+            raise CalibrationError(
+                f"{where}: camera {camera.name!r} has coefficients up to {np.abs(camera.matrix).max():.3g}, by which "
+                f"it would stand farther off, or see more sharply, than any camera does: {again}"
+            )
+    centres = [decompose(camera).position_m for camera in cameras]
+    for (a, one), (b, other) in combinations(zip(cameras, centres, strict=True), 2):
+        if np.linalg.norm(one - other) <= 1e-9 * max(np.linalg.norm(one), np.linalg.norm(other)):
+            raise CalibrationError(
+                f"{where}: cameras {a.name!r} and {b.name!r} stand in one place, as where a camera is given twice: no "
+                f"depth can be told by them; give each camera its own coefficients"
+            )
 
 
 def stacked(cameras: Sequence[Camera]) -> Array:

@@ -181,6 +181,22 @@ def pixel_sd(residual: Array, n_cameras: NDArray[np.int64]) -> float:
     return float(np.sqrt(np.sum(residual[ok][near] ** 2 * dof[near]) / np.sum(dof[near])))
 
 
+def apparent_sd(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> float:
+    """Standard deviation of a pixel coordinate that rays show by how they miss each other (``pixel_sd``).
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
+        relative: As in ``robust``.
+
+    Raises:
+        ValueError: no point is seen by two cameras.
+    """
+    spread = None if relative is None else np.broadcast_to(relative, uv_px.shape[:-1])
+    residual = residual_px(matrices, uv_px, linear(matrices, uv_px, relative=spread), relative=spread)
+    return pixel_sd(residual, np.isfinite(uv_px[..., 0]).sum(axis=0))
+
+
 def robust(
     matrices: Array,
     uv_px: Array,

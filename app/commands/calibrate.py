@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.commands.console import announce
+from app.commands.console import say, show
 from app.commands.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOriginOption, Profile
 from mocap.errors import CalibrationError
 
@@ -18,14 +18,11 @@ calibrate = typer.Typer(no_args_is_help=True, help="Calibrate cameras, with resi
 
 
 def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
-    from rich.console import Console
-    from rich.markdown import Markdown
-
     if as_json:
         print((out / "report.json").read_text(encoding="utf-8"), end="")  # noqa: T201
     else:
-        Console().print(Markdown("\n".join(report.lines)))
-        announce(f"Wrote {out}/")
+        show("\n".join(report.lines))
+        say(f"Wrote {out}/")
 
 
 def _size(text: str, option: str) -> tuple[int, int]:
@@ -87,8 +84,8 @@ def images(
         raise CalibrationError(f"--square-mm {square_mm:g}: a square has a side above 0")
     board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
     inputs = [p for p in (folder, lenses) if p is not None]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
-        cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=announce)
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+        cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=say)
         written = write_calibration_folder(rig, cameras, report)
     _finish(written, out, as_json)
 
@@ -115,7 +112,7 @@ def wand(
     from mocap.output import result_folder
 
     inputs = [p for p in (file, background, profile) if p is not None]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
         cameras, upright, report = from_wand(
             file,
             background=background,
@@ -123,7 +120,7 @@ def wand(
             length_m=length_m,
             moves=free,
             lower_left=origin == "lower-left",
-            tell=announce,
+            tell=say,
         )
         written = write_calibration_folder(rig, cameras, report, upright=upright)
     _finish(written, out, as_json)
@@ -149,7 +146,7 @@ def dlt(
     if scale is None:
         raise CalibrationError(f"--unit {unit!r}: m, cm or mm")
     inputs = [points, pixels]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
         cameras, report = from_points(points, pixels, unit_m=scale)
         written = write_calibration_folder(rig, cameras, report, lenses=False)
     _finish(written, out, as_json)
@@ -187,7 +184,7 @@ def refine(
         image_height_px=image_height,
     )
     inputs = [p for p in source.inputs if p is not None]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=announce) as rig:
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
         cameras, report = from_tracks(source, bones=bone or [], focal=focal)
         written = write_calibration_folder(rig, cameras, report, lenses=False)
     _finish(written, out, as_json)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import announce
+from app.commands.console import say
 from app.commands.options import AsJson, Columns, Force, FormatName, Fps, SparseCameras, Unit
 
 
@@ -35,12 +35,12 @@ def convert(
     from mocap.output import result_file
 
     hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name)
-    with result_file(out, replace=force, inputs=files, tell=announce) as file:
+    with result_file(out, replace=force, inputs=files, tell=say) as file:
         done = convert_files(files, file, hints=hints, to=to, fps=fps, unit=unit, filled=filled)
     done["written"] = [str(out.with_name(name)) for name in done["written"]]
     if as_json:
         print(json.dumps(done))  # noqa: T201
         return
     for remark in [*done["findings"], *done["remarks"]]:
-        announce(remark)
-    announce(f"wrote {', '.join(done['written'])}")
+        say(remark)
+    say(f"wrote {', '.join(done['written'])}")

@@ -4,10 +4,9 @@ import json
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from app.commands.console import announce, errors, progress
+from app.commands.console import errors, output, progress, say
 from app.commands.options import AsJson, Force, Out
 
 data = typer.Typer(no_args_is_help=True, help="Recordings whose truth is known, and where real ones are.")
@@ -24,7 +23,7 @@ def list_data(as_json: AsJson = False) -> None:
     if as_json:
         print(json.dumps({"make": {e.name: e.what for e in ENTRIES}, "real": real, "folder": str(where)}))  # noqa: T201
         return
-    console = Console()
+    console = output
     made = Table("mocap data make", "", box=None, title="With truth, made from a seed", title_justify="left")
     for entry in ENTRIES:
         made.add_row(entry.name, entry.what)
@@ -49,7 +48,7 @@ def make_data(
     from mocap.output import MANIFEST
 
     with progress() as stages, stages.stage(name) as share:
-        make(name, out, seed=seed, replace=force, progress=share, tell=announce)
+        make(name, out, seed=seed, replace=force, progress=share, tell=say)
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     names = sorted(path.name + ("/" if path.is_dir() else "") for path in out.iterdir() if path.name != MANIFEST)
     errors.print(

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import announce, finish, progress
+from app.commands.console import say, finish, progress
 from app.commands.options import AsJson, Force, Out
 
 
@@ -30,7 +30,7 @@ def demo(
     from app.view.record import write_recording
     from mocap.output import result_folder
 
-    with result_folder(out, "track", replace=force, tell=announce) as folder, progress() as stages:
+    with result_folder(out, "track", replace=force, tell=say) as folder, progress() as stages:
         run = run_demo(animal.value, stages=stages, seed=seed)
         with stages.stage("write"):
             write_run(run, folder, write_recording=write_recording)

@@ -5,10 +5,8 @@ from pathlib import Path
 from typing import Annotated, cast, get_args
 
 import typer
-from rich.console import Console
-from rich.markdown import Markdown
 
-from app.commands.console import announce, errors, program, progress
+from app.commands.console import program, progress, say, show
 from app.commands.options import AsJson, Force, Out
 from mocap.errors import MocapError
 
@@ -97,7 +95,7 @@ def design_joint(
         tolerance=Tolerance(position=error_mm * MM, length=error_mm * MM, stiffness=error_stiffness),
     )
     with (
-        result_folder(out, "design-joint", replace=force, inputs=[source, skeleton], tell=announce) as folder,
+        result_folder(out, "design-joint", replace=force, inputs=[source, skeleton], tell=say) as folder,
         progress() as stages,
     ):
         design = shape_joint(found, wish, stage=lambda name: lambda share: stages.tell(name, share))
@@ -106,7 +104,7 @@ def design_joint(
     if as_json:
         print(json.dumps(report(design)))  # noqa: T201
         return
-    Console().print(Markdown(readable(design)))
+    show(readable(design))
     errors.print(
         f"\nWrote {out}/: report, drawing, pictures{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd\n"
         f"Look at it: {program()} view {out}",

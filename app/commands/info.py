@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
+from app.commands.console import output
 from app.commands.options import AsJson, Columns, FormatName, SparseCameras
 
 
@@ -28,8 +27,7 @@ def info(
     if as_json:
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201
     else:
-        console = Console(soft_wrap=True, highlight=False)
         for one in found:
-            console.print(escape(readable(one)))
+            output.print(readable(one), soft_wrap=True)
     if any(one["format"] is None or "error" in one for one in found):
         raise typer.Exit(1)

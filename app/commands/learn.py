@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markdown import Markdown
 
-from app.commands.console import announce, errors, program
+from app.commands.console import program, say, show
 from app.commands.options import (
     AsJson,
     Dlt,
@@ -68,13 +66,13 @@ def learn(
     ]
     sources = [s if s.recording.pixels is not None else replace(s, coefficients=None) for s in sources]
     inputs = [path for source in sources for path in source.inputs]
-    with result_file(out, replace=force, inputs=inputs, tell=announce) as file:
-        learned = learn_from(sources, seed=seed, tell=announce)
+    with result_file(out, replace=force, inputs=inputs, tell=say) as file:
+        learned = learn_from(sources, seed=seed, tell=say)
         save_model(learned, file)
     if as_json:
         print(json.dumps({"out": str(out), "scores": learned.scores}))  # noqa: T201
         return
-    Console().print(Markdown(readable_scores(learned)))
+    show(readable_scores(learned))
     errors.print(
         f"\nWrote {out}. Track another recording with it: {program()} track FILE ... --model {out}", highlight=False
     )

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import announce, errors
+from app.commands.console import say, errors
 from app.commands.options import Force, Out
 from mocap.errors import MocapError
 
@@ -29,12 +29,12 @@ def reproduce(
     for name in figures or []:
         if name.lower().removeprefix("fig") not in FIGURES:
             raise MocapError(f"there is no figure {name!r}: the figures are {', '.join(FIGURES)}")
-    with result_folder(out, "reproduce", replace=force, tell=announce) as folder:
+    with result_folder(out, "reproduce", replace=force, tell=say) as folder:
         verdicts = make_figures(
             figures or None,
             folder,
             quick,
-            announce,
+            say,
             real_bat_m=None if real is None else real_bat_samples(real),
         )
     errors.print(

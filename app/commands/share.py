@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import announce, errors
+from app.commands.console import say, errors
 from app.commands.options import Force, Out
 
 
@@ -21,7 +21,7 @@ def share(
     from app.view.share import write_site
     from mocap.output import result_folder
 
-    with result_folder(out, "share", replace=force, inputs=runs, tell=announce) as folder:
+    with result_folder(out, "share", replace=force, inputs=runs, tell=say) as folder:
         write_site(runs, folder)
     size_mb = sum(path.stat().st_size for path in out.iterdir()) / 1e6
     errors.print(

@@ -10,7 +10,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from app.commands.console import announce, finish, progress
+from app.commands.console import say, finish, progress
 from app.commands.options import (
     AsJson,
     Dlt,
@@ -28,6 +28,7 @@ from app.commands.options import (
 )
 from app.source import Source
 from mocap.errors import MocapError
+from mocap.text import as_text
 
 
 def track(
@@ -106,8 +107,8 @@ def track(
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     name = cast(Model, model) if learned is None else "auto"
-    with session(announce) if live else nullcontext() as watched:
-        with result_folder(out, "track", replace=force, inputs=inputs, tell=announce) as folder, progress() as stages:
+    with session(say) if live else nullcontext() as watched:
+        with result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder, progress() as stages:
             watch = None if watched is None else watched[0].watch
             run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate, watch=watch)
             run = replace(run, report_text=f"{run.report_text}\n## The same again\n\n    {again()}\n")
@@ -124,7 +125,7 @@ def track(
 
 def again() -> str:
     """The command as it was called, and with which version."""
-    return f"{shlex.join(['mocap', *sys.argv[1:]])}    # version {version('eal-mocap')}"
+    return f"{as_text(shlex.join(['mocap', *sys.argv[1:]]))}    # version {version('eal-mocap')}"
 
 
 def existing_model(model: str) -> Path:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import announce
+from app.commands.console import say
 from app.commands.options import AsJson, Dlt, DltOrigin, Force, ImageHeight, PixelOriginOption, PixelSd, Profile, Tracks
 from app.source import Source
 from mocap.errors import MocapError
@@ -44,13 +44,13 @@ def triangulate(
     )
     if not source.filmed:
         raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
-    with result_file(out, replace=force, inputs=source.inputs, tell=announce) as file:
+    with result_file(out, replace=force, inputs=source.inputs, tell=say) as file:
         summary = triangulate_file(source, file, refine=refine)
     if as_json:
         print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201
         return
     for finding in summary.findings:
-        announce(finding)
-    announce(
+        say(finding)
+    say(
         f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px"
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from rerun.experimental import ViewerClient
 
+from app.view import guardian
 from app.view.columns import FRAME
 from app.view.record import APPLICATION
 from app.view.viewer import HOST, free_ports, quiet_environment, viewer_program
@@ -35,7 +36,7 @@ class Headless:
         # the viewer would look for a newer version of itself: no way out of this computer
         environment = {**quiet_environment(os.environ), "HTTPS_PROXY": f"http://{HOST}:9"}
         environment |= {"DISPLAY": display, "WAYLAND_DISPLAY": ""} if display else {}
-        self.process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self.process = guardian.started(command, environment=environment, said=subprocess.DEVNULL)
         self.client = self._connect(f"rerun+http://{HOST}:{port}/proxy")
         self.stream: rr.RecordingStream | None = None
         self.recording_id = ""
@@ -49,8 +50,7 @@ class Headless:
         """End the process, after the connection to it."""
         if self.stream is not None:
             self.stream.disconnect()
-        self.process.terminate()
-        self.process.wait(timeout=10)
+        guardian.end(self.process)
 
     def load(self, rrd: Path, recording_id: str, *, application: str = APPLICATION) -> None:
         """Load a file, given what it calls itself and the program that wrote it."""
@@ -123,8 +123,7 @@ class Headless:
                 return client
             except Exception as error:  # it is still starting
                 if self.process.poll() is not None or time.monotonic() > end:
-                    self.process.kill()
-                    self.process.wait()
+                    guardian.end(self.process)
                     raise RuntimeError("no headless viewer: apt-get install mesa-vulkan-drivers") from error
                 time.sleep(0.1)
 

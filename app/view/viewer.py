@@ -1,4 +1,7 @@
-"""Open a recording in the rerun viewer, which runs as a process of its own and listens on this computer only."""
+"""Open a recording in the rerun viewer, which runs as a process of its own and listens on this computer only.
+
+It ends with the process that opened it, whatever ends that (``app.view.guardian``).
+"""
 
 import os
 import shutil
@@ -13,11 +16,11 @@ from pathlib import Path
 from typing import IO
 from urllib.parse import quote
 
+from app.view import guardian
 from mocap.errors import MocapError
 
 HOST = "127.0.0.1"
 _START_S = 30.0
-_STOP_S = 5.0
 
 
 class ViewerError(MocapError):
@@ -29,7 +32,7 @@ class Viewer:
     """A viewer that runs.
 
     Attributes:
-        process: Its process.
+        process: Its guardian, which ends with it.
         url: Address for a browser; None for a viewer with a window of its own.
         sink: Address to stream to.
         messages: What it said so far.
@@ -51,12 +54,7 @@ class Viewer:
 
     def close(self) -> None:
         """End it."""
-        self.process.terminate()
-        try:
-            self.process.wait(timeout=_STOP_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        guardian.end(self.process)
         self.messages.close()
 
 
@@ -88,9 +86,7 @@ def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
         command += ["--serve-web", "--web-viewer-port", str(page_port)]
         url = f"http://{HOST}:{page_port}/?url={quote(sink, safe='')}&theme=dark"
     messages = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the viewer
-    process = subprocess.Popen(
-        command, env=quiet_environment(os.environ), stdin=subprocess.DEVNULL, stdout=messages, stderr=messages
-    )
+    process = guardian.started(command, environment=quiet_environment(os.environ), said=messages)
     viewer = Viewer(process=process, url=url, sink=sink, messages=messages)
     for port in (data_port, page_port) if web else (data_port,):
         _wait_for(viewer, port)
@@ -156,6 +152,7 @@ def _wait_for(viewer: Viewer, port: int) -> None:
 
 
 def _failed(viewer: Viewer) -> ViewerError:
+    guardian.end(viewer.process)
     viewer.messages.seek(0)
     said = viewer.messages.read().decode(errors="replace").strip().splitlines()
     viewer.messages.close()

@@ -11,6 +11,7 @@ import pandas as pd
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.cells import as_cells, from_cell
 from mocap.formats.lines import LARGEST, one_kind
 
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
@@ -87,7 +88,7 @@ def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
         names = next(csv.reader([first.decode("utf-8-sig").strip()]), [])
     except (UnicodeDecodeError, csv.Error):
         raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
-    return [name.strip() for name in names], rest
+    return [from_cell(name.strip()) for name in names], rest
 
 
 def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line: int, *, open_end: bool) -> Array:
@@ -173,7 +174,7 @@ def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: in
     """Write names and (rows, columns) numbers, ``NaN`` where missing."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         if names:
-            csv.writer(stream, lineterminator="\n").writerow(names)
+            csv.writer(stream, lineterminator="\n").writerow(as_cells(names))
         pd.DataFrame(values).to_csv(
             stream, header=False, index=False, float_format=f"%.{decimals}f", na_rep="NaN", lineterminator="\n"
         )

@@ -13,6 +13,7 @@ import pandas as pd
 
 from mocap.errors import FormatError
 from mocap.formats.bounds import check_bytes
+from mocap.formats.cells import as_cell, from_cell
 from mocap.formats.format import Format, Hints
 from mocap.formats.lines import frame_numbers
 from mocap.formats.optical import rate_of_times
@@ -20,7 +21,8 @@ from mocap.formats.recording import Recording, pixel_recording, point_recording,
 from mocap.formats.tables import WORDS, check_origins, codes, read_rows, titles, with_sd
 
 _META = b"eal-mocap"
-_TEXT = ("marker", "camera", "origin", "seen")
+_NAMES = ("marker", "camera")
+_TEXT = (*_NAMES, "origin", "seen")
 _AXES = {("u_px", "v_px"): "px", ("x_m", "y_m", "z_m"): "m", ("x", "y", "z"): None}
 
 
@@ -124,11 +126,17 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
 
 def _read_csv(path: Path, _hints: Hints) -> Recording:
     kinds = {title: str if title in _TEXT else float for title in titles(path)}
-    return _recording(path, "csv-long", read_rows(path, kinds), None)
+    table = read_rows(path, kinds)
+    for column in table.columns.intersection(_NAMES):
+        table[column] = table[column].map(from_cell, na_action="ignore")
+    return _recording(path, "csv-long", table, None)
 
 
 def _write_csv(path: Path, recording: Recording) -> None:
-    _long(path, recording).to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
+    table = _long(path, recording)
+    for column in table.columns.intersection(_NAMES):
+        table[column] = table[column].map(as_cell)
+    table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
 
 
 def _read_parquet(path: Path, _hints: Hints) -> Recording:

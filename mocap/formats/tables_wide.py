@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from mocap.errors import FormatError
+from mocap.formats.cells import as_cell, from_cell
 from mocap.formats.format import Format, Hints
 from mocap.formats.lines import frame_numbers
 from mocap.formats.optical import rate_of_times
@@ -17,7 +18,8 @@ _ENDS = ("x", "y", "z", "sd", "origin")
 
 
 def _read(path: Path, _hints: Hints) -> Recording:
-    header = titles(path)
+    written = titles(path)
+    header = [from_cell(title) for title in written]
     names = [title.removesuffix("_origin") for title in header if title.endswith("_origin")]
     sd = [f"{name}_sd" for name in names if f"{name}_sd" in header]
     needed = ["frame", *(f"{name}_{end}" for name in names for end in _ENDS if end != "sd")]
@@ -27,7 +29,8 @@ def _read(path: Path, _hints: Hints) -> Recording:
             f"{path.name}: the columns are not frame, t_s and <name>_x, _y, _z, _sd, _origin of each marker: "
             f"{odd[0] if odd else '_sd of some'} is missing or too many"
         )
-    table = read_rows(path, {title: str if title.endswith("_origin") else float for title in header})
+    table = read_rows(path, {title: str if title.endswith("_origin") else float for title in written})
+    table.columns = header
     xyz = table[[f"{n}_{axis}" for n in names for axis in "xyz"]].to_numpy().reshape(len(table), -1, 3)
     words = table[[f"{name}_origin" for name in names]].fillna("").to_numpy(dtype=str)
     origin = codes(path, words)
@@ -67,7 +70,8 @@ def _write(path: Path, recording: Recording) -> None:
         if own.keys() & columns.keys():
             raise FormatError(f"{path.name}: marker {name!r} would have a column of another marker: rename it")
         columns |= own
-    pd.DataFrame(columns).to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
+    table = pd.DataFrame({as_cell(title): column for title, column in columns.items()})
+    table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
 
 
 FORMATS = (

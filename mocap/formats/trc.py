@@ -7,6 +7,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.formats.cells import as_cell, from_cell
 from mocap.formats.format import Format, Hints
 from mocap.formats.lines import frame_numbers, number, numbers, points, read_lines
 from mocap.formats.optical import UNIT_M, metres, rate_of_times
@@ -33,7 +34,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
     if lacking:
         raise FormatError(f"{path.name}: lines 2 and 3 do not say {lacking[0]}; expected {', '.join(_KEYS)}")
     titles = [cell.strip() for cell in lines[3].split(separator)]
-    names = [title for title in titles[2:] if title]
+    names = [from_cell(title) for title in titles[2:] if title]
     if not re.match(r"frame", titles[0], re.IGNORECASE) or head["NumMarkers"] != str(len(names)):
         raise FormatError(
             f"{path.name}: NumMarkers is {head['NumMarkers']}, but line 4 names {len(names)} after Frame# and Time: "
@@ -103,12 +104,12 @@ def _write(path: Path, recording: Recording) -> None:
     values = tracks.xyz_m / metres(path, unit)
     decimals = 9 + round(np.log10(metres(path, unit)))  # a nanometre
     with path.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(f"PathFileType\t4\t(X/Y/Z)\t{path.name}\n")
+        stream.write(f"PathFileType\t4\t(X/Y/Z)\t{as_cell(path.name)}\n")
         stream.write("\t".join([*_KEYS, "OrigNumFrames"]) + "\n")
         start = int(recording.frames[0]) if count else 1
         stream.write("\t".join(map(str, [f"{fps:.10g}", f"{fps:.10g}", count, len(tracks.names), unit])))
         stream.write(f"\t{fps:.10g}\t{start}\t{count}\n")
-        stream.write("Frame#\tTime\t" + "\t\t\t".join(name.strip() for name in tracks.names) + "\t\t\n")
+        stream.write("Frame#\tTime\t" + "\t\t\t".join(as_cell(name.strip()) for name in tracks.names) + "\t\t\n")
         axes = [f"{axis}{m}" for m in range(1, len(tracks.names) + 1) for axis in "XYZ"]
         stream.write("\t\t" + "\t".join(axes) + "\n\n")
         for frame, t_s, row in zip(recording.frames, tracks.t_s, values.reshape(count, -1), strict=True):

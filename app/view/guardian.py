@@ -1,0 +1,85 @@
+"""A process that ends with its parent, however that ends.
+
+``started`` runs this file as a small process of its own between the two. It holds the reading end of a pipe whose
+writing end only the parent has. The system closes that end when the parent dies, by SIGKILL or a crash too; then, and
+when the parent closes it, the guardian ends what it started. Pipes close so on every platform; a signal at the parent's
+death (prctl) exists on Linux only and follows the thread that asked for it, a job object exists on Windows only.
+
+The guardian has a session of its own, so that signals to the group of the parent (Ctrl-C, a terminal that closes) reach
+the parent alone, whose end it then sees. Run as a program it imports the standard library only, and starts in 20 ms.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from typing import IO, Any
+
+GRACE_S = 3.0
+"""What is told to end is killed after so long."""
+
+
+def started(
+    command: Sequence[str], *, environment: Mapping[str, str], said: IO[bytes] | int
+) -> subprocess.Popen[bytes]:
+    """Start a command that ends with this process.
+
+    Args:
+        command: Program and arguments.
+        environment: Its environment.
+        said: Where its stdout and stderr go.
+
+    Returns:
+        The guardian: it ends when the command does, with its exit code (128 and the signal's number where a signal
+        ended it). End both with ``end``.
+    """
+    detached: dict[str, Any] = {"start_new_session": True}
+    if sys.platform == "win32":
+        detached = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    return subprocess.Popen(
+        [sys.executable, "-I", "-S", __file__, *command],
+        env=dict(environment),
+        stdin=subprocess.PIPE,
+        stdout=said,
+        stderr=said,
+        **detached,
+    )
+
+
+def end(guardian: subprocess.Popen[bytes]) -> None:
+    """End what was started, and wait until it is gone."""
+    if guardian.stdin is not None:
+        guardian.stdin.close()
+    try:
+        guardian.wait(timeout=2 * GRACE_S)
+    except subprocess.TimeoutExpired:
+        guardian.kill()
+        guardian.wait()
+
+
+def _guard(command: Sequence[str]) -> int:
+    """Run a command until it ends or stdin closes; its exit code."""
+    child = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+
+    def end_child(*_: object) -> None:
+        child.terminate()
+        try:
+            child.wait(timeout=GRACE_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+
+    def watch() -> None:
+        while os.read(0, 4096):
+            pass
+        end_child()
+
+    signal.signal(signal.SIGTERM, lambda *_: threading.Thread(target=end_child).start())
+    threading.Thread(target=watch, daemon=True).start()
+    code = child.wait()
+    return code if code >= 0 else 128 - code
+
+
+if __name__ == "__main__":
+    sys.exit(_guard(sys.argv[1:]))

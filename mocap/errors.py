@@ -15,3 +15,16 @@ class CalibrationError(MocapError):
 
 class SkeletonError(MocapError):
     """A skeleton and the markers of a recording disagree."""
+
+
+class OutputError(MocapError):
+    """A result cannot be written there.
+
+    Attributes:
+        kept: What became of the earlier result.
+    """
+
+    def __init__(self, message: str, *, kept: str = "") -> None:
+        """With what was kept, if anything is to be said of it."""
+        super().__init__(message)
+        self.kept = kept

@@ -14,87 +14,33 @@ removed, whatever is asked.
 import contextlib
 import dataclasses
 import errno
-import hashlib
-import json
 import os
-import re
 import shutil
 import signal
-import sys
 import tempfile
 import threading
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from mocap.errors import MocapError
+from mocap.errors import OutputError
+from mocap.lock import LOCK, locked
+from mocap.manifest import (
+    MANIFEST,
+    PARTIAL,
+    Listing,
+    Manifest,
+    Pending,
+    digest,
+    is_still,
+    read_manifest,
+    sync_folder,
+    write_manifest,
+)
 
-MANIFEST = ".mocap-manifest.json"
-"""Lists the files of each result in a folder."""
-PARTIAL = ".mocap-partial-"
-"""How the name of a hidden folder begins in which a result is written."""
-LOCK = ".mocap-lock"
-"""File that holds a folder on Windows while a process writes there; elsewhere the folder itself is locked."""
 PATIENCE_S = 10.0
 """So long a file waits for another process that is writing beside it; a folder does not wait."""
 
 Tell = Callable[[str], None]
-
-
-class OutputError(MocapError):
-    """A result cannot be written there.
-
-    Attributes:
-        kept: What became of the earlier result.
-    """
-
-    def __init__(self, message: str, *, kept: str = "") -> None:
-        """With what was kept, if anything is to be said of it."""
-        super().__init__(message)
-        self.kept = kept
-
-
-@dataclass(frozen=True, kw_only=True)
-class Listing:
-    """The files of a result.
-
-    Attributes:
-        files: SHA-256 by path below the folder, with slashes.
-        folders: Folders that were made for them.
-    """
-
-    files: Mapping[str, str] = field(default_factory=dict)
-    folders: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pending:
-    """A result that counts, but of which some files are still in their hidden folder.
-
-    Attributes:
-        name: Of the result.
-        stage: The hidden folder.
-        new: Its files.
-        replaces: SHA-256 of the files that these replace, or that have to go.
-    """
-
-    name: str
-    stage: str
-    new: Listing
-    replaces: Mapping[str, str]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Manifest:
-    """All results in a folder, by name, and the one that is not yet at its place."""
-
-    results: Mapping[str, Listing] = field(default_factory=dict)
-    pending: Pending | None = None
-
-    def owner(self, file: str) -> str | None:
-        """Name of the result that a file belongs to."""
-        return next((name for name, listing in self.results.items() if file in listing.files), None)
 
 
 def silent(line: str) -> None:
@@ -185,33 +131,6 @@ def result_file(
         _remove_empty(made)
 
 
-def current(folder: Path, file: str) -> Path:
-    """Where a file of a result is: at its place, or in the hidden folder of a run that was interrupted while moving.
-
-    Args:
-        folder: The result's folder.
-        file: Path below it, with slashes.
-    """
-    return current_files(folder).get(file, folder / file)
-
-
-def current_files(folder: Path) -> dict[str, Path]:
-    """Where each file of the results in a folder is, by its path below it; without a manifest all files there are."""
-    try:
-        manifest = read_manifest(folder)
-    except OutputError:
-        manifest = Manifest()
-    if not manifest.results and manifest.pending is None:
-        return {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
-    where = {file: folder / file for listing in manifest.results.values() for file in listing.files}
-    if manifest.pending is not None:
-        stage = folder / manifest.pending.stage
-        where = {file: path for file, path in where.items() if file not in manifest.pending.replaces}
-        for file in manifest.pending.new.files:
-            where[file] = stage / file if (stage / file).is_file() else folder / file
-    return where
-
-
 def recovered(folder: Path, *, tell: Tell = silent) -> Manifest:
     """Finish what an interrupted run had decided, and remove what it had not; the caller holds the folder's lock.
 
@@ -229,87 +148,6 @@ def recovered(folder: Path, *, tell: Tell = silent) -> Manifest:
     if any(path.suffix != ".json" for path in removed):
         tell(f"{folder}: an earlier run was interrupted while writing: its unfinished files were removed")
     return manifest
-
-
-def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a folder; an empty one where there is none.
-
-    Raises:
-        OutputError: there is a file of that name, but no manifest.
-    """
-    path = folder / MANIFEST
-    try:
-        found = json.loads(path.read_bytes())
-        pending = found.get("pending")
-        if pending is not None and not re.fullmatch(re.escape(PARTIAL) + r"\w+", pending["stage"]):
-            raise ValueError("a hidden folder of another name")
-        return Manifest(
-            results={name: _listing(listing) for name, listing in found["results"].items()},
-            pending=None
-            if pending is None
-            else Pending(
-                name=str(pending["name"]),
-                stage=str(pending["stage"]),
-                new=_listing(pending["new"]),
-                replaces=dict(pending["replaces"]),
-            ),
-        )
-    except FileNotFoundError:
-        return Manifest()
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise OutputError(f"{path} is not a manifest of mocap's results: move it away, or give another --out") from None
-
-
-@contextlib.contextmanager
-def locked(folder: Path, *, patience_s: float = 0.0) -> Iterator[None]:
-    """Hold a folder against other processes of ours; the lock ends with the process, however that ends.
-
-    Args:
-        folder: It exists.
-        patience_s: So long another holder is waited for.
-
-    Raises:
-        OutputError: another process holds it.
-    """
-    handle = _lock(folder, patience_s)
-    try:
-        yield
-    finally:
-        if handle is not None:
-            os.close(handle)
-
-
-def _lock(folder: Path, patience_s: float) -> int | None:
-    """A handle that holds the lock; None where the file system knows no locks."""
-    end = time.monotonic() + patience_s
-    while True:
-        handle = None
-        try:
-            if sys.platform == "win32":
-                import msvcrt
-
-                handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_TEMPORARY)
-                msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-            else:
-                import fcntl
-
-                handle = os.open(folder, os.O_RDONLY)
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return handle
-        except OSError as error:
-            if handle is not None:
-                os.close(handle)
-            if error.errno in (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOTSUP):
-                return None  # some network file systems lock no folders
-            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
-                raise
-            if handle is None:  # it could not even be opened
-                raise
-            if time.monotonic() >= end:
-                raise OutputError(
-                    f"{folder}: another mocap is writing there: wait until it has ended, or give another --out"
-                ) from None
-            time.sleep(0.05)
 
 
 @contextlib.contextmanager
@@ -367,14 +205,14 @@ def _commit(
             replaces[file] = _refuse_foreign(folder, file, manifest, owner=None if take_over else name)
     old = manifest.results.get(name, Listing())
     replaces |= {
-        file: content for file, content in old.files.items() if file not in new and _is(folder / file, content)
+        file: content for file, content in old.files.items() if file not in new and is_still(folder / file, content)
     }
     kept_folders = [f for f in old.folders if any(file.startswith(f"{f}/") for file in new)]
     listing = Listing(files=new, folders=tuple(dict.fromkeys([*kept_folders, *folders])))
     pending = Pending(name=name, stage=stage.name, new=listing, replaces=replaces)
     with _undisturbed(folder):
-        _sync_folder(stage)
-        _write_manifest(folder, dataclasses.replace(manifest, pending=pending))
+        sync_folder(stage)
+        write_manifest(folder, dataclasses.replace(manifest, pending=pending))
         _finish(folder, dataclasses.replace(manifest, pending=pending))
 
 
@@ -389,18 +227,18 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
             source, target = stage / file, folder / file
             if not source.is_file():
                 continue  # at its place already
-            if os.path.lexists(target) and not _is(target, pending.replaces.get(file, "")):
+            if os.path.lexists(target) and not is_still(target, pending.replaces.get(file, "")):
                 raise OutputError(
                     f"{target} was changed while mocap wrote: move it away, then run any command that writes there"
                 )
             target.parent.mkdir(parents=True, exist_ok=True)
             os.replace(source, target)
         for file, content in pending.replaces.items():
-            if file not in pending.new.files and _is(folder / file, content):
+            if file not in pending.new.files and is_still(folder / file, content):
                 (folder / file).unlink()
         old = manifest.results.get(pending.name, Listing())
         _remove_empty([folder / f for f in sorted(old.folders, reverse=True) if f not in pending.new.folders])
-        _sync_folder(folder)
+        sync_folder(folder)
         gone = {*pending.new.files, *pending.replaces}
         others = {
             name: dataclasses.replace(listing, files={f: c for f, c in listing.files.items() if f not in gone})
@@ -409,7 +247,7 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
         }
         results = {name: listing for name, listing in others.items() if listing.files} | {pending.name: pending.new}
         done = Manifest(results=results)
-        _write_manifest(folder, done)
+        write_manifest(folder, done)
     except OSError as error:
         raise OutputError(
             f"{folder}: the new result is whole, but {error.filename or 'a file'} could not be put in its place "
@@ -418,50 +256,6 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
         ) from None
     shutil.rmtree(stage, ignore_errors=True)
     return done
-
-
-def _write_manifest(folder: Path, manifest: Manifest) -> None:
-    handle, name = tempfile.mkstemp(prefix=PARTIAL, suffix=".json", dir=folder)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            json.dump(_plain(manifest), stream, indent=1, sort_keys=True)
-            stream.write("\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, folder / MANIFEST)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(name)
-        raise
-    _sync_folder(folder)
-
-
-def _plain(manifest: Manifest) -> dict[str, object]:
-    plain: dict[str, object] = {
-        "what": "files that mocap wrote here, with their SHA-256; mocap replaces and removes no other file",
-        "results": {name: _plain_listing(listing) for name, listing in manifest.results.items()},
-    }
-    pending = manifest.pending
-    if pending is not None:
-        new = _plain_listing(pending.new)
-        plain["pending"] = {
-            "name": pending.name, "stage": pending.stage, "new": new, "replaces": dict(pending.replaces)
-        }  # fmt: skip
-    return plain
-
-
-def _plain_listing(listing: Listing) -> dict[str, object]:
-    return {"files": dict(listing.files), "folders": list(listing.folders)}
-
-
-def _listing(found: Mapping[str, object]) -> Listing:
-    files, folders = found["files"], found.get("folders", [])
-    if not (isinstance(files, dict) and isinstance(folders, list)):
-        raise TypeError("files and folders")
-    if any(Path(path).is_absolute() or ".." in Path(path).parts for path in [*files, *folders]):
-        raise ValueError("a path that leads out of the folder")
-    return Listing(files={str(f): str(c) for f, c in files.items()}, folders=tuple(map(str, folders)))
 
 
 def _refuse_inputs(target: Path, inputs: Iterable[Path | None], *, folder: bool) -> None:
@@ -505,7 +299,7 @@ def _refuse_foreign(folder: Path, file: str, manifest: Manifest, *, owner: str |
     if owner is not None and found != owner:
         raise OutputError(f"{path} belongs to the result of another command ({found}): give another --out")
     content = manifest.results[found].files[file]
-    if not _is(path, content):
+    if not is_still(path, content):
         raise OutputError(
             f"{path} was changed after mocap wrote it: it is never replaced; move it away, or give another --out"
         )
@@ -525,17 +319,6 @@ def _missing_folders(folder: Path, parent: Path) -> list[str]:
             missing.append(parent.relative_to(folder).as_posix())
         parent = parent.parent
     return missing
-
-
-def digest(path: Path) -> str:
-    """SHA-256 of a file's content."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _is(path: Path, content: str) -> bool:
-    """Whether a path is a plain file with that SHA-256."""
-    return path.is_file() and not path.is_symlink() and digest(path) == content
 
 
 def _make_folder(folder: Path) -> list[Path]:
@@ -564,17 +347,6 @@ def _remove_empty(folders: Iterable[Path]) -> None:
 def _to_disk(path: Path) -> None:
     with path.open("r+b") as stream:
         os.fsync(stream.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    if sys.platform == "win32":
-        return
-    with contextlib.suppress(OSError):  # many file systems have no such thing
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 @contextlib.contextmanager

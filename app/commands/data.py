@@ -45,7 +45,7 @@ def make_data(
 ) -> None:
     """Make a recording, a calibration session or a pendulum with its truth, as files of the programs people use."""
     from datasets.catalogue import make
-    from mocap.output import MANIFEST
+    from mocap.manifest import MANIFEST
 
     with progress() as stages, stages.stage(name) as share:
         make(name, out, seed=seed, replace=force, progress=share, tell=say)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import say, finish, progress
+from app.commands.console import finish, progress, say
 from app.commands.options import AsJson, Force, Out
 
 

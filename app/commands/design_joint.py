@@ -105,9 +105,8 @@ def design_joint(
         print(json.dumps(report(design)))  # noqa: T201
         return
     show(readable(design))
-    errors.print(
-        f"\nWrote {out}/: report, drawing, pictures{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd\n"
+    say(
+        "",
+        f"Wrote {out}/: report, drawing, pictures{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
         f"Look at it: {program()} view {out}",
-        highlight=False,
-        soft_wrap=True,
     )

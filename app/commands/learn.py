@@ -73,6 +73,4 @@ def learn(
         print(json.dumps({"out": str(out), "scores": learned.scores}))  # noqa: T201
         return
     show(readable_scores(learned))
-    errors.print(
-        f"\nWrote {out}. Track another recording with it: {program()} track FILE ... --model {out}", highlight=False
-    )
+    say("", f"Wrote {out}. Track another recording with it: {program()} track FILE ... --model {out}")

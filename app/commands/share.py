@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from app.commands.console import say, errors
+from app.commands.console import errors, say
 from app.commands.options import Force, Out
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from app.commands.console import say, finish, progress
+from app.commands.console import finish, progress, say
 from app.commands.options import (
     AsJson,
     Dlt,

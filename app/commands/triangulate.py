@@ -51,6 +51,4 @@ def triangulate(
         return
     for finding in summary.findings:
         say(finding)
-    say(
-        f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px"
-    )
+    say(f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px")

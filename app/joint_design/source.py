@@ -16,7 +16,7 @@ from mocap.arrays import Array
 from mocap.body import BodyFrames
 from mocap.errors import FormatError, MocapError
 from mocap.joints import joint_tracks
-from mocap.output import current_files
+from mocap.manifest import current_files
 from mocap.records import JointTracks, MarkerTracks, Origin
 from mocap.skeleton import Joint, Skeleton, read_skeleton
 

@@ -12,7 +12,7 @@ from app.view import paths
 from app.view.columns import FRAME, TIME
 from mocap.arrays import Array
 from mocap.errors import MocapError
-from mocap.output import current
+from mocap.manifest import current
 
 _UP, _DOWN = 1, 2  # codes of rerun's view coordinates
 

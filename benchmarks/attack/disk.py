@@ -32,7 +32,7 @@ import numpy as np
 
 import app.cli  # loaded before children are forked
 from datasets.folder import write_recording
-from mocap.output import PARTIAL, current_files, digest, read_manifest
+from mocap.manifest import PARTIAL, current_files, digest, read_manifest
 
 KILL, INTERRUPT, ERROR, FULL = 1, 2, 3, 4
 WAYS: dict[str, tuple[int, int]] = {

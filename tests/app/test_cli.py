@@ -12,7 +12,7 @@ import pytest
 from app.cli import main
 from datasets import make_bat, write_recording
 from mocap.formats.dltdv import read_points
-from mocap.output import MANIFEST
+from mocap.manifest import MANIFEST
 from tests.real_data import real
 
 FPS = 240.0

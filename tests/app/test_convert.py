@@ -12,7 +12,7 @@ from app.prepare import prepare
 from app.source import Source
 from mocap.errors import CalibrationError, MocapError
 from mocap.formats.registry import read, write
-from mocap.output import MANIFEST
+from mocap.manifest import MANIFEST
 from tests.mocap.recordings import points
 from tests.real_data import real
 

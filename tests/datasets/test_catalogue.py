@@ -9,7 +9,7 @@ from app.cli import app
 from datasets.catalogue import ENTRIES, make
 from datasets.real import real_path
 from mocap.errors import MocapError
-from mocap.output import MANIFEST
+from mocap.manifest import MANIFEST
 
 SMALL = (
     "bat_wind_tunnel",

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 from mocap import output
-from mocap.output import MANIFEST, PARTIAL, OutputError, current, current_files, result_file, result_folder
+from mocap.errors import OutputError
+from mocap.manifest import MANIFEST, PARTIAL, current, current_files
+from mocap.output import result_file, result_folder
 
 
 def write(folder: Path, files: dict[str, str], **options) -> None:

@@ -15,7 +15,7 @@ from eal import GaussianKernel, fit_potential, load_potential
 from eal.choice import median_beta
 from eal.joint_design import Truss, equilibria
 from mocap.errors import MocapError
-from mocap.output import MANIFEST
+from mocap.manifest import MANIFEST
 from tests.real_data import real
 
 

@@ -64,8 +64,8 @@ def from_pictures(
             ["camera", "boards found", "lens", "f px", "RMS px", "median px", "held-out px by lens model"],
             rows,
         ),
-        f"The world is the board of {plain(found.world_frame)}: origin at its first inner corner, x along its rows, z out "
-        "of it; metres. Pixels are counted from the upper left, the centre of the first pixel at (0, 0).",
+        f"The world is the board of {plain(found.world_frame)}: origin at its first inner corner, x along its rows, z "
+        "out of it; metres. Pixels are counted from the upper left, the centre of the first pixel at (0, 0).",
         "",
         "Largest residuals: " + ", ".join(f"{plain(n)} {plain(s)} {v:.2f} px" for v, n, s in worst) + ".",
     ]

@@ -54,22 +54,20 @@ def tracks(scale_m: float, sd_m: np.ndarray) -> MarkerTracks:
 
 @pytest.mark.parametrize(("scale", "sd"), [(1.0, 3e-4), (1e-4, 2e-8), (1e-6, 1e-9), (1.0, 0.0)])
 def test_a_run_of_any_size(tmp_path, scale, sd):
-    """Positions within a hundredth of their deviation, deviations to two digits, one number of decimals a column."""
-    given = tracks(scale, np.array([sd, 3 * sd]))
+    """To half of the last of two digits of the deviation (0.05 of it), or of seven decimals; one form a column."""
+    given, near = tracks(scale, np.array([sd, 3 * sd])), 0.051 * sd or 0.51e-7
     write_markers(given, np.zeros((20, 2), dtype=bool), tmp_path / "markers.csv")
     text = pd.read_csv(tmp_path / "markers.csv", dtype=str, keep_default_na=False)
     for m, name in enumerate(given.names):
         for k, axis in enumerate("xyz"):
             column = text[f"{name}_{axis}"]
             written = column.replace("NaN", np.nan).astype(float)
-            np.testing.assert_allclose(written, given.xyz_m[:, m, k], rtol=0, atol=max(0.05 * sd, 1e-18) or 0.51e-7)
+            np.testing.assert_allclose(written, given.xyz_m[:, m, k], rtol=0, atol=near)
             assert len({len(cell.partition(".")[2]) for cell in column if cell != "NaN"}) == 1
             assert len(column[0].partition(".")[2]) >= 7
         seen = given.seen[:, m]
         np.testing.assert_allclose(text[f"{name}_sd"].astype(float)[seen], given.sd_m[seen, m], rtol=0.051)
-    np.testing.assert_allclose(
-        read(tmp_path / "markers.csv").points.xyz_m, given.xyz_m, rtol=0, atol=max(0.05 * sd, 6e-8)
-    )
+    np.testing.assert_allclose(read(tmp_path / "markers.csv").points.xyz_m, given.xyz_m, rtol=0, atol=near)
 
 
 @pytest.mark.parametrize("deviations", [True, False])

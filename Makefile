@@ -33,7 +33,7 @@ pictures: setup
 
 lock:
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
-	    --extra dev pyproject.toml -o requirements.lock
+	    --extra dev --extra film pyproject.toml -o requirements.lock
 
 clean:
 	rm -rf .venv .venv-movement out build *.egg-info .pytest_cache .ruff_cache

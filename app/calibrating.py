@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from app.calibration import CalibrationReport, number, table
+from app.markdown import plain
 from app.source import Source, load_filmed
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Board
@@ -63,14 +64,14 @@ def from_pictures(
             ["camera", "boards found", "lens", "f px", "RMS px", "median px", "held-out px by lens model"],
             rows,
         ),
-        f"The world is the board of `{found.world_frame}`: origin at its first inner corner, x along its rows, z out "
-        "of it; metres. Pixels are counted from the upper left, the centre of the first pixel at (0, 0).",
+        f"The world is the board of {plain(found.world_frame)}: origin at its first inner corner, x along its rows, z "
+        "out of it; metres. Pixels are counted from the upper left, the centre of the first pixel at (0, 0).",
         "",
-        "Largest residuals: " + ", ".join(f"{n} `{s}` {v:.2f} px" for v, n, s in worst) + ".",
+        "Largest residuals: " + ", ".join(f"{plain(n)} {plain(s)} {v:.2f} px" for v, n, s in worst) + ".",
     ]
     warned = [f"{n}: {share * 100:.1f} % of the picture has no ray" for n, share in found.no_ray.items() if share]
-    warned += [f"{n} `{s}` agrees with no other view and was left out" for n, s in found.left_out]
-    lines += [f"- {w}" for w in warned]
+    warned += [f"{n} {s} agrees with no other view and was left out" for n, s in found.left_out]
+    lines += [f"- {plain(w)}" for w in warned]
     numbers = {
         "method": "boards",
         "rms_px": found.rms_px,
@@ -253,7 +254,7 @@ def from_tracks(source: Source, *, bones: Sequence[str], focal: bool) -> tuple[t
         f"Median residual of points held out: {found.before_px:.3f} px before, **{found.after_px:.3f} px** after.",
         "",
         *table(["camera", "moved mm", "turned degrees", "f over old f"], rows),
-        *(f"- {b}: {r:.4f} of the wanted length" for b, r in zip(bones, found.length_ratio, strict=True)),
+        *(f"- {plain(b)}: {r:.4f} of the wanted length" for b, r in zip(bones, found.length_ratio, strict=True)),
         "Coefficients are for the same (undistorted) pixels as before: use the same camera profile with them.",
     ]
     numbers = {

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app.markdown import plain
 from mocap.cameras import Camera
 from mocap.errors import FormatError
 from mocap.formats.anipose import write_calibration
@@ -78,7 +79,7 @@ def number(x: float) -> float | None:
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
     """A table in markdown."""
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
-    return [*lines, *("| " + " | ".join(map(str, row)) + " |" for row in rows), ""]
+    return [*lines, *("| " + " | ".join(plain(str(cell)) for cell in row) + " |" for row in rows), ""]
 
 
 def _plain(value: object) -> object:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.markdown import plain
 from app.prepare import Prepared, prepare
 from app.source import Source
 from app.tracking import marker_trial, seen_part
@@ -68,12 +69,12 @@ def readable_scores(learned: LearnedModel) -> str:
     ]
     for name, rows in learned.scores.items():
         cells = [f"{e:.3g} ({c:.0f} %)" for e, c in zip(rows["rmse_mm"], rows["coverage95"], strict=True)]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        lines.append(f"| {plain(name)} | " + " | ".join(cells) + " |")
     bones = own_fitting(learned).bones
     if len(bones.ends):
         lines += ["", "Distances that hold models with bones (of the skeleton, and pairs found to be as rigid):", ""]
         lines += ["| markers | mm, in the last recording | varies by |", "|---|---|---|"]
         for (a, b), length, sd in zip(bones.ends, bones.length_m, bones.sd_m, strict=True):
-            pair = f"{learned.names[a]}, {learned.names[b]}"
+            pair = plain(f"{learned.names[a]}, {learned.names[b]}")
             lines.append(f"| {pair} | {1e3 * length:.4g} | {100 * sd / length:.1f} % |")
     return "\n".join(lines) + "\n"

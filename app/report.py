@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.stats import chi2
 
+from app.markdown import plain
 from app.prepare import Prepared
 from app.run import JointPotential
 from app.tracking import Part
@@ -188,11 +189,11 @@ def readable(report: Mapping, *, title: str) -> str:
     samples, rejected, noise = report["samples"], report["rejected"]["counts"], report["pixel_noise_px"]
     first, last = report["tracked_frames"]
     lines = [
-        f"# {title}",
+        f"# {plain(title)}",
         "",
         f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
         f"{len(report['cameras'])} cameras; tracked from frame {first} to {last}.",
-        f"Motion model: **{report['model']['name']}** ({report['model']['why']}).",
+        f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
         "",
         "| samples | share |",
         "|---|---|",
@@ -225,9 +226,9 @@ def readable(report: Mapping, *, title: str) -> str:
         worst = sorted(report["cameras_and_markers"]["marker_scale"].items(), key=lambda item: -item[1])[:3]
         lines.append(
             "- a ray is worth, in px (degrees of freedom): "
-            + ", ".join(f"{name} {sd:.2f} ({dof[name]:.1f})" for name, sd in by_camera.items())
+            + ", ".join(f"{plain(name)} {sd:.2f} ({dof[name]:.1f})" for name, sd in by_camera.items())
             + "; markers worst to digitise: "
-            + ", ".join(f"{name} x {scale:.2f}" for name, scale in worst)
+            + ", ".join(f"{plain(name)} x {scale:.2f}" for name, scale in worst)
         )
     nis = report["innovation"]
     if nis["nis_per_row"] is not None:
@@ -237,7 +238,7 @@ def readable(report: Mapping, *, title: str) -> str:
         ", ".join(f"{reason} {count}" for reason, count in report["repaired"]["counts"].items() if count) or "none"
     )
     lines += [f"- rejected: {counts}", f"- repaired: {repaired}"]
-    lines += ["", "## Findings", "", *(f"- {finding}" for finding in report["findings"])]
+    lines += ["", "## Findings", "", *(f"- {plain(finding)}" for finding in report["findings"])]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
         lines += ["", f"Stale stored points (frame, marker, distance): {stale}"]
@@ -250,7 +251,7 @@ def readable(report: Mapping, *, title: str) -> str:
             "|---|---|---|---|",
         ]
         lines += [
-            f"| {name} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} |"
+            f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} |"
             for name, j in report["joints"].items()
         ]
     seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())
@@ -259,7 +260,7 @@ def readable(report: Mapping, *, title: str) -> str:
 
 def _stale(point: Mapping) -> str:
     off = "not fixed by its pixels" if point["off_m"] is None else f"{1e3 * point['off_m']:.3f} mm"
-    return f"{point['frame']} {point['marker']} {off}"
+    return f"{point['frame']} {plain(point['marker'])} {off}"
 
 
 def _mm(quantiles: Mapping[str, float | None]) -> str:
@@ -275,5 +276,5 @@ def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
     for name, value in methods.items():
         rmse = "-" if value["rmse_mm"] is None else f"{value['rmse_mm']:.2f}"
         coverage = "-" if value["coverage95"] is None else f"{value['coverage95']:.1f} %"
-        lines.append(f"| {name} | {rmse} | {coverage} |")
+        lines.append(f"| {plain(name)} | {rmse} | {coverage} |")
     return [*lines, ""]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from app.run import Run
 from mocap.formats.cells import as_cells
+from mocap.formats.digits import decimals_of
 from mocap.records import MarkerTracks, Origin
 
 
@@ -43,8 +44,8 @@ def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path
     sd = markers.sd_m
     for i, name in enumerate(markers.names):
         header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]
-        columns += [_text(markers.xyz_m[:, i, k]) for k in range(3)]
-        columns += [_text(sd[:, i]), words[:, i]]
+        columns += [_text(markers.xyz_m[:, i, k], sd[:, i]) for k in range(3)]
+        columns += [_text(sd[:, i], sd[:, i]), words[:, i]]
     _write(path, header, columns)
 
 
@@ -57,14 +58,16 @@ def write_joints(run: Run, path: Path) -> None:
         for frame, tracks in run.joints.items():
             for k in range(tracks.q_m.shape[2]):
                 header.append(f"{joint}_{frame}_{'xyz'[k]}")
-                columns.append(_text(tracks.q_m[:, i, k]))
+                columns.append(_text(tracks.q_m[:, i, k], run.joints["world"].sd_m[:, i]))
         header.append(f"{joint}_sd")
-        columns.append(_text(run.joints["world"].sd_m[:, i]))
+        columns.append(_text(run.joints["world"].sd_m[:, i], run.joints["world"].sd_m[:, i]))
     _write(path, header, columns)
 
 
-def _text(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(values), np.char.mod("%.7f", np.nan_to_num(values)), "NaN")
+def _text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """A column as text: seven decimals, and more where two digits of the smallest (T,) deviation ``sd`` need them."""
+    form = f"%.{decimals_of(values, sd, least=7)}f"
+    return np.where(np.isfinite(values), np.char.mod(form, np.nan_to_num(values)), "NaN")
 
 
 def _write(path: Path, header: list[str], columns: list[np.ndarray]) -> None:

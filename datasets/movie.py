@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from datasets.rig import picture_size
 from datasets.scene import Motion, Scene
 from mocap.arrays import Array
 from mocap.cameras import Camera, decompose, record
+from mocap.film import pyav
 
 FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel in the files of pixels, as DLTdv counts them."""
@@ -55,13 +55,13 @@ def write_movies(
     Returns:
         The files.
     """
-    paths = []
+    library, paths = pyav(), []
     for c, (camera, late_s) in enumerate(zip(cameras, start_s, strict=True)):
         scene = motion(t_s + late_s)
         uv_px, hidden = view(scene, camera)
         rng = np.random.default_rng([seed, c])
         paths.append(folder / f"{camera.name}.mp4")
-        with av.open(str(paths[-1]), "w") as container:
+        with library.open(str(paths[-1]), "w") as container:
             stream = container.add_stream("libx264", rate=round(fps), options={"crf": _LOSS, "preset": "veryfast"})
             stream.width, stream.height = picture_size(camera)
             stream.pix_fmt = "yuv420p"
@@ -70,7 +70,7 @@ def write_movies(
                 clean = picture(scene, camera, frame, uv_px[frame], hidden[frame])
                 noisy = clean + noise * rng.standard_normal(clean.shape, dtype=np.float32)
                 grey = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-                for packet in stream.encode(av.VideoFrame.from_ndarray(grey, format="gray")):
+                for packet in stream.encode(library.VideoFrame.from_ndarray(grey, format="gray")):
                     container.mux(packet)
             for packet in stream.encode():
                 container.mux(packet)

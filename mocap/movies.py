@@ -4,16 +4,18 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import av
-import av.error
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.film import pyav
+
+if TYPE_CHECKING:
+    import av
 
 PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"}
 """Endings of the files that make a folder a movie."""
@@ -46,7 +48,7 @@ class Movie:
         """Number of frames."""
         return len(self.pictures) or len(self.pts)
 
-    def frames(self, wanted: NDArray[np.int64]) -> Iterator[av.VideoFrame | None]:
+    def frames(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame | None]":
         """Frames one after the other, decoded when they are asked for; whoever stops early decodes no more.
 
         Args:
@@ -60,7 +62,7 @@ class Movie:
         for there in inside:
             yield next(source) if there else None
 
-    def _pictures(self, wanted: NDArray[np.int64]) -> Iterator[av.VideoFrame]:
+    def _pictures(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame]":
         for number in wanted:
             path = self.pictures[int(number)]
             with _opened(path) as container:
@@ -72,7 +74,7 @@ class Movie:
                 )
             yield frame
 
-    def _decoded(self, wanted: NDArray[np.int64]) -> Iterator[av.VideoFrame]:
+    def _decoded(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame]":
         if not len(wanted):
             return
         with _opened(self.path) as container:
@@ -160,9 +162,10 @@ def straightened(picture: Picture, where: NDArray[np.float32]) -> Picture:
 
 
 def _opened(path: Path) -> Any:
+    library = pyav()
     try:
-        container = av.open(str(path))
-    except (av.error.FFmpegError, OSError) as error:
+        container = library.open(str(path))
+    except (library.error.FFmpegError, OSError) as error:
         raise FormatError(f"{path}: not a movie or picture that can be read ({error}): convert it to mp4") from None
     if not container.streams.video:
         container.close()

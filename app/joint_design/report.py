@@ -6,6 +6,7 @@ from app.joint_design.drawing import member_rows
 from app.joint_design.flexure import MM
 from app.joint_design.run import ENERGY, JointDesign
 from app.joint_design.solid import PLATE_MM, keeps_wall
+from app.markdown import plain
 from eal.joint_design import GOAL, LEVELS, Truss
 
 Json = dict[str, object]
@@ -96,7 +97,7 @@ def readable(design: JointDesign) -> str:
     missed = [] if fit.rms <= GOAL else [f"RMS {fit.rms:.3f} is above {GOAL:g}"]
     missed += [] if half >= 0.8 else [f"half-level overlap {half:.2f} is below 0.8"]
     lines = [
-        f"# {design.source.name}: a truss with the energy of its potential",
+        f"# {plain(design.source.name)}: a truss with the energy of its potential",
         "",
         f"{len(design.truss.rest_m)} members; {'; '.join(missed) or 'RMS and overlap as asked'}.",
         "",

@@ -3,12 +3,10 @@
 import os
 from collections.abc import Iterator
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import av
 import numpy as np
 import rerun as rr
-from av.video.frame import PictureType
 
 from app.run import Footage
 from app.view import paths
@@ -16,7 +14,11 @@ from app.view.columns import time_columns
 from app.view.scene import ViewCamera
 from mocap.arrays import Array
 from mocap.cameras import Camera
+from mocap.film import pyav
 from mocap.movies import FIRST_PIXEL, Movie, straightened, straightening
+
+if TYPE_CHECKING:
+    import av
 
 LONGEST_PX = 1280
 """Longer side of a film that is coded anew; larger ones are scaled down."""
@@ -66,34 +68,37 @@ def coded_size(size_px: tuple[int, int]) -> tuple[int, int]:
     return width, height
 
 
-def av1(pictures: Iterator[av.VideoFrame], size_px: tuple[int, int]) -> Iterator[av.Packet]:
+def av1(pictures: "Iterator[av.VideoFrame]", size_px: tuple[int, int]) -> "Iterator[av.Packet]":
     """Pictures coded as AV1 in the order in which they are shown, one packet a picture."""
     os.environ.setdefault("SVT_LOG", "1")  # the coder says nothing but errors
-    coder: Any = av.CodecContext.create("libsvtav1", "w")
+    coder: Any = pyav().CodecContext.create("libsvtav1", "w")
     coder.width, coder.height = size_px
     coder.pix_fmt = "yuv420p"
     coder.time_base, coder.framerate = Fraction(1, 30), Fraction(30, 1)
     coder.gop_size, coder.max_b_frames, coder.options = _KEYFRAME_EVERY, 0, _CODER
     for number, picture in enumerate(pictures):
         picture.pts, picture.time_base = number, coder.time_base
-        picture.pict_type = PictureType.NONE
+        picture.pict_type = 0  # the coder chooses
         yield from coder.encode(picture)
     yield from coder.encode(None)
 
 
-def _pictures(footage: Footage, camera: Camera, size_px: tuple[int, int], *, mirrored: bool) -> Iterator[av.VideoFrame]:
+def _pictures(
+    footage: Footage, camera: Camera, size_px: tuple[int, int], *, mirrored: bool
+) -> "Iterator[av.VideoFrame]":
     """The pictures to code, one a frame of the recording."""
+    library = pyav()
     width, height = size_px
     where = None
     if not footage.straight and camera.lens is not None:
         where = straightening(camera.lens.distort, footage.movie.size_px, size_px)
-    black = av.VideoFrame.from_ndarray(np.zeros((height, width, 3), dtype=np.uint8), format="rgb24")
+    black = library.VideoFrame.from_ndarray(np.zeros((height, width, 3), dtype=np.uint8), format="rgb24")
     for frame in footage.movie.frames(footage.frames):
         picture = black if frame is None else frame
         if frame is not None and (where is not None or mirrored):
             rgb = frame.to_ndarray(format="rgb24").astype(np.uint8, copy=False)
             rgb = rgb if where is None else straightened(rgb, where)
-            picture = av.VideoFrame.from_ndarray(
+            picture = library.VideoFrame.from_ndarray(
                 np.ascontiguousarray(rgb[:, ::-1] if mirrored else rgb), format="rgb24"
             )
         yield picture.reformat(width, height, "yuv420p")

@@ -10,6 +10,7 @@ from mocap.arrays import Array
 from mocap.cameras import Camera, dlt_camera, dlt_coefficients
 from mocap.errors import FormatError
 from mocap.formats.csv_table import read_table, write_table
+from mocap.formats.digits import decimals_in, decimals_of
 from mocap.records import MarkerTracks, Origin, PixelTracks
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)_(?P<axis>[XYUVxyuv])")
@@ -114,10 +115,16 @@ def read_points(path: Path, *, fps: float) -> MarkerTracks:
 
 
 def write_points(path: Path, tracks: MarkerTracks, *, sd: bool = False) -> None:
-    """Write ``xyzpts.csv``: ``<name>_X, _Y, _Z`` and, if asked, ``_sd``; metres, ``%.6f``, missing ``NaN``."""
+    """Write ``xyzpts.csv``: ``<name>_X, _Y, _Z`` and, if asked, ``_sd``; metres, missing ``NaN``.
+
+    DLTdv writes ``%.6f``; more where the greatest coordinate would have less than seven digits (an animal under
+    a microscope), and with ``_sd`` nine, or two digits of the smallest deviation.
+    """
     header = [f"{name}_{axis}" for name in tracks.names for axis in (*"XYZ", *(["sd"] if sd else []))]
     blocks = [tracks.xyz_m, tracks.sd_m[..., None]] if sd else [tracks.xyz_m]
-    write_table(path, header, np.concatenate(blocks, axis=-1).reshape(len(tracks.t_s), -1), decimals=9 if sd else 6)
+    decimals = max(6, decimals_in(tracks.xyz_m, digits=7))
+    decimals = decimals_of(tracks.xyz_m, tracks.sd_m, least=max(9, decimals)) if sd else decimals
+    write_table(path, header, np.concatenate(blocks, axis=-1).reshape(len(tracks.t_s), -1), decimals=decimals)
 
 
 def write_residuals(path: Path, names: Sequence[str], residual_px: Array) -> None:

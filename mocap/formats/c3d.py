@@ -88,13 +88,13 @@ def _layout(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
     points = head.number("POINT:USED")
     if points is not None and points != head.points:
         raise damaged(path, f"{head.points} points by its first block, {points:g} by POINT:USED")
-    channels = head.number("ANALOG:USED")
+    channels, findings = head.number("ANALOG:USED"), []
     if channels is not None and channels * head.analog_per_frame != head.analog:
-        raise damaged(
-            path,
-            f"{head.analog} analog values a frame, but ANALOG:USED is {channels:g}, each {head.analog_per_frame} times",
-        )
-    scale, findings = head.number("POINT:SCALE"), []
+        told = f"{head.analog} analog values a frame, by ANALOG:USED {channels:g}, each {head.analog_per_frame} times"
+        if head.analog:
+            raise damaged(path, told)
+        findings.append(told)
+    scale = head.number("POINT:SCALE")
     if not (np.isfinite(head.scale) and 1e-9 < abs(head.scale) < 1e9):
         raise damaged(path, f"the scale of the points is {head.scale:g}")
     if scale is not None and abs(scale - head.scale) > _SAME * abs(head.scale):
@@ -132,7 +132,7 @@ def _frames(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
 
     said = {"the first block": head.last - head.first + 1}
     for key in ("POINT:FRAMES", "POINT:LONG_FRAMES"):
-        if (stated := head.number(key)) is not None and np.isfinite(stated):
+        if (stated := head.number(key)) is not None:
             said[key] = int(stated) & 0xFFFF if stated < 0 else int(stated)
     if last := _long_number(head, "TRIAL:ACTUAL_END_FIELD"):
         said["TRIAL:ACTUAL_END_FIELD"] = last - (_long_number(head, "TRIAL:ACTUAL_START_FIELD") or head.first) + 1
@@ -147,6 +147,9 @@ def _frames(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
             for key, other in said.items()
             if other not in whole
         ]
+    left = room - frame * first
+    if first in others and left >= BLOCK and size % BLOCK == 0:
+        return first, [f"{left} bytes after the last frame are not read"]
     if min(said.values()) > 0 and frame * min(said.values()) > room:
         raise FormatError(
             f"{path.name}: {min(said.values())} frames are announced, {max(room // frame, 0)} are there: the file is "

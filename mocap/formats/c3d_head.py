@@ -52,9 +52,10 @@ class Head:
     findings: tuple[str, ...]
 
     def number(self, key: str) -> float | None:
-        """The first number of a parameter; None where it is absent."""
+        """The first number of a parameter; None where it is absent, or none."""
         values = self.parameters.get(key)
-        return float(values[0]) if isinstance(values, np.ndarray) and values.size else None
+        there = isinstance(values, np.ndarray) and values.size and np.isfinite(values[0])
+        return float(values[0]) if there else None
 
     def words(self, key: str) -> list[str]:
         """The words of a parameter; none where it is absent."""

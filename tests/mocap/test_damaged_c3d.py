@@ -54,7 +54,7 @@ def test_values_are_those_of_another_reader(name):
 
 HEAD = {
     "points": (2, "4 points by its first block, 3 by POINT:USED"),
-    "analog values": (3, "1 analog values a frame, but ANALOG:USED is 0"),
+    "analog values": (3, "1 analog values a frame, by ANALOG:USED 0"),
     "begin of the data": (9, "data begin at"),
     "real scale": (8, "the scale of the points is"),
 }
@@ -94,6 +94,18 @@ def test_bytes_lost_within_the_data_are_seen(tmp_path):
         (tmp_path / "a.c3d").write_bytes(changed)
         with pytest.raises(FormatError, match=r"a\.c3d: .*(do not fill|are announced)"):
             read_c3d(tmp_path / "a.c3d")
+
+
+def test_whole_blocks_after_the_data_are_told(tmp_path):
+    """Some writers reserve blocks: where all agree on the frames, what follows them is left, and said."""
+    whole = read_c3d(made(tmp_path / "a.c3d"))
+    data = (tmp_path / "a.c3d").read_bytes()
+    assert len(data) % 512 == 0
+    (tmp_path / "a.c3d").write_bytes(data + bytes(1024))
+    got = read_c3d(tmp_path / "a.c3d")
+    np.testing.assert_array_equal(got.points.xyz_m, whole.points.xyz_m)
+    frames = 40 * 3 * 16  # bytes; the last block is filled up
+    assert f"{1024 + -frames % 512} bytes after the last frame are not read" in got.findings
 
 
 @pytest.mark.parametrize("back", [1, 2, 3], ids=["size", "rank", "type"])

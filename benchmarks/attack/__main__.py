@@ -8,9 +8,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import files
+from benchmarks.attack import disk, files
 
-STAGES: dict[str, Callable[[argparse.Namespace], int]] = {"files": files.run}
+STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
+    "files": files.run,
+    "disk": lambda options: disk.main(["--quick"] if options.quick else []),
+}
 """What is attacked, in this order; each returns the number of its defects."""
 
 

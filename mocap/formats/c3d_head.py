@@ -54,8 +54,9 @@ class Head:
     def number(self, key: str) -> float | None:
         """The first number of a parameter; None where it is absent, or none."""
         values = self.parameters.get(key)
-        there = isinstance(values, np.ndarray) and values.size and np.isfinite(values[0])
-        return float(values[0]) if there else None
+        if not isinstance(values, np.ndarray) or not values.size or not np.isfinite(values[0]):
+            return None
+        return float(values[0])
 
     def words(self, key: str) -> list[str]:
         """The words of a parameter; none where it is absent."""

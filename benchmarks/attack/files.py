@@ -142,8 +142,9 @@ def _rows_of(some: np.ndarray, all_: np.ndarray) -> bool:
     if some.shape[1:] != all_.shape[1:] or len(some) > len(all_):
         return False
     n = len(some)
-    front = int(np.cumprod(_same(some, all_[:n]).reshape(n, -1).all(axis=1)).sum()) if n else 0
-    back = int(np.cumprod(_same(some, all_[len(all_) - n :]).reshape(n, -1).all(axis=1)[::-1]).sum()) if n else 0
+    first, last = (_same(some, part).reshape(n, some[:1].size) for part in (all_[:n], all_[len(all_) - n :]))
+    front = int(np.cumprod(np.asarray(first.all(axis=1))).sum())
+    back = int(np.cumprod(np.asarray(last.all(axis=1))[::-1]).sum())
     return front + back >= n
 
 

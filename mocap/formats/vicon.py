@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from mocap.errors import FormatError
 from mocap.formats.format import Format
-from mocap.formats.lines import frame_numbers, numbers, points, read_lines
+from mocap.formats.lines import frame_numbers, number, numbers, points, read_lines
 from mocap.formats.optical import rate
 from mocap.formats.recording import Recording, point_recording
 
@@ -41,11 +43,15 @@ def read_csv(path: Path) -> Recording:
         raise FormatError(
             f"{path.name}: line {start + 5}: units are {sorted(units)}; expected one for all: export again"
         )
-    rows = []
-    for line in lines[start + 5 :]:
-        if not line.strip(", \t"):
-            break
-        rows.append(line)
+    empty = (i for i in range(start + 5, len(lines)) if not lines[i].strip(", \t"))
+    end = next(empty, len(lines))
+    rows = lines[start + 5 : end]
+    following = next((i for i in range(end, len(lines)) if lines[i].strip(", \t")), None)
+    if following is not None and np.isfinite(number(lines[following].split(",")[0])) and "," in lines[following]:
+        raise FormatError(
+            f"{path.name}: line {following + 1}: frames go on after the empty line {end + 1}: remove that line, or "
+            "export it again"
+        )
     if not rows:
         raise FormatError(f"{path.name}: no frames after the head: export it again")
     values = numbers(path, rows, separator=",", columns=2 + len(axes), first_line=start + 6)

@@ -78,6 +78,16 @@ def test_rows_that_all_end_in_a_separator_are_whole(tmp_path):
         np.testing.assert_array_equal(xyz[1], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
 
 
+def test_frames_after_an_empty_line_are_not_lost(tmp_path):
+    """An empty line ends the section; frames that go on after it were lost in silence. Another section may follow."""
+    head, rows = text_of("vicon.csv")
+    (tmp_path / "v.csv").write_text(head + "\n".join([*rows[:2], "", rows[2], ""]))
+    with pytest.raises(FormatError, match="line 9: frames go on after the empty line 8"):
+        read(tmp_path / "v.csv")
+    (tmp_path / "v.csv").write_text(head + "\n".join([*rows, "", "Devices", "1000", "Frame,Sub Frame,V", "1,0,5", ""]))
+    assert len(read(tmp_path / "v.csv").frames) == 3
+
+
 @pytest.mark.parametrize("value", ["1e30", "-1e30", "1_000", "\uff11\uff12", "infinity", "inf", "0x10", "9e19"])
 @pytest.mark.parametrize("name", ["vicon.csv", "a.trc", "q.tsv", "dlc.csv", "p_xypts.csv", "w.csv", "w_long.csv"])
 def test_a_number_that_nobody_measured(tmp_path, name, value):

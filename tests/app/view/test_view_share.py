@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -99,3 +100,75 @@ def test_what_else_a_folder_holds_stays(recordings, tmp_path):
     page = (tmp_path / "site" / "viewer.html").read_text()
     assert "Content-Security-Policy" in page
     assert "<link" not in page.replace('<link rel="icon"', "")
+
+
+ATTACK = '"><img src=x onerror="document.title=\'ran\'"><script>document.title="ran"</script>{0}</title>'
+"""A name that runs a script wherever it is taken for HTML."""
+
+
+def ran(browser):
+    """Whether the page ran it, or holds what would."""
+    scripts = "return [document.title === 'ran', document.querySelectorAll('img[src=x]').length]"
+    title, images = browser.execute_script(scripts)
+    return title or images > 0
+
+
+def test_an_attack_would_be_seen(browser, tmp_path):
+    """The test itself: a page that takes the name for HTML does run it."""
+    (tmp_path / "index.html").write_text(f"<!doctype html><title>x</title><p>{ATTACK}")
+    with served(tmp_path) as address:
+        browser.get(address)
+        settled(browser, 1)
+        assert ran(browser)
+
+
+@pytest.fixture(scope="module")
+def attacked(tmp_path_factory):
+    """The shared folder of a run whose name, folder, markers and report attack."""
+    run = make_run(n_frames=12, n_cameras=2, n_joints=0)
+    hostile = tuple(f"{ATTACK}{m}" for m in range(len(run.tracked.markers.names)))
+    renamed = dict(zip(run.tracked.markers.names, hostile, strict=True))
+    bones = tuple(replace(b, a=renamed[b.a], b=renamed[b.b]) for b in run.skeleton.bones)
+    ideal = None if run.ideal_px is None else replace(run.ideal_px, names=hostile)
+    run = replace(
+        run,
+        name=ATTACK,
+        skeleton=replace(run.skeleton, markers=hostile, bones=bones, joints=(), trunk=()),
+        tracked=replace(run.tracked, markers=replace(run.tracked.markers, names=hostile)),
+        ideal_px=ideal,
+        report_text=f"# {ATTACK}\n\n{ATTACK}\n",
+    )
+    folder = tmp_path_factory.mktemp("attack")
+    named = folder / ATTACK.replace("/", "|")
+    named.mkdir()
+    write_recording(run, named / "recording.rrd")
+    write_site([named], folder / "site")
+    return folder / "site"
+
+
+def test_names_are_text_of_the_first_page(attacked):
+    """A parser of HTML finds the tags that we wrote, and the name as text."""
+    tags, texts = [], []
+
+    class Tags(HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            tags.append((tag, *(name for name, _ in attrs if name.startswith("on"))))
+
+        def handle_data(self, data):
+            texts.append(data)
+
+    Tags().feed((attacked / "index.html").read_text(encoding="utf-8"))
+    assert [tag for tag, *_ in tags].count("script") == 1
+    assert "img" not in {tag for tag, *_ in tags}
+    assert not [handlers for _, *handlers in tags if handlers]
+    assert texts.count(ATTACK.replace("/", "|")) == 2
+    assert "onerror" not in (attacked / "viewer.html").read_text(encoding="utf-8").replace("window.onerror", "")
+
+
+def test_names_do_not_run_in_the_shared_page(browser, attacked):
+    """Those of the run, of its markers and its folder: in the first page and in the viewer, which shows the run."""
+    with served(attacked) as address:
+        browser.get(f"{address}?renderer=webgl")
+        picture = scene_of(settled(browser, SETTLED_COLORS))
+        assert not ran(browser)
+    assert amount(picture, palette.SKY_BLUE) > 40

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from typing import IO, Any
+from typing import IO
 
 GRACE_S = 3.0
 """What is told to end is killed after so long."""
@@ -35,16 +35,15 @@ def started(
         The guardian: it ends when the command does, with its exit code (128 and the signal's number where a signal
         ended it). End both with ``end``.
     """
-    detached: dict[str, Any] = {"start_new_session": True}
-    if sys.platform == "win32":
-        detached = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    own_group = subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0
     return subprocess.Popen(
         [sys.executable, "-I", "-S", __file__, *command],
         env=dict(environment),
         stdin=subprocess.PIPE,
         stdout=said,
         stderr=said,
-        **detached,
+        start_new_session=True,  # where there are sessions; Windows has groups
+        creationflags=own_group,
     )
 
 

@@ -35,14 +35,15 @@ def started(
         The guardian: it ends when the command does, with its exit code (128 and the signal's number where a signal
         ended it). End both with ``end``.
     """
+    own_group = subprocess.CREATE_NEW_PROCESS_GROUP if sys.platform == "win32" else 0
     return subprocess.Popen(
         [sys.executable, "-I", "-S", __file__, *command],
         env=dict(environment),
         stdin=subprocess.PIPE,
         stdout=said,
         stderr=said,
-        start_new_session=True,  # what ends this process must reach the guardian by the pipe alone
-        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+        start_new_session=True,  # where there are sessions; Windows has groups
+        creationflags=own_group,
     )
 
 

@@ -363,8 +363,7 @@ def _answering(place: Path) -> Iterator[None]:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         raise OutputError(
             f"{place}: cannot be written: {reason}; nothing there was changed: "
-            + ("free some space, or give another --out" if full else "give another --out"),
-            kept=f"{place} is as it was before",
+            + ("free some space, or give another --out" if full else "give another --out")
         ) from error
 
 

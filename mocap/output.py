@@ -359,11 +359,17 @@ def _answering(place: Path) -> Iterator[None]:
             stop.kept = f"{place} is as it was before"  # type: ignore[attr-defined]
         raise
     except OSError as error:
+        if (
+            error.filename is not None
+            and place.resolve().parent not in Path(os.fsdecode(error.filename)).resolve().parents
+        ):
+            raise  # it is not the result that could not be written
         reason = error.strerror or str(error)
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         raise OutputError(
             f"{place}: cannot be written: {reason}; nothing there was changed: "
-            + ("free some space, or give another --out" if full else "give another --out")
+            + ("free some space, or give another --out" if full else "give another --out"),
+            kept=getattr(error, "kept", ""),
         ) from error
 
 

@@ -51,6 +51,7 @@ def write_site(runs: Sequence[Path], folder: Path) -> None:
     Raises:
         MocapError: a run has no recording, or the viewer does not start.
     """
+    folder.mkdir(exist_ok=True)
     target = folder / "recording.rrd"
     if len(runs) == 1:
         shutil.copyfile(recording_file(runs[0]), target)

@@ -130,7 +130,9 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
         row, column = np.argwhere(wrong)[0]
         where = names[column] if names else f"column {column + 1}"
         what = "infinite" if np.isinf(values[row, column]) else f"{values[row, column]:g}"
-        raise FormatError(f"{path.name}: line {row + line}, {where}: {what}; expected a number or NaN")
+        raise FormatError(
+            f"{path.name}: line {row + line}, {where}: {what}; expected a number below {LARGEST:g}, or NaN: correct it"
+        )
     return values
 
 

@@ -138,20 +138,19 @@ def write_profile(path: Path, cameras: Sequence[Camera]) -> None:
     Raises:
         FormatError: a camera has no lens or size, which this format must hold.
     """
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        for number, camera in enumerate(cameras, start=1):
-            if camera.lens is None or camera.size_px is None:
-                raise FormatError(
-                    f"{path.name}: camera {camera.name!r} has no lens or image size, which a profile needs"
-                )
-            if not isinstance(camera.lens, BrownLens):
-                raise FormatError(
-                    f"{path.name}: camera {camera.name!r} has a {camera.lens.model} lens, but a profile holds Brown's "
-                    "(k1 k2 p1 p2 k3) only: write calibration.toml, or calibrate with --lens brown"
-                )
-            (fx, fy), (cx, cy) = camera.lens.f_px, camera.lens.centre_px
-            numbers = (fx, *camera.size_px, cx, cy, fy / fx, *camera.lens.k[:2], *camera.lens.p, camera.lens.k[2])
-            stream.write(f"{number} " + " ".join(f"{x:.12g}" for x in numbers) + "\n")
+    lines = []
+    for number, camera in enumerate(cameras, start=1):
+        if camera.lens is None or camera.size_px is None:
+            raise FormatError(f"{path.name}: camera {camera.name!r} has no lens or image size, which a profile needs")
+        if not isinstance(camera.lens, BrownLens):
+            raise FormatError(
+                f"{path.name}: camera {camera.name!r} has a {camera.lens.model} lens, but a profile holds Brown's "
+                "(k1 k2 p1 p2 k3) only: write calibration.toml, or calibrate with --lens brown"
+            )
+        (fx, fy), (cx, cy) = camera.lens.f_px, camera.lens.centre_px
+        numbers = (fx, *camera.size_px, cx, cy, fy / fx, *camera.lens.k[:2], *camera.lens.p, camera.lens.k[2])
+        lines.append(f"{number} " + " ".join(f"{x:.12g}" for x in numbers) + "\n")
+    path.write_text("".join(lines), encoding="utf-8", newline="")
 
 
 def _knows(columns: Sequence[int]) -> Callable[[Head], bool]:

@@ -98,6 +98,6 @@ def test_triangulation_in_micrometres(tmp_path):
     for unit in ("m", "um"):
         out = tmp_path / f"{unit}_xyzpts.csv"
         source = Source(tracks=files["pixels"], fps=1.0, coefficients=files["coefficients"], unit=unit)
-        triangulate_file(source, out, refine=False, force=False)
+        triangulate_file(source, out, refine=False)
         found[unit] = read(out).points.xyz_m
     np.testing.assert_allclose(1e6 * found["um"], found["m"], rtol=0, atol=1.01e-6)

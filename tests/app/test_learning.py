@@ -21,6 +21,7 @@ from filters.model_file import load_model
 from filters.observations import PositionObservations
 from filters.track import smooth
 from mocap.formats.dltdv import write_points
+from mocap.manifest import MANIFEST
 from mocap.records import MarkerTracks, Origin
 from tests.real_data import real
 
@@ -160,7 +161,7 @@ def test_json_is_one_object_and_a_seed_the_same_model(mocap, flights, tmp_path):
     assert again.scores == first.scores
     assert again.kinds == first.kinds
     assert mocap("learn", short, "--fps", 240, "--out", short, "--force")[0] == 1
-    assert {p.name for p in tmp_path.iterdir()} == {"s_xyzpts.csv", "m.npz"}
+    assert {p.name for p in tmp_path.iterdir()} == {"s_xyzpts.csv", "m.npz", MANIFEST}
     assert folder.exists()
 
 

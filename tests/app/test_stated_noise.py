@@ -67,7 +67,7 @@ def test_more_noise_than_rays_show(source, plain):
 def test_what_contradicts_the_pixels_is_said_first(source, plain, tmp_path, stated, said):
     """By how much, and what is done; nothing is said of a number that agrees."""
     given = replace(source, pixel_sd=stated)
-    summary = triangulate_file(given, tmp_path / "xyzpts.csv", refine=True, force=False)
+    summary = triangulate_file(given, tmp_path / "xyzpts.csv", refine=True)
     for findings in (prepare(given).findings, summary.findings):
         contradicted = [f for f in findings if "contradicts the pixels" in f]
         assert [f"--pixel-sd {stated:g}" in f and said in f for f in contradicted] == [True] * (said is not None)
@@ -80,7 +80,7 @@ def test_triangulate_refine_uses_it_too(source, tmp_path):
     found = {}
     for stated in (0.05, 0.5):
         path = tmp_path / f"{stated}_xyzpts.csv"
-        triangulate_file(replace(source, pixel_sd=stated), path, refine=True, force=False)
+        triangulate_file(replace(source, pixel_sd=stated), path, refine=True)
         found[stated] = read_points(path, fps=240.0)
     np.testing.assert_array_equal(found[0.05].seen, found[0.5].seen)
     ratio = (found[0.5].sd_m / found[0.05].sd_m)[found[0.5].seen]

@@ -307,6 +307,7 @@ def test_an_ascii_terminal_changes_nothing_that_is_read(tmp_path):
         "print([ascii(read(p).names) for p in sorted(Path(sys.argv[1]).iterdir())])"
     )
     folder = tmp_path / "files"
+    folder.mkdir()
     for name in names:
         write(recording, folder / name)
     env = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONPATH": os.pathsep.join(sys.path)}

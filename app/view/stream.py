@@ -42,7 +42,7 @@ def recording_into(
         rec.set_log_time_enabled(False)
         try:
             buffer = rec.binary_stream()
-            rec.send_blueprint(blueprint, make_active=False, make_default=True)
+            rec.send_blueprint(blueprint, make_active=True, make_default=True)  # else a browser makes up views
             yield rec
             content = buffer.read(flush=True, flush_timeout_sec=600)
         except RuntimeError as error:

@@ -175,22 +175,14 @@ def showing(files: Path) -> list[Case]:
     folder.mkdir()
     write_run(run_job(source, model="constant_velocity", validated=False)[0], folder, write_recording=write_rrd)
     joint = sorted(path.stem for path in (folder / "potentials").iterdir())[0]
-    asked = (
-        "design-joint",
-        str(folder),
-        "--joint",
-        joint,
-        "--out",
-        "OUT",
-        "--force",
-        "--starts",
-        "1",
-        "--members",
-        "4",
-    )
+    asked = f"design-joint {folder} --joint {joint} --out OUT --force --starts 1 --members 4 --no-solid".split()
     kept = files / "design"
     keep = {"app.joint_design.write.write_design": lambda design, *_, **__: kept.write_bytes(pickle.dumps(design))}
-    forked(Case("", asked, patches=keep), files / "joint", files / "log")  # in a child: JAX starts threads
+    _, said = forked(
+        Case("", tuple(asked), patches=keep), files / "joint", files / "log"
+    )  # in a child: JAX starts threads
+    if not kept.is_file():
+        raise RuntimeError(f"no joint was designed: {said}")
     design = pickle.loads(kept.read_bytes())
     viewer, fetched = open_viewer(folder / "recording.rrd", web=True), {}
     for name in ("", "re_viewer.js", "re_viewer_bg.wasm", "favicon.ico"):
@@ -201,7 +193,7 @@ def showing(files: Path) -> list[Case]:
     page = mock.Mock(url=viewer.url)
     return [
         Case(
-            "design-joint", asked,
+            "design-joint", tuple(asked),
             patches={"app.joint_design.run.design_joint": lambda *_, **__: design},
         ),
         Case(
@@ -214,8 +206,10 @@ def showing(files: Path) -> list[Case]:
     ]  # fmt: skip
 
 
-def forked(case: Case, out: Path, log: Path, arm: Callable[[], None] = lambda: None) -> tuple[int, str]:
-    """Run a command in a child; its exit code (below 0: killed), and what it said."""
+def forked(
+    case: Case, out: Path, log: Path, arm: Callable[[], None] = lambda: None, after: Callable[[], object] = lambda: None
+) -> tuple[int, str]:
+    """Run a command in a child, between ``arm`` and ``after``; its exit code (below 0: killed), and what it said."""
     child = os.fork()
     if child == 0:
         code = 99
@@ -225,6 +219,7 @@ def forked(case: Case, out: Path, log: Path, arm: Callable[[], None] = lambda: N
                 os.dup2(said.fileno(), 2)
                 sys.stdout = sys.stderr = said
                 code = _command(case, out, arm)
+                after()
         finally:
             os._exit(code)
     _, status = os.waitpid(child, 0)
@@ -364,8 +359,7 @@ def attack(
         library.attack_arm(os.fsencode(place.real), -1, 0, 0)
 
     place.fill(template)
-    child_says = _counting(case, out, log, library, count, report)
-    calls = int(child_says)
+    calls = _counting(case, out, log, library, count, report)
     whole = {name: (digest(path), path.stat().st_size) for name, path in current_files(place.real).items()}
     found: list[tuple[str, Outcome]] = []
     for way, (mode, number) in WAYS.items():
@@ -392,22 +386,10 @@ def attack(
 
 def _counting(case: Case, out: Path, log: Path, library: ctypes.CDLL, count: Callable[[], None], report: Path) -> int:
     """How many calls change the disk in an undisturbed run."""
-    child = os.fork()
-    if child == 0:
-        code = 99
-        try:
-            with log.open("w", encoding="utf-8") as said:
-                os.dup2(said.fileno(), 1)
-                os.dup2(said.fileno(), 2)
-                sys.stdout = sys.stderr = said
-                code = _command(case, out, count)
-                library.attack_seen.restype = ctypes.c_long
-                report.write_text(str(library.attack_seen()))
-        finally:
-            os._exit(code)
-    _, status = os.waitpid(child, 0)
-    if os.waitstatus_to_exitcode(status):
-        raise RuntimeError(f"{case.name}: the undisturbed run fails: {log.read_text(errors='replace')}")
+    library.attack_seen.restype = ctypes.c_long
+    code, said = forked(case, out, log, count, lambda: report.write_text(str(library.attack_seen())))
+    if code:
+        raise RuntimeError(f"{case.name}: the undisturbed run fails: {said}")
     return int(report.read_text())
 
 
@@ -415,6 +397,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run and print a table; the exit code is the number of losses."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="the commands that compute little")
+    parser.add_argument("--groups", default="converting,tracking,showing", help="of commands")
     parser.add_argument("--only", help="commands as the table names them, with commas between")
     parser.add_argument("--kinds", default="plain,link,mount", help="kinds of folder")
     parser.add_argument("--step", type=int, default=0, help="every so many calls; 0: 1, or 9 with --quick")
@@ -436,7 +419,7 @@ def main(arguments: list[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         files = Path(folder) / "files"
         files.mkdir()
-        groups = (converting,) if options.quick else (converting, tracking, showing)
+        groups = [globals()[name] for name in ("converting" if options.quick else options.groups).split(",")]
         for case in (case for group in groups for case in group(files)):
             if options.only and case.name not in options.only.split(","):
                 continue

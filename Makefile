@@ -29,7 +29,7 @@ bench: setup
 	    calibration importers attack twins twin_ranking full_pass view_speed joint_design; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
-	$(BIN)/python -m app.pictures docs/pictures
+	$(BIN)/python -m mocap.rerun.pictures docs/pictures
 
 lock:
 	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \

@@ -19,7 +19,7 @@ from mocap.calibration.boards import Board, Charuco, Checkerboard
 from mocap.calibration.detect import BoardViews, detect
 from mocap.calibration.pictures import pictures_of
 from mocap.calibration.wand import MOVES, calibrate_wand, wand_lengths, wand_score
-from mocap.formats.easywand import read_easywand
+from mocap.io.easywand import read_easywand
 
 FOLDER = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 BOARDS: dict[str, Board] = {

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from threadpoolctl import threadpool_limits
 
-from app.reproduce.sweep import errors, over_lambda, planar
 from benchmarks.timing import timed
 from eal import EmpiricalPotential
 from eal.arrays import Array
@@ -19,6 +18,7 @@ from eal.compiled import simulate_compiled
 from eal.integrators import simulate
 from eal.lagrangian import PenalisedModel
 from eal.stack import PotentialStack
+from mocap.reproduce.sweep import errors, over_lambda, planar
 
 DURATION_S, H_S = 0.05, 1e-4
 

@@ -16,16 +16,16 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from app.gaps import interior_gaps, score
-from app.main_job import Stages, run_job
-from app.run import Run
-from app.source import Source
 from datasets import SyntheticRecording, make_bat, make_lizard, write_recording
 from datasets.catalogue import make
 from mocap.arrays import Array
-from mocap.cameras import Camera, decompose, record, stacked, undistorted
-from mocap.formats.anipose import read_calibration
-from mocap.triangulate import linear
+from mocap.cameras.camera import Camera, decompose, record, stacked, undistorted
+from mocap.cameras.triangulate import linear
+from mocap.io.anipose import read_calibration
+from mocap.pipeline.gaps import interior_gaps, score
+from mocap.pipeline.job import Stages, run_job
+from mocap.pipeline.run import Run
+from mocap.pipeline.source import Source
 
 CASES = {
     "lizard": ("calibration_tank", lambda seed: make_lizard(seed=seed)),
@@ -38,7 +38,7 @@ def calibrated(session: str, folder: Path, seed: int) -> tuple[Path, float]:
     """``calibration.toml`` of a rendered session, and the seconds that its calibration took."""
     make(session, folder / "session", seed=seed)
     card = json.loads((folder / "session" / "card.json").read_text(encoding="utf-8"))
-    program = "from app.cli import main; main()"
+    program = "from mocap.cli.main import main; main()"
     command = [
         sys.executable,
         "-c",

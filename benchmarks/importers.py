@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from app.triangulate import linear_in_blocks
 from mocap.arrays import Array
-from mocap.cameras import dlt_coefficients, project, stacked
-from mocap.formats.dltdv import read_coefficients, write_coefficients
-from mocap.formats.registry import read
+from mocap.cameras.camera import dlt_coefficients, project, stacked
+from mocap.io.dltdv import read_coefficients, write_coefficients
+from mocap.io.registry import read
+from mocap.pipeline.triangulate_file import linear_in_blocks
 from tests.mocap.rigs import ring
 
 MARKERS, CAMERAS = 34, 4

@@ -11,12 +11,12 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from app.reproduce.samples import built_in_samples, real_bat_samples
 from eal import GaussianKernel, fit_potential
 from eal.choice import median_beta
 from eal.joint_design import Limits, Target, Truss, design_truss, make_target, measure
 from eal.joint_design.ground import candidates, fixed_nodes, sparse
 from eal.joint_design.refine import refine
+from mocap.reproduce.samples import built_in_samples, real_bat_samples
 
 STARTS = 4
 

@@ -10,14 +10,14 @@ from time import perf_counter
 
 import numpy as np
 
-from app.demo import Animal, measured_demo
-from app.gaps import interior_gaps, score
-from app.main_job import Stages
-from app.prepare import Prepared
-from app.tracking import learn_models, seen_part, track, tracked_motion
 from filters.learn import PoseSettings
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
+from mocap.pipeline.demo import Animal, measured_demo
+from mocap.pipeline.gaps import interior_gaps, score
+from mocap.pipeline.job import Stages
+from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion
 
 METHODS = ("mixture", "eal", "pose_constant_velocity", "constant_velocity", "cubic", "linear")
 

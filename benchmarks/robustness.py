@@ -16,15 +16,15 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from app.gaps import interior_gaps, score
-from app.main_job import run_job
-from app.prepare import prepare
-from app.source import Source
 from datasets import make_bat, make_lizard, write_recording
 from datasets.recording import SyntheticRecording
 from mocap.arrays import Array
-from mocap.swapped_rays import exchange_rays
-from mocap.swaps import Swap, exchange
+from mocap.cleaning.swapped_rays import exchange_rays
+from mocap.cleaning.swaps import Swap, exchange
+from mocap.pipeline.gaps import interior_gaps, score
+from mocap.pipeline.job import run_job
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.source import Source
 
 Fault = Callable[[SyntheticRecording, np.random.Generator], Array]
 SEEDS = range(80, 83)

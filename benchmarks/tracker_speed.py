@@ -31,10 +31,10 @@ from filters.motion.pose import PoseMotion
 from filters.observations import Observations, PixelObservations, PositionObservations
 from filters.poses import MarkerTrial
 from filters.track import filter_forward, smooth
-from mocap import triangulate
 from mocap.arrays import Array
-from mocap.cameras import project, stacked
-from mocap.formats.qualisys import read_mat
+from mocap.cameras import triangulate
+from mocap.cameras.camera import project, stacked
+from mocap.io.qualisys import read_mat
 from mocap.records import Origin
 
 N_CAMERAS, N_MARKERS, SD_PX, FPS = 30, 34, 1.0, 240.0

@@ -24,8 +24,8 @@ from threadpoolctl import threadpool_limits
 from benchmarks.timing import interleaved
 from datasets import Digitiser, make_bat
 from mocap.arrays import Array
-from mocap.cameras import Camera, decompose, project, stacked, undistorted
-from mocap.triangulate import linear, refine, robust
+from mocap.cameras.camera import Camera, decompose, project, stacked, undistorted
+from mocap.cameras.triangulate import linear, refine, robust
 
 SD_PX = Digitiser().sd_px
 LINEAR, REFINED = "ours, linear", "ours, Gauss-Newton + cov"

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import spearmanr
 
+from benchmarks.gaps.cells import Extent, Task, run
 from benchmarks.gaps.method import Trial
-from benchmarks.gaps.run import Extent, Task, run
 from benchmarks.gaps.sets import SETS, WIND_TUNNEL_POINTS, noise_sd, positions
 from benchmarks.gaps.table import FOLDS, by_cell, pooled
 from benchmarks.twins import POINTS

@@ -22,11 +22,11 @@ from datasets.lizard import SLOPE_RAD
 from datasets.real import folder
 from datasets.visibility import Visibility, distances, merged, pooled, visibility
 from mocap.arrays import Array
-from mocap.cameras import decompose, record, stacked, undistorted
-from mocap.formats.dvproject import DvProject, read_project
-from mocap.formats.registry import read
+from mocap.cameras.camera import decompose, record, stacked, undistorted
+from mocap.cameras.triangulate import linear
+from mocap.io.dvproject import DvProject, read_project
+from mocap.io.registry import read
 from mocap.records import Origin
-from mocap.triangulate import linear
 
 POINTS = {
     **{"t3L": "d3_tip_l", "wstL": "wrist_l", "t5L": "d5_tip_l", "elbL": "elbow_l", "shdL": "shoulder_l"},

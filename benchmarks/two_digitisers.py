@@ -17,9 +17,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from app.prepare import Prepared, prepare
-from app.source import Source
-from app.tracking import learn_models, seen_part, track, tracked_motion
 from datasets import Digitiser, SyntheticRecording, make_bat, make_lizard, write_recording
 from datasets.bat import bat_motion
 from datasets.film import film
@@ -27,6 +24,9 @@ from datasets.lizard import lizard_motion
 from filters.learn import PoseSettings
 from filters.subspace import bridge
 from mocap.arrays import Array
+from mocap.pipeline.prepare import Prepared, prepare
+from mocap.pipeline.source import Source
+from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion
 
 CUTOFF_HZ = 30.0
 

@@ -21,7 +21,7 @@ from filters.ensemble import Gaussian, Update, default_points, predict, update
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.smoother import smooth_step
 from mocap.arrays import Array
-from mocap.cameras import project, stacked
+from mocap.cameras.camera import project, stacked
 
 DT_S = 1 / 240
 SD_PX = 1.0

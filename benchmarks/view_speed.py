@@ -15,17 +15,17 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import rerun as rr
 
-from app.run import Run
-from app.view import paths
-from app.view.live import LiveView
-from app.view.record import run_scene, write_recording
-from app.view.viewer import open_viewer
 from benchmarks.tracker_speed import N_CAMERAS, N_MARKERS, Case, markers
 from datasets.rig import tunnel_cameras
 from filters.live import live, looks
 from filters.observations import PixelObservations
 from filters.records import TrackedMotion
+from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.rerun import paths
+from mocap.rerun.live import LiveView
+from mocap.rerun.record import run_scene, write_recording
+from mocap.rerun.viewer import open_viewer
 from mocap.skeleton import Skeleton
 
 ROUNDS = 3

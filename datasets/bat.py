@@ -19,7 +19,7 @@ from datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
 from datasets.scene import Motion, Scene, frame_times, start_times
 from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
-from mocap.cameras import Camera
+from mocap.cameras.camera import Camera
 
 Manoeuvre = Literal["level", "turn"]
 BEAT_HZ = 9.0

@@ -9,7 +9,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from datasets.rig import picture_size
 from mocap.arrays import Array
-from mocap.cameras import Camera
+from mocap.cameras.camera import Camera
 
 _TEXELS = 80  # a square
 _GRID_PX = 8

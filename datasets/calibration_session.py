@@ -12,7 +12,7 @@ from datasets.boards import Board, photograph, viewfinder
 from datasets.linkage import turn, unit
 from datasets.rig import picture_size
 from mocap.arrays import Array, frozen
-from mocap.cameras import Camera, decompose, record
+from mocap.cameras.camera import Camera, decompose, record
 
 _LEAST_COSINE = 0.3
 """A board is photographed where it faces a camera by 72 degrees or less."""

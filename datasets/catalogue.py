@@ -15,9 +15,9 @@ from datasets.recording import SyntheticRecording
 from datasets.rig import LensKind, tank_cameras, tunnel_cameras
 from datasets.scene import Motion
 from datasets.wand import wand_sweep, write_wand_sweep
-from mocap.cameras import Camera
+from mocap.cameras.camera import Camera
 from mocap.errors import MocapError
-from mocap.output import Tell, result_folder, silent
+from mocap.io.output import Tell, result_folder, silent
 
 Progress = Callable[[float], object]
 _TUNNEL_BOARD = Board(columns=10, rows=7, square_m=0.025)
@@ -170,7 +170,7 @@ def make(
         name: Of the entry.
         folder: Where to.
         seed: Any integer of 0 or more; the same makes the same.
-        replace: As in ``mocap.output.result_folder``.
+        replace: As in ``mocap.io.output.result_folder``.
         progress: Told the share done.
         tell: Told of what an interrupted run had left.
 

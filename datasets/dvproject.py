@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from datasets.recording import SyntheticRecording
 from mocap.arrays import Array
-from mocap.cameras import dlt_coefficients, stacked, undistorted
-from mocap.lens import BrownLens
-from mocap.triangulate import linear
+from mocap.cameras.camera import dlt_coefficients, stacked, undistorted
+from mocap.cameras.lens import BrownLens
+from mocap.cameras.triangulate import linear
 
 _ITERATIONS = 3
 _USER_BLOCK = 512

@@ -13,7 +13,7 @@ from datasets.recording import SyntheticRecording
 from datasets.rig import picture_size
 from datasets.scene import Motion, Scene
 from mocap.arrays import Array
-from mocap.cameras import Camera, record, stacked
+from mocap.cameras.camera import Camera, record, stacked
 from mocap.records import PixelTracks
 
 

@@ -8,18 +8,18 @@ import numpy as np
 
 from datasets.dvproject import write_project
 from datasets.recording import SyntheticRecording
-from mocap.cameras import stacked, undistorted
+from mocap.cameras.camera import stacked, undistorted
+from mocap.cameras.lens import BrownLens
+from mocap.cameras.triangulate import linear
 from mocap.errors import FormatError
-from mocap.formats.anipose import write_calibration
-from mocap.formats.c3d_files import write_c3d
-from mocap.formats.csv_table import write_table
-from mocap.formats.dltdv import write_coefficients, write_pixels, write_points
-from mocap.formats.profile import write_profile
-from mocap.formats.recording import Recording
-from mocap.lens import BrownLens
+from mocap.io.anipose import write_calibration
+from mocap.io.c3d_files import write_c3d
+from mocap.io.csv_table import write_table
+from mocap.io.dltdv import write_coefficients, write_pixels, write_points
+from mocap.io.profile import write_profile
+from mocap.io.recording import Recording
 from mocap.records import MarkerTracks, Origin
 from mocap.skeleton import write_skeleton
-from mocap.triangulate import linear
 
 _KINDS = {
     "pixels": "xypts.csv",

@@ -13,8 +13,8 @@ from datasets.occlusion import Solid
 from datasets.rig import picture_size
 from datasets.scene import Motion, Scene
 from mocap.arrays import Array
-from mocap.cameras import Camera, decompose, record
-from mocap.film import pyav
+from mocap.cameras.camera import Camera, decompose, record
+from mocap.io.film import pyav
 
 FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel in the files of pixels, as DLTdv counts them."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array, frozen
-from mocap.cameras import Camera, decompose
+from mocap.cameras.camera import Camera, decompose
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from mocap.arrays import Array, frozen
-from mocap.formats.csv_table import write_table
+from mocap.io.csv_table import write_table
 
 Pendulum = Literal["planar", "spherical"]
 GRAVITY_M_S2 = 9.81

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array, frozen
-from mocap.cameras import Camera
+from mocap.cameras.camera import Camera
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from datasets.linkage import turn, unit
 from mocap.arrays import Array
-from mocap.cameras import Camera, pinhole_camera
-from mocap.lens import BrownLens, FisheyeLens, Lens
+from mocap.cameras.camera import Camera, pinhole_camera
+from mocap.cameras.lens import BrownLens, FisheyeLens, Lens
 
 LensKind = Literal["brown", "fisheye"]
 

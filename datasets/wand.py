@@ -11,10 +11,10 @@ from datasets.film import outside
 from datasets.linkage import rotated, turn
 from datasets.wander import draw_wander
 from mocap.arrays import Array, frozen
-from mocap.cameras import Camera, record
-from mocap.formats.dltdv import write_pixels
-from mocap.formats.profile import write_profile
-from mocap.lens import BrownLens
+from mocap.cameras.camera import Camera, record
+from mocap.cameras.lens import BrownLens
+from mocap.io.dltdv import write_pixels
+from mocap.io.profile import write_profile
 from mocap.records import PixelTracks
 
 

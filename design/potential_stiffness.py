@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.demo import measured_demo
-from app.gaps import interior_gaps, score
-from app.main_job import Stages
-from app.prepare import Prepared
-from app.tracking import Part, seen_part, track, tracked_motion, trunk_frames
 from filters.learn import PoseSettings, learn_pose, recorded_motion, unseen_potential, with_potential
 from filters.motion.base import MotionModel
 from filters.poses import pose_trial, shapes_of
+from mocap.pipeline.demo import measured_demo
+from mocap.pipeline.gaps import interior_gaps, score
+from mocap.pipeline.job import Stages
+from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.tracking import Part, seen_part, track, tracked_motion, trunk_frames
 
 WEIGHTS = (1.0, 4.0, 16.0)
 LAMBDAS = (1e-4, 1e-3)

@@ -31,12 +31,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from app.gaps import interior_gaps, score
-from app.prepare import Prepared, prepare
-from app.source import Source
-from app.tracking import learn_models, seen_part, track, tracked_motion, validate
 from datasets import SyntheticRecording, make_bat, make_lizard, write_recording
 from filters.learn import PoseSettings
+from mocap.pipeline.gaps import interior_gaps, score
+from mocap.pipeline.prepare import Prepared, prepare
+from mocap.pipeline.source import Source
+from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion, validate
 
 DATA = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 USUAL = PoseSettings()

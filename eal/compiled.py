@@ -15,9 +15,9 @@ import numpy as np
 
 from eal.arrays import Array
 from eal.autodiff import generalised_force, mass_matrix
+from eal.integrators.integrate import Trajectory
 from eal.integrators.midpoint import IntegrationError
 from eal.integrators.rk4 import rk4_step
-from eal.integrators.run import Trajectory
 from eal.integrators.stability import check_step
 from eal.kernels import GaussianKernel
 from eal.lagrangian import LagrangianSystem, PenalisedModel

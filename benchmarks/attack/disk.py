@@ -30,9 +30,9 @@ from unittest import mock
 
 import numpy as np
 
-import app.cli  # loaded before children are forked
+import mocap.cli.main  # loaded before children are forked
 from datasets.folder import write_recording
-from mocap.manifest import PARTIAL, current_files, digest, read_manifest
+from mocap.io.manifest import PARTIAL, current_files, digest, read_manifest
 
 KILL, INTERRUPT, ERROR, FULL = 1, 2, 3, 4
 WAYS: dict[str, tuple[int, int]] = {
@@ -94,8 +94,8 @@ def compiled(folder: Path) -> Path:
 def converting(files: Path) -> list[Case]:
     """Commands that read one recording and write another."""
     from datasets.lizard import make_lizard
-    from mocap.formats.recording import point_recording
-    from mocap.formats.registry import write
+    from mocap.io.recording import point_recording
+    from mocap.io.registry import write
 
     xyz = np.random.default_rng(0).normal(size=(20, 2, 3))
     points = point_recording(files / "a.csv", "made", names=["a", "b"], xyz=xyz, unit="m", fps=100.0)
@@ -119,14 +119,14 @@ def converting(files: Path) -> list[Case]:
 
 def tracking(files: Path) -> list[Case]:
     """Commands that write what was tracked, learned or drawn; it is made here, once."""
-    from app.main_job import run_job
-    from app.prepare import prepare
-    from app.reproduce.fig_penalty import figure_14a
-    from app.source import Source
-    from app.tracking import marker_trial, part_names, seen_part
     from datasets.lizard import make_lizard
     from filters.learn import PoseSettings
     from filters.model import learn_from_itself
+    from mocap.pipeline.job import run_job
+    from mocap.pipeline.prepare import prepare
+    from mocap.pipeline.source import Source
+    from mocap.pipeline.tracking import marker_trial, part_names, seen_part
+    from mocap.reproduce.fig_penalty import figure_14a
 
     twin = make_lizard(seed=0, n_frames=150)
     paths = write_recording(twin, files / "twin")
@@ -144,14 +144,17 @@ def tracking(files: Path) -> list[Case]:
     base = [str(paths["pixels"]), "--dlt", str(paths["coefficients"]), "--fps", f"{twin.fps:g}"]
     ask = ["--skeleton", str(paths["skeleton"]), "--out", "OUT", "--force"]
     return [
-        Case("track", ("track", *base, *ask), patches={"app.main_job.run_job": lambda *_, **__: run}),
-        Case("demo", ("demo", "--out", "OUT", "--force"), patches={"app.demo.run_demo": lambda *_, **__: run[0]}),
+        Case("track", ("track", *base, *ask), patches={"mocap.pipeline.job.run_job": lambda *_, **__: run}),
         Case(
-            "learn", ("learn", *base, *ask), "r.npz", {"app.learning.learn_from": lambda *_, **__: learned}
+            "demo", ("demo", "--out", "OUT", "--force"),
+            patches={"mocap.pipeline.demo.run_demo": lambda *_, **__: run[0]},
+        ),
+        Case(
+            "learn", ("learn", *base, *ask), "r.npz", {"mocap.pipeline.learning.learn_from": lambda *_, **__: learned}
         ),
         Case(
             "reproduce", ("reproduce", "14a", "--out", "OUT", "--force"),
-            patches={"app.reproduce.run._SYNTHETIC": {"14a": lambda **_: figure}},
+            patches={"mocap.reproduce.figures._SYNTHETIC": {"14a": lambda **_: figure}},
         ),
     ]  # fmt: skip
 
@@ -160,12 +163,12 @@ def showing(files: Path) -> list[Case]:
     """Joint design, and the folder for a web server: with the viewer's own files."""
     import urllib.request
 
-    from app.main_job import run_job
-    from app.source import Source
-    from app.tables import write_run
-    from app.view.record import write_recording as write_rrd
-    from app.view.viewer import open_viewer
     from datasets.lizard import make_lizard
+    from mocap.pipeline.job import run_job
+    from mocap.pipeline.source import Source
+    from mocap.rerun.record import write_recording as write_rrd
+    from mocap.rerun.viewer import open_viewer
+    from mocap.results.tables import write_run
 
     folder, twin = files / "run", make_lizard(seed=0, n_frames=150)
     paths = write_recording(twin, files / "shown")
@@ -177,7 +180,7 @@ def showing(files: Path) -> list[Case]:
     joint = sorted(path.stem for path in (folder / "potentials").iterdir())[0]
     asked = f"design-joint {folder} --joint {joint} --out OUT --force --starts 1 --members 4 --no-solid".split()
     kept = files / "design"
-    keep = {"app.joint_design.write.write_design": lambda design, *_, **__: kept.write_bytes(pickle.dumps(design))}
+    keep = {"mocap.joint_design.write.write_design": lambda design, *_, **__: kept.write_bytes(pickle.dumps(design))}
     _, said = forked(
         Case("", tuple(asked), patches=keep), files / "joint", files / "log"
     )  # in a child: JAX starts threads
@@ -194,13 +197,13 @@ def showing(files: Path) -> list[Case]:
     return [
         Case(
             "design-joint", tuple(asked),
-            patches={"app.joint_design.run.design_joint": lambda *_, **__: design},
+            patches={"mocap.joint_design.design.design_joint": lambda *_, **__: design},
         ),
         Case(
             "share", ("share", str(folder), "--out", "OUT", "--force"),
             patches={
-                "app.view.share.open_viewer": lambda *_, **__: page,
-                "app.view.share._fetched": lambda url: fetched[url],
+                "mocap.rerun.share.open_viewer": lambda *_, **__: page,
+                "mocap.rerun.share._fetched": lambda url: fetched[url],
             },
         ),
     ]  # fmt: skip
@@ -238,7 +241,7 @@ def _command(case: Case, out: Path, arm: Callable[[], None]) -> int:
             stack.enter_context(mock.patch(place, replacement))
         arm()
         try:
-            app.cli.main()
+            mocap.cli.main.main()
         except SystemExit as ended:
             return int(ended.code or 0)
         except KeyboardInterrupt:

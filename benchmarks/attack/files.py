@@ -28,14 +28,14 @@ import h5py
 import numpy as np
 from scipy.io import savemat
 
-from app.inspect import inspect
-from app.prepare import prepare
-from app.source import Source
 from benchmarks.attack.mutants import damaged, kinds
+from mocap.audit.inspect import inspect
 from mocap.errors import FormatError, MocapError
-from mocap.formats.format import Hints
-from mocap.formats.recording import Recording, pixel_recording, point_recording
-from mocap.formats.registry import read, write
+from mocap.io.format import Hints
+from mocap.io.recording import Recording, pixel_recording, point_recording
+from mocap.io.registry import read, write
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.source import Source
 
 SECONDS = 60.0
 """A file of these sizes that takes longer hangs; readers that start a process give up after 20 s."""

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.gaps import plots
+from benchmarks.gaps.cells import LATE, QUICK, QUICK_SETS, Extent, Task, results
 from benchmarks.gaps.ours import alone, ours
 from benchmarks.gaps.peers import released
 from benchmarks.gaps.registry import methods
-from benchmarks.gaps.run import LATE, QUICK, QUICK_SETS, Extent, Task, results
 from benchmarks.gaps.sets import SETS, load
 from benchmarks.gaps.table import FOLDS, against_best, as_sentence, as_text, pooled, ratios, summary
 from mocap.errors import MocapError

@@ -15,7 +15,7 @@ from benchmarks.gaps.method import Method
 from benchmarks.gaps.registry import methods
 from benchmarks.gaps.sets import DATA, GLIDES, STATIONS, believed, load, stations
 from mocap.arrays import Array
-from mocap.formats.qualisys import read_tsv
+from mocap.io.qualisys import read_tsv
 
 
 def authors_fill() -> list[Array]:

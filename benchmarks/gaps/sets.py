@@ -26,8 +26,9 @@ Choices:
   150 frames, or 51 markers about one arm that moves once.
 - Blocks of one recording are not independent trials: in ``mouse``, ``snake_gap`` and ``gait`` training knows the same
   animal on the same day. All twins of a set are one animal (same bones) in other motion.
-- ``sd_m`` is estimated from fourth differences in time (``mocap.position_noise.position_sd``) over all trials of a set,
-  and taken as ``LEAST_SD_M`` where it is less: the mouse of Qualisys seems to be smoothed, to 0.003 mm.
+- ``sd_m`` is estimated from fourth differences in time (``mocap.cleaning.position_noise.position_sd``) over all
+  trials of a set, and taken as ``LEAST_SD_M`` where it is less: the mouse of Qualisys seems to be smoothed,
+  to 0.003 mm.
 """
 
 import os
@@ -41,17 +42,17 @@ from benchmarks.gaps.method import Trial
 from datasets import SyntheticRecording, make_bat, make_lizard
 from datasets.bat_skeleton import bat_skeleton
 from datasets.lizard_skeleton import lizard_skeleton
-from mocap import triangulate
 from mocap.arrays import Array
-from mocap.bias import ray_bias
-from mocap.cameras import Camera, stacked, undistorted
-from mocap.careless import student_t
-from mocap.clean import clean
-from mocap.formats.c3d import read_c3d
-from mocap.formats.dvproject import read_project
-from mocap.formats.qualisys import read_mat, read_tsv
-from mocap.formats.vicon import read_csv
-from mocap.position_noise import position_sd
+from mocap.cameras import triangulate
+from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.cleaning.bias import ray_bias
+from mocap.cleaning.clean import clean
+from mocap.cleaning.position_noise import position_sd
+from mocap.cleaning.robust_rays import student_t
+from mocap.io.c3d import read_c3d
+from mocap.io.dvproject import read_project
+from mocap.io.qualisys import read_mat, read_tsv
+from mocap.io.vicon import read_csv
 from mocap.records import MarkerTracks, Origin, PixelTracks
 from mocap.skeleton import Skeleton
 
@@ -123,7 +124,7 @@ def noise_sd(recordings: Sequence[tuple[Array, Array]], names: Sequence[str]) ->
 def positions(
     pixels: PixelTracks, cameras: Sequence[Camera], skeleton: Skeleton, names: tuple[str, ...], *, biased: bool
 ) -> Array:
-    """(T, M, 3) positions from pixels, cleaned as in ``app.prepare.prepare``; NaN where none is believed.
+    """(T, M, 3) positions from pixels, cleaned as in ``mocap.pipeline.prepare.prepare``; NaN where none is believed.
 
     Args:
         pixels: As digitised.

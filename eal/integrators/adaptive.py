@@ -6,8 +6,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from eal.arrays import Array
+from eal.integrators.integrate import Trajectory
 from eal.integrators.midpoint import IntegrationError
-from eal.integrators.run import Trajectory
 
 
 def integrate_adaptive(

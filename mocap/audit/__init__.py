@@ -1,8 +1,8 @@
 """Audit: what pixels, cameras and points tell of each other, and of faults that programs leave in files."""
 
+from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.finding import Finding, alarms
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
-from mocap.audit.run import audit_filmed, audit_recording
 from mocap.audit.samples import pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, stale_points
 

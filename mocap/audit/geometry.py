@@ -8,10 +8,10 @@ from scipy.optimize import minimize_scalar
 
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
-from mocap.cameras import Camera, decompose, stacked, undistorted
-from mocap.lens import BrownLens
-from mocap.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
-from mocap.triangulate import linear, residual_px
+from mocap.cameras.camera import Camera, decompose, stacked, undistorted
+from mocap.cameras.lens import BrownLens
+from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
+from mocap.cameras.triangulate import linear, residual_px
 
 
 def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:

@@ -10,9 +10,9 @@ from scipy.interpolate import CubicSpline
 
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
-from mocap.cameras import Camera, stacked
-from mocap.linearised import linearise
-from mocap.triangulate import linear
+from mocap.cameras.camera import Camera, stacked
+from mocap.cameras.linearised import linearise
+from mocap.cameras.triangulate import linear
 
 CLEAR_SD = 4.0
 LEAST_FRAMES = 0.1

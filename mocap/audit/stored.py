@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.audit.finding import MOST, Finding
+from mocap.cameras.triangulate import linear
 from mocap.records import MarkerTracks
-from mocap.triangulate import linear
 
 
 @dataclass(frozen=True, kw_only=True)

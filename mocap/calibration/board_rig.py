@@ -13,8 +13,8 @@ from mocap.calibration.detect import BoardViews
 from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, lens_trouble, place, without_ray
 from mocap.calibration.rig import RigCamera, in_world
 from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
+from mocap.cameras.lens import Lens
 from mocap.errors import CalibrationError
-from mocap.lens import Lens
 
 UP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Board axes (x along the first row of corners, z into it) to world axes (z out of the board, up where it lies)."""

@@ -15,7 +15,7 @@ from mocap.arrays import Array
 from mocap.calibration.levenberg import Minimum, factorised, minimise
 from mocap.calibration.rig import RigCamera, turn
 from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, Lengths, Scene, Sightings
-from mocap.lens import Lens
+from mocap.cameras.lens import Lens
 
 
 def adjust(

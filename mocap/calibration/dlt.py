@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mocap.arrays import Array
-from mocap.cameras import Camera, project
+from mocap.cameras.camera import Camera, project
 from mocap.errors import CalibrationError
 
 FEWEST_POINTS = 6

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.calibration.chain import rigid
+from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-from mocap.triangulate import linear
 
 FEWEST_POINTS = 8
 

@@ -11,8 +11,8 @@ from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
 from mocap.calibration.rig import RigCamera
 from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
+from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import CalibrationError
-from mocap.lens import BrownLens, FisheyeLens, Lens, RationalLens
 
 FEWEST_PICTURES = 5
 CHOICES: dict[str, tuple[type[Lens], tuple[bool, ...]]] = {

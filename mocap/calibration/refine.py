@@ -10,9 +10,9 @@ from mocap.arrays import Array
 from mocap.calibration.bundle import adjust
 from mocap.calibration.rig import in_world, rig_camera, similarity
 from mocap.calibration.scene import Free, Lengths, Scene, Sightings
-from mocap.cameras import Camera, stacked
+from mocap.cameras.camera import Camera, stacked
+from mocap.cameras.triangulate import linear, residual_px, robust
 from mocap.errors import CalibrationError
-from mocap.triangulate import linear, residual_px, robust
 
 FEWEST_POINTS = 30
 

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mocap.arrays import Array, frozen
-from mocap.cameras import Camera, decompose
-from mocap.lens import BrownLens, FisheyeLens, Lens
+from mocap.cameras.camera import Camera, decompose
+from mocap.cameras.lens import BrownLens, FisheyeLens, Lens
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

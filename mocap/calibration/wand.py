@@ -12,10 +12,10 @@ from mocap.calibration.chain import rigid
 from mocap.calibration.first_look import first_stands
 from mocap.calibration.rig import RigCamera, in_world
 from mocap.calibration.scene import Adjusted, Free, Lengths, Scene, Sightings
-from mocap.cameras import Camera, stacked, undistorted
+from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.cameras.lens import Lens
+from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-from mocap.lens import Lens
-from mocap.triangulate import linear
 
 FEWEST_WANDS = 10
 MOVES = ("none", "focal", "focal+centre", "lens")

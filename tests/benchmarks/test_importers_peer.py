@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from app.triangulate import linear_in_blocks
 from benchmarks.importers import CAMERAS, MARKERS, make, ours, peer
-from mocap.cameras import stacked
-from mocap.formats.dltdv import read_coefficients
-from mocap.formats.registry import read
+from mocap.cameras.camera import stacked
+from mocap.io.dltdv import read_coefficients
+from mocap.io.registry import read
+from mocap.pipeline.triangulate_file import linear_in_blocks
 
 
 def test_the_loop_and_ours_agree(tmp_path):

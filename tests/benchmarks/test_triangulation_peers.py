@@ -18,8 +18,8 @@ from benchmarks.triangulation import (
 )
 from datasets import PERFECT
 from mocap.arrays import Array
-from mocap.cameras import stacked
-from mocap.triangulate import linear, refine
+from mocap.cameras.camera import stacked
+from mocap.cameras.triangulate import linear, refine
 
 
 @pytest.fixture(scope="module")

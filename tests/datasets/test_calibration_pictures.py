@@ -11,8 +11,8 @@ from datasets.calibration_session import board_session, write_board_session
 from datasets.lizard import SLOPE_RAD
 from datasets.rig import tank_cameras, tunnel_cameras
 from datasets.wand import wand_sweep, write_wand_sweep
-from mocap.cameras import decompose, record
-from mocap.formats.dltdv import read_pixels
+from mocap.cameras.camera import decompose, record
+from mocap.io.dltdv import read_pixels
 
 CHECKERS = Board(columns=10, rows=7, square_m=0.025)
 CHARUCO = Board(columns=7, rows=5, square_m=0.035, marker_m=0.026)

@@ -5,11 +5,11 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import app
 from datasets.catalogue import ENTRIES, make
 from datasets.real import real_path
+from mocap.cli.main import app
 from mocap.errors import MocapError
-from mocap.manifest import MANIFEST
+from mocap.io.manifest import MANIFEST
 
 SMALL = (
     "bat_wind_tunnel",

@@ -5,7 +5,7 @@ import pytest
 
 from datasets import PERFECT, Digitiser, make_bat, make_lizard
 from datasets.observe import click_noise, lost, misplace
-from mocap.cameras import record
+from mocap.cameras.camera import record
 
 
 def test_noise_has_the_core_and_twice_its_width_in_all():

@@ -9,7 +9,7 @@ from datasets.film import view
 from datasets.lizard import SLOPE_RAD, lizard_motion
 from datasets.movie import FIRST_PIXEL, picture, write_movies
 from datasets.rig import tank_cameras, tunnel_cameras
-from mocap.movies import open_movie
+from mocap.io.movies import open_movie
 
 SCENES = {
     "bat": (bat_motion(1), tunnel_cameras(2)),

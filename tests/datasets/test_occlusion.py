@@ -6,7 +6,7 @@ import pytest
 from datasets.linkage import turn
 from datasets.occlusion import Solid, hidden_by_grazing, hidden_by_solid, hidden_by_triangles, occluded
 from datasets.rig import tunnel_cameras
-from mocap.cameras import decompose
+from mocap.cameras.camera import decompose
 
 
 def ray_hits_triangle(eye, marker, corners, clearance_m):

@@ -8,7 +8,7 @@ from scipy.special import ellipj, ellipk
 from scipy.stats import kstest
 
 from datasets.pendulums import GRAVITY_M_S2, make_pendulum, write_pendulum
-from mocap.formats.csv_table import read_table
+from mocap.io.csv_table import read_table
 
 
 def test_the_planar_pendulum_is_jacobis():

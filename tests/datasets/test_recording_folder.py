@@ -7,16 +7,16 @@ import pytest
 
 from datasets import PERFECT, make_bat, make_lizard, read_truth, write_recording
 from datasets.dvproject import write_project
-from mocap.cameras import project, record, stacked, undistorted
+from mocap.cameras.camera import project, record, stacked, undistorted
+from mocap.cameras.triangulate import linear
 from mocap.errors import FormatError
-from mocap.formats.anipose import read_calibration
-from mocap.formats.csv_table import read_table
-from mocap.formats.dltdv import read_coefficients, read_pixels, read_points
-from mocap.formats.dvproject import read_project
-from mocap.formats.profile import with_profile
-from mocap.formats.registry import read
+from mocap.io.anipose import read_calibration
+from mocap.io.csv_table import read_table
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points
+from mocap.io.dvproject import read_project
+from mocap.io.profile import with_profile
+from mocap.io.registry import read
 from mocap.skeleton import Skeleton, read_skeleton, write_skeleton
-from mocap.triangulate import linear
 
 
 @pytest.mark.parametrize("make", [make_bat, make_lizard])

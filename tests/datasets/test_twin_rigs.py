@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from datasets import PERFECT, make_bat, make_lizard
-from mocap.cameras import decompose, dlt_coefficients, record
+from mocap.cameras.camera import decompose, dlt_coefficients, record
 
 
 @pytest.mark.parametrize(("make", "n_cameras"), [(make_bat, 8), (make_bat, 30), (make_lizard, 4)])

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.twins import ANGLES, FLIGHTS, triangulated, wing_angles
 from datasets.bat import make_bat_wind_tunnel
-from mocap.formats.dvproject import read_project
+from mocap.io.dvproject import read_project
 from tests.real_data import real
 
 BETWEEN_FLIGHTS = 18.0

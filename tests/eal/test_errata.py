@@ -8,10 +8,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import iv
 
-from app.reproduce.sweep import errors, over_lambda, planar, slope
 from eal import GaussianKernel, LaplaceKernel, Projection, Tail, bounds, circle, fit_potential
 from eal.integrators import simulate
 from eal.lagrangian import PenalisedModel
+from mocap.reproduce.sweep import errors, over_lambda, planar, slope
 
 LAMBDAS = circle.eigenvalues(1.0)
 GAP = LAMBDAS[2] - LAMBDAS[3]

@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from app.reproduce import FIGURES, reproduce
-from app.reproduce.fig_joints import figure_20, joint_potential
-from app.reproduce.record import long_table
-from app.reproduce.samples import wrist_about_elbow
-from app.reproduce.sweep import planar, spherical
+from mocap.reproduce import FIGURES, reproduce
+from mocap.reproduce.fig_joints import figure_20, joint_potential
+from mocap.reproduce.record import long_table
+from mocap.reproduce.samples import wrist_about_elbow
+from mocap.reproduce.sweep import planar, spherical
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PixelObservations
-from mocap.cameras import project, stacked
-from mocap.triangulate import linear, refine
+from mocap.cameras.camera import project, stacked
+from mocap.cameras.triangulate import linear, refine
 from tests.mocap.rigs import cloud, ring
 
 

@@ -10,11 +10,11 @@ from filters.learn_markers import learn_constant_velocity
 from filters.observations import PixelObservations
 from filters.poses import pose_trial
 from filters.track import smooth
-from mocap.bias import ray_bias
 from mocap.body import body_frames
-from mocap.cameras import stacked, undistorted
-from mocap.clean import clean
-from mocap.triangulate import linear, refine, robust
+from mocap.cameras.camera import stacked, undistorted
+from mocap.cameras.triangulate import linear, refine, robust
+from mocap.cleaning.bias import ray_bias
+from mocap.cleaning.clean import clean
 
 SETTINGS = PoseSettings(ranks=(4, 6, 8, 11))
 

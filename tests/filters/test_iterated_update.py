@@ -7,7 +7,7 @@ from filters.live import live, looks
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PixelObservations, PositionObservations, seen_from
 from filters.track import filter_forward, filter_frame, log_likelihood, marker_moments, smooth
-from mocap.cameras import project
+from mocap.cameras.camera import project
 from tests.filters.filmed import hide, pixels, still
 
 

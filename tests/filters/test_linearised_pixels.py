@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from filters.ensemble import Gaussian, default_points, ensemble, scale, spread, update
 from filters.observations import PixelObservations, linearised_pixels
 from filters.observe import observe
-from mocap.cameras import project, stacked
+from mocap.cameras.camera import project, stacked
 from tests.mocap.rigs import cloud, ring
 
 N_CAMERAS, N_MARKERS = 6, 4

@@ -11,7 +11,7 @@ from filters.ensemble import Gaussian, default_points, update
 from filters.observations import PixelObservations, Sights
 from filters.observe import observe
 from filters.track import smooth
-from mocap.cameras import project, stacked
+from mocap.cameras.camera import project, stacked
 from tests.filters.filmed import pixels, still
 from tests.mocap.rigs import cloud, ring
 

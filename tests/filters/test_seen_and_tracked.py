@@ -8,8 +8,8 @@ from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import WHOLE, PixelObservations, PositionObservations, Sights
 from filters.observe import gate_groups, observe
 from filters.track import marker_deviations, smooth
-from mocap.cameras import project
-from mocap.triangulate import linear, refine
+from mocap.cameras.camera import project
+from mocap.cameras.triangulate import linear, refine
 from tests.filters.filmed import hide, pixels, still
 
 CASES = [(0, 0), (1, 0), (0, 1), (WHOLE, 2), (2, 3), (0, 3), (1, 3)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from filters.observations import WHOLE, PixelObservations, PositionObservations, linearised_pixels
-from mocap.cameras import project
+from mocap.cameras.camera import project
 from tests.filters.filmed import hide, pixels
 
 

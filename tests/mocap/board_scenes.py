@@ -7,7 +7,7 @@ import numpy as np
 from mocap.calibration.boards import Charuco, Checkerboard, Corners
 from mocap.calibration.detect import BoardViews
 from mocap.calibration.rig import RigCamera, rig_camera, turn
-from mocap.lens import BrownLens, Lens
+from mocap.cameras.lens import BrownLens, Lens
 from tests.mocap.rigs import ring
 
 SIZE = (1280, 1024)

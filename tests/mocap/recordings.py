@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from mocap.formats.recording import Recording, pixel_recording, point_recording
+from mocap.io.recording import Recording, pixel_recording, point_recording
 from mocap.records import Origin
 
 NAMES = st.text(st.characters(exclude_categories=("C", "Z")) | st.sampled_from(" ,;.:'\"-_"), min_size=1, max_size=12)

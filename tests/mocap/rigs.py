@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from mocap.cameras import pinhole_camera
-from mocap.lens import BrownLens
+from mocap.cameras.camera import pinhole_camera
+from mocap.cameras.lens import BrownLens
 
 
 def look_at(position, target=(0.0, 0.0, 0.0)):

@@ -16,12 +16,12 @@ import pytest
 from eal import archive
 from filters.model_file import load_model
 from mocap.errors import FormatError
-from mocap.formats import apart
-from mocap.formats.bounds import LEAST, most_bytes
-from mocap.formats.lines import frame_numbers, number
-from mocap.formats.plausible import plausible
-from mocap.formats.recording import point_recording
-from mocap.formats.registry import read, write
+from mocap.io import apart
+from mocap.io.bounds import LEAST, most_bytes
+from mocap.io.lines import frame_numbers, number
+from mocap.io.plausible import plausible
+from mocap.io.recording import point_recording
+from mocap.io.registry import read, write
 from mocap.records import MarkerTracks
 
 VICON = "Trajectories\n100\n,,A:tip,,,A:root,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n,,mm,mm,mm,mm,mm,mm\n"
@@ -303,7 +303,7 @@ def test_an_ascii_terminal_changes_nothing_that_is_read(tmp_path):
     recording = point_recording(tmp_path / "m", "made", names=["\u00e9paule", "\u819d"], xyz=xyz, unit="m", fps=100.0)
     names = ["w\u00e9.csv", "w_long.csv", "w.trc", "w\u00e9.parquet", "w.nc", "w\u00e9.c3d"]
     script = (
-        "import sys; from pathlib import Path; from mocap.formats.registry import read\n"
+        "import sys; from pathlib import Path; from mocap.io.registry import read\n"
         "print([ascii(read(p).names) for p in sorted(Path(sys.argv[1]).iterdir())])"
     )
     folder = tmp_path / "files"

@@ -17,11 +17,11 @@ from mocap.audit import (
 )
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.stored import _one_v_row
-from mocap.cameras import Camera, record, stacked, undistorted
-from mocap.origin import Origin as PixelCorner
-from mocap.origin import decide_origin, flipped, ideal_pixels
+from mocap.cameras.camera import Camera, record, stacked, undistorted
+from mocap.cameras.origin import Origin as PixelCorner
+from mocap.cameras.origin import decide_origin, flipped, ideal_pixels
+from mocap.cameras.triangulate import linear, residual_px
 from mocap.records import MarkerTracks, Origin, PixelTracks
-from mocap.triangulate import linear, residual_px
 from tests.mocap.rigs import ring
 
 NOISE_PX = 0.5

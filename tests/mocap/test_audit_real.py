@@ -7,14 +7,14 @@ import pytest
 
 from mocap.audit import alarms, audit_filmed, estimate_offsets
 from mocap.audit.geometry import camera_findings, fit_findings
-from mocap.cameras import Camera, record, stacked, undistorted
-from mocap.formats.anipose import read_calibration
-from mocap.formats.dltdv import read_coefficients, read_pixels, read_points
-from mocap.formats.dvproject import read_project
-from mocap.formats.format import Hints
-from mocap.formats.profile import with_profile
-from mocap.formats.registry import by_name
-from mocap.origin import decide_origin, ideal_pixels
+from mocap.cameras.camera import Camera, record, stacked, undistorted
+from mocap.cameras.origin import decide_origin, ideal_pixels
+from mocap.io.anipose import read_calibration
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points
+from mocap.io.dvproject import read_project
+from mocap.io.format import Hints
+from mocap.io.profile import with_profile
+from mocap.io.registry import by_name
 from mocap.records import MarkerTracks, PixelTracks
 from tests.real_data import real
 

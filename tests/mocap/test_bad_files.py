@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocap.arrays import unique
-from mocap.cameras import dlt_camera
+from mocap.cameras.camera import dlt_camera
 from mocap.errors import CalibrationError, FormatError, MocapError
-from mocap.formats.csv_table import read_table
-from mocap.formats.dltdv import read_coefficients, read_pixels, read_points, read_residuals
-from mocap.formats.profile import read_profile, with_profile
+from mocap.io.csv_table import read_table
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points, read_residuals
+from mocap.io.profile import read_profile, with_profile
 from mocap.records import PixelTracks
 
 HEAD = "p_cam1_X,p_cam1_Y\n"

@@ -14,11 +14,11 @@ from mocap.calibration.detect import BoardViews, detect
 from mocap.calibration.intrinsics import fit_intrinsics
 from mocap.calibration.pictures import pictures_of
 from mocap.calibration.rig import RigCamera, rig_lens, similarity
-from mocap.cameras import stacked, undistorted
+from mocap.cameras.camera import stacked, undistorted
+from mocap.cameras.lens import BrownLens, FisheyeLens
+from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-from mocap.formats.anipose import read_calibration
-from mocap.lens import BrownLens, FisheyeLens
-from mocap.triangulate import linear
+from mocap.io.anipose import read_calibration
 from tests.mocap.board_scenes import BOARD, SIZE, poses, rig, seen
 from tests.real_data import real
 

@@ -11,8 +11,8 @@ from mocap.calibration.bundle import _Problem, adjust
 from mocap.calibration.levenberg import minimise
 from mocap.calibration.rig import in_world, rig_camera, similarity, turn, upside_down
 from mocap.calibration.scene import Free, Lengths, Scene, Sightings
-from mocap.cameras import Camera, dlt_camera, dlt_coefficients, record
-from mocap.lens import BrownLens, FisheyeLens, RationalLens
+from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients, record
+from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from tests.mocap.board_scenes import BOARD, poses, rig
 from tests.mocap.rigs import cloud, ring
 

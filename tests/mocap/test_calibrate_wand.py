@@ -10,11 +10,11 @@ from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.refine import Bone, refine_cameras
 from mocap.calibration.rig import in_world, similarity, turn
 from mocap.calibration.wand import calibrate_wand, wand_lengths, wand_score
-from mocap.cameras import project, record, stacked, undistorted
+from mocap.cameras.camera import project, record, stacked, undistorted
+from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-from mocap.formats.dltdv import read_coefficients, read_pixels
-from mocap.formats.easywand import EasyWand, read_easywand
-from mocap.triangulate import linear
+from mocap.io.dltdv import read_coefficients, read_pixels
+from mocap.io.easywand import EasyWand, read_easywand
 from tests.mocap.board_scenes import SIZE, rig
 from tests.mocap.rigs import cloud, ring
 from tests.real_data import real

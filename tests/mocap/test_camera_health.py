@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.cleaning_findings import camera_findings
-from app.prepare import prepare
-from app.source import Source
 from datasets import PERFECT, make_bat, make_lizard, write_recording
-from mocap.camera_health import camera_health
-from mocap.cameras import project, stacked, undistorted
-from mocap.formats.dvproject import read_project
-from mocap.linearised import fit, linearise
-from mocap.triangulate import linear, refine
+from mocap.cameras.camera import project, stacked, undistorted
+from mocap.cameras.linearised import fit, linearise
+from mocap.cameras.triangulate import linear, refine
+from mocap.cleaning.camera_health import camera_health
+from mocap.cleaning.findings import camera_findings
+from mocap.io.dvproject import read_project
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.source import Source
 from tests.real_data import real
 
 

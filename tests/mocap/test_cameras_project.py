@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from mocap.cameras import (
+from mocap.cameras.camera import (
     Camera,
     decompose,
     dlt_camera,
@@ -20,7 +20,7 @@ from mocap.cameras import (
     stacked,
     undistorted,
 )
-from mocap.lens import BrownLens
+from mocap.cameras.lens import BrownLens
 from tests.mocap.rigs import cloud, look_at, ring
 from tests.reference.triangulation import pixel
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from datasets import PERFECT, make_bat
-from mocap.cameras import project, stacked
-from mocap.careless import DOF, student_t
-from mocap.triangulate import linear, refine
+from mocap.cameras.camera import project, stacked
+from mocap.cameras.triangulate import linear, refine
+from mocap.cleaning.robust_rays import DOF, student_t
 
 
 @pytest.fixture(scope="module")

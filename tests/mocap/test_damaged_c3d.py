@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mocap.errors import FormatError
-from mocap.formats.c3d import read_c3d
+from mocap.io.c3d import read_c3d
 from tests.real_data import real
 
 SAMPLES = ("pyomeca/markers_analogs", "sample_01/Eb015pi", "sample_01/Eb015vr", "sample_03/gait-pig")

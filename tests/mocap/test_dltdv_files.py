@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mocap.cameras import dlt_camera, dlt_coefficients, project, stacked
-from mocap.formats.dltdv import (
+from mocap.cameras.camera import dlt_camera, dlt_coefficients, project, stacked
+from mocap.io.dltdv import (
     read_coefficients,
     read_pixels,
     read_points,

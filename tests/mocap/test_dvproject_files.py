@@ -6,12 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
-from mocap.cameras import stacked, undistorted
+from mocap.cameras.camera import stacked, undistorted
+from mocap.cameras.triangulate import linear
 from mocap.errors import FormatError
-from mocap.formats.dltdv import read_coefficients, read_pixels, read_points
-from mocap.formats.dvproject import read_project
-from mocap.formats.profile import with_profile
-from mocap.triangulate import linear
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points
+from mocap.io.dvproject import read_project
+from mocap.io.profile import with_profile
 from tests.real_data import real
 
 PROJECTS = {

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from app.prepare import prepare
-from app.source import Source
 from mocap.arrays import frozen
 from mocap.errors import FormatError
-from mocap.formats.every_frame import MOST, every_frame, frame_steps
-from mocap.formats.registry import write
+from mocap.io.every_frame import MOST, every_frame, frame_steps
+from mocap.io.registry import write
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.source import Source
 from mocap.records import Origin
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
 

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from app.cli import main
-from mocap.cameras import project, stacked, undistorted
+from mocap.cameras.camera import project, stacked, undistorted
+from mocap.cli.main import main
 from mocap.errors import FormatError
-from mocap.formats.easywand import read_easywand, read_tform
-from mocap.formats.registry import read
-from mocap.formats.together import joined
+from mocap.io.easywand import read_easywand, read_tform
+from mocap.io.registry import read
+from mocap.io.together import joined
 from tests.real_data import real
 
 REAL = {

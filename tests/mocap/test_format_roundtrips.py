@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocap.cameras import Camera, dlt_camera, pinhole_camera, project, stacked
+from mocap.cameras.camera import Camera, dlt_camera, pinhole_camera, project, stacked
+from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from mocap.errors import FormatError
-from mocap.formats.c3d_files import MOST_FRAMES
-from mocap.formats.recording import FILLED
-from mocap.formats.registry import identify, read, write, written
-from mocap.lens import BrownLens, FisheyeLens, RationalLens
+from mocap.io.c3d_files import MOST_FRAMES
+from mocap.io.recording import FILLED
+from mocap.io.registry import identify, read, write, written
 from mocap.records import Origin
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
 

@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mocap.cameras import project, stacked
+from mocap.cameras.camera import project, stacked
 from mocap.errors import FormatError
-from mocap.formats.format import Hints
-from mocap.formats.plain import parse_columns
-from mocap.formats.profile import read_sba_profile
-from mocap.formats.registry import FORMATS, identify, read
+from mocap.io.format import Hints
+from mocap.io.plain import parse_columns
+from mocap.io.profile import read_sba_profile
+from mocap.io.registry import FORMATS, identify, read
 from mocap.records import Origin
 
 QTM = "NO_OF_FRAMES\t2\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nMARKER_NAMES\ta\tb\nTRAJECTORY_TYPES\tMeasured\tMixed\n"

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.tables import write_markers
-from mocap.formats.cells import as_cell, from_cell
-from mocap.formats.dltdv import write_residuals
-from mocap.formats.recording import pixel_recording, point_recording
-from mocap.formats.registry import read, write
+from mocap.io.cells import as_cell, from_cell
+from mocap.io.dltdv import write_residuals
+from mocap.io.recording import pixel_recording, point_recording
+from mocap.io.registry import read, write
+from mocap.results.tables import write_markers
 
 HOSTILE = ("=cmd|'/c calc'!A1", "+1+cmd|x", "-2+3", "@SUM(A1)", "＝1", "'=1", "a;=1+1", 'b","=1', "=a\\nb")
 BROKEN = ("\t=1", "\r=1", "a\r=1", "a\n=1", "a\t=1")

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.inspect import inspect
 from benchmarks.attack import files
 from benchmarks.attack.files import (
     APART,
@@ -20,8 +19,9 @@ from benchmarks.attack.files import (
     values_of,
 )
 from benchmarks.attack.mutants import damaged, kinds
-from mocap.formats.format import Hints
-from mocap.formats.registry import read
+from mocap.audit.inspect import inspect
+from mocap.io.format import Hints
+from mocap.io.registry import read
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap.cameras import record, undistorted
-from mocap.lens import MODELS, BrownLens, FisheyeLens, Lens, RationalLens
-from mocap.triangulate import linear
+from mocap.cameras.camera import record, undistorted
+from mocap.cameras.lens import MODELS, BrownLens, FisheyeLens, Lens, RationalLens
+from mocap.cameras.triangulate import linear
 from tests.mocap.rigs import cloud, ring
 
 LENSES = [

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap.formats.registry import read, write
+from mocap.io.registry import read, write
 from tests.mocap.recordings import points
 
 ENV = Path(__file__).resolve().parents[2] / ".venv-movement"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mocap.errors import FormatError
-from mocap.formats.c3d import read_c3d
-from mocap.formats.qualisys import read_mat, read_tsv
-from mocap.formats.vicon import read_csv
+from mocap.io.c3d import read_c3d
+from mocap.io.qualisys import read_mat, read_tsv
+from mocap.io.vicon import read_csv
 from mocap.records import Origin
 from tests.real_data import real
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from mocap import output
 from mocap.errors import OutputError
-from mocap.manifest import MANIFEST, PARTIAL, current, current_files
-from mocap.output import result_file, result_folder
+from mocap.io import output
+from mocap.io.manifest import MANIFEST, PARTIAL, current, current_files
+from mocap.io.output import result_file, result_folder
 
 
 def write(folder: Path, files: dict[str, str], **options) -> None:
@@ -179,7 +179,7 @@ def test_an_error_leaves_the_earlier_result_and_no_trace(tmp_path, error):
 def test_two_runs_into_one_folder(tmp_path):
     """The second one is told; the lock ends with its holder, whatever becomes of it."""
     code = (
-        "import sys, time; from pathlib import Path; from mocap.output import result_folder\n"
+        "import sys, time; from pathlib import Path; from mocap.io.output import result_folder\n"
         "with result_folder(Path(sys.argv[1]), 'track', replace=True) as stage:\n"
         "    (stage / 'x').write_text('half'); print('in', flush=True); time.sleep(60)\n"
     )

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from mocap.audit import stale_points
-from mocap.cameras import record
+from mocap.cameras.camera import record
+from mocap.cameras.origin import decide_origin, flipped, ideal_pixels
+from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-from mocap.origin import decide_origin, flipped, ideal_pixels
 from mocap.records import MarkerTracks, Origin
-from mocap.triangulate import linear
 from tests.mocap.rigs import cloud, ring
 
 HEIGHT = 1024.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocap.cameras import Camera, dlt_camera
+from mocap.cameras.camera import Camera, dlt_camera
+from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
-from mocap.formats.profile import read_profile, with_profile, write_profile
-from mocap.lens import BrownLens
+from mocap.io.profile import read_profile, with_profile, write_profile
 
 EYE = np.eye(3, 4)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mocap.bias import ray_bias
-from mocap.cameras import project, stacked
-from mocap.triangulate import linear
+from mocap.cameras.camera import project, stacked
+from mocap.cameras.triangulate import linear
+from mocap.cleaning.bias import ray_bias
 from tests.mocap.rigs import cloud, ring
 
 DT_S = 1 / 240

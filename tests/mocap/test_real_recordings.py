@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from mocap.cameras import decompose, stacked, undistorted
-from mocap.formats.dltdv import read_coefficients, read_pixels, read_points, read_residuals
-from mocap.formats.profile import with_profile
-from mocap.triangulate import linear, residual_px, robust
+from mocap.cameras.camera import decompose, stacked, undistorted
+from mocap.cameras.triangulate import linear, residual_px, robust
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points, read_residuals
+from mocap.io.profile import with_profile
 from tests.real_data import real
 
 PRINTED_M = 0.5e-6

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from datasets import make_bat, make_lizard
-from mocap.cameras import project, stacked, undistorted
-from mocap.formats.qualisys import read_mat, read_tsv
-from mocap.formats.vicon import read_csv
-from mocap.swapped_rays import exchange_rays, exchanged_rays
-from mocap.swaps import Swap, exchange, exchanged_markers, exchanged_samples
-from mocap.triangulate import robust
+from mocap.cameras.camera import project, stacked, undistorted
+from mocap.cameras.triangulate import robust
+from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
+from mocap.cleaning.swaps import Swap, exchange, exchanged_markers, exchanged_samples
+from mocap.io.qualisys import read_mat, read_tsv
+from mocap.io.vicon import read_csv
 from tests.real_data import real
 
 NO_BONES = np.zeros((0, 2), dtype=np.int64)

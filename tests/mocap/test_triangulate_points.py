@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from mocap.cameras import dlt_coefficients, project, stacked
-from mocap.triangulate import linear, pixel_sd, refine, residual_px, robust
+from mocap.cameras.camera import dlt_coefficients, project, stacked
+from mocap.cameras.triangulate import linear, pixel_sd, refine, residual_px, robust
 from tests.mocap.rigs import cloud, ring
 from tests.reference import triangulation as reference
 

@@ -1,0 +1,96 @@
+"""The whole audit of a recording."""
+
+from collections.abc import Sequence
+
+from mocap.arrays import Array
+from mocap.audit.finding import Finding
+from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
+from mocap.audit.offsets import offset_findings
+from mocap.audit.samples import pixel_findings, point_findings, sizes
+from mocap.audit.stored import stored_findings
+from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.cameras.origin import PixelOrigin, decide_origin, ideal_pixels
+from mocap.cameras.triangulate import linear
+from mocap.errors import CalibrationError
+from mocap.io.recording import Recording
+from mocap.records import MarkerTracks, PixelTracks
+
+
+def audit_filmed(
+    cameras: Sequence[Camera],
+    pixels: PixelTracks,
+    ideal_px: Array,
+    decision: PixelOrigin,
+    *,
+    stored: MarkerTracks | None = None,
+    stored_px: Array | None = None,
+) -> list[Finding]:
+    """Everything that pixels, cameras and stored points tell of each other, and pixels alone.
+
+    Args:
+        cameras: The C cameras.
+        pixels: As in the file.
+        ideal_px: (C, T, M, 2) ideal pixels in the convention of the coefficients.
+        decision: Where rows are counted from.
+        stored: Points that were stored with them; None: there are none.
+        stored_px: Ideal pixels as the program that stored the points made them; None: ``ideal_px``.
+
+    Returns:
+        Findings, alarms first.
+    """
+    found = pixel_findings(pixels)
+    found.append(
+        Finding(
+            kind="pixel origin",
+            alarm=False,
+            text=decision.describe(),
+            numbers={"residual_px": decision.residual_px}
+            | ({"next_px": decision.next_px} if decision.next_px < float("inf") else {}),
+        )
+    )
+    known = decision.stated or decision.matters
+    found += camera_findings(cameras, y_up=decision.coefficients == "lower-left" if known else None)
+    late = offset_findings(cameras, ideal_px)
+    explained = [f for f in late if f.alarm and 3 * f.numbers["after_px"] < f.numbers["before_px"]]
+    foreign = [] if explained else fit_findings(cameras, ideal_px)
+    found += foreign or [*late, *lens_findings(cameras, pixels.uv_px, decision)]
+    matrices = stacked(cameras)
+    found += sizes(linear(matrices, ideal_px))
+    if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
+        solved = ideal_px if stored_px is None else stored_px
+        found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
+    return sorted(found, key=lambda f: not f.alarm)
+
+
+def audit_recording(recording: Recording) -> list[Finding]:
+    """Everything that a file, or files that belong together, tell of themselves; alarms first.
+
+    Lengths are judged only where their unit is known.
+    """
+    pixels, points, cameras = recording.pixels, recording.points, recording.cameras
+    if pixels is None or not cameras or len(pixels.cameras) != len(cameras) or len(cameras) < 2:
+        found = [] if pixels is None else pixel_findings(pixels)
+        found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)
+        if points is not None:
+            found += [f for f in point_findings(points) if recording.unit is not None or f.kind != "units"]
+        return sorted(found, key=lambda f: not f.alarm)
+    try:
+        decision = decide_origin(cameras, pixels.uv_px, origin=recording.pixel_origin)
+    except CalibrationError as error:
+        asked = Finding(kind="pixel origin", alarm=True, text=str(error))
+        plain = undistorted(cameras, pixels.uv_px)
+        rest = [*pixel_findings(pixels), *camera_findings(cameras, y_up=None), *fit_findings(cameras, plain)]
+        return sorted([asked, *rest], key=lambda f: not f.alarm)
+
+    def ideal(iterations: int | None) -> Array:
+        return ideal_pixels(
+            cameras,
+            pixels.uv_px,
+            pixels=decision.pixels,
+            coefficients=decision.coefficients,
+            height_px=decision.height_px,
+            iterations=iterations,
+        )
+
+    found = audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3))
+    return [f for f in found if recording.unit is not None or f.kind != "units"]

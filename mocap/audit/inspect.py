@@ -1,0 +1,99 @@
+"""What files hold, file by file, and what they say of each other."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap.audit import audit_recording
+from mocap.cameras.camera import check_cameras
+from mocap.errors import CalibrationError, FormatError
+from mocap.io.describe import summary
+from mocap.io.format import Hints
+from mocap.io.recording import Recording
+from mocap.io.registry import by_name, identify, read_as
+from mocap.io.together import joined
+
+_NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
+
+
+def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
+    """A summary of each file, with the findings of its reader and of the audit.
+
+    A file that cannot be read has ``error`` and that as its finding, and the ``format`` that it begins as, if any.
+    Several files that belong together are compared; what that finds stands with the first of them.
+    """
+    found, recordings = [], []
+    for path in files:
+        name = None
+        try:
+            format = identify(path) if hints.format is None else by_name(hints.format)
+            name = format.name
+            recording = read_as(format, path, hints)
+        except Exception as error:  # whatever it is, the other files are looked at too
+            known = isinstance(error, FormatError)
+            text = (
+                str(error) if known else f"{path.name}: cannot be read ({type(error).__name__}: {error}): report this"
+            )
+            found.append({"format": name, **_NOTHING, "findings": [text], "file": str(path), "error": text})
+        else:
+            recordings.append((recording, len(found)))
+            found.append(_audited({**summary(recording), "file": str(path), "title": format.title}, recording))
+    if len(recordings) == len(found) > 1:
+        _together(found[0], [recording for recording, _ in recordings])
+    return found
+
+
+def _audited(found: dict[str, Any], recording: Recording) -> dict[str, Any]:
+    """With what the audit says: sentences among ``findings``, everything under ``audit``."""
+    try:
+        check_cameras(recording.cameras, recording.paths[0].name)
+    except CalibrationError as error:
+        found["findings"].append(str(error))
+    try:
+        with np.errstate(all="ignore"):  # of cameras that are none
+            audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
+    except (ValueError, ArithmeticError) as error:  # NumPy's LinAlgError is one: numbers that no rig has
+        found["findings"].append(f"the audit came to no end: {error}")
+        audited = []
+    found["audit"] = [*found.get("audit", []), *(f.as_json() for f in audited)]
+    found["findings"] += [f.text for f in audited]
+    return found
+
+
+def _together(found: dict[str, Any], recordings: Sequence[Recording]) -> None:
+    try:
+        whole = joined(recordings)
+    except FormatError as error:
+        found["findings"].append(str(error))
+        return
+    found["findings"].append(
+        f"together with {', '.join(path.name for path in whole.paths[1:])}: {len(whole.names)} points, "
+        f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
+    )
+    _audited(found, whole)
+
+
+def readable(found: dict[str, Any]) -> str:
+    """One summary as text for people."""
+    lines = [str(found["file"])]
+    if "error" in found:
+        return "\n".join([*lines, f"  error: {found['error']}", ""])
+    rate = "not in the file" if found["fps"] is None else f"{found['fps']:g} frames a second"
+    start = "" if found["first_frame"] in (None, 1) else f", the first is {found['first_frame']}"
+    lines.append(f"  {found['title']} ({found['format']})")
+    lines.append(
+        f"  {found['points']} points, {found['cameras']} cameras, {found['frames']} frames{start}; rate {rate}"
+    )
+    lines.append(f"  units {found['units'] or 'not stated'}; holds {', '.join(found['holds']) or 'nothing'}")
+    if found["missing"] is not None:
+        gaps = found["gaps"]
+        text = f"  {100 * found['missing']:.1f} % missing; {gaps['count']} gaps between sightings"
+        lines.append(
+            text
+            + (f", median {gaps['median_frames']:g}, longest {gaps['longest_frames']} frames" if gaps["count"] else "")
+        )
+    if found["names"]:
+        lines.append("  names: " + ", ".join(found["names"][:12]) + (", ..." if len(found["names"]) > 12 else ""))
+    return "\n".join([*lines, *(f"  - {finding}" for finding in found["findings"]), ""])

@@ -1,0 +1,1 @@
+"""Cameras: projection, lenses, triangulation, and the corner that pixels are counted from."""

@@ -1,0 +1,209 @@
+"""Cameras: one 3 x 4 projection each, whether it comes from DLT coefficients or from a pinhole calibration."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.linalg import rq
+
+from mocap.arrays import Array, frozen
+from mocap.cameras.lens import Lens
+from mocap.errors import CalibrationError
+
+FLATTEST = 1e-10
+"""Least over greatest singular value of a projection's left 3 x 3 part; of a lens of 1e5 px it is about 1e-5."""
+FARTHEST = 1e9
+"""No focal length or principal point in pixels, and no distance of a camera from the world's origin, is so great."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Camera:
+    """A camera: an ideal projection, and the lens in front of it.
+
+    Attributes:
+        name: Unique among its cameras.
+        matrix: (3, 4) projection of homogeneous world points in metres to ideal pixels; any scale.
+        lens: Distortion between ideal and recorded pixels; None: recorded pixels are ideal.
+        size_px: Image width and height; None: not known.
+    """
+
+    name: str
+    matrix: Array
+    lens: Lens | None = None
+    size_px: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        object.__setattr__(self, "matrix", frozen("matrix", self.matrix, (3, 4)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pinhole:
+    """A projection taken apart: pixel ~ intrinsic (rotation_camera_from_world x + translation_m).
+
+    Attributes:
+        intrinsic: (3, 3) upper triangular, last entry 1, focal lengths positive.
+        rotation: (3, 3) world axes to camera axes (x right, y down, z forward).
+        translation_m: (3,) camera coordinates of the world origin.
+        mirrored: True where no rotation but only a reflection explains the projection: the world is left-handed or
+            the pixel y axis points up (both at once cancel). ``rotation`` then has determinant -1.
+    """
+
+    intrinsic: Array
+    rotation: Array
+    translation_m: Array
+    mirrored: bool
+
+    @property
+    def position_m(self) -> Array:
+        """(3,) centre of projection in the world."""
+        return -self.rotation.T @ self.translation_m
+
+
+def dlt_camera(name: str, coefficients: Array, *, lens: Lens | None = None) -> Camera:
+    """A camera from its 11 DLT coefficients L1..L11.
+
+    u = (L1 x + L2 y + L3 z + L4) / (L9 x + L10 y + L11 z + 1), v = (L5 x + ... + L8) / (same)
+    (Abdel-Aziz & Karara 1971; Hedrick 2008).
+    """
+    return Camera(
+        name=name, matrix=np.append(frozen("coefficients", coefficients, (11,)), 1.0).reshape(3, 4), lens=lens
+    )
+
+
+def dlt_coefficients(camera: Camera) -> Array:
+    """The (11,) DLT coefficients of a camera, inverse of ``dlt_camera``.
+
+    Raises:
+        ValueError: the world origin lies in the plane of the camera's centre, where no DLT coefficients exist.
+    """
+    scale = camera.matrix[2, 3]
+    if abs(scale) < 1e-12 * np.abs(camera.matrix).max():
+        raise ValueError(
+            f"camera {camera.name!r} has no DLT coefficients: the world origin projects to infinity; move the origin"
+        )
+    return (camera.matrix / scale).ravel()[:11]
+
+
+def pinhole_camera(
+    name: str,
+    *,
+    intrinsic: Array,
+    rotation: Array,
+    translation_m: Array,
+    lens: Lens | None = None,
+    size_px: tuple[int, int] | None = None,
+) -> Camera:
+    """A camera from its intrinsic matrix (3, 3), rotation camera_from_world (3, 3) and translation (3,) in metres."""
+    matrix = intrinsic @ np.column_stack([rotation, translation_m])
+    return Camera(name=name, matrix=matrix, lens=lens, size_px=size_px)
+
+
+def decompose(camera: Camera) -> Pinhole:
+    """Take a projection apart by RQ decomposition (Hartley & Zisserman, section 6.2.4).
+
+    The sign of the projection is chosen so that the world's depth along the optical axis is positive where
+    ``matrix[2] @ (x, 1)`` is, which for DLT coefficients is the side of the calibrated volume.
+    """
+    intrinsic, rotation = rq(camera.matrix[:, :3])
+    signs = np.sign(np.diag(intrinsic))
+    signs[signs == 0] = 1
+    intrinsic, rotation = intrinsic * signs, signs[:, None] * rotation
+    scale = intrinsic[2, 2]
+    translation = np.linalg.solve(intrinsic, camera.matrix[:, 3])
+    return Pinhole(
+        intrinsic=intrinsic / scale,
+        rotation=rotation,
+        translation_m=translation,
+        mirrored=bool(np.linalg.det(rotation) < 0),
+    )
+
+
+def check_cameras(cameras: Sequence[Camera], where: str) -> None:
+    """Refuse cameras that no rig can have, before anything is triangulated with them.
+
+    Args:
+        cameras: The C cameras.
+        where: The file or argument that they are from, for the message.
+
+    Raises:
+        CalibrationError: coefficients are not finite, make no camera (a projection without a centre), or are of
+            magnitudes that no camera has; or two cameras stand in one place.
+    """
+    again = "export the calibration again, or calibrate again"
+    for camera in cameras:
+        if not np.isfinite(camera.matrix).all():
+            raise CalibrationError(
+                f"{where}: camera {camera.name!r} has a coefficient that is no finite number: {again}"
+            )
+        size = np.abs(camera.matrix[:, :3]).max()
+        left = np.linalg.svd(camera.matrix[:, :3] / size, compute_uv=False) if size > 0 else np.zeros(3)
+        if not left[2] > FLATTEST * left[0]:
+            spread = f"up to {np.abs(camera.matrix).max():.3g}" if left[0] > 0 else "all 0"
+            raise CalibrationError(
+                f"{where}: camera {camera.name!r} has coefficients that make no camera (they are {spread}, and project "
+                f"space to a line or a point): {again}"
+            )
+        far = np.abs(camera.matrix[:, 3]).max() / size  # where the camera stands, in its own focal lengths
+        found = decompose(Camera(name=camera.name, matrix=camera.matrix / size)) if far < FARTHEST else None
+        if found is None or not (np.abs([*found.intrinsic.ravel(), *found.position_m]) < FARTHEST).all():
+            raise CalibrationError(
+                f"{where}: camera {camera.name!r} has coefficients up to {np.abs(camera.matrix).max():.3g}, by which "
+                f"it would stand farther off, or see more sharply, than any camera does: {again}"
+            )
+    centres = [decompose(camera).position_m for camera in cameras]
+    for (a, one), (b, other) in combinations(zip(cameras, centres, strict=True), 2):
+        if np.linalg.norm(one - other) <= 1e-9 * max(np.linalg.norm(one), np.linalg.norm(other)):
+            raise CalibrationError(
+                f"{where}: cameras {a.name!r} and {b.name!r} stand in one place, as where a camera is given twice: no "
+                f"depth can be told by them; give each camera its own coefficients"
+            )
+
+
+def stacked(cameras: Sequence[Camera]) -> Array:
+    """(C, 3, 4) projections, each scaled so that its third row's normal has length 1."""
+    matrices = np.stack([c.matrix for c in cameras])
+    return matrices / np.linalg.norm(matrices[:, 2, :3], axis=1)[:, None, None]
+
+
+def project(matrices: Array, xyz_m: Array) -> Array:
+    """Ideal pixels of world points in every camera.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        xyz_m: (..., 3) points in metres.
+
+    Returns:
+        (C, ..., 2) pixels; NaN where the point is NaN.
+    """
+    # numerator and denominator as one matrix product over all points and cameras
+    flat = xyz_m.reshape(-1, 3)
+    homogeneous = matrices[:, :, :3] @ flat.T + matrices[:, :, 3:]
+    uv = homogeneous[:, :2] / homogeneous[:, 2:]
+    return np.moveaxis(uv, 1, -1).reshape(len(matrices), *xyz_m.shape[:-1], 2)
+
+
+def record(cameras: Sequence[Camera], xyz_m: Array) -> Array:
+    """Pixels as the cameras record them, distortion included; shapes as in ``project``."""
+    uv = project(stacked(cameras), xyz_m)
+    return np.stack([uv[i] if c.lens is None else c.lens.distort(uv[i]) for i, c in enumerate(cameras)])
+
+
+def undistorted(cameras: Sequence[Camera], uv_px: Array, *, iterations: int | None = None) -> Array:
+    """Ideal pixels of recorded ones.
+
+    Args:
+        cameras: The C cameras.
+        uv_px: (C, ..., 2) recorded pixels; NaN where not seen.
+        iterations: As in ``BrownLens.undistort``: None converges, 3 is what DLTdv does.
+
+    Returns:
+        (C, ..., 2) ideal pixels.
+    """
+    return np.stack(
+        [
+            uv_px[i] if c.lens is None else c.lens.undistort(uv_px[i], iterations=iterations)
+            for i, c in enumerate(cameras)
+        ]
+    )

@@ -1,0 +1,200 @@
+"""Where pixel rows are counted from: stated by the user, checked and, if need be, found by the triangulation residual.
+
+DLTdv 5 to 7 count from the lower left, version 8 from the upper left, and nothing in a file records it. Lenses are
+always described from the upper left. A file whose pixels and coefficients disagree triangulates to rays that miss by
+tens of pixels; one whose lens is applied upside down by a few.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.cameras.triangulate import linear, residual_px
+from mocap.errors import CalibrationError
+
+Origin = Literal["upper-left", "lower-left"]
+BOTH: tuple[Origin, Origin] = ("upper-left", "lower-left")
+CLEARLY = 1.2
+"""A choice is clear where the next best leaves a residual so many times as large."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PixelOrigin:
+    """The decision on where pixels are counted from, and what it rests on.
+
+    Attributes:
+        pixels: Origin of the pixel file.
+        coefficients: Origin that the coefficients were calibrated with.
+        stated: Whether the user stated the origin of the pixels.
+        matters: Whether the points depend on the decision at all.
+        height_px: Image height that flips use; None where nothing is flipped.
+        residual_px: Median triangulation residual of the decision.
+        next_px: That of the best choice that would have given other points; inf where there is none.
+    """
+
+    pixels: Origin
+    coefficients: Origin
+    stated: bool
+    matters: bool
+    height_px: float | None
+    residual_px: float
+    next_px: float
+
+    def describe(self) -> str:
+        """One sentence for reports."""
+        if not self.matters:
+            source = "as stated" if self.stated else "not stated; the other corner would give the same points"
+            return f"pixel origin {self.pixels} ({source}); residual {self.residual_px:.2f} px"
+        margin = "" if np.isinf(self.next_px) else f", {self.next_px:.2f} px otherwise"
+        flip = "" if self.pixels == self.coefficients else f"; coefficients from the {self.coefficients}"
+        how = "as stated" if self.stated else "found by the residual"
+        return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
+
+
+def ideal_pixels(
+    cameras: Sequence[Camera],
+    uv_px: Array,
+    *,
+    pixels: Origin,
+    coefficients: Origin,
+    height_px: float | None,
+    iterations: int | None,
+) -> Array:
+    """Undistorted pixels in the convention of the coefficients.
+
+    Args:
+        cameras: The C cameras.
+        uv_px: (C, ..., 2) pixels as recorded.
+        pixels: Their origin.
+        coefficients: The origin of the coefficients.
+        height_px: Image height H of the flip v -> H - v; needed where a flip is.
+        iterations: As in ``BrownLens.undistort``.
+    """
+    lens = any(c.lens is not None for c in cameras)
+    if not lens and pixels == coefficients:
+        return uv_px
+    uv = flipped(uv_px, height_px) if pixels == "lower-left" else uv_px
+    uv = undistorted(cameras, uv, iterations=iterations)
+    return flipped(uv, height_px) if coefficients == "lower-left" else uv
+
+
+def flipped(uv_px: Array, height_px: float | None) -> Array:
+    """Pixels with v -> H - v.
+
+    Raises:
+        CalibrationError: the height is not known.
+    """
+    if height_px is None:
+        raise CalibrationError("pixels must be flipped, but the image height is not known: give --image-height")
+    out = uv_px.copy()
+    out[..., 1] = height_px - out[..., 1]
+    return out
+
+
+def decide_origin(
+    cameras: Sequence[Camera],
+    uv_px: Array,
+    *,
+    origin: Origin | None = None,
+    coefficients: Origin | None = None,
+    height_px: float | None = None,
+    most_points: int = 4000,
+) -> PixelOrigin:
+    """Decide where pixels are counted from.
+
+    Every choice that the user's statements allow is triangulated; the one with the smallest median residual is taken if
+    it is clear or if the others give the same points.
+
+    Args:
+        cameras: The C cameras, lenses from the upper left.
+        uv_px: (C, T, M, 2) pixels as recorded.
+        origin: Origin of the pixels, if stated.
+        coefficients: Origin of the coefficients, if stated.
+        height_px: Image height, if stated; else the profile's or twice its principal point.
+        most_points: Points to judge by.
+
+    Raises:
+        CalibrationError: choices that give different points fit alike, or what was stated fits clearly worse than what
+            was not.
+    """
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
+    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)] if uv.size else uv
+    lens = any(c.lens is not None for c in cameras)
+    heights = [height_px] if height_px is not None else _heights(cameras)
+    tried: list[tuple[float, Origin, Origin, float | None, Array]] = []
+    matrices = stacked(cameras)
+    for pixels in BOTH:
+        for calibrated in BOTH:
+            flips = pixels != calibrated or (lens and pixels == "lower-left")
+            for height in heights if flips else [None]:
+                if flips and height is None:
+                    continue
+                ideal = ideal_pixels(
+                    cameras, uv, pixels=pixels, coefficients=calibrated, height_px=height, iterations=None
+                )
+                residual = residual_px(matrices, ideal, linear(matrices, ideal))
+                median = float(np.nanmedian(residual)) if np.isfinite(residual).any() else np.inf
+                tried.append((median, pixels, calibrated, height, ideal))
+    tried.sort(key=lambda t: t[0])
+    allowed = [t for t in tried if origin in (None, t[1]) and coefficients in (None, t[2])]
+    if not allowed:
+        raise CalibrationError(
+            "the stated pixel origins differ, but the image height is not known: give --image-height"
+        )
+    alike = [t for t in allowed if _same(t, allowed[0])]
+    best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))
+    size = float(np.nanmax(uv_px, initial=1.0) - np.nanmin(uv_px, initial=0.0))
+    if best[0] > max(0.03 * size, 10.0):
+        raise CalibrationError(
+            f"rays miss each other by {best[0]:.0f} px (median): the coefficients do not belong to these pixels, or "
+            "the two count rows from different corners: check the files, or give --image-height so that flips are tried"
+        )
+    others = [t for t in allowed if not _same(t, best)]
+    if others and others[0][0] < CLEARLY * best[0]:
+        raise CalibrationError(
+            f"the pixel origin cannot be told: residual {best[0]:.2f} px for {_name(best)}, "
+            f"{others[0][0]:.2f} px for {_name(others[0])}: state --origin"
+        )
+    better = [t for t in tried if t[0] * CLEARLY < best[0] and best[0] - t[0] > 0.5]
+    if better:
+        raise CalibrationError(
+            f"the stated pixel origin does not fit: residual {best[0]:.2f} px for {_name(best)}, "
+            f"{better[0][0]:.2f} px for {_name(better[0])}: state that, or check the calibration"
+        )
+    rest = [t[0] for t in tried if not _same(t, best)]
+    return PixelOrigin(
+        pixels=best[1],
+        coefficients=best[2],
+        stated=origin is not None,
+        matters=all(t[1] == best[1] for t in tried if _same(t, best)),
+        height_px=best[3],
+        residual_px=best[0],
+        next_px=min(rest, default=np.inf),
+    )
+
+
+def _heights(cameras: Sequence[Camera]) -> list[float | None]:
+    """Image heights that a profile suggests: its own, and twice the principal point where all cameras share that.
+
+    A real profile states 320 rows with every principal point at 256: a typo that flips must not fall for.
+    """
+    heights = {float(c.size_px[1]) for c in cameras if c.size_px is not None}
+    centres = {2 * c.lens.centre_px[1] for c in cameras if c.lens is not None}
+    found: list[float | None] = [*sorted(heights | (centres if len(centres) == 1 else set()))]
+    return found or [None]
+
+
+def _same(a: tuple, b: tuple) -> bool:
+    """Whether two choices give the same ideal pixels, to a twentieth of the residual (then so are the points)."""
+    apart = np.linalg.norm(a[4] - b[4], axis=-1)
+    return not apart.size or bool(np.nanmedian(apart) <= 0.05 * b[0] + 1e-6)
+
+
+def _name(choice: tuple) -> str:
+    text = f"{choice[1]} pixels" if choice[1] == choice[2] else f"{choice[1]} pixels with {choice[2]} coefficients"
+    return text + (f" (image height {choice[3]:g})" if choice[3] is not None else "")

@@ -1,0 +1,256 @@
+"""From pixels to points: linear least squares, reprojection-optimal refinement, rejection of rays that miss.
+
+All functions work on ideal (undistorted) pixels of C cameras and any number of points at once.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from mocap.arrays import Array
+from mocap.cameras.camera import project
+
+
+def linear(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> Array:
+    """The linear least squares that DLTdv solves (Hedrick 2008, equations of Abdel-Aziz & Karara 1971).
+
+    Each pixel (u, v) of camera P gives the rows (p1 - u p3) (x, 1) = 0 and (p2 - v p3) (x, 1) = 0, with P scaled so
+    that its last entry is 1: the weights are those of the DLT coefficients (a camera that has none, because the world's
+    origin projects to infinity, is scaled to depth). The 3 x 3 normal equations are followed by one step of iterative
+    refinement, which brings them to the accuracy of an orthogonal factorisation.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, ..., 2) ideal pixels; NaN where not seen.
+        relative: Deviations that rays are divided by, broadcastable to (C, ...); None: 1, as in DLTdv.
+
+    Returns:
+        (..., 3) points in metres; NaN where fewer than two cameras see it, or all from one side.
+    """
+    shape = uv_px.shape[1:-1]
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    seen = np.isfinite(uv).all(axis=-1)
+    known = np.flatnonzero(np.count_nonzero(seen, axis=0) >= 2)
+    uv, seen = uv[:, known], np.asarray(seen)[:, known]
+    last, depth = matrices[:, 2:, 3:], np.linalg.norm(matrices[:, 2:, :3], axis=-1, keepdims=True)
+    scaled = matrices / np.where(np.abs(last) > 1e-9 * depth, last, depth)
+    rows = scaled[:, None, :2, :] - uv[..., None] * scaled[:, None, 2:, :]  # (C, K, 2, 4)
+    rows = np.where(seen[..., None, None], rows, 0.0)
+    if relative is not None:
+        rows /= np.broadcast_to(relative, uv_px.shape[:-1]).reshape(len(uv_px), -1)[:, known, None, None]
+    rows = np.moveaxis(rows, 0, 1).reshape(len(known), 2 * len(matrices), 4)
+    a, b = rows[..., :3], -rows[..., 3]
+    transposed = np.swapaxes(a, 1, 2)
+    normal = transposed @ a
+    x = _solve(normal, transposed @ b[..., None])
+    x = x + _solve(normal, transposed @ (b[..., None] - a @ x))
+    out = np.full((int(np.prod(shape)), 3), np.nan)
+    out[known] = x[..., 0]
+    return out.reshape(*shape, 3)
+
+
+def _solve(normal: Array, right: Array) -> Array:
+    """Solve batches of 3 x 3 systems; NaN where singular to rounding (two cameras on one ray)."""
+    singular = ~(np.linalg.det(normal) > 1e-13 * np.trace(normal, axis1=-2, axis2=-1) ** 3)
+    if singular.any():
+        normal = normal.copy()
+        normal[singular] = np.nan
+    return np.linalg.solve(normal, right)
+
+
+def residual_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array | None = None) -> Array:
+    """DLTdv's residual sqrt(sum r^2 / (2 n - 3)) over the n cameras that see a point.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, ..., 2) ideal pixels.
+        xyz_m: (..., 3) points in metres.
+        relative: Deviations that misses are divided by, broadcastable to (C, ...); None: 1.
+
+    Returns:
+        (...) pixels; NaN without a point.
+    """
+    squares = np.sum((uv_px - project(matrices, xyz_m)) ** 2, axis=-1)
+    if relative is not None:
+        squares = squares / relative**2
+    n = np.isfinite(squares).sum(axis=0)
+    with np.errstate(invalid="ignore"):
+        return np.where(n >= 2, np.sqrt(np.nansum(squares, axis=0) / np.maximum(2 * n - 3, 1)), np.nan)
+
+
+def refine(
+    matrices: Array, uv_px: Array, xyz_m: Array, *, sd_px: Array | float, iterations: int = 10
+) -> tuple[Array, Array]:
+    """Gauss-Newton on the reprojection error, all points at once.
+
+    Minimises sum |uv - project(x)|^2 / sd^2 from ``xyz_m``; a step that does not lower a point's error is not taken.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, ..., 2) ideal pixels; NaN where not seen.
+        xyz_m: (..., 3) starting points; NaN stays NaN.
+        sd_px: Standard deviation of a pixel coordinate: a number or broadcastable to (C, ...).
+        iterations: At most so many steps.
+
+    Returns:
+        (..., 3) points and their (..., 3, 3) covariance (J^T J / sd^2)^-1 in square metres, NaN without a point.
+    """
+    shape = xyz_m.shape[:-1]
+    x_all = xyz_m.reshape(-1, 3)
+    known = np.flatnonzero(np.isfinite(x_all[:, 0]))
+    uv = uv_px.reshape(len(uv_px), -1, 2)[:, known]
+    sd = np.broadcast_to(np.asarray(sd_px, dtype=float), uv_px.shape[:-1]).reshape(len(uv_px), -1)[:, known]
+    weight = np.where(np.isfinite(uv[..., 0]), 1 / sd, 0.0)[..., None]
+    uv = np.nan_to_num(uv)
+    x = x_all[known]
+    active = np.arange(len(known))
+    best, error, jacobian = x.copy(), *_linearise(matrices, uv, weight, x)
+    cost = np.sum(error**2, axis=(0, 2))
+    for _ in range(iterations):
+        if not len(active):
+            break
+        jt = np.moveaxis(jacobian[:, active], 0, 1).reshape(len(active), 2 * len(matrices), 3)
+        e = np.moveaxis(error[:, active], 0, 1).reshape(len(active), 2 * len(matrices), 1)
+        step = _solve(np.swapaxes(jt, 1, 2) @ jt, np.swapaxes(jt, 1, 2) @ e)[..., 0]
+        trial = best[active] + step
+        new_error, new_jacobian = _linearise(matrices, uv[:, active], weight[:, active], trial)
+        new_cost = np.sum(new_error**2, axis=(0, 2))
+        better = new_cost < cost[active]
+        moved = active[better]
+        best[moved], cost[moved] = trial[better], new_cost[better]
+        error[:, moved], jacobian[:, moved] = new_error[:, better], new_jacobian[:, better]
+        scale = np.abs(best[moved]).max(axis=1) + 1e-3
+        active = moved[np.abs(step[better]).max(axis=1) > 1e-12 * scale]
+    stacked_rows = np.moveaxis(jacobian, 0, 1).reshape(len(known), 2 * len(matrices), 3)
+    information = np.swapaxes(stacked_rows, 1, 2) @ stacked_rows
+    points, cov = np.full_like(x_all, np.nan), np.full((len(x_all), 3, 3), np.nan)
+    cov[known] = _solve(information, np.broadcast_to(np.eye(3), information.shape))
+    points[known] = np.where(np.isfinite(cov[known, :, 0]), best, np.nan)
+    return points.reshape(*shape, 3), cov.reshape(*shape, 3, 3)
+
+
+def _linearise(matrices: Array, uv: Array, weight: Array, x: Array) -> tuple[Array, Array]:
+    """Weighted residuals (C, K, 2) and Jacobian of the projection (C, K, 2, 3)."""
+    h = np.einsum("cij,kj->cki", matrices[:, :, :3], x) + matrices[:, None, :, 3]
+    uv_x = h[..., :2] / h[..., 2:]
+    jacobian = (matrices[:, None, :2, :3] - uv_x[..., None] * matrices[:, None, 2:, :3]) / h[..., 2:, None]
+    return (uv - uv_x) * weight, jacobian * weight[..., None]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Triangulation:
+    """Points from pixels, and which rays were believed.
+
+    Attributes:
+        xyz_m: (T, M, 3) points; NaN where fewer than two believed rays meet.
+        cov_m2: (T, M, 3, 3) covariance.
+        residual_px: (T, M) sqrt(sum r^2 / (2 n - 3)).
+        rejected: (C, T, M) True for rays that miss.
+        sd_px: Standard deviation of a pixel coordinate, given or estimated from the residuals.
+    """
+
+    xyz_m: Array
+    cov_m2: Array
+    residual_px: Array
+    rejected: NDArray[np.bool_]
+    sd_px: float
+
+
+def pixel_sd(residual: Array, n_cameras: NDArray[np.int64]) -> float:
+    """Standard deviation of a pixel coordinate from the residuals of triangulated points, without those that miss.
+
+    A residual squared is sd^2 chi2(2n - 3) / (2n - 3); the median over points of its ratio to the chi-square median
+    does not feel the points that miss. Digitising errors have heavy tails, which that median does not feel either: the
+    result is the root mean square of the residuals within five such standard deviations.
+
+    Args:
+        residual: (T, M) residuals in pixels; NaN without a point.
+        n_cameras: (T, M) cameras that see each point.
+
+    Raises:
+        ValueError: there is no point.
+    """
+    ok = np.isfinite(residual) & (n_cameras >= 2)
+    if not ok.any():
+        raise ValueError("no point is seen by two cameras: the pixel noise cannot be estimated; give --pixel-sd")
+    dof = 2 * n_cameras[ok] - 3
+    core = np.median(residual[ok] ** 2 * dof / chi2.median(dof))
+    near = residual[ok] ** 2 <= 25 * core
+    return float(np.sqrt(np.sum(residual[ok][near] ** 2 * dof[near]) / np.sum(dof[near])))
+
+
+def apparent_sd(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> float:
+    """Standard deviation of a pixel coordinate that rays show by how they miss each other (``pixel_sd``).
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
+        relative: As in ``robust``.
+
+    Raises:
+        ValueError: no point is seen by two cameras.
+    """
+    spread = None if relative is None else np.broadcast_to(relative, uv_px.shape[:-1])
+    residual = residual_px(matrices, uv_px, linear(matrices, uv_px, relative=spread), relative=spread)
+    return pixel_sd(residual, np.isfinite(uv_px[..., 0]).sum(axis=0))
+
+
+def robust(
+    matrices: Array,
+    uv_px: Array,
+    *,
+    sd_px: float | None = None,
+    gate_sd: float = 5.0,
+    relative: Array | None = None,
+) -> Triangulation:
+    """Triangulate, rejecting rays that miss, the worst first.
+
+    A point whose residual exceeds ``gate_sd`` standard deviations loses the ray whose removal lowers its squared error
+    most, until it agrees or two rays are left. With two rays left that disagree nothing tells which is wrong: both are
+    rejected and the point is lost.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels.
+        sd_px: Standard deviation of a pixel coordinate; None estimates it (``pixel_sd``).
+        gate_sd: Largest believed residual in standard deviations.
+        relative: Deviations of rays relative to ``sd_px``, broadcastable to (C, T, M); residuals are divided by them.
+            None: 1.
+    """
+    uv = uv_px.copy()
+    seen = np.isfinite(uv[..., 0])
+    scale = np.broadcast_to(1.0 if relative is None else relative, seen.shape)
+    xyz = linear(matrices, uv, relative=scale)
+    residual = residual_px(matrices, uv, xyz, relative=scale)
+    sd = pixel_sd(residual, seen.sum(axis=0)) if sd_px is None else sd_px
+    limit = gate_sd * max(sd, 1e-9)
+    for _ in range(len(matrices)):
+        t, m = np.nonzero(residual > limit)
+        if not len(t):
+            break
+        trial = uv[:, t, m]  # (C, K, 2)
+        count = np.isfinite(trial[..., 0]).sum(axis=0)
+        drop_all = count <= 2
+        uv[:, t[drop_all], m[drop_all]] = np.nan
+        t, m, trial = t[~drop_all], m[~drop_all], trial[:, ~drop_all]
+        without = np.repeat(trial[None], len(matrices), axis=0)  # (dropped camera, C, K, 2)
+        without[np.arange(len(matrices)), np.arange(len(matrices))] = np.nan
+        without, spread = np.moveaxis(without, 1, 0), scale[:, None, t, m]
+        points = linear(matrices, without, relative=spread)
+        misses = (without - project(matrices, points)) / spread[..., None]
+        squares = np.nansum(misses**2, axis=(0, -1))  # (dropped, K)
+        squares[~np.isfinite(trial[..., 0])] = np.inf
+        worst = np.argmin(squares, axis=0)
+        uv[worst, t, m] = np.nan
+        xyz = linear(matrices, uv, relative=scale)
+        residual = residual_px(matrices, uv, xyz, relative=scale)
+    refined, cov = refine(matrices, uv, xyz, sd_px=sd * scale)
+    return Triangulation(
+        xyz_m=refined,
+        cov_m2=cov,
+        residual_px=residual_px(matrices, uv, refined, relative=scale),
+        rejected=seen & ~np.isfinite(uv[..., 0]),
+        sd_px=sd,
+    )

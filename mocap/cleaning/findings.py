@@ -1,0 +1,69 @@
+"""What names put right, samples rejected and bad cameras are in words, for reports."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.cleaning.camera_health import CameraHealth
+from mocap.cleaning.clean import REASONS, Cleaning
+from mocap.cleaning.swaps import DOUBTFUL, Swap
+
+
+def exchange_findings(
+    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str]
+) -> list[str]:
+    """A sentence for every run of exchanged names, and one for all that are shorter than three frames."""
+    out, short = [], 0
+    for swap in swaps:
+        if len(swap.frames) < 3:
+            short += 1
+            continue
+        where = "" if swap.camera is None else f" in camera {cameras[swap.camera]}"
+        out.append(
+            f"{names[swap.a]} and {names[swap.b]} bear each other's names{where} from frame {swap.frames[0] + 1} to "
+            f"{swap.frames[-1] + 1}: exchanged back in {len(swap.frames)} frames"
+        )
+    if short:
+        out.append(f"{short} times two markers bear each other's names for one or two frames: exchanged back")
+    if doubtful.any():
+        out.append(f"{doubtful.sum()} samples rejected, {DOUBTFUL['doubtful_name']}")
+    return out
+
+
+def cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:
+    """A sentence for each reason that samples were rejected by."""
+    out = []
+    for reason, mask in cleaning.rejected.items():
+        if mask.any():
+            markers = [f"{names[int(m)]} ({mask[:, m].sum()})" for m in np.flatnonzero(mask.any(axis=0))]
+            out.append(f"{mask.sum()} samples rejected, {REASONS[reason]}: {', '.join(markers)}")
+    return out
+
+
+def never_seen(xyz_m: Array, names: Sequence[str]) -> list[str]:
+    """A sentence on the markers that no frame of (T, M, 3) points has, if there are any."""
+    never = [names[int(m)] for m in np.flatnonzero(~np.isfinite(xyz_m[..., 0]).any(axis=0))]
+    return [f"never seen in 3D, and left empty: {', '.join(never)}"] if never else []
+
+
+def camera_findings(health: CameraHealth, names: Sequence[str]) -> list[str]:
+    """A sentence for every camera that goes bad, frames from 1."""
+    n_frames = health.factor.shape[1]
+    out = []
+    for bad in health.bad:
+        until = "the end" if bad.stop == n_frames else f"frame {bad.stop}"
+        times = float(np.median(health.factor[bad.camera, bad.start : bad.stop]))
+        sentence = (
+            f"camera {names[bad.camera]} from frame {bad.start + 1} to {until}: rays miss by {bad.level_px:.1f} px "
+            f"against {bad.good_px:.1f} px: weighted down by {times:.3g}"
+        )
+        if bad.moved:
+            sentence += (
+                f", as if it had been moved by ({bad.offset_px[0]:+.1f}, {bad.offset_px[1]:+.1f}) px, shifted back"
+            )
+        if len(names) == 3:
+            sentence += " (of three cameras it may be another one: the others are never checked against each other)"
+        out.append(sentence)
+    return out

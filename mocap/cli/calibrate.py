@@ -1,0 +1,190 @@
+"""``mocap calibrate``: cameras from pictures of boards, a wand, known points, or the marker tracks themselves."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mocap.cli.console import say, show
+from mocap.cli.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOriginOption, Profile
+from mocap.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from mocap.calibration.boards import Board
+    from mocap.pipeline.calibration_files import CalibrationReport
+
+calibrate = typer.Typer(no_args_is_help=True, help="Calibrate cameras, with residuals, refusing the implausible.")
+
+
+def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
+    if as_json:
+        print((out / "report.json").read_text(encoding="utf-8"), end="")  # noqa: T201
+    else:
+        show("\n".join(report.lines))
+        say(f"Wrote {out}/")
+
+
+def _size(text: str, option: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d+)\s*[xX]\s*(\d+)", text)
+    if found is None:
+        raise CalibrationError(f"{option} {text!r}: expected columns x rows, as in 9x6")
+    return int(found[1]), int(found[2])
+
+
+def _board(
+    checkerboard: str | None, charuco: str | None, square_mm: float, marker_mm: float | None, dictionary: str
+) -> "Board":
+    from mocap.calibration.boards import Charuco, Checkerboard
+
+    if (checkerboard is None) == (charuco is None):
+        raise CalibrationError(
+            "say which board was filmed: --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)"
+        )
+    if checkerboard is not None:
+        columns, rows = _size(checkerboard, "--checkerboard")
+        return Checkerboard(columns=columns, rows=rows, square_m=square_mm / 1e3)
+    columns, rows = _size(charuco or "", "--charuco")
+    if marker_mm is None:
+        raise CalibrationError("--charuco needs the side of its markers: give --marker-mm")
+    return Charuco(
+        columns=columns, rows=rows, square_m=square_mm / 1e3, marker_m=marker_mm / 1e3, dictionary=dictionary
+    )
+
+
+@calibrate.command()
+def images(
+    folder: Annotated[
+        Path, typer.Argument(help="Pictures: <camera>/<frame>.png, or <camera><frame>.png in one folder.")
+    ],
+    square_mm: Annotated[float, typer.Option(help="Side of a square.")],
+    out: Out,
+    checkerboard: Annotated[str | None, typer.Option(help="Inner corners, as in 9x6.")] = None,
+    charuco: Annotated[str | None, typer.Option(help="Squares of a ChArUco board, as in 7x5.")] = None,
+    marker_mm: Annotated[float | None, typer.Option(help="Side of a ChArUco marker.")] = None,
+    dictionary: Annotated[str, typer.Option(help="Dictionary of the markers, as OpenCV names it.")] = "DICT_4X4_50",
+    world_frame: Annotated[
+        str | None, typer.Option(help="Frame whose board is the world's x-y plane; else the one most cameras see.")
+    ] = None,
+    lens: Annotated[
+        str, typer.Option(help="brown2 (k1 k2), brown (5), rational (8), fisheye (4), or auto: by pictures held out.")
+    ] = "auto",
+    lenses: Annotated[
+        Path | None, typer.Option(help="calibration.toml of the same cameras, whose lenses are held: places alone.")
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Pictures of a checkerboard or ChArUco board: lenses and places of 1 to 30 cameras."""
+    from mocap.io.output import result_folder
+    from mocap.pipeline.calibrate import from_pictures
+    from mocap.pipeline.calibration_files import write_calibration_folder
+
+    if not square_mm > 0:
+        raise CalibrationError(f"--square-mm {square_mm:g}: a square has a side above 0")
+    board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
+    inputs = [p for p in (folder, lenses) if p is not None]
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+        cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=say)
+        written = write_calibration_folder(rig, cameras, report)
+    _finish(written, out, as_json)
+
+
+@calibrate.command()
+def wand(
+    file: Annotated[Path, typer.Argument(help="easyWandData.mat, or a DLTdv xypts file of the wand's two ends.")],
+    out: Out,
+    background: Annotated[
+        Path | None, typer.Option(help="xypts file of other points that several cameras saw.")
+    ] = None,
+    profile: Profile = None,
+    length_m: Annotated[float | None, typer.Option(help="Distance of the wand's ends in metres.")] = None,
+    free: Annotated[
+        str, typer.Option(help="What of the lenses moves: none, focal, focal+centre, lens; auto: by held-out score.")
+    ] = "auto",
+    origin: PixelOriginOption = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Two points of known distance waved through the volume, with background points."""
+    from mocap.io.output import result_folder
+    from mocap.pipeline.calibrate import from_wand
+    from mocap.pipeline.calibration_files import write_calibration_folder
+
+    inputs = [p for p in (file, background, profile) if p is not None]
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+        cameras, upright, report = from_wand(
+            file,
+            background=background,
+            profile=profile,
+            length_m=length_m,
+            moves=free,
+            lower_left=origin == "lower-left",
+            tell=say,
+        )
+        written = write_calibration_folder(rig, cameras, report, upright=upright)
+    _finish(written, out, as_json)
+
+
+@calibrate.command()
+def dlt(
+    points: Annotated[Path, typer.Argument(help="CSV of known points: x, y, z, a row a point.")],
+    pixels: Annotated[
+        Path, typer.Argument(help="CSV of their pixels: x, y for each camera, the same rows; NaN: not seen.")
+    ],
+    out: Out,
+    unit: Annotated[str, typer.Option(help="Unit of the points: m, cm or mm.")] = "m",
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """11 DLT coefficients a camera from points whose places are known."""
+    from mocap.io.output import result_folder
+    from mocap.pipeline.calibrate import from_points
+    from mocap.pipeline.calibration_files import write_calibration_folder
+
+    scale = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}.get(unit)
+    if scale is None:
+        raise CalibrationError(f"--unit {unit!r}: m, cm or mm")
+    inputs = [points, pixels]
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+        cameras, report = from_points(points, pixels, unit_m=scale)
+        written = write_calibration_folder(rig, cameras, report, lenses=False)
+    _finish(written, out, as_json)
+
+
+@calibrate.command()
+def refine(
+    tracks: Annotated[Path, typer.Argument(help="DLTdv xypts file, or a dvProject.mat.")],
+    out: Out,
+    dlt: Annotated[Path | None, typer.Option("--dlt", help="DLT coefficients: 11 rows, a column a camera.")] = None,
+    profile: Profile = None,
+    bone: Annotated[
+        list[str] | None, typer.Option(help="first,second[,metres]: two markers at a fixed distance; may be repeated.")
+    ] = None,
+    focal: Annotated[bool, typer.Option("--focal", help="Focal lengths move too.")] = False,
+    origin: PixelOriginOption = None,
+    dlt_origin: DltOrigin = None,
+    image_height: ImageHeight = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Self-calibration: cameras moved until the rays of the markers meet, the scale kept by bones or as it was."""
+    from mocap.io.output import result_folder
+    from mocap.pipeline.calibrate import from_tracks
+    from mocap.pipeline.calibration_files import write_calibration_folder
+    from mocap.pipeline.source import Source
+
+    source = Source(
+        tracks=tracks,
+        fps=1.0,
+        coefficients=dlt,
+        profile=profile,
+        pixel_origin=origin,
+        coefficient_origin=dlt_origin,
+        image_height_px=image_height,
+    )
+    inputs = [p for p in source.inputs if p is not None]
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+        cameras, report = from_tracks(source, bones=bone or [], focal=focal)
+        written = write_calibration_folder(rig, cameras, report, lenses=False)
+    _finish(written, out, as_json)

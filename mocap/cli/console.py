@@ -1,0 +1,116 @@
+"""What commands say: progress, findings, what was written; nothing in a name or a path acts on the terminal."""
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
+from rich.markdown import Markdown
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.segment import Segment
+
+from mocap.pipeline.job import Stages
+from mocap.text import as_text
+
+_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Controls of terminals (ESC, CSI, ...), turns of the writing direction, line ends that are none; not the tab and
+the new line."""
+
+
+def visible(text: str) -> str:
+    r"""Text as it is, but for characters that act on a terminal or change how text reads, written as \\x1b is."""
+    return _ACTS.sub(_escape, as_text(text))
+
+
+def _escape(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+
+
+class _Visible:
+    """What is printed, with every character that acts made visible; the console's own control codes stay."""
+
+    def __init__(self, printed: ConsoleRenderable) -> None:
+        self.printed = printed
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for segment in console.render(self.printed, options):
+            yield segment if segment.control else Segment(visible(segment.text), segment.style)
+
+
+class _Shield(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [_Visible(printed) for printed in renderables]
+
+
+def _console(*, stderr: bool) -> Console:
+    console = Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+    console.push_render_hook(_Shield())
+    return console
+
+
+errors = _console(stderr=True)
+output = _console(stderr=False)
+"""The two streams; neither reads markup or emoji codes in what it is given."""
+
+
+def say(*lines: str) -> None:
+    """Lines on stderr, none broken."""
+    errors.print(visible("\n".join(lines)), soft_wrap=True)
+
+
+def say_error(text: str) -> None:
+    """One line on stderr that tells what went wrong."""
+    errors.print(visible("error: " + " ".join(text.split("\n"))), style="red", soft_wrap=True)
+
+
+def show(markdown: str) -> None:
+    """Markdown on stdout."""
+    output.print(Markdown(visible(markdown), hyperlinks=False))
+
+
+def talk_in_any_encoding(streams: Iterable[object] = ()) -> None:
+    """What a stream cannot say (a C locale, an old code page) is written as an escape, and raises nothing."""
+    for stream in streams or (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="backslashreplace")
+
+
+@contextmanager
+def progress() -> Iterator[Stages]:
+    """A bar a stage, on stderr, where that is a terminal."""
+    columns = (TextColumn("{task.description:28}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
+    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
+        tasks: dict[str, int] = {}
+
+        def tell(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(visible(stage), total=1.0)
+            bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
+
+        yield Stages(tell=tell)
+
+
+def finish(report: object, text: str, out: Path, as_json: bool) -> None:
+    """Say what was found and written."""
+    if as_json:
+        print(json.dumps(report))  # noqa: T201
+        return
+    show(text)
+    say(
+        "",
+        f"Wrote {out}/: markers.csv, joints.csv, report.json, report.md, potentials, recording.rrd",
+        f"Look at it: {program()} view {out}   (in the browser: {program()} view {out} --web)",
+    )
+
+
+def program() -> str:
+    """This command as its user can call it again."""
+    found = shutil.which("mocap")
+    called = Path(sys.argv[0])
+    return "mocap" if found is not None and Path(found).resolve() == called.resolve() else str(called)

@@ -1,0 +1,149 @@
+"""The command line: ``mocap``."""
+
+import errno
+import os
+import sys
+import traceback
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from mocap.cli.calibrate import calibrate
+from mocap.cli.console import say, say_error, talk_in_any_encoding, visible
+from mocap.cli.convert import convert
+from mocap.cli.data import data
+from mocap.cli.demo import demo
+from mocap.cli.design_joint import design_joint
+from mocap.cli.info import info
+from mocap.cli.learn import learn
+from mocap.cli.reproduce import reproduce
+from mocap.cli.share import share
+from mocap.cli.track import track
+from mocap.cli.triangulate import triangulate
+from mocap.cli.view import view
+from mocap.errors import MocapError
+
+DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
+TROUBLE, FAULT, STOPPED = 1, 70, 130
+"""Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), and Ctrl-C."""
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class _Stopped(Exception):
+    """Ctrl-C, which typer would turn into an exit without a word."""
+
+
+class _Commands(TyperGroup):
+    """The commands; what the user typed is shown in messages without acting on the terminal."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise _Stopped from error
+        except Exception as error:
+            if hasattr(error, "format_message") and hasattr(error, "message"):  # wrong usage
+                error.message = visible(str(error.message))  # type: ignore[attr-defined]
+            raise
+
+
+app = typer.Typer(
+    cls=_Commands,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
+    epilog=f"{DEBUG} anywhere, or {DEBUG_VARIABLE}=1: a fault of the program shows where it is, to be reported.",
+)
+for command in (info, convert, triangulate, track, learn, demo, view, share, reproduce, design_joint):
+    app.command()(command)
+app.add_typer(data, name="data")
+app.add_typer(calibrate, name="calibrate")
+
+
+def main() -> None:
+    """Run, and turn every trouble into one line and an exit code."""
+    read_names_as_utf8()
+    talk_in_any_encoding()
+    debug = bool(os.environ.get(DEBUG_VARIABLE))
+    if DEBUG in sys.argv[1:]:
+        sys.argv.remove(DEBUG)
+        debug = True
+    try:
+        app(standalone_mode=True)
+    except SystemExit:
+        raise
+    except BaseException as error:  # whatever it is; a panic of a Rust library is no Exception
+        if debug and not isinstance(error, (MocapError, _Stopped, KeyboardInterrupt)):
+            traceback.print_exception(error)
+        sys.exit(explain(error))
+
+
+def read_names_as_utf8() -> None:
+    """Start again in Python's UTF-8 mode where names of files are read as ASCII (a C locale).
+
+    Libraries of this program take paths as UTF-8 only; the mode cannot be changed while Python runs. What is said stays
+    in the encoding of the terminal.
+    """
+    if os.name == "posix" and sys.getfilesystemencoding().lower() not in ("utf-8", "utf8"):
+        os.environ.setdefault("PYTHONIOENCODING", f"{sys.stdout.encoding}:backslashreplace")
+        os.execv(sys.executable, [sys.executable, "-X", "utf8=1", *sys.orig_argv[1:]])
+
+
+def explain(error: BaseException) -> int:
+    """Say in one line what went wrong and what to do; the exit code.
+
+    An error that knows what was kept of the output says so in its attribute ``kept``.
+    """
+    cause = error.__cause__ if isinstance(error, _Stopped) else error
+    kept = getattr(cause, "kept", None)
+    if isinstance(error, (_Stopped, KeyboardInterrupt)):
+        say(f"stopped: {kept or 'nothing was written'}")
+        return STOPPED
+    ending = f"; {kept}" if kept else ""
+    if _disk_is_full(error) and not (isinstance(error, MocapError) and _names_it(error)):
+        place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
+        say_error(f"the disk is full, or your share of it{place}: free some space, or give another --out{ending}")
+        return TROUBLE
+    if isinstance(error, MocapError):
+        say_error(f"{error}{ending}")
+        return TROUBLE
+    if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
+        name = error.object[max(0, error.start - 30) : error.end + 30]
+        say_error(f"{name}: this name of a file is not UTF-8: rename the file, or its folder{ending}")
+        return TROUBLE
+    if isinstance(error, MemoryError):
+        asked = f" ({error})" if str(error) else ""
+        say_error(
+            f"there is not enough memory{asked}: close other programs, or take a shorter part of the recording{ending}"
+        )
+        return TROUBLE
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        say_error(
+            f"{os.fspath(error.filename)}: {error.strerror}: check that it is there and that you may use it{ending}"
+        )
+        return TROUBLE
+    place = traceback.extract_tb(error.__traceback__)
+    where = f" at {os.path.basename(place[-1].filename)}:{place[-1].lineno}" if place else ""
+    say_error(
+        f"{type(error).__name__}{where}: {str(error)[:300] or 'no more is known'}: this is a fault of mocap, not "
+        f"of your data: please report this line to its authors, with what the same command prints with {DEBUG}{ending}"
+    )
+    return FAULT
+
+
+def _disk_is_full(error: BaseException) -> bool:
+    """Whether an error, or what it came from, is of a full disk; libraries in C and Rust tell it by its words only."""
+    found: BaseException | None = error
+    while found is not None:
+        if isinstance(found, OSError) and found.errno in _FULL:
+            return True
+        if _names_it(found):
+            return True
+        found = found.__cause__ or found.__context__
+    return False
+
+
+def _names_it(error: BaseException) -> bool:
+    return any(os.strerror(number) in str(error) for number in _FULL)

@@ -1,0 +1,42 @@
+"""``mocap reproduce``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap.cli.console import errors, say
+from mocap.cli.options import Force, Out
+from mocap.errors import MocapError
+
+
+def reproduce(
+    figures: Annotated[list[str] | None, typer.Argument(help="Figures of the paper, such as 14a; none: all.")] = None,
+    out: Out = Path("out/reproduce"),
+    quick: Annotated[bool, typer.Option("--quick", help="Coarser grids and fewer seeds.")] = False,
+    real: Annotated[
+        Path | None,
+        typer.Option(envvar="MOCAP_REAL_DATA", help="Folder of real recordings: draws figure 7 for one too."),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Reproduce the figures of the EAL paper: pictures, tables, and a verdict on every claim."""
+    from mocap.io.output import result_folder
+    from mocap.reproduce import FIGURES
+    from mocap.reproduce import reproduce as make_figures
+    from mocap.reproduce.samples import real_bat_samples
+
+    for name in figures or []:
+        if name.lower().removeprefix("fig") not in FIGURES:
+            raise MocapError(f"there is no figure {name!r}: the figures are {', '.join(FIGURES)}")
+    with result_folder(out, "reproduce", replace=force, tell=say) as folder:
+        verdicts = make_figures(
+            figures or None,
+            folder,
+            quick,
+            say,
+            real_bat_m=None if real is None else real_bat_samples(real),
+        )
+    errors.print(
+        f"\nWrote {out}/: {len(verdicts)} verdicts in verdicts.json, figures and their numbers", highlight=False
+    )

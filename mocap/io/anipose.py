@@ -1,0 +1,195 @@
+"""Anipose (Karashchuk et al. 2021): ``calibration.toml``, which sleap-anipose shares, and its 3D CSV."""
+
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera, decompose, pinhole_camera
+from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
+from mocap.errors import FormatError
+from mocap.io.csv_table import read_table
+from mocap.io.dltdv_files import calibration_recording
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head
+from mocap.io.lines import frame_numbers
+from mocap.io.recording import Recording, point_recording
+from mocap.records import Origin
+
+_FIELDS = ("x", "y", "z", "error", "ncams", "score")
+_FRAME = [*(f"M_{i}{j}" for i in range(3) for j in range(3)), *(f"center_{i}" for i in range(3))]
+PLACEHOLDER = 10.0
+"""``_error`` of points that Anipose's filter in 3D put in."""
+
+
+def read_calibration(path: Path) -> tuple[Camera, ...]:
+    """Read the cameras, in the order of their sections ``cam_<i>``, in the unit of the calibration board.
+
+    Caliscope's files have sections ``cameras.<i>`` and rotation matrices in place of vectors. Distortions are OpenCV's:
+    4 (fisheye) or 5 (Brown) or 8 (rational) coefficients.
+
+    Raises:
+        FormatError: the file is no such TOML; the message names the camera and the key.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise FormatError(f"{path.name}: not a readable TOML file: {error}") from None
+    found = {int(match[1]): (key, table[key]) for key in table if (match := re.fullmatch(r"cam_(\d+)", key))}
+    array = table.get("cameras")
+    if not found and isinstance(array, dict):
+        found = {int(key): (f"cam_{key}", section) for key, section in array.items() if key.isdecimal()}
+    if not found:
+        raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
+    cameras = tuple(_camera(path, *found[number]) for number in sorted(found))
+    names = [camera.name for camera in cameras]
+    if len(set(names)) != len(names):
+        raise FormatError(f"{path.name}: two cameras are called {max(names, key=names.count)!r}: rename one")
+    return cameras
+
+
+def _camera(path: Path, key: str, section: Any) -> Camera:
+    if not isinstance(section, dict):
+        raise FormatError(f"{path.name}: {key} is no section: expected [{key}] with name, size, matrix, ...")
+    matrix, size = _array(path, key, section, "matrix", (3, 3)), _array(path, key, section, "size", (2,))
+    rotation = _array(path, key, section, "rotation", None)
+    if rotation.shape == (3,):
+        rotation = Rotation.from_rotvec(rotation).as_matrix()
+    if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
+        raise FormatError(f"{path.name}: {key}.rotation is no rotation vector (or matrix): calibrate again")
+    shift = _array(path, key, section, "translation", (3,))
+    distortions = np.ravel(_array(path, key, section, "distortions", None))
+    f_px, centre = (float(matrix[0, 0]), float(matrix[1, 1])), (float(matrix[0, 2]), float(matrix[1, 2]))
+    models: dict[int, type[Lens]] = {4: FisheyeLens} if section.get("fisheye") else {5: BrownLens, 8: RationalLens}
+    if len(distortions) == 4 and 4 not in models:
+        distortions = np.append(distortions, 0.0)
+    if len(distortions) not in models or min(f_px) <= 0 or min(size) < 1:
+        raise FormatError(
+            f"{path.name}: {key} has {len(distortions)} distortions, focal lengths {f_px}, size {size}; expected "
+            f"{' or '.join(map(str, models))} distortions{', as fisheye is set,' if 4 in models else ''} and positive "
+            "lengths: calibrate again"
+        )
+    lens = models[len(distortions)].of(f_px, centre, distortions)
+    return pinhole_camera(
+        str(section.get("name", key)),
+        intrinsic=matrix,
+        rotation=rotation,
+        translation_m=shift,
+        lens=None if lens.is_identity else lens,
+        size_px=(int(size[0]), int(size[1])),
+    )
+
+
+def _array(path: Path, key: str, section: dict[str, Any], name: str, shape: tuple[int, ...] | None) -> Array:
+    try:
+        values = np.array(section[name], dtype=np.float64)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        values = np.full(0, np.nan)
+    if (shape is not None and values.shape != shape) or not values.size or not np.isfinite(values).all():
+        expected = "a list" if shape is None else " x ".join(map(str, shape))
+        raise FormatError(f"{path.name}: {key}.{name} is {section.get(name)!r}; expected {expected} of finite numbers")
+    return values
+
+
+def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
+    """Write cameras as Anipose does; 17 digits, so that they come back to the last bit or the next.
+
+    Raises:
+        FormatError: a camera has no size, or is a mirror, which no rotation describes.
+    """
+    lines = []
+    for number, camera in enumerate(cameras):
+        pinhole = decompose(camera)
+        if pinhole.mirrored or camera.size_px is None:
+            trouble = "looks into a mirror (left-handed world)" if pinhole.mirrored else "has no image size"
+            raise FormatError(f"{path.name}: camera {camera.name!r} {trouble}, which calibration.toml cannot say")
+        lens = camera.lens
+        values = {
+            "size": list(camera.size_px),
+            "matrix": pinhole.intrinsic.tolist(),
+            "distortions": [0.0] * 5 if lens is None else lens.coefficients.tolist(),
+            "rotation": Rotation.from_matrix(pinhole.rotation).as_rotvec().tolist(),
+            "translation": pinhole.translation_m.tolist(),
+        }
+        name = camera.name.replace("\\", "\\\\").replace('"', '\\"')
+        lines += [f"[cam_{number}]", f'name = "{name}"', *(f"{key} = {value}" for key, value in values.items())]
+        lines += ["fisheye = true"] * isinstance(lens, FisheyeLens) + [""]
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        stream.write("\n".join([*lines, "[metadata]", ""]))
+
+
+def _points(path: Path, _hints: Hints) -> Recording:
+    """Points in the frame of the cameras: (p + center) M, where the file holds a rotated frame."""
+    header, values = read_table(path)
+    where = {title: column for column, title in enumerate(header)}
+    if len(where) != len(header):
+        raise FormatError(f"{path.name}: {max(header, key=header.count)} appears twice: export it again")
+    names = [title.removesuffix("_error") for title in header if title.endswith("_error")]
+    lacking = [f"{name}_{f}" for name in names for f in _FIELDS if f"{name}_{f}" not in where]
+    lacking += [] if not set(_FRAME) & set(where) else [title for title in _FRAME if title not in where]
+    if lacking or not names:
+        raise FormatError(f"{path.name}: no column {(lacking or ['<name>_error'])[0]}; expected Anipose's pose-3d")
+    table = values[:, [where[f"{name}_{f}"] for name in names for f in _FIELDS]].reshape(len(values), -1, 6)
+    xyz, findings = table[..., :3].copy(), ["the unit of lengths is that of the calibration board, not in the file"]
+    if _FRAME[0] in where:
+        frame = values[:, [where[title] for title in _FRAME]]
+        rotation, centre = frame[:, :9].reshape(-1, 3, 3), frame[:, 9:]
+        if not np.allclose(rotation @ np.swapaxes(rotation, 1, 2), np.eye(3), atol=1e-3):
+            raise FormatError(f"{path.name}: M_00 to M_22 are no rotation: export it again")
+        moved = not (np.allclose(rotation, np.eye(3)) and not centre.any())
+        xyz = (xyz + centre[:, None]) @ rotation
+        findings += ["points were turned back into the frame of the cameras: (p + center) M"] if moved else []
+    filled = table[..., 3] == PLACEHOLDER
+    seen = np.isfinite(xyz).all(axis=-1)
+    findings.append("the file does not hold the frame rate")
+    if filled.any():
+        findings.append(f"{filled.sum()} samples have the error {PLACEHOLDER:g}: Anipose's filter put them in")
+    frames = values[:, where["fnum"]] if "fnum" in where else np.arange(len(values), dtype=np.float64)
+    return point_recording(
+        path,
+        "anipose-3d",
+        names=names,
+        xyz=xyz,
+        unit=None,
+        frames=frame_numbers(path, frames, first_line=2),
+        first=0,
+        origin=np.where(seen, np.where(filled, Origin.INTERPOLATED, Origin.MEASURED), Origin.MISSING),
+        score=table[..., 5],
+        tables={"residual_px": table[..., 3]},
+        findings=tuple(findings),
+    )
+
+
+def _is_calibration(head: Head) -> bool:
+    return any(re.fullmatch(r"\s*\[\s*(cam_|cameras\.)\d+\s*\]\s*", line) for line in head.lines)
+
+
+FORMATS = (
+    Format(
+        name="anipose-3d",
+        title="points of Anipose (CSV)",
+        knows=lambda head: {"_error", "_ncams", "_score"} <= {cell[cell.rfind("_") :] for cell in head.cells()},
+        read=_points,
+    ),
+    Format(
+        name="anipose-calibration",
+        title="calibration of Anipose, sleap-anipose or caliscope (TOML)",
+        knows=_is_calibration,
+        read=lambda path, _: calibration_recording(
+            path,
+            "anipose-calibration",
+            read_calibration(path),
+            findings=("the unit of lengths is that of the calibration board, which the file does not state",),
+        ),
+        write=lambda path, recording: write_calibration(path, recording.cameras),
+        holds=frozenset({"cameras"}),
+        suffixes=(".toml",),
+    ),
+)

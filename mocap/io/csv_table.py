@@ -1,0 +1,182 @@
+"""Numeric CSV tables with one header line, checked cell by cell before anything is believed."""
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.cells import as_cells, from_cell
+from mocap.io.lines import LARGEST, one_kind
+
+MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
+BLOCK = 1 << 24
+"""Bytes that are read at once: a table takes little more memory than its numbers."""
+_TRUTH = re.compile(rb"true|false", re.IGNORECASE)
+_NUMBER = re.compile(r'("?)[+-]?(\d+\.?\d*|\.\d+|inf)([eE][+-]?\d+)?\1', re.ASCII)
+
+
+def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
+    """Read names and numbers.
+
+    Args:
+        path: A comma-separated file; missing cells are empty, ``NaN`` or ``NA``.
+        header: Whether the first line holds the names.
+
+    Returns:
+        The names (empty without a header) and the (rows, columns) numbers, NaN where missing.
+
+    Raises:
+        FormatError: the file is missing, empty, cut, ragged, or has a cell that is no number.
+    """
+    names, parts, line = [], [], 1
+    width, last, text = None, False, b""
+    for block, last in _blocks(path):
+        text = block
+        if line == 1:
+            if b";" in block and b"," not in block:
+                raise FormatError(f"{path.name}: cells are separated by semicolons; export it with commas")
+            if header:
+                names, block = _names(path, block)
+                width, line = len(names), 2
+        block = block.rstrip(b"\n \t") if last else block.removesuffix(b"\n")
+        if block:
+            parts.append(_numbers(path, block, names, width, line, open_end=last and not text.endswith(b"\n")))
+            width, line = parts[-1].shape[1], line + len(parts[-1])
+    if not parts:
+        raise FormatError(
+            f"{path.name}: holds no rows of numbers; expected a table with a row a frame: export it again"
+        )
+    values = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    if names and not names[-1] and np.isnan(values[:, -1]).all():  # every line ends in a comma
+        return names[:-1], values[:, :-1]
+    return names, values
+
+
+def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
+    """Whole lines of the file, some megabytes at a time, with line ends of one kind; and whether they are the last.
+
+    Raises:
+        FormatError: the file cannot be read, or is empty.
+    """
+    try:
+        with path.open("rb") as stream:
+            held, empty = b"", True
+            while chunk := stream.read(BLOCK):
+                held += chunk
+                empty = empty and not held.strip()
+                cut = held.rfind(b"\n") + 1
+                if cut and len(chunk) == BLOCK:
+                    yield one_kind(held[:cut]), False
+                    held = held[cut:]
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    if empty:
+        raise FormatError(f"{path.name}: the file is empty: export it again")
+    yield one_kind(held), True
+
+
+def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
+    """The names of the first line, and what follows it."""
+    first, _, rest = block.partition(b"\n")
+    try:
+        names = next(csv.reader([first.decode("utf-8-sig").strip()]), [])
+    except (UnicodeDecodeError, csv.Error):
+        raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
+    return [from_cell(name.strip()) for name in names], rest
+
+
+def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line: int, *, open_end: bool) -> Array:
+    """The (rows, columns) numbers of a block.
+
+    Args:
+        path: Of the file, for messages.
+        body: Lines, the last without its end.
+        names: Of the columns; empty where there is no header.
+        width: Cells that each line must have; None: as many as the first.
+        line: Number of the first line in the file.
+        open_end: Whether the file ends with these lines and the last has no end.
+
+    Raises:
+        FormatError: a line has other cells, or a cell is no number.
+    """
+    if b" " in body or b"\t" in body:
+        body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
+    _check_columns(path, body, width, line)
+    if open_end:
+        _check_last_cell(path, body)
+    try:
+        if any(letter in body for letter in (b"u", b"U", b"l", b"L")) and _TRUTH.search(body):
+            raise ValueError("pandas reads these as 1 and 0")
+        table = pd.read_csv(
+            io.BytesIO(body),
+            header=None,
+            dtype=np.float64,
+            na_values=MISSING_WORDS,
+            keep_default_na=False,
+            skip_blank_lines=False,
+        )
+    except ValueError:
+        raise FormatError(_bad_cell(path, body, names, line)) from None
+    values = table.to_numpy()
+    with np.errstate(invalid="ignore"):
+        wrong = np.abs(values) > LARGEST
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        where = names[column] if names else f"column {column + 1}"
+        what = "infinite" if np.isinf(values[row, column]) else f"{values[row, column]:g}"
+        raise FormatError(
+            f"{path.name}: line {row + line}, {where}: {what}; expected a number below {LARGEST:g}, or NaN: correct it"
+        )
+    return values
+
+
+def _check_columns(path: Path, body: bytes, expected: int | None, first_line: int) -> None:
+    """Every line has as many cells as the header (or the first line) has."""
+    raw = np.frombuffer(body + b"\n", dtype=np.uint8)
+    starts = np.append(0, np.flatnonzero(raw == ord("\n"))[:-1] + 1)
+    cells = np.add.reduceat(raw == ord(","), starts, dtype=np.int64) + 1
+    expected = expected or int(cells[0])
+    wrong = np.flatnonzero(cells != expected)
+    if len(wrong):
+        i = int(wrong[0])
+        hint = ": the file seems to be cut there" if i == len(cells) - 1 and cells[i] < expected else ""
+        raise FormatError(
+            f"{path.name}: line {i + first_line} has {cells[i]} cells, expected {expected}{hint}; export it again"
+        )
+
+
+def _check_last_cell(path: Path, body: bytes) -> None:
+    """A last line without its newline may be cut inside a number: its last cell is then shorter than all others."""
+    *others, last = [cell for line in body.split(b"\n")[-50:] for cell in line.split(b",")]
+    decimals = {len(cell.partition(b".")[2]) for cell in others if cell.decode("latin-1") not in MISSING_WORDS}
+    fixed = len(decimals) == 1 and min(decimals) >= 3  # all written with one format, as programs do
+    short = last.decode("latin-1") not in MISSING_WORDS and len(last.partition(b".")[2]) < min(decimals, default=0)
+    if (fixed and short) or (not last and len(others) and all(others)):
+        raise FormatError(
+            f"{path.name}: the last cell {last.decode('latin-1')!r} seems to be cut; export the file again"
+        )
+
+
+def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) -> str:
+    for i, line in enumerate(body.decode("utf-8", "replace").split("\n")):
+        for j, cell in enumerate(line.split(",")):
+            if cell not in MISSING_WORDS and not _NUMBER.fullmatch(cell):
+                where = names[j] if names else f"column {j + 1}"
+                return f"{path.name}: line {i + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
+    return f"{path.name}: holds cells that are not numbers; export it again"
+
+
+def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:
+    """Write names and (rows, columns) numbers, ``NaN`` where missing."""
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        if names:
+            csv.writer(stream, lineterminator="\n").writerow(as_cells(names))
+        pd.DataFrame(values).to_csv(
+            stream, header=False, index=False, float_format=f"%.{decimals}f", na_rep="NaN", lineterminator="\n"
+        )

@@ -1,0 +1,196 @@
+"""DeepLabCut's predictions and labels (Mathis et al. 2018): CSV and HDF5, one individual or several; one camera a file.
+
+Pixels are counted from the upper left. Lightning Pose writes the same CSV.
+"""
+
+import csv
+import io
+import pickle
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.format import Format
+from mocap.io.head import Head
+from mocap.io.lines import frame_numbers, number, numbers, one_line, read_lines
+from mocap.io.recording import Recording, pixel_recording
+
+_KEY = "df_with_missing"
+_LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
+
+
+def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
+    """Columns as (individual, body part, coordinate), (T, columns) values and (T,) frame numbers."""
+    lines = read_lines(path)
+    lines = [line for line in lines if line.strip()]
+    rows = [next(csv.reader([line]), []) for line in lines[:4]]
+    depth = next((i + 1 for i, row in enumerate(rows) if row and row[0] == "coords"), 0)
+    if depth == 0 or tuple(row[0] for row in rows[:depth]) not in _LEVELS:
+        raise FormatError(
+            f"{path.name}: the first lines are not scorer, (individuals,) bodyparts, coords: DeepLabCut's"
+        )
+    width = len(rows[0])
+    if any(len(row) != width for row in rows[:depth]) or width < 2:
+        raise FormatError(f"{path.name}: the {depth} lines of the head have different lengths: export it again")
+    # labels by hand have the folder and the file of each picture in place of a frame number
+    index = next((i for i in range(1, width) if any(row[i] for row in rows[:depth])), 1)
+    body = lines[depth:]
+    if not body:
+        raise FormatError(f"{path.name}: no frames after the head: export it again")
+    frames = np.arange(len(body), dtype=np.float64)
+    cells = [next(csv.reader(io.StringIO(line))) if '"' in line else line.split(",") for line in body]
+    first = [row[0] for row in cells]
+    if index == 1 and any(np.isfinite(number(cell)) for cell in first):
+        frames = frame_numbers(path, [number(cell) for cell in first], first_line=depth + 1).astype(np.float64)
+    table = [",".join(row[index:]) for row in cells]
+    values = numbers(path, table, separator=",", columns=width - index, first_line=depth + 1)
+    parts = [row[index:] for row in rows[1:depth]]
+    columns = list(zip(*(parts if len(parts) == 3 else [[""] * (width - index), *parts]), strict=True))
+    return columns, values, frames
+
+
+def _is_csv(head: Head) -> bool:
+    return head.first.startswith("scorer,") and any(line.startswith("coords,") for line in head.lines[2:4])
+
+
+def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: Array, frames: Array) -> Recording:
+    """Pixels of one camera from columns (individual, body part, x | y | likelihood)."""
+    where: dict[tuple[str, ...], int] = {}
+    for column, key in enumerate(columns):
+        if key in where or key[2] not in ("x", "y", "likelihood"):
+            trouble = "appears twice" if key in where else "is not x, y or likelihood"
+            raise FormatError(f"{path.name}: column {column + 2}, {' '.join(key)}, {trouble}: export it again")
+        where[key] = column
+    animals = list(dict.fromkeys(key[:2] for key in columns))
+    lacking = next((a for a in animals for axis in "xy" if (*a, axis) not in where), None)
+    if lacking is not None:
+        raise FormatError(f"{path.name}: {' '.join(lacking)} has no x and y: export it again")
+    uv = values[:, [where[(*a, axis)] for a in animals for axis in "xy"]].reshape(len(values), len(animals), 2)
+    score = np.full((1, *uv.shape[:2]), np.nan)
+    for m, animal in enumerate(animals):
+        if (*animal, "likelihood") in where:
+            score[0, :, m] = values[:, where[(*animal, "likelihood")]]
+    single = len({individual for individual, _ in animals}) == 1
+    names = [part if single else f"{individual}_{part}" for individual, part in animals]
+    low = np.isfinite(score) & (score < 0.6)
+    findings = ["the file does not hold the frame rate"]
+    if low.any():
+        findings.append(f"{low.sum()} samples have a likelihood below 0.6")
+    try:
+        return pixel_recording(
+            path,
+            format,
+            names=names,
+            cameras=[path.stem],
+            uv_px=uv[None],
+            frames=frame_numbers(path, frames),
+            first=0,
+            pixel_origin="upper-left",
+            animals=tuple(animals) if animals[0][0] else (),
+            score=None if np.isnan(score).all() else score,
+            findings=tuple(findings),
+        )
+    except ValueError as error:
+        raise FormatError(f"{path.name}: {one_line(error)}; export it again") from None
+
+
+def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
+    """The same from the table that pandas writes with PyTables (fixed or table layout)."""
+    try:
+        with h5py.File(path, "r") as file:
+            group: Any = file[_KEY]
+            if "table" in group:
+                return _table_layout(path, group)
+            return _fixed_layout(path, group)
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError, OverflowError) as error:
+        raise FormatError(
+            f"{path.name}: not a readable table of DeepLabCut ({type(error).__name__}: {one_line(error)}): "
+            "export it again"
+        ) from None
+
+
+def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Array]:
+    levels, order = int(group.attrs["axis0_nlevels"]), []
+    for level in range(levels):
+        words = [_word(w) for w in group[f"axis0_level{level}"][()]]
+        order.append([words[int(i)] for i in group[f"axis0_label{level}"][()]])
+    columns = list(zip(*order, strict=True))
+    if int(group.attrs["nblocks"]) != 1:
+        raise FormatError(f"{path.name}: columns are of {group.attrs['nblocks']} kinds; expected numbers only")
+    values = np.asarray(group["block0_values"][()], dtype=np.float64)
+    items = [[_word(w) for w in group[f"block0_items_level{level}"][()]] for level in range(levels)]
+    stored = list(
+        zip(*([items[i][int(j)] for j in group[f"block0_items_label{i}"][()]] for i in range(levels)), strict=True)
+    )
+    at = {key: i for i, key in enumerate(stored)}
+    values = values[:, [at[key] for key in columns]]
+    index = group["axis1"][()] if "axis1" in group else np.arange(len(values))
+    return _levels(path, columns), values, _frame_numbers(index, len(values))
+
+
+def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Array]:
+    table = group["table"]
+    blocks = [name for name in table.dtype.names if name.startswith("values_block_")]
+    if len(blocks) != 1:
+        raise FormatError(f"{path.name}: columns are of {len(blocks)} kinds; expected numbers only")
+    columns = _names_only(path, bytes(table.attrs[f"{blocks[0]}_kind"]))
+    rows = table[()]
+    values = np.asarray(rows[blocks[0]], dtype=np.float64).reshape(len(rows), -1)
+    if len(columns) != values.shape[1]:
+        raise FormatError(f"{path.name}: {len(columns)} column names for {values.shape[1]} columns: export it again")
+    return _levels(path, columns), values, _frame_numbers(rows["index"], len(rows))
+
+
+class _NamesOnly(pickle.Unpickler):
+    """Lists, tuples and strings; nothing that would run code."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        raise pickle.UnpicklingError(f"{module}.{name} is no name of a column")
+
+
+def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
+    """The column names that pandas keeps, pickled, in an attribute."""
+    try:
+        names = _NamesOnly(io.BytesIO(data)).load()
+        return [tuple(str(word) for word in name) for name in names]
+    except Exception as error:  # damaged pickles raise whatever they like
+        raise FormatError(
+            f"{path.name}: the names of the columns are damaged ({one_line(error)}): export it again"
+        ) from None
+
+
+def _levels(path: Path, columns: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Columns as (individual, body part, coordinate) from (scorer, [individual,] body part, coordinate)."""
+    if not columns or {len(column) for column in columns} - {3, 4}:
+        raise FormatError(f"{path.name}: columns have no levels scorer, (individuals,) bodyparts, coords: DeepLabCut's")
+    return [(("" if len(column) == 3 else column[1]), *column[-2:]) for column in columns]
+
+
+def _word(value: Any) -> str:
+    return value.decode("utf-8") if isinstance(value, bytes) else str(value)
+
+
+def _frame_numbers(index: Any, count: int) -> Array:
+    """(T,) frame numbers: the index of the table where that is of numbers (labels have names of pictures)."""
+    index = np.asarray(index)
+    return index.astype(np.float64) if index.dtype.kind in "iu" and index.shape == (count,) else np.arange(float(count))
+
+
+FORMATS = (
+    Format(
+        name="deeplabcut-csv",
+        title="pixel tracks of DeepLabCut or Lightning Pose (CSV)",
+        knows=_is_csv,
+        read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
+    ),
+    Format(
+        name="deeplabcut-h5",
+        title="pixel tracks of DeepLabCut (HDF5)",
+        knows=lambda head: _KEY in head.hdf5,
+        read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
+    ),
+)

@@ -1,0 +1,83 @@
+"""A recording in figures: what ``mocap info`` prints."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.io.recording import Recording
+from mocap.records import Origin
+
+
+def summary(recording: Recording) -> dict[str, Any]:
+    """Figures of a recording, ready for JSON.
+
+    ``points`` and ``cameras`` are numbers, ``missing`` the share of samples (marker x frame x camera) without a value,
+    None where the file holds no samples; ``gaps`` are runs of missing frames between two sightings.
+    """
+    seen = recording.seen
+    sampled = seen.size > 0 and (recording.pixels is not None or recording.points is not None or bool(recording.tables))
+    found: dict[str, Any] = {
+        "format": recording.format,
+        "points": len(recording.names),
+        "cameras": len(recording.camera_names),
+        "frames": len(recording.frames),
+        "fps": recording.fps,
+        "units": _units(recording),
+        "missing": round(float(1 - seen.mean()), 6) if sampled else None,
+        "findings": list(recording.findings),
+        "names": list(recording.names),
+        "camera_names": list(recording.camera_names),
+        "first_frame": int(recording.frames[0]) if len(recording.frames) else None,
+        "gaps": gaps(seen.reshape(-1, *seen.shape[-2:])) if sampled else None,
+        "pixel_origin": recording.pixel_origin,
+        "holds": _holds(recording),
+    }
+    if recording.pixels is not None and recording.points is not None:
+        found["missing_points"] = round(float(1 - recording.points.seen.mean()), 6)
+    if recording.points is not None:
+        codes, counts = np.unique(recording.points.origin, return_counts=True)
+        found["samples"] = {Origin(code).name.lower(): int(n) for code, n in zip(codes, counts, strict=True)}
+    animals = list(dict.fromkeys(animal for animal, _ in recording.animals))
+    return found | ({"individuals": animals} if animals else {})
+
+
+def _units(recording: Recording) -> str | None:
+    """Unit of what the file holds first: pixels, or lengths as stated."""
+    if recording.pixels is not None or (recording.lenses and not recording.cameras):
+        return "px"
+    return "px" if set(recording.tables) == {"residual_px"} else recording.unit
+
+
+def _holds(recording: Recording) -> list[str]:
+    """The parts that are there."""
+    there = {
+        "pixels": recording.pixels is not None,
+        "points": recording.points is not None,
+        "cameras": bool(recording.cameras),
+        "lenses": bool(recording.lenses),
+        "score": recording.score is not None,
+    }
+    return [name for name, has in there.items() if has] + list(recording.tables)
+
+
+def gaps(seen: NDArray[np.bool_]) -> dict[str, int | float]:
+    """Runs of missing frames between two sightings.
+
+    Args:
+        seen: (K, T, M) whether each of K views (or the one world) has each of M markers in each of T frames.
+
+    Returns:
+        Their number, and the median and largest length in frames.
+    """
+    lengths = []
+    for track in np.moveaxis(seen, 1, -1).reshape(-1, seen.shape[1]):
+        at = np.flatnonzero(track)
+        steps = np.diff(at) - 1
+        lengths.append(steps[steps > 0])
+    runs = np.concatenate(lengths) if lengths else np.zeros(0)
+    return {
+        "count": len(runs),
+        "median_frames": float(np.median(runs)) if len(runs) else 0,
+        "longest_frames": int(runs.max(initial=0)),
+    }

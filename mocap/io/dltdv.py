@@ -1,0 +1,164 @@
+"""DLTdv's flat CSV set (Hedrick 2008; versions 5 to 8): xypts, xyzpts, xyzres and DLT coefficients."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
+from mocap.errors import FormatError
+from mocap.io.csv_table import read_table, write_table
+from mocap.io.digits import decimals_in, decimals_of
+from mocap.records import MarkerTracks, Origin, PixelTracks
+
+_PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)_(?P<axis>[XYUVxyuv])")
+_AXIS = {"X": 0, "U": 0, "Y": 1, "V": 1, "Z": 2}
+
+
+def read_pixels(path: Path, *, fps: float) -> PixelTracks:
+    """Read ``xypts.csv``: columns ``<name>_cam<j>_X, _Y`` (version 8.4: ``_U, _V``), in any order.
+
+    Frame n, the n-th row counted from 1, is at (n - 1) / fps seconds. Pixels are kept as the file has them.
+
+    Raises:
+        FormatError: the header or a cell is not that; the message names it.
+    """
+    header, values = read_table(path)
+    names: dict[str, int] = {}
+    cameras: set[int] = set()
+    where: dict[tuple[int, int, int], int] = {}
+    for column, title in enumerate(header):
+        match = _PIXEL.fullmatch(title)
+        if not match:
+            raise FormatError(
+                f"{path.name}: column {column + 1} is {title!r}; expected names like pt1_cam1_X "
+                "(DLTdv xypts): is this the 2D file?"
+            )
+        camera = int(match["camera"])
+        key = (camera, names.setdefault(match["name"], len(names)), _AXIS[match["axis"].upper()])
+        if key in where:
+            raise FormatError(f"{path.name}: marker name {match['name']!r} appears twice (column {title}): rename one")
+        cameras.add(camera)
+        where[key] = column
+    order = sorted(cameras)
+    columns = [where.get((c, m, axis), -1) for c in order for m in range(len(names)) for axis in (0, 1)]
+    if -1 in columns:
+        camera, marker = divmod(columns.index(-1) // 2, len(names))
+        raise FormatError(
+            f"{path.name}: marker {list(names)[marker]!r} has no X and Y columns for cam{order[camera]}: "
+            f"{len(header)} columns are not {len(names)} markers x {len(order)} cameras x 2"
+        )
+    frames = len(values)
+    values = values[:, columns]  # and nothing but that: the table may be large
+    uv = values.reshape(frames, len(order), len(names), 2)
+    return PixelTracks(
+        names=tuple(names),
+        cameras=tuple(f"cam{c}" for c in order),
+        t_s=np.arange(frames) / fps,
+        uv_px=np.moveaxis(uv, 1, 0),
+    )
+
+
+def holds_deviations(path: Path) -> bool:
+    """Whether the first line names columns ``<name>_sd``, as only ``write_points`` writes them."""
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        return any(title.strip().endswith("_sd") for title in stream.readline().split(","))
+
+
+def write_pixels(path: Path, pixels: PixelTracks) -> None:
+    """Write ``xypts.csv``: point-major, then camera, then X, Y; ``%.6f``, missing ``NaN``."""
+    cameras = range(1, len(pixels.cameras) + 1)
+    header = [f"{name}_cam{c}_{axis}" for name in pixels.names for c in cameras for axis in "XY"]
+    write_table(path, header, np.transpose(pixels.uv_px, (1, 2, 0, 3)).reshape(len(pixels.t_s), -1))
+
+
+def read_points(path: Path, *, fps: float) -> MarkerTracks:
+    """Read ``xyzpts.csv``: columns ``<name>_X, _Y, _Z`` in metres; covariance unknown (NaN).
+
+    Columns ``<name>_sd`` (written by ``write_points``) give an isotropic covariance.
+
+    Raises:
+        FormatError: the header or a cell is not that; the message names it.
+    """
+    header, values = read_table(path)
+    names: dict[str, int] = {}
+    where: dict[tuple[int, int], int] = {}
+    for column, title in enumerate(header):
+        match = re.fullmatch(r"(?P<name>.+)_(?P<axis>[XYZxyz]|sd)", title)
+        if not match:
+            raise FormatError(
+                f"{path.name}: column {column + 1} is {title!r}; expected names like pt1_X (DLTdv xyzpts)"
+            )
+        axis = 3 if match["axis"] == "sd" else _AXIS[match["axis"].upper()]
+        key = (names.setdefault(match["name"], len(names)), axis)
+        if key in where:
+            raise FormatError(f"{path.name}: marker name {match['name']!r} appears twice (column {title}): rename one")
+        where[key] = column
+    for marker, m in names.items():
+        if any((m, axis) not in where for axis in range(3)):
+            raise FormatError(f"{path.name}: marker {marker!r} needs the columns {marker}_X, {marker}_Y and {marker}_Z")
+    xyz = values[:, [where[m, axis] for m in range(len(names)) for axis in range(3)]].reshape(len(values), -1, 3)
+    xyz[np.isnan(xyz).any(axis=-1)] = np.nan
+    sd = np.full(xyz.shape[:2], np.nan)
+    for (m, axis), column in where.items():
+        if axis == 3:
+            sd[:, m] = values[:, column]
+    return MarkerTracks(
+        names=tuple(names),
+        t_s=np.arange(len(values)) / fps,
+        xyz_m=xyz,
+        cov_m2=sd[..., None, None] ** 2 * np.eye(3),
+        origin=np.where(np.isnan(xyz[..., 0]), Origin.MISSING, Origin.MEASURED),
+    )
+
+
+def write_points(path: Path, tracks: MarkerTracks, *, sd: bool = False) -> None:
+    """Write ``xyzpts.csv``: ``<name>_X, _Y, _Z`` and, if asked, ``_sd``; metres, missing ``NaN``.
+
+    DLTdv writes ``%.6f``; more where the greatest coordinate would have less than seven digits (an animal under
+    a microscope), and with ``_sd`` nine, or two digits of the smallest deviation.
+    """
+    header = [f"{name}_{axis}" for name in tracks.names for axis in (*"XYZ", *(["sd"] if sd else []))]
+    blocks = [tracks.xyz_m, tracks.sd_m[..., None]] if sd else [tracks.xyz_m]
+    decimals = max(6, decimals_in(tracks.xyz_m, digits=7))
+    decimals = decimals_of(tracks.xyz_m, tracks.sd_m, least=max(9, decimals)) if sd else decimals
+    write_table(path, header, np.concatenate(blocks, axis=-1).reshape(len(tracks.t_s), -1), decimals=decimals)
+
+
+def write_residuals(path: Path, names: Sequence[str], residual_px: Array) -> None:
+    """Write ``xyzres.csv``: (T, M) residuals sqrt(sum r^2 / (2 n_cameras - 3)) in pixels."""
+    write_table(path, [f"{name}_dltres" for name in names], residual_px)
+
+
+def read_residuals(path: Path) -> Array:
+    """Read ``xyzres.csv``: (T, M) pixels, NaN where there is no point."""
+    return read_table(path)[1]
+
+
+def read_coefficients(path: Path) -> tuple[Camera, ...]:
+    """Read DLT coefficients: 11 rows, a column a camera, no header.
+
+    Raises:
+        FormatError: the table has another shape or holds no number somewhere.
+    """
+    _, values = read_table(path, header=False)
+    if values.shape[0] != 11:
+        reason = {8: "8 rows are a 2D DLT, which gives no 3D"}.get(values.shape[0])
+        if values.shape[1] == 11:
+            reason = "it seems to be transposed"
+        raise FormatError(
+            f"{path.name}: {values.shape[0]} rows x {values.shape[1]} columns; expected DLT coefficients: 11 rows, "
+            f"a column a camera, no header{f' ({reason})' if reason else ''}"
+        )
+    if np.isnan(values).any():
+        row, column = np.argwhere(np.isnan(values))[0]
+        raise FormatError(f"{path.name}: coefficient L{row + 1} of camera {column + 1} is missing: calibrate again")
+    return tuple(dlt_camera(f"cam{i + 1}", values[:, i]) for i in range(values.shape[1]))
+
+
+def write_coefficients(path: Path, cameras: Sequence[Camera]) -> None:
+    """Write DLT coefficients: 11 rows, a column a camera; 12 digits, so that pixels keep 1e-6."""
+    values = np.stack([dlt_coefficients(c) for c in cameras], axis=1)
+    write_table(path, [], values, decimals=12)

@@ -1,0 +1,227 @@
+"""DLTdv's files as recordings: the flat CSV set, the sparse TSV set, and projects of version 8."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mocap.cameras.camera import Camera
+from mocap.errors import FormatError
+from mocap.io.csv_table import read_table
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points
+from mocap.io.dvproject import read_project
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head
+from mocap.io.recording import Recording
+from mocap.records import Origin
+
+PIXEL = re.compile(r"(?P<name>.+)_cam\d+_[XYUV]")
+POINT = re.compile(r"(?P<name>.+)_([XYZ]|sd)")
+_NO_UNIT = "the unit of lengths is that of the calibration, which the file does not state"
+_NO_RATE = "the file does not hold the frame rate"
+
+
+def names_of(head: Head, pattern: re.Pattern[str]) -> set[str]:
+    """Marker names of the first line; none where a column is not of the pattern."""
+    matches = [pattern.fullmatch(cell) for cell in head.cells()]
+    return {match["name"] for match in matches if match} if matches and all(matches) else set()
+
+
+def _numbered(names: set[str]) -> bool:
+    """Whether points have no names but ``pt1``, ``pt2``, ..., as before version 8.4."""
+    return bool(names) and all(re.fullmatch(r"pt\d+(filt)?", name) for name in names)
+
+
+def _is_pixels(head: Head) -> bool:
+    names = names_of(head, PIXEL)
+    new = bool(names) and all(cell[-1] in "UV" for cell in head.cells())
+    return bool(names) and (new or _numbered(names) or "xypts" in head.name)
+
+
+def _pixels(path: Path, _hints: Hints) -> Recording:
+    pixels = read_pixels(path, fps=1.0)
+    return Recording(
+        format="dltdv-xypts",
+        paths=(path,),
+        names=pixels.names,
+        frames=1 + np.arange(len(pixels.t_s)),
+        pixels=pixels,
+        camera_names=pixels.cameras,
+        findings=(_NO_RATE, "the file does not record the corner that pixel rows are counted from"),
+    )
+
+
+def _is_points(head: Head) -> bool:
+    names = names_of(head, POINT)
+    return bool(names) and (_numbered(names) or "xyzpts" in head.name or "xyzfilt" in head.name)
+
+
+def _points(path: Path, _hints: Hints) -> Recording:
+    points = read_points(path, fps=1.0)
+    findings = (_NO_RATE, _NO_UNIT)
+    if all(name.endswith("filt") for name in points.names):
+        names = tuple(name.removesuffix("filt") for name in points.names)
+        points = replace(points, names=names, origin=np.where(points.seen, Origin.SMOOTHED, Origin.MISSING))
+        findings += ("points are spline-filtered by DLTdv",)
+    return Recording(
+        format="dltdv-xyzpts",
+        paths=(path,),
+        names=points.names,
+        frames=1 + np.arange(len(points.t_s)),
+        points=points,
+        findings=findings,
+    )
+
+
+def table_recording(path: Path, format: str, table: str, suffixes: tuple[str, ...]) -> Recording:
+    """A table with a column for each marker and suffix: residuals or half widths of intervals.
+
+    Raises:
+        FormatError: columns are not that.
+    """
+    header, values = read_table(path)
+    names = list(dict.fromkeys(title.removesuffix(s) for title in header for s in suffixes if title.endswith(s)))
+    where = {title: column for column, title in enumerate(header)}
+    lacking = [name + s for name in names for s in suffixes if name + s not in where]
+    if lacking or len(where) != len(names) * len(suffixes):
+        raise FormatError(
+            f"{path.name}: {len(header)} columns; expected {', '.join(suffixes)} of each point"
+            f"{f', but {lacking[0]} is missing' if lacking else ', each once'}: export it again"
+        )
+    values = values[:, [where[name + s] for name in names for s in suffixes]].reshape(len(values), len(names), -1)
+    return Recording(
+        format=format,
+        paths=(path,),
+        names=tuple(names),
+        frames=1 + np.arange(len(values)),
+        tables={table: values[..., 0] if len(suffixes) == 1 else values},
+        findings=(_NO_RATE,),
+    )
+
+
+def offset_recording(path: Path, format: str, pattern: str) -> Recording:
+    """Frames by which each camera is ahead; columns as ``pattern`` has them, with the camera's number as its group.
+
+    Raises:
+        FormatError: columns are not that.
+    """
+    header, values = read_table(path)
+    numbers = [re.fullmatch(pattern, title) for title in header]
+    if not all(numbers) or len({match[1] for match in numbers if match}) != len(header):
+        raise FormatError(f"{path.name}: columns {', '.join(header[:4])}; expected one a camera: export it again")
+    offsets = np.unique(values[np.isfinite(values)])
+    return Recording(
+        format=format,
+        paths=(path,),
+        frames=1 + np.arange(len(values)),
+        camera_names=tuple(f"cam{match[1]}" for match in numbers if match),
+        tables={"offset_frames": values},
+        findings=(
+            _NO_RATE,
+            "all cameras are synchronous"
+            if not offsets.any()
+            else f"cameras are offset by {offsets.min():g} to {offsets.max():g} frames",
+        ),
+    )
+
+
+def is_number_row(cells: tuple[str, ...]) -> bool:
+    """Whether all cells are finite numbers."""
+    try:
+        return bool(cells) and bool(np.isfinite([float(cell) for cell in cells]).all())
+    except ValueError:
+        return False
+
+
+def _is_coefficients(head: Head) -> bool:
+    rows = [line for line in head.lines if line.strip()]
+    return len(rows) in (8, 11) and is_number_row(head.cells()) and len(head.cells()) <= 100
+
+
+def _coefficients(path: Path, _hints: Hints) -> Recording:
+    return calibration_recording(path, "dltdv-coefficients", read_coefficients(path), findings=(_NO_UNIT,))
+
+
+def calibration_recording(
+    path: Path, format: str, cameras: tuple[Camera, ...], *, findings: tuple[str, ...] = (), unit: str | None = None
+) -> Recording:
+    """Cameras alone."""
+    return Recording(
+        format=format,
+        paths=(path,),
+        camera_names=tuple(camera.name for camera in cameras),
+        cameras=cameras,
+        findings=findings,
+        unit=unit,
+    )
+
+
+def _project(path: Path, _hints: Hints) -> Recording:
+    project = read_project(path, fps=1.0)
+    try:
+        told = read_project(path).fps
+        findings = [f"the project states {told:g} frames a second, which may be the rate of playback", _NO_UNIT]
+    except FormatError:
+        told, findings = None, ["the project states no frame rate", _NO_UNIT]
+    if not project.cameras:
+        findings.append("the project has no DLT coefficients")
+    if project.offset_frames.any():
+        findings.append(
+            f"cameras are offset by {project.offset_frames.min():g} to {project.offset_frames.max():g} frames"
+        )
+    recording = Recording(
+        format="dltdv-project",
+        paths=(path,),
+        names=project.pixels.names,
+        frames=1 + np.arange(len(project.pixels.t_s)),
+        fps=None,
+        pixels=project.pixels,
+        points=project.stored,
+        camera_names=project.pixels.cameras,
+        cameras=project.cameras,
+        pixel_origin="upper-left",
+        tables={"offset_frames": project.offset_frames},
+        findings=tuple(findings),
+    )
+    return recording if told is None else recording.with_rate(told)
+
+
+def _ends(*ends: str):
+    return lambda head: bool(head.cells()) and all(cell.endswith(ends) for cell in head.cells())
+
+
+FORMATS = (
+    Format(
+        name="dltdv-project",
+        title="project of DLTdv8 (MATLAB 7.3)",
+        knows=lambda head: "udExport" in head.hdf5,
+        read=_project,
+    ),
+    Format(name="dltdv-xypts", title="pixel tracks of DLTdv (flat CSV)", knows=_is_pixels, read=_pixels),
+    Format(name="dltdv-xyzpts", title="points of DLTdv (flat CSV)", knows=_is_points, read=_points),
+    Format(
+        name="dltdv-xyzres",
+        title="triangulation residuals of DLTdv (flat CSV)",
+        knows=_ends("_dltres"),
+        read=lambda path, _: table_recording(path, "dltdv-xyzres", "residual_px", ("_dltres",)),
+    ),
+    Format(
+        name="dltdv-xyzci",
+        title="95 % intervals of DLTdv (flat CSV)",
+        knows=_ends("+-CI"),
+        read=lambda path, _: table_recording(path, "dltdv-xyzci", "interval", ("_X+-CI", "_Y+-CI", "_Z+-CI")),
+    ),
+    Format(
+        name="dltdv-offsets",
+        title="camera offsets of DLTdv (flat CSV)",
+        knows=lambda head: bool(head.cells()) and all(re.fullmatch(r"cam\d+_offset", cell) for cell in head.cells()),
+        read=lambda path, _: offset_recording(path, "dltdv-offsets", r"cam(\d+)_offset"),
+    ),
+    Format(
+        name="dltdv-coefficients",
+        title="DLT coefficients (CSV, 11 rows, a column a camera)",
+        knows=_is_coefficients,
+        read=_coefficients,
+    ),
+)

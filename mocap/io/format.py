@@ -1,0 +1,54 @@
+"""A format: how to know it, read it and write it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mocap.io.head import Head
+from mocap.io.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hints:
+    """What the user states where a file does not say it.
+
+    Attributes:
+        cameras: Number of cameras of sparse pixel files.
+        columns: For plain CSV files: marker to its columns, e.g. {"tip": ("x1", "y1", "z1")}.
+        format: Name of the format; None: found by content.
+    """
+
+    cameras: int | None = None
+    columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    format: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A file format.
+
+    Attributes:
+        name: Unique.
+        title: For people.
+        knows: Whether a file begins as this format does.
+        read: Reader.
+        write: Writer, which returns remarks for its user; None: only read.
+        holds: What a file that ``write`` writes can hold: ``pixels``, ``points``, ``cameras``, ``fps``, ``unit``,
+            ``origin`` (of samples), ``sd``, ``score``, ``animals``, ``first_frame``, ``frame_numbers``, and names of
+            tables.
+        both: Whether pixels and points go together; else only points are written where there are both.
+        needs: Of what it holds, what a recording must have to be written: ``fps``, ``unit``.
+        zero_is_missing: Whether readers of this format take (0, 0, 0) as not seen.
+        suffixes: Ends of names that mean this format for writing.
+    """
+
+    name: str
+    title: str
+    knows: Callable[[Head], bool]
+    read: Callable[[Path, Hints], Recording]
+    write: Callable[[Path, Recording], list[str] | None] | None = None
+    holds: frozenset[str] = frozenset()
+    both: bool = False
+    needs: frozenset[str] = frozenset()
+    zero_is_missing: bool = False
+    suffixes: tuple[str, ...] = ()

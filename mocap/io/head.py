@@ -1,0 +1,103 @@
+"""What a file begins with, for the sniffers of the registry: content, not its name."""
+
+import csv
+import json
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+from mocap.errors import FormatError
+from mocap.io.apart import read_apart
+from mocap.io.lines import one_kind
+from mocap.io.matlab import SECONDS, variables
+
+LENGTH = 1 << 16
+
+
+@dataclass(frozen=True)
+class Head:
+    """The first bytes of a file, and what they say.
+
+    Attributes:
+        path: The file.
+        start: Its first 64 KiB.
+    """
+
+    path: Path
+    start: bytes
+
+    @property
+    def name(self) -> str:
+        """The file's name in lower case; only to tell formats apart whose content is the same."""
+        return self.path.name.lower()
+
+    @cached_property
+    def lines(self) -> tuple[str, ...]:
+        """Whole lines of a text file; none of a binary one."""
+        if b"\0" in self.start:
+            return ()
+        lines = one_kind(self.start.decode("utf-8-sig", "replace")).split("\n")
+        if len(self.start) == LENGTH:
+            lines = lines[:-1] or lines  # the last one is not whole
+        return tuple(lines)
+
+    @property
+    def first(self) -> str:
+        """The first line."""
+        return self.lines[0] if self.lines else ""
+
+    def cells(self, line: int = 0) -> tuple[str, ...]:
+        """The cells of a line of a CSV file."""
+        if line >= len(self.lines):
+            return ()
+        try:
+            row = next(csv.reader([self.lines[line]], skipinitialspace=True), [])
+        except csv.Error:
+            return ()
+        while row and not row[-1].strip():
+            row.pop()
+        return tuple(cell.strip() for cell in row)
+
+    @cached_property
+    def is_hdf5(self) -> bool:
+        """Whether the signature of HDF5 is where it may be (after a user block, as in MATLAB 7.3)."""
+        return any(self.start[at : at + 8] == b"\x89HDF\r\n\x1a\n" for at in (0, 512, 1024, 2048))
+
+    @cached_property
+    def hdf5(self) -> frozenset[str]:
+        """Names at the root of an HDF5 file; empty of others."""
+        if not self.is_hdf5:
+            return frozenset()
+        stat = self.path.stat()
+        return _hdf5_names(self.path, stat.st_mtime_ns, stat.st_size)
+
+    @cached_property
+    def mat(self) -> frozenset[str]:
+        """Names of the variables of a MATLAB file of version 5 to 7.2; empty of others."""
+        if not self.start.startswith(b"MATLAB 5.0"):
+            return frozenset()
+        return frozenset(name for name in variables(self.path) if name != "None" and not name.startswith("__"))
+
+
+@lru_cache(maxsize=1)
+def _hdf5_names(path: Path, _changed_ns: int, _size: int) -> frozenset[str]:
+    """The names of a file in one state; the sniffers and the reader ask for them in turn."""
+    return frozenset(json.loads(read_apart(path, "hdf5_process", kind="HDF5", seconds=SECONDS)))
+
+
+def head(path: Path) -> Head:
+    """Read what a file begins with.
+
+    Raises:
+        FormatError: it cannot be read, or is empty.
+    """
+    if path.is_dir():
+        raise FormatError(f"{path}: is a folder; expected a file")
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(LENGTH)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    if not start.strip():
+        raise FormatError(f"{path.name}: the file is empty: export it again")
+    return Head(path, start)

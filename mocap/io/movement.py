@@ -1,0 +1,181 @@
+"""NetCDF files of the package movement (Sirmpilatze et al. 2025), of its version 0.17: single names of dimensions."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.format import Format, Hints
+from mocap.io.lines import frame_numbers, one_line
+from mocap.io.optical import UNIT_M, metres, rate_of_times
+from mocap.io.recording import Recording, pixel_recording, point_recording
+from mocap.io.tables import WORDS
+from mocap.records import Origin
+
+_ONE = {"individual": "id_0", "view": "cam1"}
+"""The only individual or camera of a file that names none."""
+
+
+def _read(path: Path, _hints: Hints) -> Recording:
+    import xarray
+
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf") as file:
+            data = file.load()
+    except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
+        raise FormatError(
+            f"{path.name}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): it is cut or "
+            "damaged; save it again"
+        ) from None
+    data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
+    if "shape" in data or data.attrs.get("ds_type") == "bboxes":
+        raise FormatError(f"{path.name}: holds bounding boxes; expected poses (ds_type = poses)")
+    if "position" not in data or not {"time", "space", "keypoint"} <= set(data["position"].dims):
+        dims = tuple(data["position"].dims) if "position" in data else "absent"
+        raise FormatError(f"{path.name}: position is {dims}; expected dimensions time, space, keypoint, individual")
+    for name in ("individual", "view"):
+        if name not in data["position"].dims:
+            data = data if name in data.coords else data.assign_coords({name: _ONE[name]})
+            data = data.expand_dims(name)
+    try:
+        return _recording(path, data)
+    except (KeyError, ValueError, TypeError) as error:
+        raise FormatError(f"{path.name}: {one_line(error)}; expected what movement saves") from None
+
+
+def _recording(path: Path, data: Any) -> Recording:
+    order = ("view", "time", "individual", "keypoint")
+    position = data["position"].transpose(*order, "space")
+    parts, animals, views = ([str(v) for v in data[name].values] for name in ("keypoint", "individual", "view"))
+    axes = [str(v) for v in data["space"].values]
+    if axes not in (["x", "y"], ["x", "y", "z"]):
+        raise FormatError(f"{path.name}: space is {axes}; expected x, y or x, y, z")
+    values = np.asarray(position.values, dtype=np.float64)
+    values = values.reshape(len(views), values.shape[1], -1, len(axes))
+    times = np.asarray(data["time"].values, dtype=np.float64)
+    attributes = data.attrs
+    in_frames = str(attributes.get("time_unit", "frames")) == "frames"
+    fps, findings = rate_of_times(path, times)
+    told = attributes.get("fps")
+    fps = float(told) if told is not None and float(told) > 0 else (None if in_frames else fps)
+    if fps is None:
+        findings = ["the file does not hold the frame rate"]
+    if not np.isfinite(times).all():
+        raise FormatError(f"{path.name}: a time is not finite: save it again")
+    frames = np.round(times if in_frames else times * (fps or 1.0))
+    frames = frame_numbers(path, data["frame"].values if "frame" in data.coords else frames)
+    common: dict[str, Any] = {
+        "names": [p if len(animals) == 1 else f"{a}_{p}" for a in animals for p in parts],
+        "frames": frames,
+        "first": 0,
+        "fps": fps,
+        "animals": tuple((a, p) for a in animals for p in parts) if animals != ["id_0"] else (),
+        "findings": tuple(findings),
+    }
+    score = _array(data, "confidence", order)
+    if len(axes) == 2:
+        return pixel_recording(path, "movement", cameras=views, uv_px=values, score=score, **common)
+    if len(views) != 1:
+        raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
+    origin = _array(data, "origin", order)
+    unit = str(attributes.get("space_unit", "")) or None
+    return point_recording(
+        path,
+        "movement",
+        xyz=values[0],
+        unit=unit if unit in UNIT_M else None,
+        t_s=frames / (fps or 1.0) if in_frames else times,
+        origin=None if origin is None else origin[0].astype(np.int8),
+        score=None if score is None else score[0],
+        **common,
+    )
+
+
+def _array(data: Any, name: str, order: tuple[str, ...]) -> Array | None:
+    """(C, T, M) values of a variable; None where it is absent or says nothing."""
+    if name not in data or set(data[name].dims) != set(order) & set(data["position"].dims):
+        return None
+    values = np.asarray(data[name].transpose(*order).values, dtype=np.float64)
+    values = values.reshape(*values.shape[:2], -1)
+    return None if np.isnan(values).all() else values
+
+
+def write_movement(path: Path, recording: Recording) -> None:
+    """Write poses: ``position``, ``confidence``, ``origin`` of points with CF flags; cameras are a dimension ``view``.
+
+    Raises:
+        FormatError: there is nothing to write.
+    """
+    import xarray
+
+    if recording.points is not None:
+        views, axes, t_s = [""], "xyz", recording.points.t_s
+        scale = metres(path, recording.unit) if recording.unit else 1.0
+        values = recording.points.xyz_m[None] / scale
+    elif recording.pixels is not None:
+        views, axes, t_s = list(recording.pixels.cameras), "xy", recording.pixels.t_s
+        values = recording.pixels.uv_px
+    else:
+        raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} holds none")
+    animals, parts, at = _grid(recording)
+    shape = (len(views), len(t_s), len(animals), len(parts))
+
+    def spread(array: Array, fill: float, *tail: int) -> Array:
+        out = np.full((len(views), len(t_s), len(animals) * len(parts), *tail), fill)
+        out[:, :, at] = array.reshape(len(views), len(t_s), -1, *tail)
+        return np.moveaxis(out.reshape(*shape, *tail), 0, -1)  # time, individual, keypoint, (space,) view
+
+    position = np.transpose(spread(values, np.nan, len(axes)), (0, 3, 2, 1, 4))
+    score = recording.score if recording.score is not None else np.full((len(views), len(t_s), len(at)), np.nan)
+    dims, table = ("time", "space", "keypoint", "individual", "view"), {}
+    table["position"] = (dims, position)
+    flat = ("time", "keypoint", "individual", "view")
+    table["confidence"] = (flat, np.transpose(spread(score, np.nan), (0, 2, 1, 3)))
+    if recording.points is not None:
+        codes = np.transpose(spread(recording.points.origin.astype(np.float64), 0.0), (0, 2, 1, 3)).astype(np.int8)
+        flags = {"flag_values": np.array([int(o) for o in Origin], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
+        table["origin"] = (flat, codes, flags)
+    coords = {"space": list(axes), "keypoint": parts, "individual": animals, "view": views}
+    frames = recording.frames - (int(recording.frames[0]) if recording.fps else 0) if len(recording.frames) else t_s
+    coords["time"] = t_s if recording.fps else np.asarray(frames, dtype=np.float64)  # type: ignore[assignment]
+    attributes: dict[str, Any] = {
+        "source_software": recording.format,
+        "ds_type": "poses",
+        "time_unit": "seconds" if recording.fps else "frames",
+        "log": json.dumps([]),
+    }
+    attributes |= {"fps": float(recording.fps)} if recording.fps else {}
+    attributes |= {"space_unit": recording.unit} if recording.points is not None and recording.unit else {}
+    attributes |= {"space_unit": "px"} if recording.points is None else {}
+    dataset = xarray.Dataset(table, coords=coords, attrs=attributes)
+    dataset = dataset.assign_coords(frame=("time", recording.frames))
+    if len(views) == 1:
+        dataset = dataset.isel(view=0, drop=recording.points is not None)
+    # made in memory: a full disk ends the HDF5 library with a segmentation fault
+    path.write_bytes(dataset.to_netcdf(engine="h5netcdf"))
+
+
+def _grid(recording: Recording) -> tuple[list[str], list[str], list[int]]:
+    """Individuals, keypoints, and the place of each marker among individual x keypoint."""
+    pairs = list(recording.animals) or [("id_0", name) for name in recording.names]
+    animals = list(dict.fromkeys(a or "id_0" for a, _ in pairs))
+    parts = list(dict.fromkeys(p for _, p in pairs))
+    return animals, parts, [animals.index(a or "id_0") * len(parts) + parts.index(p) for a, p in pairs]
+
+
+FORMATS = (
+    Format(
+        name="movement",
+        title="poses of the package movement (NetCDF)",
+        knows=lambda head: {"position", "space"} <= head.hdf5,
+        read=_read,
+        write=write_movement,
+        holds=frozenset(
+            {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "score", "animals"}
+        ),
+        suffixes=(".nc",),
+    ),
+)

@@ -1,0 +1,175 @@
+"""Movies of a camera, read frame by frame: movie files of any kind that FFmpeg knows, or folders of pictures."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.film import pyav
+
+if TYPE_CHECKING:
+    import av
+
+PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"}
+"""Endings of the files that make a folder a movie."""
+FIRST_PIXEL = 1.0
+"""Coordinates of the centre of the first pixel, as DLTdv counts them."""
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Movie:
+    """A movie that can be read; nothing of its pictures is kept.
+
+    Attributes:
+        path: File, or folder of pictures.
+        pictures: The pictures of a folder, in the order of the numbers in their names; empty for a file.
+        pts: (N,) time stamps of the frames of a file in its own units, increasing; empty for a folder.
+        size_px: Width and height.
+        codec: What FFmpeg calls its coding.
+    """
+
+    path: Path
+    pictures: tuple[Path, ...]
+    pts: NDArray[np.int64]
+    size_px: tuple[int, int]
+    codec: str
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.pictures) or len(self.pts)
+
+    def frames(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame | None]":
+        """Frames one after the other, decoded when they are asked for; whoever stops early decodes no more.
+
+        Args:
+            wanted: (T,) numbers of frames from 0, not decreasing where they are in the movie; others give None.
+
+        Raises:
+            FormatError: a frame cannot be decoded.
+        """
+        inside = (wanted >= 0) & (wanted < self.n_frames)
+        source = self._pictures(wanted[inside]) if self.pictures else self._decoded(wanted[inside])
+        for there in inside:
+            yield next(source) if there else None
+
+    def _pictures(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame]":
+        for number in wanted:
+            path = self.pictures[int(number)]
+            with _opened(path) as container:
+                frame = next(container.decode(video=0))
+            if (frame.width, frame.height) != self.size_px:
+                raise FormatError(
+                    f"{path}: is {frame.width} x {frame.height}, the first picture of the folder {self.size_px[0]} x "
+                    f"{self.size_px[1]}: give a folder of pictures of one camera"
+                )
+            yield frame
+
+    def _decoded(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame]":
+        if not len(wanted):
+            return
+        with _opened(self.path) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            if wanted[0] > 0:
+                container.seek(int(self.pts[wanted[0]]), stream=stream)
+            number, last = -1, None
+            decoded: Iterator[Any] = container.decode(stream)
+            for target in wanted:
+                while last is None or number < target:
+                    last = next(decoded, None)
+                    if last is None:
+                        raise FormatError(
+                            f"{self.path}: frame {target + 1} of {self.n_frames} cannot be decoded: repair the movie, "
+                            "or convert it to pictures"
+                        )
+                    stamp = last.pts if last.pts is not None else last.dts
+                    number = int(np.searchsorted(self.pts, stamp)) if stamp is not None else number + 1
+                yield last
+
+
+def open_movie(path: Path) -> Movie:
+    """Look at a movie: its frames are counted, not decoded.
+
+    Raises:
+        FormatError: there is none, with what was expected.
+    """
+    if path.is_dir():
+        pictures = tuple(sorted((p for p in path.iterdir() if p.suffix.lower() in PICTURES), key=by_number))
+        if not pictures:
+            raise FormatError(
+                f"{path}: holds no pictures ({', '.join(sorted(PICTURES))}): give a movie or their folder"
+            )
+        with _opened(pictures[0]) as container:
+            stream = container.streams.video[0]
+            size, codec = (stream.width, stream.height), stream.codec_context.name
+        return Movie(path=path, pictures=pictures, pts=np.zeros(0, dtype=np.int64), size_px=size, codec=codec)
+    if not path.is_file():
+        raise FormatError(f"{path}: there is no such movie or folder")
+    with _opened(path) as container:
+        stream = container.streams.video[0]
+        size, codec = (stream.width, stream.height), stream.codec_context.name
+        packets = [p for p in container.demux(stream) if p.size]
+    stamps = [p.pts if p.pts is not None else p.dts for p in packets]
+    if not stamps or any(s is None for s in stamps):
+        raise FormatError(f"{path}: its frames bear no times: convert it (ffmpeg -i {path.name} movie.mp4)")
+    pts = np.unique(np.array(stamps, dtype=np.int64))
+    return Movie(path=path, pictures=(), pts=pts, size_px=size, codec=codec)
+
+
+def by_number(path: Path) -> list[tuple[int, int | str]]:
+    """Sorts frame2 before frame10."""
+    parts = re.split(r"(\d+)", path.name.lower())
+    return [(0, int(p)) if p.isdigit() else (1, p) for p in parts if p]
+
+
+def straightening(
+    distort: Callable[[Array], Array], size_px: tuple[int, int], out_px: tuple[int, int]
+) -> NDArray[np.float32]:
+    """(h, w, 2) where each pixel of a straight picture of ``out_px`` lies in the recorded one of ``size_px``.
+
+    The straight picture shows the same part of the image plane; both are counted as arrays are, from 0.
+
+    Args:
+        distort: The lens: (..., 2) ideal pixels to recorded ones, counted from ``FIRST_PIXEL``, rows downwards.
+        size_px: Width and height of the recorded picture.
+        out_px: Those of the straight one.
+    """
+    (width, height), (w, h) = size_px, out_px
+    x = (np.arange(w) + 0.5) * width / w - 0.5
+    y = (np.arange(h) + 0.5) * height / h - 0.5
+    ideal = np.stack(np.meshgrid(x, y), axis=-1) + FIRST_PIXEL
+    return (distort(ideal) - FIRST_PIXEL).astype(np.float32)
+
+
+def straightened(picture: Picture, where: NDArray[np.float32]) -> Picture:
+    """A picture as a pinhole would have taken it; black where the camera did not look.
+
+    Args:
+        picture: (H, W, 3) as recorded.
+        where: (h, w, 2) of ``straightening``.
+    """
+    return np.asarray(cv2.remap(picture, where[..., 0], where[..., 1], cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def _opened(path: Path) -> Any:
+    library = pyav()
+    try:
+        container = library.open(str(path))
+    except (library.error.FFmpegError, OSError) as error:
+        raise FormatError(f"{path}: not a movie or picture that can be read ({error}): convert it to mp4") from None
+    if not container.streams.video:
+        container.close()
+        raise FormatError(
+            f"{path}: holds no pictures, only {', '.join(s.type for s in container.streams) or 'nothing'}"
+        )
+    return container

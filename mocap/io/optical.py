@@ -1,0 +1,100 @@
+"""What the readers of optical motion-capture systems share: units, and records from positions with their origin."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.lines import number
+from mocap.records import MarkerTracks, Origin
+
+UNIT_M = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+"""Metres in a unit."""
+
+
+def metres(path: Path, unit: str) -> float:
+    """Length of a unit in metres.
+
+    Raises:
+        FormatError: the unit is not known.
+    """
+    try:
+        return UNIT_M[unit.strip().lower()]
+    except KeyError:
+        known = ", ".join(UNIT_M)
+        raise FormatError(f"{path.name}: lengths are in {unit!r}; expected one of {known}: state the unit") from None
+
+
+def rate(path: Path, value: object) -> float:
+    """A frame rate in hertz.
+
+    Raises:
+        FormatError: it is no positive number.
+    """
+    try:
+        hertz = number(value) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        hertz = np.nan
+    if not (np.isfinite(hertz) and hertz > 0):
+        raise FormatError(f"{path.name}: the frame rate is {value}; expected frames a second, above 0")
+    return hertz
+
+
+def marker_tracks(
+    path: Path, names: Sequence[str], t_s: Array, xyz_m: Array, origin: NDArray | None = None
+) -> MarkerTracks:
+    """A record without covariances.
+
+    Args:
+        path: Of the file, for messages.
+        names: The M marker names.
+        t_s: (T,) times.
+        xyz_m: (T, M, 3) positions; NaN where not seen.
+        origin: (T, M) Origin codes; None: measured where there is a position.
+
+    Raises:
+        FormatError: a name appears twice, or times do not increase.
+    """
+    if origin is None:
+        origin = np.where(np.isnan(xyz_m[..., 0]), Origin.MISSING, Origin.MEASURED)
+    try:
+        return MarkerTracks(
+            names=tuple(names), t_s=t_s, xyz_m=xyz_m, cov_m2=np.broadcast_to(np.nan, (*xyz_m.shape, 3)), origin=origin
+        )
+    except ValueError as error:
+        raise FormatError(f"{path.name}: {error}; correct it and export again") from None
+
+
+def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of which none is empty or another's, and findings on what was changed."""
+    found, changed = [], []
+    for place, name in enumerate(names, start=1):
+        new = name or f"point{place}"
+        while new in found:
+            new = f"{new}_{place}"
+        if new != name:
+            changed.append(f"{name!r} -> {new!r}")
+        found.append(new)
+    shown = ", ".join(changed[:5]) + (", ..." if len(changed) > 5 else "")
+    return found, [f"{len(changed)} points without a name of their own were renamed: {shown}"] if changed else []
+
+
+def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
+    """Frames a second of times in seconds (None of fewer than two), and a finding where they are uneven.
+
+    Raises:
+        FormatError: they do not increase.
+    """
+    if len(t_s) < 2:
+        return None, []
+    steps = np.diff(t_s)
+    if not (steps > 0).all():
+        row = int(np.argmax(~(steps > 0)))
+        raise FormatError(f"{path.name}: times do not increase: {t_s[row + 1]:g} s follows {t_s[row]:g} s")
+    uneven = np.ptp(steps) > 0.5 * np.median(steps)
+    fps = 1 / np.median(steps) if uneven else (len(t_s) - 1) / (t_s[-1] - t_s[0])
+    told = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
+    return float(f"{fps:.9g}"), told

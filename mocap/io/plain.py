@@ -1,0 +1,124 @@
+"""Plain CSV tables of numbers: by a map of columns that the user states, or by titles ``<name>_x, _y, _z``."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.csv_table import read_table
+from mocap.io.dltdv_files import is_number_row
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head, head
+from mocap.io.lines import frame_numbers
+from mocap.io.optical import rate_of_times
+from mocap.io.recording import Recording, pixel_recording, point_recording
+
+_TITLE = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>[xyzXYZ])")
+_TIMES = ("t_s", "time_s", "time", "t", "seconds")
+_FRAMES = ("frame", "frame#", "frames", "fnum", "")
+
+
+def parse_columns(text: str) -> dict[str, tuple[str, ...]]:
+    """``"tip=x1,y1,z1;root=4,5,6;time=t"`` to marker and columns: titles, or numbers from 1.
+
+    Raises:
+        FormatError: it is not of that form.
+    """
+    found: dict[str, tuple[str, ...]] = {}
+    for part in filter(None, (part.strip() for part in text.split(";"))):
+        name, equals, columns = part.partition("=")
+        cells = tuple(cell.strip() for cell in columns.split(","))
+        if not equals or not name.strip() or not all(cells) or name.strip() in found:
+            raise FormatError(f"--columns {part!r}: expected marker=column,column,column, each marker once")
+        found[name.strip()] = cells
+    return found
+
+
+def _read(path: Path, hints: Hints) -> Recording:
+    """Three columns a marker are positions, two are pixels of one camera.
+
+    Raises:
+        FormatError: no map is stated and titles give none; a column is not there; the table is broken.
+    """
+    titled = not is_number_row(tuple(c if c not in ("", "NaN", "nan") else "0" for c in head(path).cells()))
+    header, values = read_table(path, header=titled)
+    header = header or [str(c + 1) for c in range(values.shape[1])]
+    columns = dict(hints.columns) or _by_titles(header)
+    if not columns:
+        shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
+        raise FormatError(
+            f"{path.name}: a plain table of {len(header)} columns ({shown}), of no known format (DLTdv, Argus, "
+            "XMALab, Anipose, DeepLabCut, Vicon, TRC, ours): state which columns hold what: "
+            '--columns "tip=x1,y1,z1;root=x2,y2,z2;time=t" (titles, or numbers from 1)'
+        )
+    return _mapped(path, header, values, columns)
+
+
+def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
+    """The map that the titles suggest; empty where one fits no marker, frame or time."""
+    found: dict[str, dict[str, str]] = {}
+    special: dict[str, tuple[str, ...]] = {}
+    for title in header:
+        match = _TITLE.fullmatch(title)
+        if title.lower() in _TIMES:
+            special["time"] = (title,)
+        elif title.lower() in _FRAMES:
+            special["frame"] = (title,)
+        elif match is None or match["axis"].lower() in found.setdefault(match["name"] or "point", {}):
+            return {}
+        else:
+            found[match["name"] or "point"][match["axis"].lower()] = title
+    sets = {"".join(sorted(axes)) for axes in found.values()}
+    if sets not in ({"xyz"}, {"xy"}) or header.count("") > 1:
+        return {}
+    return special | {name: tuple(axes[axis] for axis in sorted(axes)) for name, axes in found.items()}
+
+
+def _mapped(path: Path, header: list[str], values: Array, columns: Mapping[str, tuple[str, ...]]) -> Recording:
+    def column(title: str) -> Array:
+        if title in header:
+            return values[:, header.index(title)]
+        if title.isdigit() and 1 <= int(title) <= len(header):
+            return values[:, int(title) - 1]
+        raise FormatError(f"{path.name}: no column {title!r}; there are {', '.join(header[:20])}")
+
+    markers = {name: cells for name, cells in columns.items() if name not in ("time", "frame")}
+    sizes = {len(cells) for cells in markers.values()}
+    if len(sizes) != 1 or not sizes <= {2, 3}:
+        raise FormatError(f"{path.name}: markers have {sorted(sizes)} columns; expected 3 each (x, y, z) or 2 (pixels)")
+    table = np.stack([np.stack([column(c) for c in cells], axis=-1) for cells in markers.values()], axis=1)
+    frames, times = None, None
+    if "frame" in columns:
+        frames = frame_numbers(path, column(columns["frame"][0]), first_line=2)
+    fps, findings = None, ["read as a plain table: " + ", ".join(f"{n} = {' '.join(c)}" for n, c in columns.items())]
+    if "time" in columns:
+        times = column(columns["time"][0])
+        if not np.isfinite(times).all():
+            raise FormatError(f"{path.name}: the column {columns['time'][0]!r} lacks a time")
+        fps, told = rate_of_times(path, times)
+        findings += told
+    else:
+        findings.append("the file does not hold the frame rate")
+    first = 1 if frames is None else int(frames[0])
+    if sizes == {2}:
+        uv = np.where(np.isnan(table).any(axis=-1, keepdims=True), np.nan, table)[None]
+        return pixel_recording(
+            path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=fps,
+            findings=tuple(findings),
+        )  # fmt: skip
+    return point_recording(
+        path, "csv", names=list(markers), xyz=table, unit=None, frames=frames, first=first, fps=fps, t_s=times,
+        findings=(*findings, "the unit of lengths is not in the file"),
+    )  # fmt: skip
+
+
+def _is_table(head: Head) -> bool:
+    """Text whose first two lines have as many commas, at least one, and a number in the second."""
+    first, second = [*head.lines, "", ""][:2]
+    return 0 < first.count(",") == second.count(",") and re.search(r"(^|,)\s*[-+.]?\d", second) is not None
+
+
+FORMATS = (Format(name="csv", title="a plain CSV table, with --columns", knows=_is_table, read=_read),)

@@ -1,0 +1,113 @@
+"""What no recording holds: values that are refused or told whatever format they come from."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.recording import Recording
+
+_FARTHEST_M = 1e8
+"""The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
+_FARTHEST = 1e11
+"""The same where the unit may be as small as a millimetre."""
+_FARTHEST_PX = 1e7
+_RATES_HZ = (1e-4, 1e7)
+_MOST_SCORE = 2.0
+"""Scores are between 0 and 1; some networks exceed 1 a little."""
+
+
+def plausible(recording: Recording) -> Recording:
+    """The recording, with findings on what is unusual in its numbers.
+
+    Raises:
+        FormatError: a position, pixel, rate, covariance or other number is none that can have been measured.
+    """
+    name, findings = recording.paths[0].name, []
+    if recording.fps is not None and not _RATES_HZ[0] <= recording.fps <= _RATES_HZ[1]:
+        raise FormatError(
+            f"{name}: the frame rate is {recording.fps:g}; expected {_RATES_HZ[0]:g} to {_RATES_HZ[1]:g} frames a "
+            "second: correct it and export again"
+        )
+    if recording.points is not None:
+        most = _FARTHEST if recording.unit is None else _FARTHEST_M
+        _check_size(recording, "", recording.points.xyz_m, most, "a unit" if recording.unit is None else "m")
+        _check_covariances(recording, recording.points.cov_m2)
+    if recording.pixels is not None:
+        for camera, uv in zip(recording.pixels.cameras, recording.pixels.uv_px, strict=True):
+            _check_size(recording, f" of {camera}", uv, _FARTHEST_PX, "px")
+    for title, table in recording.tables.items():
+        with np.errstate(invalid="ignore"):
+            if (np.abs(table) > _FARTHEST).any():
+                raise FormatError(
+                    f"{name}: the table {title} holds {np.nanmax(np.abs(table)):g}: correct it and export again"
+                )
+        if title != "offset_frames" and title != "transforms" and (table < 0).any():
+            findings.append(f"{(table < 0).sum()} numbers of the table {title} are below 0")
+    for camera in recording.cameras:
+        if not np.isfinite(camera.matrix).all():
+            raise FormatError(f"{name}: camera {camera.name!r} has numbers that are not finite: calibrate again")
+    score = recording.score
+    if score is not None and ((score < 0) | (score > _MOST_SCORE)).any():
+        findings.append(f"scores are {np.nanmin(score):g} to {np.nanmax(score):g}; expected 0 to 1")
+    return replace(recording, findings=(*recording.findings, *findings, *_frame_findings(recording)))
+
+
+def _check_size(recording: Recording, which: str, values: Array, most: float, unit: str) -> None:
+    """(T, M, ...) values are not larger than that.
+
+    Raises:
+        FormatError: one is; the message names marker and frame.
+    """
+    if not values.size or not max(-np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)) > most:
+        return
+    row, marker, axis = np.argwhere(np.abs(values) > most)[0]
+    raise FormatError(
+        f"{recording.paths[0].name}: marker {recording.names[marker]!r}{which} is at {values[row, marker, axis]:g} "
+        f"{unit} in frame {recording.frames[row]} (row {row + 1} of the tracks); expected less than {most:g}: correct "
+        "it and export again"
+    )
+
+
+def _check_covariances(recording: Recording, cov: Array) -> None:
+    """(T, M, 3, 3) covariances, where they are known, are symmetric and have no negative variance in any direction.
+
+    Their determinants of order 1, 2 and 3 are not below 0 (Sylvester), to the rounding of the numbers.
+
+    Raises:
+        FormatError: one is not; the message names marker and frame.
+    """
+    known = ~np.isnan(cov[..., 0, 0])
+    if not known.any():
+        return
+    given = cov[known]
+    scale = np.abs(given).max(axis=(1, 2))
+    least = -1e-9
+    with np.errstate(all="ignore"):
+        unit = given / np.where(scale > 0, scale, 1.0)[:, None, None]
+        symmetric = np.abs(unit - np.swapaxes(unit, 1, 2)).max(axis=(1, 2)) <= -least
+        minors = [unit[:, i, i] * unit[:, j, j] - unit[:, i, j] ** 2 for i, j in ((0, 1), (0, 2), (1, 2))]
+        proper = (np.stack([*np.diagonal(unit, axis1=1, axis2=2).T, *minors, np.linalg.det(unit)]) >= least).all(axis=0)
+    wrong = ~(symmetric & proper & np.isfinite(scale) & (scale < _FARTHEST_M**2))
+    if wrong.any():
+        row, marker = np.argwhere(known)[np.argmax(wrong)]
+        raise FormatError(
+            f"{recording.paths[0].name}: the covariance of marker {recording.names[marker]!r} in frame "
+            f"{recording.frames[row]} is none (not positive definite): {np.array2string(cov[row, marker])}"
+            .replace("\n", " ") + ": export it again"
+        )  # fmt: skip
+
+
+def _frame_findings(recording: Recording) -> list[str]:
+    frames = recording.frames
+    steps = np.diff(frames)
+    found = []
+    if len(frames) and frames[0] < 0:
+        found.append(f"frames are counted from {frames[0]}: before a trigger, or the number is damaged")
+    if (steps != 1).any():
+        at = int(np.argmax(steps))
+        found.append(
+            f"frame numbers jump {(steps != 1).sum()} times, the farthest from {frames[at]} to {frames[at + 1]}"
+        )
+    return found

@@ -1,0 +1,188 @@
+"""Camera profile text (Argus, easyWand): a line a camera, ``cam f W H cx cy AR k1 k2 p1 p2 k3``.
+
+Argus's bundle adjustment writes another, ``f cx cy AR skew k1 k2 t1 t2 k3 q0 q1 q2 q3 tx ty tz``, which places the
+cameras too.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mocap.cameras.camera import Camera, pinhole_camera
+from mocap.cameras.lens import BrownLens
+from mocap.errors import CalibrationError, FormatError
+from mocap.io import lines
+from mocap.io.dltdv_files import calibration_recording, is_number_row
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head
+from mocap.io.recording import Recording
+
+_OTHERS = {13: "an omnidirectional (CMei) camera", 17: "an Argus bundle-adjustment profile", 19: "a Scaramuzza camera"}
+
+
+def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
+    """Read lenses and image sizes (width, height) of all cameras, in the order of their numbers.
+
+    The pixel aspect ratio AR scales the vertical focal length: fy = f AR.
+
+    Raises:
+        FormatError: a line has not 12 numbers, belongs to a camera model that is not supported, or repeats a camera.
+    """
+    lenses: dict[float, tuple[BrownLens, tuple[int, int]]] = {}
+    for number, line in _lines(path):
+        if len(line) != 12:
+            other = f" ({_OTHERS[len(line)]}: not supported as a lens)" if len(line) in _OTHERS else ""
+            raise FormatError(
+                f"{path.name}: line {number} has {len(line)} columns{other}; "
+                "expected 12: cam f W H cx cy AR k1 k2 p1 p2 k3"
+            )
+        camera, f, width, height, cx, cy, aspect, k1, k2, p1, p2, k3 = _numbers(path, number, line)
+        if not (f > 0 and aspect > 0 and width >= 1 and height >= 1):
+            raise FormatError(
+                f"{path.name}: line {number} describes no camera: focal length, aspect ratio and image size must be "
+                f"positive, all numbers finite: {' '.join(line)}"
+            )
+        if camera in lenses:
+            raise FormatError(
+                f"{path.name}: line {number} describes camera {line[0]} again: number the cameras 1, 2, ..."
+            )
+        lens = BrownLens(f_px=(f, f * aspect), centre_px=(cx, cy), k=(k1, k2, k3), p=(p1, p2))
+        lenses[camera] = (lens, (int(width), int(height)))
+    return tuple(lenses[camera] for camera in sorted(lenses))
+
+
+def _lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Number and cells of each line that is not empty.
+
+    Raises:
+        FormatError: the file cannot be read, or has none.
+    """
+    try:
+        texts = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise FormatError(f"{path.name}: not a text file; expected a camera profile") from None
+    found = [(number, text.split()) for number, text in enumerate(texts, start=1) if text.strip()]
+    if not found:
+        raise FormatError(f"{path.name}: the file is empty; expected a camera profile, a line a camera")
+    return found
+
+
+def _numbers(path: Path, number: int, line: list[str]) -> list[float]:
+    values = [lines.number(cell) for cell in line]
+    odd = [cell for cell, value in zip(line, values, strict=True) if not abs(value) <= lines.LARGEST]
+    if odd:
+        raise FormatError(f"{path.name}: line {number} holds something that is not a number: {' '.join(line)}")
+    return values
+
+
+def read_sba_profile(path: Path) -> tuple[Camera, ...]:
+    """Read the cameras of an Argus bundle adjustment, in the unit of its wand.
+
+    The quaternion (scalar first) and the translation take world to camera coordinates, as in the sba library (Lourakis
+    & Argyros 2009).
+
+    Raises:
+        FormatError: a line has not 17 finite numbers that describe a camera, or has skew, which lenses here have not.
+    """
+    cameras = []
+    for number, line in _lines(path):
+        if len(line) != 17:
+            raise FormatError(
+                f"{path.name}: line {number} has {len(line)} columns; expected 17: f cx cy AR skew k1 k2 t1 t2 k3 q0 "
+                "q1 q2 q3 tx ty tz"
+            )
+        f, cx, cy, aspect, skew, k1, k2, p1, p2, k3, q0, q1, q2, q3, *shift = _numbers(path, number, line)
+        length = np.linalg.norm([q0, q1, q2, q3])
+        if not (f > 0 and aspect > 0 and length > 0.1 and skew == 0):
+            raise FormatError(
+                f"{path.name}: line {number} describes no camera: focal length and aspect ratio must be positive, the "
+                "quaternion of length 1, the skew 0, all numbers finite"
+            )
+        lens = BrownLens(f_px=(f, f * aspect), centre_px=(cx, cy), k=(k1, k2, k3), p=(p1, p2))
+        cameras.append(
+            pinhole_camera(
+                f"cam{len(cameras) + 1}",
+                intrinsic=lens.intrinsic,
+                rotation=Rotation.from_quat([q1, q2, q3, q0]).as_matrix(),
+                translation_m=np.array(shift),
+                lens=None if lens.is_identity else lens,
+            )
+        )
+    return tuple(cameras)
+
+
+def with_profile(cameras: Sequence[Camera], path: Path) -> tuple[Camera, ...]:
+    """The cameras with the lenses and sizes of a profile.
+
+    Raises:
+        CalibrationError: the profile describes another number of cameras.
+    """
+    lenses = read_profile(path)
+    if len(lenses) != len(cameras):
+        raise CalibrationError(
+            f"{path.name}: describes {len(lenses)} cameras, but the coefficients are for {len(cameras)}: "
+            "give the profile of the same calibration"
+        )
+    pairs = zip(cameras, lenses, strict=True)
+    return tuple(replace(c, lens=None if lens.is_identity else lens, size_px=size) for c, (lens, size) in pairs)
+
+
+def write_profile(path: Path, cameras: Sequence[Camera]) -> None:
+    """Write the lenses of cameras.
+
+    Raises:
+        FormatError: a camera has no lens or size, which this format must hold.
+    """
+    lines = []
+    for number, camera in enumerate(cameras, start=1):
+        if camera.lens is None or camera.size_px is None:
+            raise FormatError(f"{path.name}: camera {camera.name!r} has no lens or image size, which a profile needs")
+        if not isinstance(camera.lens, BrownLens):
+            raise FormatError(
+                f"{path.name}: camera {camera.name!r} has a {camera.lens.model} lens, but a profile holds Brown's "
+                "(k1 k2 p1 p2 k3) only: write calibration.toml, or calibrate with --lens brown"
+            )
+        (fx, fy), (cx, cy) = camera.lens.f_px, camera.lens.centre_px
+        numbers = (fx, *camera.size_px, cx, cy, fy / fx, *camera.lens.k[:2], *camera.lens.p, camera.lens.k[2])
+        lines.append(f"{number} " + " ".join(f"{x:.12g}" for x in numbers) + "\n")
+    path.write_text("".join(lines), encoding="utf-8", newline="")
+
+
+def _knows(columns: Sequence[int]) -> Callable[[Head], bool]:
+    """Whether the first line has so many numbers between spaces."""
+    return lambda head: len(head.first.split()) in columns and is_number_row(tuple(head.first.split()))
+
+
+def _profile(path: Path, _hints: Hints) -> Recording:
+    lenses = read_profile(path)
+    odd = [c + 1 for c, (lens, (_, height)) in enumerate(lenses) if not 0.25 < lens.centre_px[1] / height < 0.75]
+    return Recording(
+        format="camera-profile",
+        paths=(path,),
+        camera_names=tuple(f"cam{c + 1}" for c in range(len(lenses))),
+        lenses=lenses,
+        findings=(f"principal point far from half the image height in cameras {odd}: check H and cy",) if odd else (),
+    )
+
+
+FORMATS = (
+    Format(
+        name="camera-profile",
+        title="camera profile of Argus and easyWand (12 columns a camera)",
+        knows=_knows((12, 13, 19)),
+        read=_profile,
+    ),
+    Format(
+        name="argus-sba-profile",
+        title="bundle-adjusted cameras of Argus (sba-profile, 17 columns a camera)",
+        knows=_knows((17,)),
+        read=lambda path, _: calibration_recording(
+            path, "argus-sba-profile", read_sba_profile(path), findings=("the unit of lengths is not in the file",)
+        ),
+    ),
+)

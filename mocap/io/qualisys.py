@@ -1,0 +1,177 @@
+"""Qualisys Track Manager: its text export (.tsv) and its MATLAB export (.mat). Both hold millimetres."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.format import Format
+from mocap.io.head import Head
+from mocap.io.lines import frame_numbers, numbers, points, read_lines
+from mocap.io.matlab import variables
+from mocap.io.optical import rate
+from mocap.io.recording import Recording, point_recording
+from mocap.records import Origin
+
+_ORIGIN = np.array([Origin.MISSING, Origin.MEASURED, Origin.INTERPOLATED, Origin.INTERPOLATED, Origin.INTERPOLATED])
+"""By QTM's type of a sample: missing, measured, gap-filled, virtual, edited."""
+
+
+def read_tsv(path: Path) -> Recording:
+    """Read a 3D text export: head lines from ``NO_OF_FRAMES`` to ``MARKER_NAMES``, column titles, a row a frame.
+
+    Titles, and the columns Frame and Time, may be left out: then the first row is frame 1. QTM's frame n is at
+    (n - 1) / FREQUENCY seconds; the first frame need not be 1. The file does not tell filled samples from measured
+    ones: all that have a position are called measured.
+
+    Raises:
+        FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
+    """
+    lines = read_lines(path)
+    head: dict[str, list[str]] = {}
+    for line in lines:
+        key, *values = line.rstrip("\t").split("\t")
+        if key == "Frame" or not key[:1].isalpha():
+            break
+        head[key.strip()] = values
+    for key in ("NO_OF_FRAMES", "NO_OF_MARKERS", "FREQUENCY", "MARKER_NAMES"):
+        if not head.get(key):
+            raise FormatError(f"{path.name}: no line {key}; expected a 3D text export of Qualisys Track Manager (.tsv)")
+    start = len(head)
+    titles = lines[start].removesuffix("\t").split("\t") if start < len(lines) else []
+    start += titles[:1] == ["Frame"]
+    names, fps = head["MARKER_NAMES"], rate(path, head["FREQUENCY"][0])
+    timed = len(titles) == 2 + 3 * len(names)
+    if head["NO_OF_MARKERS"][0].strip() != str(len(names)) or not (timed or len(titles) == 3 * len(names)):
+        raise FormatError(
+            f"{path.name}: NO_OF_MARKERS is {head['NO_OF_MARKERS'][0]}, with {len(names)} names and {len(titles)} "
+            "columns (expected three a marker, after Frame and Time or without them): export it again"
+        )
+    rows = lines[start:]
+    while rows and not rows[-1].strip():
+        rows.pop()
+    if str(len(rows)) != head["NO_OF_FRAMES"][0].strip():
+        raise FormatError(
+            f"{path.name}: {len(rows)} rows, but NO_OF_FRAMES says {head['NO_OF_FRAMES'][0]}: "
+            "the file seems to be cut; export it again"
+        )
+    values = numbers(path, rows, separator="\t", columns=len(titles), first_line=start + 1)
+    if not timed:
+        count = 1.0 + np.arange(len(values))
+        values = np.column_stack([count, (count - 1) / fps, values])
+    t_s = (values[:, 0] - 1) / fps
+    off = np.flatnonzero(~(np.abs(t_s - values[:, 1]) < 0.5 / fps))
+    if len(off):
+        raise FormatError(
+            f"{path.name}: line {off[0] + start + 1}: frame {values[off[0], 0]:g} at {fps:g} Hz is not at "
+            f"{values[off[0], 1]:g} s: was the file cut or resampled? export it again"
+        )
+    return point_recording(
+        path,
+        "qualisys-tsv",
+        names=names,
+        xyz=points(values[:, 2:], unit_m=1.0),
+        unit="mm",
+        frames=frame_numbers(path, values[:, 0], first_line=start + 1),
+        fps=fps,
+        t_s=t_s,
+        findings=("filled samples are not told from measured ones in this format",),
+    )
+
+
+def read_mat(path: Path) -> Recording:
+    """Read the labelled trajectories of a MATLAB export.
+
+    A sample's type is missing, measured, or filled (also edited or virtual): Origin missing, measured, interpolated.
+    Exports without types tell filled samples by a residual of exactly 0.
+
+    Raises:
+        FormatError: the file is not such an export, or its parts contradict each other.
+    """
+    measurement = _measurement(path)
+    try:
+        labelled = measurement["Trajectories"]["Labeled"]
+        frames, start = int(measurement["Frames"]), int(measurement.get("StartFrame", 1))
+        names = [str(name) for name in np.atleast_1d(labelled["Labels"])]
+        data = np.asarray(labelled["Data"], dtype=np.float64)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise FormatError(
+            f"{path.name}: no labelled trajectories ({error}): label them in Qualisys Track Manager and export again"
+        ) from None
+    if data.size != len(names) * 4 * frames:
+        raise FormatError(
+            f"{path.name}: Labeled.Data has shape {data.shape}; expected {len(names)} markers x 4 (x, y, z, residual) "
+            f"x {frames} frames: export it again"
+        )
+    data = data.reshape(len(names), 4, frames)
+    xyz = np.transpose(data[:, :3], (2, 0, 1)).copy()
+    xyz[~np.isfinite(xyz).all(axis=-1)] = np.nan
+    kind = _kinds(path, labelled, data)
+    origin = np.where(np.isnan(xyz[..., 0]), Origin.MISSING, _ORIGIN[kind])
+    xyz[origin == Origin.MISSING] = np.nan
+    unnamed = _count(measurement["Trajectories"].get("Unidentified"))
+    return point_recording(
+        path,
+        "qualisys-mat",
+        names=names,
+        xyz=xyz,
+        unit="mm",
+        frames=start + np.arange(frames),
+        fps=rate(path, measurement.get("FrameRate")),
+        origin=origin,
+        findings=(f"{unnamed} trajectories without a label are left out",) if unnamed else (),
+    )
+
+
+def _count(group: Any) -> int:
+    return int(np.max(group.get("Count", 0), initial=0)) if isinstance(group, dict) else 0
+
+
+def _measurement(path: Path) -> dict[str, Any]:
+    """The one struct of the file that holds trajectories."""
+    table = variables(path)
+    found = [value for value in table.values() if isinstance(value, dict) and "Trajectories" in value]
+    if len(found) != 1:
+        raise FormatError(
+            f"{path.name}: {len(found)} variables hold Trajectories; expected one, as Qualisys Track Manager exports"
+        )
+    return found[0]
+
+
+def _kinds(path: Path, labelled: dict[str, Any], data: Array) -> np.ndarray:
+    """(T, M) QTM's type of each sample."""
+    if "Type" not in labelled:
+        kind = np.where(np.isnan(data[:, 3]), 0, np.where(data[:, 3] == 0, 2, 1))
+    else:
+        kind = np.asarray(labelled["Type"])
+        if kind.size != data[:, 0].size:
+            raise FormatError(f"{path.name}: Labeled.Type has shape {kind.shape}, unlike Data: export it again")
+        kind = kind.reshape(data[:, 0].shape).astype(int)
+    if kind.min() < 0 or kind.max() >= len(_ORIGIN):
+        raise FormatError(f"{path.name}: samples of type {kind.max()}; expected 0 to {len(_ORIGIN) - 1}")
+    return kind.T
+
+
+def _has_trajectories(head: Head) -> bool:
+    """Whether a MATLAB file has one struct, with trajectories in it; whatever its variable is called."""
+    if not head.mat or head.mat & {"easyWandData", "camud"}:
+        return False
+    return any(isinstance(value, dict) and "Trajectories" in value for value in variables(head.path).values())
+
+
+FORMATS = (
+    Format(
+        name="qualisys-tsv",
+        title="3D text export of Qualisys Track Manager (TSV)",
+        knows=lambda head: head.first.startswith("NO_OF_FRAMES\t"),
+        read=lambda path, _: read_tsv(path),
+    ),
+    Format(
+        name="qualisys-mat",
+        title="MATLAB export of Qualisys Track Manager",
+        knows=_has_trajectories,
+        read=lambda path, _: read_mat(path),
+    ),
+)

@@ -1,0 +1,226 @@
+"""What a file of any format holds, in one record."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array, frozen
+from mocap.cameras.camera import Camera
+from mocap.cameras.lens import Lens
+from mocap.cameras.origin import Origin as PixelCorner
+from mocap.errors import FormatError
+from mocap.io.optical import marker_tracks, metres, rate
+from mocap.records import MarkerTracks, Origin, PixelTracks
+
+FILLED = (Origin.INTERPOLATED, Origin.PREDICTED, Origin.SMOOTHED, Origin.REJECTED)
+"""Origins of samples whose value was not measured."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recording:
+    """What a file holds, or several that belong together.
+
+    Attributes:
+        format: Name of the format in the registry.
+        paths: The files.
+        names: The M markers (or rigid bodies).
+        frames: (T,) frame numbers as the file counts them.
+        fps: Frames a second; None: the file does not say, and times of tracks are in frames.
+        unit: Unit of lengths that the file states; None: it does not, and lengths of tracks are in that unit.
+        pixels: Pixel tracks as the file has them; None: it holds none.
+        points: Positions, in metres where the unit is known; None: it holds none.
+        camera_names: The C cameras of the pixels, or of a calibration alone.
+        cameras: The C cameras' calibration in the same unit; empty where the file holds none.
+        lenses: (lens, image width and height) of each camera, where the file holds lenses without projections.
+        pixel_origin: Corner that pixel rows are counted from, where the format fixes it.
+        animals: (individual, keypoint) of each marker, where the file holds several individuals or names one.
+        score: (C, T, M) confidence of pixels or (T, M) of points, between 0 and 1; None: there is none.
+        tables: Other arrays: ``residual_px`` (T, M) and ``residual_m`` (T, M) of points, ``interval`` (T, M, 3) half
+            widths in the unit of the points, ``offset_frames`` (T, C), ``transforms`` (T, M, 4, 4) world from body.
+        findings: Sentences on what is unusual, or not in the file.
+    """
+
+    format: str
+    paths: tuple[Path, ...]
+    names: tuple[str, ...] = ()
+    frames: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    fps: float | None = None
+    unit: str | None = None
+    pixels: PixelTracks | None = None
+    points: MarkerTracks | None = None
+    camera_names: tuple[str, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    lenses: tuple[tuple[Lens, tuple[int, int] | None], ...] = ()
+    pixel_origin: PixelCorner | None = None
+    animals: tuple[tuple[str, str], ...] = ()
+    score: Array | None = None
+    tables: Mapping[str, Array] = field(default_factory=dict)
+    findings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze and check that the parts have one size."""
+        object.__setattr__(self, "frames", frozen("frames", self.frames, (None,), dtype=np.int64))
+        for tracks in (self.pixels, self.points):
+            if tracks is not None and (tracks.names != self.names or len(tracks.t_s) != len(self.frames)):
+                raise ValueError("tracks and recording disagree on names or frames")
+        if self.cameras and len(self.cameras) != len(self.camera_names):
+            raise ValueError("cameras and their names disagree")
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(C, T, M) of pixels, else (T, M) of points or bodies: True where there is a value."""
+        if self.pixels is not None:
+            return self.pixels.seen
+        if self.points is not None:
+            return self.points.seen
+        tables = [table for name, table in self.tables.items() if name != "offset_frames"]
+        shape = (len(self.frames), len(self.names))
+        if not tables:
+            return np.zeros(shape, dtype=bool)
+        return ~np.isnan(tables[0].reshape(*shape, -1)).any(axis=-1)  # type: ignore[return-value]
+
+    def with_rate(self, fps: float) -> "Recording":
+        """Times in seconds, where the file does not hold the rate; a rate that it holds is replaced.
+
+        Raises:
+            FormatError: the rate is no positive number.
+        """
+        factor = (self.fps or 1.0) / rate(self.paths[0], fps)
+        pixels = None if self.pixels is None else replace(self.pixels, t_s=self.pixels.t_s * factor)
+        points = None if self.points is None else replace(self.points, t_s=self.points.t_s * factor)
+        return replace(self, fps=float(fps), pixels=pixels, points=points)
+
+    def with_unit(self, unit: str) -> "Recording":
+        """Lengths of the points and the cameras in metres, where the file does not state their unit.
+
+        Raises:
+            FormatError: the unit is not known, or the file states another.
+        """
+        if self.unit is not None:
+            if metres(self.paths[0], unit) != metres(self.paths[0], self.unit):
+                raise FormatError(
+                    f"{self.paths[0].name}: states that lengths are in {self.unit}, not in {unit}: leave the unit out"
+                )
+            return self
+        scale = metres(self.paths[0], unit)
+        points, tables = self.points, dict(self.tables)
+        if points is not None:
+            points = replace(points, xyz_m=points.xyz_m * scale, cov_m2=points.cov_m2 * scale**2)
+        tables |= {name: tables[name] * scale for name in ("interval", "residual_m") if name in tables}
+        world = np.diag([1 / scale, 1 / scale, 1 / scale, 1.0])
+        cameras = tuple(replace(camera, matrix=camera.matrix @ world) for camera in self.cameras)
+        return replace(self, unit=unit, points=points, tables=tables, cameras=cameras)
+
+
+def pixel_recording(
+    path: Path,
+    format: str,
+    *,
+    names: Sequence[str],
+    cameras: Sequence[str],
+    uv_px: Array,
+    frames: NDArray[np.int64] | None = None,
+    first: int = 1,
+    fps: float | None = None,
+    calibration: tuple[Camera, ...] = (),
+    **parts: object,
+) -> Recording:
+    """A recording of pixel tracks.
+
+    Args:
+        path: The file.
+        format: Its format.
+        names: The M markers.
+        cameras: The C cameras.
+        uv_px: (C, T, M, 2) pixels.
+        frames: (T,) frame numbers; None: from ``first`` on.
+        first: Number of the frame at time 0.
+        fps: Frames a second.
+        calibration: Of the cameras, if the file holds it.
+        **parts: Other fields of the recording.
+
+    Raises:
+        FormatError: a name appears twice, or frame numbers do not increase.
+    """
+    frames = first + np.arange(uv_px.shape[1]) if frames is None else frames
+    try:
+        pixels = PixelTracks(
+            names=tuple(names), cameras=tuple(cameras), t_s=(frames - first) / (fps or 1.0), uv_px=uv_px
+        )
+    except ValueError as error:
+        raise FormatError(f"{path.name}: {error}; correct it and export again") from None
+    return Recording(
+        format=format,
+        paths=(path,),
+        names=pixels.names,
+        frames=frames,
+        fps=fps,
+        pixels=pixels,
+        camera_names=pixels.cameras,
+        cameras=calibration,
+        **parts,  # type: ignore[arg-type]
+    )
+
+
+def point_recording(
+    path: Path,
+    format: str,
+    *,
+    names: Sequence[str],
+    xyz: Array,
+    unit: str | None,
+    frames: NDArray[np.int64] | None = None,
+    first: int = 1,
+    fps: float | None = None,
+    t_s: Array | None = None,
+    origin: NDArray | None = None,
+    **parts: object,
+) -> Recording:
+    """A recording of positions.
+
+    Args:
+        path: The file.
+        format: Its format.
+        names: The M markers.
+        xyz: (T, M, 3) positions in ``unit``; NaN where there is none.
+        unit: As the file states it; None: it does not.
+        frames: (T,) frame numbers; None: from ``first`` on.
+        first: Number of the frame at time 0.
+        fps: Frames a second.
+        t_s: (T,) times; None: from the frame numbers.
+        origin: (T, M) Origin codes; None: measured where there is a position.
+        **parts: Other fields of the recording.
+
+    Raises:
+        FormatError: a name appears twice, frame numbers do not increase, or the unit is not known.
+    """
+    frames = first + np.arange(len(xyz)) if frames is None else frames
+    xyz = xyz * metres(path, unit) if unit is not None else np.array(xyz, dtype=np.float64)
+    xyz[np.isnan(xyz).any(axis=-1)] = np.nan
+    times = (frames - first) / (fps or 1.0) if t_s is None else t_s
+    points = marker_tracks(path, names, times, xyz, origin)
+    return Recording(
+        format=format,
+        paths=(path,),
+        names=points.names,
+        frames=frames,
+        fps=fps,
+        unit=unit,
+        points=points,
+        **parts,  # type: ignore[arg-type]
+    )
+
+
+def points_of(path: Path, recording: Recording) -> MarkerTracks:
+    """The positions of a recording that is to be written.
+
+    Raises:
+        FormatError: it holds none.
+    """
+    if recording.points is None:
+        held = "pixels: triangulate them first (mocap triangulate)" if recording.pixels is not None else "no positions"
+        raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} holds {held}")
+    return recording.points

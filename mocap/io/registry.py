@@ -1,0 +1,224 @@
+"""All formats: which one a file is, reading it, writing it, and what a format cannot hold."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mocap.errors import FormatError
+from mocap.io import (
+    anipose,
+    argus,
+    c3d_files,
+    deeplabcut,
+    dltdv_files,
+    dltdv_set,
+    dltdv_sparse,
+    easywand,
+    movement,
+    plain,
+    profile,
+    qualisys,
+    sleap,
+    tables_long,
+    tables_wide,
+    trc,
+    vicon,
+    xmalab,
+)
+from mocap.io.format import Format, Hints
+from mocap.io.head import head
+from mocap.io.plausible import plausible
+from mocap.io.recording import FILLED, Recording
+from mocap.records import Origin
+
+FORMATS: tuple[Format, ...] = (
+    *dltdv_files.FORMATS,
+    *dltdv_sparse.FORMATS,
+    *easywand.FORMATS,
+    *profile.FORMATS,
+    *deeplabcut.FORMATS,
+    *sleap.FORMATS,
+    *movement.FORMATS,
+    *anipose.FORMATS,
+    *qualisys.FORMATS,
+    *vicon.FORMATS,
+    *trc.FORMATS,
+    *c3d_files.FORMATS,
+    *tables_long.FORMATS,
+    *tables_wide.FORMATS,
+    *xmalab.FORMATS,
+    *argus.FORMATS,
+    *dltdv_set.FORMATS,
+    *plain.FORMATS,
+)
+"""In the order in which they are asked: where two know a file, the first is right."""
+NANOMETRE = 1e-9
+
+
+def by_name(name: str) -> Format:
+    """A format by its name.
+
+    Raises:
+        FormatError: there is none of that name.
+    """
+    found = next((format for format in FORMATS if format.name == name), None)
+    if found is None:
+        raise FormatError(f"no format {name!r}; there are {', '.join(sorted(format.name for format in FORMATS))}")
+    return found
+
+
+def identify(path: Path) -> Format:
+    """The format of a file, by its content.
+
+    Raises:
+        FormatError: it cannot be read, or begins like no format; the message says what was looked for.
+    """
+    beginning = head(path)
+    for format in FORMATS:
+        if format.knows(beginning):
+            return format
+    what = "an HDF5 file with " + ", ".join(sorted(beginning.hdf5)[:6]) if beginning.is_hdf5 else ""
+    what = what or (f"a MATLAB file with {', '.join(sorted(beginning.mat)[:6])}" if beginning.mat else "")
+    what = what or (f"text that begins {beginning.first[:60]!r}" if beginning.lines else "a binary file")
+    looked = "; ".join(format.title for format in FORMATS if format.name != "csv")
+    raise FormatError(f"{path.name}: {what}: of no known format. Looked for: {looked}")
+
+
+def read(path: Path, hints: Hints | None = None) -> Recording:
+    """Read a file of any format.
+
+    Raises:
+        FormatError: it is of none, or not what its format promises.
+    """
+    hints = hints or Hints()
+    return read_as(identify(path) if hints.format is None else by_name(hints.format), path, hints)
+
+
+def read_as(format: Format, path: Path, hints: Hints) -> Recording:
+    """Read a file of a known format; a text whose last line has no end is told to be so.
+
+    Raises:
+        FormatError: it is not what the format promises.
+    """
+    _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
+    recording = plausible(format.read(path, hints))
+    with path.open("rb") as stream:
+        text = b"\0" not in stream.read(1024)
+        stream.seek(-1, 2)
+        open_end = stream.read(1) not in b"\r\n"
+    if not (text and open_end):
+        return recording
+    doubt = "the last line has no end: if the file was cut there, its last number is wrong"
+    return replace(recording, findings=(*recording.findings, doubt))
+
+
+def writer(path: Path, name: str | None) -> Format:
+    """The format to write: the one named, else the one that the end of the file's name means.
+
+    Raises:
+        FormatError: there is none, or it is only read.
+    """
+    if name is not None:
+        format = by_name(name)
+    else:
+        ends = [(len(end), f) for f in FORMATS for end in f.suffixes if path.name.lower().endswith(end.lower())]
+        if not ends:
+            known = ", ".join(dict.fromkeys(end for f in FORMATS for end in f.suffixes))
+            raise FormatError(f"{path.name}: the end of the name means no format that is written ({known}): give --to")
+        format = max(ends, key=lambda pair: pair[0])[1]
+    if format.write is None:
+        names = ", ".join(f.name for f in FORMATS if f.write is not None)
+        raise FormatError(f"{path.name}: {format.title} is only read; written are {names}")
+    return format
+
+
+def parts(recording: Recording) -> dict[str, str]:
+    """What a recording holds, and how to call it."""
+    found = {}
+    if recording.pixels is not None:
+        found["pixels"] = f"pixels of {len(recording.camera_names)} cameras"
+        if recording.pixel_origin is not None:
+            found["pixel_origin"] = f"that pixel rows count from the {recording.pixel_origin}"
+    if recording.points is not None:
+        found["points"] = "positions"
+        if np.isfinite(recording.points.sd_m).any():
+            found["sd"] = "standard deviations"
+        filled = int(np.isin(recording.points.origin, FILLED).sum())
+        if filled:
+            found["origin"] = f"that {filled} samples are filled, not measured"
+    if recording.cameras:
+        found["cameras"] = f"the calibration of {len(recording.cameras)} cameras"
+    elif recording.lenses:
+        found["lenses"] = f"{len(recording.lenses)} lenses"
+    if recording.score is not None:
+        found["score"] = "scores (confidence) of samples"
+    if len({animal for animal, _ in recording.animals}) > 1:
+        found["animals"] = "which animal a marker belongs to (only in the marker's name)"
+    if recording.fps is not None:
+        found["fps"] = f"the frame rate, {recording.fps:g}"
+    if len(recording.frames) and recording.frames[0] > 1:
+        found["first_frame"] = f"that the first frame is {recording.frames[0]}"
+    jumps = int((np.diff(recording.frames) != 1).sum())
+    if jumps:
+        found["frame_numbers"] = f"that frame numbers jump, {jumps} times"
+    if recording.unit is not None and (recording.points is not None or recording.cameras):
+        found["unit"] = f"that lengths are in {recording.unit}"
+    for name, table in recording.tables.items():
+        if np.isfinite(table).any() and (name != "offset_frames" or table.any()):
+            found[name] = f"the table {name}"
+    return found
+
+
+def write(recording: Recording, path: Path, name: str | None = None, *, filled: bool = False) -> list[str]:
+    """Write a recording.
+
+    Filled samples go to formats that can say that they are filled; to others only where ``filled`` asks for them.
+
+    Args:
+        recording: What to write.
+        path: File to write; what is there is replaced.
+        name: Format; None: as the end of the file's name says.
+        filled: Whether filled samples are written as if measured where the format cannot tell.
+
+    Returns:
+        A sentence for each thing that the file does not hold, or holds otherwise.
+
+    Raises:
+        FormatError: the format cannot hold any of the tracks (or cameras), or needs what the recording does not have.
+    """
+    format = writer(path, name)
+    held = parts(recording)
+    if not format.holds & held.keys() & {"pixels", "points", "cameras", "lenses", "transforms"}:
+        there = ", ".join(held.values()) or "nothing"
+        raise FormatError(
+            f"{path.name}: {format.title} cannot hold what {recording.paths[0].name} holds ({there})"
+            + (": triangulate first: mocap triangulate" if "pixels" in held and "points" in format.holds else "")
+        )
+    for need in sorted(format.needs - held.keys()):
+        option = {"fps": "the frame rate: give --fps", "unit": "the unit of lengths: give --unit"}[need]
+        raise FormatError(f"{path.name}: {format.title} states {option}, as {recording.paths[0].name} does not")
+    kept = format.holds - {"pixels"} if {"points", "pixels"} <= held.keys() and not format.both else format.holds
+    losses = [f"not held: {text}" for part, text in held.items() if part not in kept]
+    points = recording.points
+    if points is not None and "points" in format.holds:
+        if "origin" in held and "origin" not in format.holds:
+            mask = np.isin(points.origin, FILLED) & points.seen
+            if filled:
+                losses.append(f"{mask.sum()} filled samples look like measured ones")
+            elif mask.any():
+                xyz = np.where(mask[..., None], np.nan, points.xyz_m)
+                points = replace(points, xyz_m=xyz, origin=np.where(mask, Origin.MISSING, points.origin))
+                losses.append(f"{mask.sum()} filled samples are left as gaps; --filled writes them")
+        zero = (points.xyz_m == 0).all(axis=-1)
+        if format.zero_is_missing and zero.any():
+            points = replace(points, xyz_m=np.where(zero[..., None], NANOMETRE, points.xyz_m))
+            losses.append(f"{zero.sum()} samples at exactly (0, 0, 0) are written a nanometre beside: 0 means missing")
+        recording = replace(recording, points=points)
+    return losses + ((format.write(path, recording) if format.write else None) or [])
+
+
+def written() -> Sequence[Format]:
+    """Formats that can be written."""
+    return [format for format in FORMATS if format.write is not None]

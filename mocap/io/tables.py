@@ -1,0 +1,137 @@
+"""What our own tables share: origins as words, and rows that are checked before they are believed."""
+
+import csv
+import warnings
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.lines import LARGEST, number
+from mocap.io.recording import Recording
+from mocap.records import Origin
+
+WORDS = np.array([origin.name.lower() for origin in Origin])
+REPAIRED = "repaired"
+"""What a run calls a measured sample that bore another marker's name in its file."""
+_CODES = {str(word): code for code, word in enumerate(WORDS)} | {REPAIRED: Origin.MEASURED}
+
+
+def codes(path: Path, words: Any) -> NDArray[np.int8]:
+    """Origin codes of their names.
+
+    Raises:
+        FormatError: a name is none of them, as where a row is cut.
+    """
+    found, index = np.unique(np.asarray(words, dtype=str), return_inverse=True)
+    unknown = [word for word in found if word not in _CODES]
+    if unknown:
+        raise FormatError(
+            f"{path.name}: origin {str(unknown[0])!r}; expected {', '.join(WORDS)}: the file is cut or edited"
+        )
+    return np.array([_CODES[word] for word in found], dtype=np.int8)[index]
+
+
+def titles(path: Path) -> list[str]:
+    """The header.
+
+    Raises:
+        FormatError: the file cannot be read, or a column appears twice.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            header = next(csv.reader(stream), [])
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise FormatError(f"{path.name}: not a text file; expected a CSV table") from None
+    if len(set(header)) != len(header):
+        raise FormatError(f"{path.name}: the column {max(header, key=header.count)} appears twice: rename one")
+    return header
+
+
+def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
+    """The rows of a CSV file.
+
+    Args:
+        path: The file.
+        kinds: Of each column ``str`` or ``float``.
+
+    Raises:
+        FormatError: it is cut or empty, or holds a cell that is no finite number.
+    """
+    if path.read_bytes()[-1:] not in (b"\n", b"\r"):
+        raise FormatError(f"{path.name}: the last line has no end, the file seems to be cut: export it again")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row longer than the header
+            table = pd.read_csv(
+                path,
+                dtype=kinds,  # type: ignore[arg-type]
+                na_values=["", "NaN"],
+                keep_default_na=False,
+                encoding="utf-8-sig",
+                index_col=False,
+            )
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # UnicodeDecodeError is a ValueError
+        trouble = _bad_cell(path, kinds) or " ".join(str(error).split())[:200]
+        raise FormatError(f"{path.name}: {trouble}; correct it or export it again") from None
+    if table.empty:
+        raise FormatError(f"{path.name}: holds no rows: export it again")
+    for title in table.select_dtypes("number"):
+        wrong = np.abs(table[title].to_numpy(dtype=np.float64)) > LARGEST
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise FormatError(
+                f"{path.name}: line {row + 2}, {title}: {table[title].iloc[row]:g} is no number that was measured; "
+                "correct it or write NaN"
+            )
+    return table
+
+
+def _bad_cell(path: Path, kinds: dict[str, type]) -> str | None:
+    """Where the first cell is that should be a number and is none; None where no such cell is found."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as stream, suppress(csv.Error):
+        rows = csv.reader(stream)
+        next(rows, [])
+        for row in rows:
+            for (title, kind), cell in zip(kinds.items(), row, strict=False):
+                if kind is float and cell.strip() not in ("", "NaN") and np.isnan(number(cell)):
+                    return f"line {rows.line_num}, {title}: {cell!r} is not a number"
+    return None
+
+
+def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
+    """A sample is missing if and only if it has no position (one that was rejected may have none).
+
+    Raises:
+        FormatError: it is not so, as where a number was cut out.
+    """
+    empty = np.isnan(xyz).any(axis=-1)
+    wrong = np.where(empty, ~np.isin(origin, (Origin.MISSING, Origin.REJECTED)), origin == Origin.MISSING)
+    if wrong.any():
+        raise FormatError(f"{path.name}: {wrong.sum()} positions contradict their origin: the file is cut or edited")
+
+
+def with_sd(recording: Recording, sd: Array) -> Recording:
+    """The recording with isotropic covariances of (T, M) standard deviations.
+
+    Raises:
+        FormatError: one is below 0.
+    """
+    if recording.points is None or not np.isfinite(sd).any():
+        return recording
+    if (sd < 0).any():
+        row, marker = np.argwhere(sd < 0)[0]
+        raise FormatError(
+            f"{recording.paths[0].name}: the standard deviation of marker {recording.names[marker]!r} in frame "
+            f"{recording.frames[row]} is {sd[row, marker]:g}: correct it or write NaN"
+        )
+    points = replace(recording.points, cov_m2=sd[..., None, None] ** 2 * np.eye(3))
+    return replace(recording, points=points)

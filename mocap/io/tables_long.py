@@ -1,0 +1,201 @@
+"""Our long tables, CSV and Parquet: a row a sample, sorted by frame, then marker, then camera.
+
+Points: ``frame, t_s, marker, x_m, y_m, z_m, sd_m, score, origin`` (``x, y, z, sd`` where the unit is not known).
+Pixels: ``frame, t_s, marker, camera, u_px, v_px, score, seen``. ``t_s``, ``sd`` and ``score`` only where there are any.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from mocap.errors import FormatError
+from mocap.io.bounds import check_bytes
+from mocap.io.cells import as_cell, from_cell
+from mocap.io.format import Format, Hints
+from mocap.io.lines import frame_numbers
+from mocap.io.optical import rate_of_times
+from mocap.io.recording import Recording, pixel_recording, point_recording, points_of
+from mocap.io.tables import WORDS, check_origins, codes, read_rows, titles, with_sd
+
+_META = b"eal-mocap"
+_NAMES = ("marker", "camera")
+_TEXT = (*_NAMES, "origin", "seen")
+_AXES = {("u_px", "v_px"): "px", ("x_m", "y_m", "z_m"): "m", ("x", "y", "z"): None}
+
+
+def _long(path: Path, recording: Recording) -> pd.DataFrame:
+    """The rows of a recording: its points, or its pixels where it has no points."""
+    pixels = recording.pixels if recording.points is None else None
+    tracks = pixels if pixels is not None else points_of(path, recording)
+    cameras = [""] if pixels is None else list(pixels.cameras)
+    size = len(tracks.names) * len(cameras)
+    table: dict[str, Any] = {"frame": np.repeat(recording.frames, size)}
+    table |= {"t_s": np.repeat(tracks.t_s, size)} if recording.fps else {}
+    markers = np.repeat(np.array(tracks.names, dtype=object), len(cameras))
+    table["marker"] = np.tile(markers, len(recording.frames))
+    if pixels is not None:
+        table["camera"] = np.tile(np.array(cameras, dtype=object), len(recording.frames) * len(tracks.names))
+        table |= {end: np.transpose(pixels.uv_px[..., k], (1, 2, 0)).ravel() for k, end in enumerate(("u_px", "v_px"))}
+        if recording.score is not None:
+            table["score"] = np.transpose(recording.score, (1, 2, 0)).ravel()
+        table["seen"] = np.where(np.isnan(table["u_px"]), "no", "yes")
+        return pd.DataFrame(table)
+    points, end = points_of(path, recording), "" if recording.unit is None else "_m"
+    table |= {f"{axis}{end}": points.xyz_m[..., k].ravel() for k, axis in enumerate("xyz")}
+    table |= {f"sd{end}": points.sd_m.ravel()} if np.isfinite(points.sd_m).any() else {}
+    table |= {"score": recording.score.ravel()} if recording.score is not None else {}
+    return pd.DataFrame(table | {"origin": WORDS[points.origin].ravel()})
+
+
+def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) -> Recording:
+    """A recording from rows, which must be the whole grid of frames, markers and cameras, sorted.
+
+    Raises:
+        FormatError: a column is missing, the grid is not whole, or rows contradict themselves.
+    """
+    axes = next((axes for axes in _AXES if set(axes) <= set(table.columns)), ("x", "y", "z"))
+    filmed = _AXES[axes] == "px"
+    lacking = [
+        c for c in ("frame", "marker", *axes, *(("camera", "seen") if filmed else ("origin",))) if c not in table
+    ]
+    if lacking:
+        raise FormatError(f"{path.name}: no column {lacking[0]}; expected a row a sample: frame, marker, ...")
+    words = {c: table[c].astype(object).fillna("").astype(str).to_numpy() for c in _TEXT if c in table}
+    names = list(dict.fromkeys(words["marker"]))
+    cameras = list(dict.fromkeys(words["camera"])) if filmed else [""]
+    size, frames = len(names) * len(cameras), frame_numbers(path, table["frame"])
+    if len(table) % size == 0:
+        grid = frames.reshape(-1, size)
+        sorted_ = (grid == grid[:, :1]).all() and (np.diff(grid[:, 0]) > 0).all()
+        sorted_ &= (words["marker"].reshape(-1, size) == np.repeat(np.array(names, dtype=object), len(cameras))).all()
+        sorted_ &= not filmed or (words["camera"].reshape(-1, len(cameras)) == np.array(cameras, dtype=object)).all()
+    if len(table) % size or not sorted_:
+        raise FormatError(
+            f"{path.name}: {len(table)} rows are not all frames x {len(names)} markers x {len(cameras)} cameras, "
+            "sorted so: the file is cut or edited"
+        )
+    values = table[list(axes)].to_numpy(dtype=np.float64).reshape(-1, len(names), len(cameras), len(axes))
+    if np.isinf(values).any():
+        raise FormatError(f"{path.name}: a number is infinite; expected a number or NaN")
+    times, findings = None, []
+    if "t_s" in table:
+        times = table["t_s"].to_numpy(dtype=np.float64)[::size]
+        told, findings = rate_of_times(path, times)
+        fps = fps or told
+    findings += ["the file does not hold the frame rate"] if fps is None else []
+    score = None if "score" not in table else table["score"].to_numpy(dtype=np.float64).reshape(values.shape[:3])
+    if filmed:
+        if (words["seen"] != np.where(np.isnan(values).any(axis=-1).ravel(), "no", "yes")).any():
+            raise FormatError(f"{path.name}: pixels contradict the column seen: the file is cut or edited")
+        return pixel_recording(
+            path,
+            format,
+            names=names,
+            cameras=cameras,
+            uv_px=np.transpose(values, (2, 0, 1, 3)),
+            frames=frames[::size],
+            first=int(frames[0]),
+            fps=fps,
+            score=None if score is None else np.transpose(score, (2, 0, 1)),
+            findings=tuple(findings),
+        )
+    origin = codes(path, words["origin"]).reshape(-1, len(names))
+    check_origins(path, values[:, :, 0], origin)
+    recording = point_recording(
+        path,
+        format,
+        names=names,
+        xyz=values[:, :, 0],
+        unit=_AXES[axes],
+        frames=frames[::size],
+        first=int(frames[0]),
+        fps=fps,
+        t_s=times,
+        origin=origin,
+        score=None if score is None else score[..., 0],
+        findings=(*findings, *(() if _AXES[axes] else ("the unit of lengths is not in the file",))),
+    )
+    sd = next((c for c in ("sd_m", "sd") if c in table), None)
+    if sd is None:
+        return recording
+    return with_sd(recording, table[sd].to_numpy(dtype=np.float64).reshape(-1, len(names)))
+
+
+def _read_csv(path: Path, _hints: Hints) -> Recording:
+    kinds = {title: str if title in _TEXT else float for title in titles(path)}
+    table = read_rows(path, kinds)
+    for column in table.columns.intersection(_NAMES):
+        table[column] = table[column].map(from_cell, na_action="ignore")
+    return _recording(path, "csv-long", table, None)
+
+
+def _write_csv(path: Path, recording: Recording) -> None:
+    table = _long(path, recording)
+    for column in table.columns.intersection(_NAMES):
+        table[column] = table[column].map(as_cell)
+    table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
+
+
+def _read_parquet(path: Path, _hints: Hints) -> Recording:
+    import pyarrow.parquet as parquet
+
+    try:
+        with path.open("rb") as stream:
+            file = parquet.ParquetFile(stream)
+            meta = file.metadata
+            unpacked = sum(meta.row_group(i).total_byte_size for i in range(meta.num_row_groups))
+            check_bytes(path, max(unpacked, 8 * meta.num_rows * meta.num_columns), "its table")
+            table = file.read()
+        fps = json.loads((table.schema.metadata or {}).get(_META, b"{}")).get("fps")
+        rows = table.to_pandas()
+    except FormatError:
+        raise
+    except Exception as error:  # pyarrow raises its own and whatever damaged metadata bring about
+        raise FormatError(
+            f"{path.name}: cannot be read as Parquet ({' '.join(str(error).split())[:160]}): it is cut or damaged; "
+            "export it again"
+        ) from None
+    if rows.empty:
+        raise FormatError(f"{path.name}: holds no rows: export it again")
+    try:
+        return _recording(path, "parquet", rows, fps)
+    except FormatError:
+        raise
+    except Exception as error:  # as above: columns are arrow's until they are looked at
+        raise FormatError(f"{path.name}: a column holds something else ({error}): export it again") from None
+
+
+def _write_parquet(path: Path, recording: Recording) -> None:
+    import pyarrow
+    import pyarrow.parquet as parquet
+
+    table = pyarrow.Table.from_pandas(_long(path, recording), preserve_index=False)
+    meta = {**(table.schema.metadata or {}), _META: json.dumps({"fps": recording.fps, "read_as": recording.format})}
+    with path.open("wb") as stream:
+        parquet.write_table(table.replace_schema_metadata(meta), stream)
+
+
+_HELD = frozenset({"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score"})
+FORMATS = (
+    Format(
+        name="csv-long",
+        title="our CSV, a row a sample (frame, marker, ...)",
+        knows=lambda head: head.cells()[:1] == ("frame",) and "marker" in head.cells(),
+        read=_read_csv,
+        write=_write_csv,
+        holds=_HELD,
+        suffixes=("long.csv",),
+    ),
+    Format(
+        name="parquet",
+        title="our Parquet, a row a sample",
+        knows=lambda head: head.start.startswith(b"PAR1"),
+        read=_read_parquet,
+        write=_write_parquet,
+        holds=_HELD,
+        suffixes=(".parquet",),
+    ),
+)

@@ -1,0 +1,185 @@
+"""Files that belong together: pixels with their calibration, one camera a file, points beside pixels."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.recording import Recording, pixel_recording
+
+
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """One recording from all of them.
+
+    Pixel files of one camera each become one recording with a camera a file, in the order given (or in that of the
+    calibration, where its cameras are named so), lenses of one camera each one set, by the numbers in their files'
+    names. A calibration, lenses, points, residuals, intervals and offsets go
+    with the pixels.
+
+    Raises:
+        FormatError: two files hold the same, or the files do not belong together.
+    """
+    recordings = _one_set_of_lenses(recordings)
+    pixels = [r for r in recordings if r.pixels is not None]
+    base = _views(pixels, recordings) if pixels else next((r for r in recordings if r.points is not None), None)
+    if base is None:
+        base, *rest = recordings
+    else:
+        rest = [r for r in recordings if r is not base and r not in pixels]
+    for other in rest:
+        base = _with(base, other)
+    return base
+
+
+def _one_set_of_lenses(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings with Tforms files, which hold a lens each, put together."""
+    single = [r for r in recordings if r.lenses and not r.cameras and r.pixels is None and len(r.lenses) == 1]
+    if len(single) < 2:
+        return list(recordings)
+    numbers = [re.search(r"cam(\d+)", r.paths[0].name, re.IGNORECASE) for r in single]
+    if all(numbers):
+        order = np.argsort([int(number[1]) for number in numbers if number])
+        single = [single[i] for i in order]
+    whole = replace(
+        single[0],
+        paths=tuple(path for r in single for path in r.paths),
+        camera_names=tuple(f"cam{c + 1}" for c in range(len(single))),
+        lenses=tuple(r.lenses[0] for r in single),
+        findings=tuple(dict.fromkeys(f for r in single for f in r.findings)),
+    )
+    return [*(r for r in recordings if r not in single), whole]
+
+
+def _views(pixels: Sequence[Recording], recordings: Sequence[Recording]) -> Recording:
+    """The pixel files as one."""
+    if len(pixels) == 1:
+        return pixels[0]
+    several = next((r for r in pixels if len(r.camera_names) != 1), None)
+    if several is not None:
+        raise FormatError(
+            f"{several.paths[0].name}: holds {len(several.camera_names)} cameras; beside other pixel files each must "
+            "hold one"
+        )
+    calibrated = next((r.camera_names for r in recordings if r.cameras and r.pixels is None), ())
+    names = [_view_name(r, calibrated) for r in pixels]
+    if set(names) == set(calibrated):
+        pixels = [pixels[names.index(name)] for name in calibrated]
+        names = list(calibrated)
+    if len(set(names)) != len(names):
+        names = [f"cam{c + 1}" for c in range(len(pixels))]
+    markers = list(dict.fromkeys(name for r in pixels for name in r.names))
+    frames = np.unique(np.concatenate([r.frames for r in pixels]))
+    uv = np.full((len(pixels), len(frames), len(markers), 2), np.nan)
+    score = np.full(uv.shape[:3], np.nan)
+    for c, r in enumerate(pixels):
+        row, column = np.searchsorted(frames, r.frames)[:, None], np.array([markers.index(name) for name in r.names])
+        uv[c, row, column] = r.pixels.uv_px[0] if r.pixels is not None else np.nan
+        score[c, row, column] = r.score[0] if r.score is not None else np.nan
+    lengths = [len(r.frames) for r in pixels]
+    findings = [f for r in pixels for f in r.findings]
+    if len(set(lengths)) > 1:
+        findings.append(f"the views have {min(lengths)} to {max(lengths)} frames: they are matched by frame number")
+    alone = [name for name in markers if sum(name in r.names for r in pixels) < 2]
+    if alone:
+        findings.append(f"only one view has the markers {', '.join(alone[:8])}{', ...' if len(alone) > 8 else ''}")
+    origins = {r.pixel_origin for r in pixels}
+    first = next(r for r in pixels)
+    return replace(
+        pixel_recording(
+            first.paths[0],
+            first.format,
+            names=markers,
+            cameras=names,
+            uv_px=uv,
+            frames=frames,
+            first=int(frames[0]) if first.fps is None else first.frames[0],
+            fps=first.fps,
+            pixel_origin=origins.pop() if len(origins) == 1 else None,
+            animals=first.animals if list(first.names) == markers else (),
+            score=None if np.isnan(score).all() else score,
+            findings=tuple(dict.fromkeys(findings)),
+        ),
+        paths=tuple(path for r in pixels for path in r.paths),
+    )
+
+
+def _view_name(recording: Recording, calibrated: Sequence[str]) -> str:
+    """Name of a view: that of the calibrated camera which the path names, else as the file says."""
+    path: Path = recording.paths[0].absolute()
+    named = [name for name in calibrated if name in (recording.camera_names[0], path.parent.name)]
+    named = named or [name for name in calibrated if name.lower() in path.stem.lower()]
+    return named[0] if len(named) == 1 else recording.camera_names[0]
+
+
+def _with(base: Recording, other: Recording) -> Recording:
+    """The base with what the other file holds."""
+    where = f"{other.paths[0].name} beside {base.paths[0].name}"
+    changes: dict[str, object] = {"paths": base.paths + other.paths}
+    if other.cameras or other.lenses:
+        counts = {len(base.camera_names) or len(other.camera_names), len(other.camera_names)}
+        if len(counts) > 1:
+            raise FormatError(
+                f"{where}: {len(other.camera_names)} cameras calibrated, {len(base.camera_names)} in the pixels: give "
+                "the calibration of this recording"
+            )
+        if other.cameras and base.cameras:
+            raise FormatError(f"{where}: both hold a calibration: give one")
+        order = [other.camera_names.index(n) for n in base.camera_names if n in other.camera_names]
+        order = order if len(order) == len(other.camera_names) else list(range(len(other.camera_names)))
+        changes["camera_names"] = base.camera_names or other.camera_names
+        if other.cameras:
+            changes["cameras"], changes["unit"] = tuple(other.cameras[i] for i in order), base.unit or other.unit
+        else:
+            changes["lenses"] = tuple(other.lenses[i] for i in order)
+    if other.points is not None:
+        if base.points is not None or len(other.frames) != len(base.frames) or set(other.names) != set(base.names):
+            raise FormatError(
+                f"{where}: {len(other.frames)} frames of {len(other.names)} points beside {len(base.frames)} of "
+                f"{len(base.names)}: the files do not belong together"
+            )
+        pick = [other.names.index(name) for name in base.names]
+        points = other.points
+        changes["points"] = replace(
+            points,
+            names=base.names,
+            t_s=base.pixels.t_s if base.pixels is not None else points.t_s,
+            xyz_m=points.xyz_m[:, pick],
+            cov_m2=points.cov_m2[:, pick],
+            origin=points.origin[:, pick],
+        )
+        changes["unit"] = base.unit or other.unit
+    elif other.tables:
+        changes["tables"] = {**base.tables, **_tables(base, other, where)}
+    elif not (other.cameras or other.lenses) and other.names and len(other.names) == len(base.names):
+        return _renamed(base, other.names, changes)
+    merged = replace(base, **changes)  # type: ignore[arg-type]
+    return _with_lenses(merged) if merged.cameras and merged.lenses and not base.lenses else merged
+
+
+def _tables(base: Recording, other: Recording, where: str) -> dict[str, Array]:
+    if len(other.frames) != len(base.frames) or (other.names and set(other.names) != set(base.names)):
+        raise FormatError(
+            f"{where}: {len(other.frames)} rows of {len(other.names)} points beside {len(base.frames)} of "
+            f"{len(base.names)}: the files do not belong together, or one is cut"
+        )
+    pick = [other.names.index(name) for name in base.names] if other.names else []
+    return {name: table if name == "offset_frames" else table[:, pick] for name, table in other.tables.items()}
+
+
+def _renamed(base: Recording, names: tuple[str, ...], changes: dict[str, object]) -> Recording:
+    """Names of another file, in their order."""
+    pixels = None if base.pixels is None else replace(base.pixels, names=names)
+    points = None if base.points is None else replace(base.points, names=names)
+    return replace(base, **(changes | {"names": names, "pixels": pixels, "points": points}))  # type: ignore[arg-type]
+
+
+def _with_lenses(recording: Recording) -> Recording:
+    cameras = [
+        replace(camera, lens=None if lens.is_identity else lens, size_px=size or camera.size_px)
+        for camera, (lens, size) in zip(recording.cameras, recording.lenses, strict=True)
+    ]
+    return replace(recording, cameras=tuple(cameras))

@@ -1,0 +1,77 @@
+"""Vicon Nexus: trajectories in its CSV export."""
+
+from pathlib import Path
+
+import numpy as np
+
+from mocap.errors import FormatError
+from mocap.io.format import Format
+from mocap.io.lines import frame_numbers, number, numbers, points, read_lines
+from mocap.io.optical import rate
+from mocap.io.recording import Recording, point_recording
+
+
+def read_csv(path: Path) -> Recording:
+    """Read the section ``Trajectories``: rate, names, ``Frame,Sub Frame,X,Y,Z,...``, units, a row a frame.
+
+    Other sections (devices, model outputs) may come before or after it. Frame n is at (n - 1) / rate seconds. An empty
+    cell was not seen. The file does not tell filled samples from measured ones: all that have a position are measured.
+
+    Raises:
+        FormatError: there is no such section, it is cut, or a cell is no number; the message names the line.
+    """
+    lines = read_lines(path)
+    titles = [line.strip(", \t").lower() for line in lines]
+    if "trajectories" not in titles:
+        raise FormatError(f"{path.name}: no line Trajectories; expected a CSV export of trajectories from Vicon Nexus")
+    start = titles.index("trajectories")
+    head = [line.rstrip(",").split(",") for line in lines[start + 1 : start + 5]]
+    if len(head) < 4 or [cell.strip() for cell in head[2][:2]] != ["Frame", "Sub Frame"]:
+        raise FormatError(
+            f"{path.name}: lines {start + 2} to {start + 5} should hold the rate, marker names, Frame,Sub Frame,X,Y,Z "
+            "and units: export it again"
+        )
+    axes = [cell.strip().upper() for cell in head[2][2:]]
+    names = [cell.strip() for cell in head[1][2::3]]
+    if not names or axes != ["X", "Y", "Z"] * len(names) or not all(names):
+        raise FormatError(
+            f"{path.name}: line {start + 4} has {len(axes)} columns for {len(names)} marker names; expected X, Y, Z of "
+            "each: export positions only, without velocities"
+        )
+    units = {cell.strip() for cell in head[3][2:]} - {""}
+    if len(units) != 1:
+        raise FormatError(
+            f"{path.name}: line {start + 5}: units are {sorted(units)}; expected one for all: export again"
+        )
+    empty = (i for i in range(start + 5, len(lines)) if not lines[i].strip(", \t"))
+    end = next(empty, len(lines))
+    rows = lines[start + 5 : end]
+    following = next((i for i in range(end, len(lines)) if lines[i].strip(", \t")), None)
+    if following is not None and np.isfinite(number(lines[following].split(",")[0])) and "," in lines[following]:
+        raise FormatError(
+            f"{path.name}: line {following + 1}: frames go on after the empty line {end + 1}: remove that line, or "
+            "export it again"
+        )
+    if not rows:
+        raise FormatError(f"{path.name}: no frames after the head: export it again")
+    values = numbers(path, rows, separator=",", columns=2 + len(axes), first_line=start + 6)
+    return point_recording(
+        path,
+        "vicon-csv",
+        names=names,
+        xyz=points(values[:, 2:], unit_m=1.0),
+        unit=units.pop(),
+        frames=frame_numbers(path, values[:, 0], first_line=start + 6),
+        fps=rate(path, head[0][0]),
+        findings=("filled samples are not told from measured ones in this format",),
+    )
+
+
+FORMATS = (
+    Format(
+        name="vicon-csv",
+        title="trajectories of Vicon Nexus (CSV)",
+        knows=lambda head: any(line.strip(", \t").lower() == "trajectories" for line in head.lines),
+        read=lambda path, _: read_csv(path),
+    ),
+)

@@ -1,0 +1,145 @@
+"""XMALab's CSV exports: 2D points, 3D points and rigid bodies.
+
+The files record neither whether pixels count from 0 or 1, nor from which corner, nor whether they are undistorted.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.argus import xyz_columns
+from mocap.io.csv_table import read_table
+from mocap.io.dltdv import read_pixels
+from mocap.io.dltdv_files import PIXEL, names_of
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head
+from mocap.io.lines import frame_numbers, numbers, read_lines
+from mocap.io.recording import Recording, pixel_recording, point_recording
+
+_OFFSETS = re.compile(r"(?:cam\d+_offset)+")
+_BODY = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
+_NO_RATE = "the file does not hold the frame rate"
+_NO_PIXELS = "the file says neither where pixels are counted from (0 or 1, upper or lower left) nor if undistorted"
+
+
+def _is_pixels(head: Head) -> bool:
+    return bool(names_of(head, PIXEL)) or (_OFFSETS.match(head.first) is not None and "_X" in head.first)
+
+
+def _pixels(path: Path, _hints: Hints) -> Recording:
+    lines = read_lines(path)
+    glued = _OFFSETS.match(lines[0])
+    if glued is None:
+        pixels = read_pixels(path, fps=1.0)
+        names, cameras, uv = pixels.names, pixels.cameras, pixels.uv_px
+    else:
+        names, cameras, uv = _with_offsets(path, lines, glued)
+    return pixel_recording(path, "xmalab-2d", names=names, cameras=cameras, uv_px=uv, findings=(_NO_RATE, _NO_PIXELS))
+
+
+def _with_offsets(path: Path, lines: list[str], glued: re.Match[str]) -> tuple[list[str], list[str], Array]:
+    """Names, cameras and (C, T, M, 2) pixels where offset columns come first, whose titles lack their commas."""
+    count = glued[0].count("_offset")
+    titles = lines[0][glued.end() :].lstrip(",").split(",")
+    matches = [re.fullmatch(r"(.+)_cam(\d+)_([XY])", title.strip()) for title in titles]
+    if not all(matches) or len(titles) % (2 * count):
+        raise FormatError(
+            f"{path.name}: {len(titles)} columns after {count} offsets; expected name_cam1_X, name_cam1_Y"
+        )
+    names = list(dict.fromkeys(match[1] for match in matches if match))
+    expected = [f"{name}_cam{c + 1}_{axis}" for name in names for c in range(count) for axis in "XY"]
+    if [title.strip() for title in titles] != expected:
+        raise FormatError(f"{path.name}: columns are not X and Y of {count} cameras for each marker: export it again")
+    rows = [line for line in lines[1:] if line.strip()]
+    values = numbers(path, rows, separator=",", columns=count + len(titles), first_line=2)
+    uv = values[:, count:].reshape(len(values), len(names), count, 2)
+    return names, [f"cam{c + 1}" for c in range(count)], np.transpose(uv, (2, 0, 1, 3))
+
+
+def _cut_off(names: list[str]) -> tuple[list[str], str | None]:
+    """Names without the filter's frequency, and that."""
+    found = [re.fullmatch(r"(.+)_([\d.]+(?:e[+-]?\d+)?)Hz", name) for name in names]
+    filters = {match[2] for match in found if match}
+    if not all(found) or len(filters) != 1:
+        return names, None
+    return [match[1] for match in found if match], filters.pop()
+
+
+def _is_points(head: Head) -> bool:
+    cells = head.cells()
+    cells = cells[1:] if cells[:1] == ("Frame",) else cells
+    return bool(cells) and all(re.fullmatch(r".+_[XYZ]", cell) for cell in cells)
+
+
+def _points(path: Path, _hints: Hints) -> Recording:
+    header, values = read_table(path)
+    frames, header, values = _frames(path, header, values)
+    names, xyz = xyz_columns(path, header, values, ends=("_X", "_Y", "_Z"))
+    names, hertz = _cut_off(names)
+    findings = [_NO_RATE, "the unit of lengths is not in the file"]
+    if hertz is not None:
+        findings.append(f"points were low-pass filtered at {hertz} Hz by XMALab")
+    if frames is None and hertz is None:
+        findings.append("DLTdv 8.4 writes the same columns: which program wrote them, the file does not tell")
+    return point_recording(path, "xmalab-3d", names=names, xyz=xyz, unit=None, frames=frames, findings=tuple(findings))
+
+
+def _frames(path: Path, header: list[str], values: Array) -> tuple[np.ndarray | None, list[str], Array]:
+    """Frame numbers of the column ``Frame``, if there is one, and the table without it."""
+    if header[0] != "Frame":
+        return None, header, values
+    return frame_numbers(path, values[:, 0], first_line=2), header[1:], values[:, 1:]
+
+
+def _body_pattern(cell: str) -> re.Match[str] | None:
+    return re.fullmatch(rf"(?P<name>.+)_(?P<entry>{'|'.join(_BODY)})(?P<filter>_[\d.]+Hz)?", cell)
+
+
+def _is_bodies(head: Head) -> bool:
+    cells = head.cells()
+    cells = cells[1:] if cells[:1] == ("Frame",) else cells
+    return bool(cells) and len(cells) % 16 == 0 and all(map(_body_pattern, cells)) and cells[0].count("_R11") == 1
+
+
+def _bodies(path: Path, _hints: Hints) -> Recording:
+    """A row holds the transposed 4 x 4 matrix of each body: its first column, ..., its translation."""
+    header, values = read_table(path)
+    frames, header, values = _frames(path, header, values)
+    matches = [_body_pattern(title) for title in header]
+    names = list(dict.fromkeys(match["name"] for match in matches if match))
+    filters = {match["filter"] for match in matches if match}
+    expected = [f"{name}_{entry}" for name in names for entry in _BODY]
+    if not all(matches) or [f"{m['name']}_{m['entry']}" for m in matches if m] != expected:
+        raise FormatError(f"{path.name}: columns are not the 16 entries of a matrix for each rigid body: export again")
+    matrices = np.swapaxes(values.reshape(len(values), len(names), 4, 4), 2, 3)
+    lost = np.isnan(matrices.reshape(*matrices.shape[:2], 16)).any(axis=-1)
+    matrices[np.asarray(lost)] = np.nan
+    rotations = matrices[..., :3, :3]
+    off = np.nanmax(np.abs(rotations @ np.swapaxes(rotations, 2, 3) - np.eye(3)), initial=0.0)
+    findings = [_NO_RATE, "the unit of lengths is not in the file"]
+    if off > 1e-3:
+        findings.append(f"matrices are no rotations: entries of R R^T are off by up to {off:.2g}")
+    findings += [f"transforms were low-pass filtered at {f[1:-2]} Hz by XMALab" for f in sorted(filters - {None})]
+    return Recording(
+        format="xmalab-rigid-bodies",
+        paths=(path,),
+        names=tuple(names),
+        frames=1 + np.arange(len(values)) if frames is None else frames,
+        tables={"transforms": matrices},
+        findings=tuple(findings),
+    )
+
+
+FORMATS = (
+    Format(
+        name="xmalab-rigid-bodies",
+        title="rigid-body transforms of XMALab (CSV, 16 columns a body)",
+        knows=_is_bodies,
+        read=_bodies,
+    ),
+    Format(name="xmalab-2d", title="pixel tracks of XMALab (CSV)", knows=_is_pixels, read=_pixels),
+    Format(name="xmalab-3d", title="points of XMALab (CSV)", knows=_is_points, read=_points),
+)

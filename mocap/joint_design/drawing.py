@@ -1,0 +1,192 @@
+"""The workshop drawing: plan with dimensions, and the table of members; PNG and SVG."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+from matplotlib.patches import Circle, Polygon
+
+from eal.arrays import Array
+from eal.joint_design import Truss, equilibria
+from mocap.joint_design.design import JointDesign
+from mocap.joint_design.flexure import MM, Flexure
+from mocap.joint_design.solid import FOOT_MM, PLATE_MM, Kit, meander_line
+
+INK, FAINT, REGION = "#1b1f27", "#9aa3b2", "#dfe7f3"
+COLOURS = {"cable": "#0072b2", "strut": "#009e73"}
+SPRING = "#d55e00"
+"""Colour of members of other laws."""
+
+
+def drawing(design: JointDesign) -> Canvas:
+    """Plan on the left, members on the right; sizes in millimetres as printed."""
+    canvas = Canvas(figsize=(16.5, 9.6), layout="constrained")
+    rows = len(design.truss.rest_m)
+    places = canvas.subplot_mosaic(
+        [["plan", "table"], ["plan", "notes"], ["plan", "side"]],
+        width_ratios=[1.2, 1.0],
+        height_ratios=[0.36 * (rows + 2), 1.2, max(7.0 - 0.36 * rows, 2.5)],
+    )
+    _plan(places["plan"], design)
+    _table(places["table"], design)
+    _side(places["side"], design.kit)
+    places["notes"].set_axis_off()
+    places["notes"].text(0.5, 0.5, "\n".join(_notes(design)), fontsize=9, va="center", ha="center", color=INK)
+    canvas.suptitle(
+        f"{design.source.name}: truss with U = V_z, {len(design.truss.rest_m)} members, printed "
+        f"{design.metre_per_unit / design.source.unit_m:.3g} times the animal's size",
+        fontsize=13,
+        color=INK,
+    )
+    return canvas
+
+
+def _plan(axes: Axes, design: JointDesign) -> None:
+    truss, kit = design.truss, design.kit
+    grid = [axis * design.metre_per_unit / MM for axis in design.target.axes]
+    v = design.target.v.reshape(design.target.shape).T
+    axes.contourf(*grid, v, levels=[-1.0, design.wish.level], colors=[REGION])
+    axes.contour(*grid, v, levels=[0.5], colors=[FAINT], linewidths=0.8, linestyles="--")
+    q = rest_point(design)
+    if kit is not None:
+        plate = np.array(kit.parts[0].solid.slice(PLATE_MM / 2).to_polygons()[0])
+        axes.add_patch(Polygon(plate, closed=True, fill=False, edgecolor=FAINT, linewidth=1.0))
+        _sizes(axes, plate)
+    nodes = np.concatenate([truss.fixed_m, q[None], equilibria(truss, q[None]).x_m[0]])
+    for i, (start, end) in enumerate(truss.ends):
+        colour = COLOURS.get(truss.laws[i], SPRING)
+        line = nodes[[start, end]] if kit is None else _placed(kit.flexures[i], kit, q, nodes[start])
+        axes.plot(*(line.T / MM), color=colour, linewidth=0.9, zorder=3)
+        axes.add_patch(Circle(tuple(nodes[start] / MM), 2.0, facecolor="white", edgecolor=INK, zorder=4))
+        _label(axes, nodes[start] / MM, nodes[end] / MM, f"{i + 1}")
+    axes.plot(0, 0, marker="+", color=INK, markersize=14, zorder=5)
+    axes.annotate("joint (0, 0)", (0, 0), xytext=(5, 5), textcoords="offset points", fontsize=8, color=INK)
+    axes.plot(*(q / MM), "o", color=INK, markersize=6, zorder=5)
+    axes.annotate(
+        f"moving point, least V\n({q[0] / MM:.1f}, {q[1] / MM:.1f})",
+        tuple(q / MM),
+        xytext=(7, 7),
+        textcoords="offset points",
+        fontsize=8,
+        color=INK,
+    )
+    axes.set_aspect("equal")
+    axes.margins(0.08)
+    axes.set_xlabel("along the parent segment's axis (mm)")
+    axes.set_ylabel("across it (mm)")
+    axes.set_title(
+        "Plan; springs orange, cables blue, struts green (drawn as they are at the point of least V_z);\n"
+        "shaded: where V_z < level, dashed: V_z = 0.5",
+        fontsize=9,
+    )
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def rest_point(design: JointDesign) -> Array:
+    """(2,) the moving point where V is least, in printed metres."""
+    return design.target.q[np.argmin(design.target.v)] * design.metre_per_unit
+
+
+def _placed(flexure: Flexure, kit: Kit, q_m: Array, node_m: Array) -> Array:
+    """(K, 2) centre line of a member from the moving point to its post."""
+    way = node_m - q_m
+    length = float(np.linalg.norm(way))
+    line = meander_line(flexure, length, kit.printing)
+    along = way / length
+    across = np.array([-along[1], along[0]])
+    inside = np.concatenate([[[0.0, 0.0]], line, [[max(length, line[-1, 0]), 0.0]]])
+    return q_m + inside[:, :1] * along + inside[:, 1:] * across
+
+
+def _label(axes: Axes, node: Array, q: Array, text: str) -> None:
+    away = (node - q) / max(float(np.linalg.norm(node - q)), 1e-9)
+    axes.annotate(
+        text, tuple(node), xytext=tuple(11 * away), textcoords="offset points", ha="center", va="center", fontsize=9,
+        fontweight="bold", color=INK,
+    )  # fmt: skip
+
+
+def _sizes(axes: Axes, plate: Array) -> None:
+    """Width and height of the base plate, with arrows."""
+    (x0, y0), (x1, y1) = plate.min(axis=0), plate.max(axis=0)
+    gap = 0.05 * max(x1 - x0, y1 - y0)
+    arrow = {"arrowstyle": "<->", "color": FAINT, "linewidth": 0.9}
+    axes.annotate("", (x0, y0 - gap), (x1, y0 - gap), arrowprops=arrow)
+    axes.annotate("", (x1 + gap, y0), (x1 + gap, y1), arrowprops=arrow)
+    axes.text((x0 + x1) / 2, y0 - 1.5 * gap, f"{x1 - x0:.1f} mm", ha="center", va="top", fontsize=8, color=INK)
+    axes.text(x1 + 1.4 * gap, (y0 + y1) / 2, f"{y1 - y0:.1f} mm", va="center", rotation=90, fontsize=8, color=INK)
+    axes.update_datalim([(x0, y0 - 3.0 * gap), (x1 + 3.0 * gap, y1)])
+
+
+def member_rows(truss: Truss, kit: Kit | None) -> tuple[list[str], list[list[str]]]:
+    """Heads and cells of the table of members, lengths in mm and stiffnesses in N/m."""
+    posts = ["post x", "post y", "post z"][: truss.dimension]
+    heads = ["", "law", *posts, *([] if len(truss.internal_m) == 0 else ["to"]), "rest", "N/m"]
+    rows = []
+    for i, (start, end) in enumerate(truss.ends):
+        where = [f"{c / MM:.2f}" for c in truss.fixed_m[start]] if start < truss.moving else [f"node {start}", ""]
+        to = [] if len(truss.internal_m) == 0 else ["point" if end == truss.moving else f"node {end}"]
+        rows.append([str(i + 1), truss.laws[i], *where, *to, f"{truss.rest_m[i] / MM:.2f}"])
+        rows[-1].append(f"{truss.stiffness_n_m[i]:.4g}")
+    if kit is not None:
+        heads += ["beams", "width", "thick", "deep", "slot", "strain", "layer"]
+        for i, flexure in enumerate(kit.flexures):
+            sizes = (flexure.width_m, flexure.thickness_m, flexure.depth_m, flexure.slot_m)
+            rows[i] += [str(flexure.beams), *(f"{size / MM:.2f}" for size in sizes)]
+            rows[i] += [f"{100 * flexure.strain:.2f} %", str(kit.stack.order.index(i) + 1)]
+    return heads, rows
+
+
+def _table(axes: Axes, design: JointDesign) -> None:
+    axes.set_axis_off()
+    heads, rows = member_rows(design.truss, design.kit)
+    table = axes.table(cellText=rows, colLabels=heads, loc="upper center", cellLoc="center")
+    table.auto_set_font_size(False)
+    table.set_fontsize(8)
+    table.auto_set_column_width(list(range(len(heads))))
+    table.scale(1.0, 1.5)
+    for (row, _), cell in table.get_celld().items():
+        cell.set_edgecolor("#d5dae3")
+        if row == 0:
+            cell.set_text_props(fontweight="bold", color=INK)
+
+
+def _side(axes: Axes, kit: Kit | None) -> None:
+    """Heights of plate, foot and layers."""
+    axes.set_axis_off()
+    if kit is None:
+        return
+    tops = [bottom + flexure.depth_m / MM for bottom, flexure in zip(kit.bottoms_mm, kit.flexures, strict=True)]
+    bars = [(0.0, PLATE_MM, "base plate", FAINT), (PLATE_MM, PLATE_MM + FOOT_MM, "foot of the moving pin", INK)]
+    bars += [
+        (
+            kit.bottoms_mm[i],
+            tops[i],
+            f"member {i + 1}" + (" (post hangs)" if i in kit.stack.hanging else ""),
+            COLOURS.get(kit.flexures[i].law, SPRING),
+        )
+        for i in kit.stack.order
+    ]
+    if kit.stack.hanging:
+        bars.append((kit.top_mm, kit.top_mm + PLATE_MM, "top plate", FAINT))
+    for low, high, name, colour in bars:
+        axes.barh((low + high) / 2, 1.0, height=high - low, color=colour, alpha=0.45)
+        axes.text(0.5, (low + high) / 2, name, ha="center", va="center", fontsize=7, color=INK)
+        axes.text(1.02, (low + high) / 2, f"{low:.2f} to {high:.2f} mm", va="center", fontsize=7, color=INK)
+    axes.set_xlim(-0.6, 1.9)
+    axes.set_title("layers, from the side", fontsize=9)
+
+
+def _notes(design: JointDesign) -> list[str]:
+    lines = [
+        f"U(V = 1) = {design.energy_j / MM:.3g} mJ; U - V_z inside the region: {design.fit.rms:.3f} RMS",
+        "lengths in mm as printed; rest: between pin centres (of cables and struts where their force begins)",
+    ]
+    if design.kit is not None:
+        printing = design.kit.printing
+        lines.append(
+            f"{printing.material.name}: E = {printing.material.young_pa / 1e6:g} MPa, strain up to "
+            f"{100 * printing.material.strain:g} %; walls {printing.wall_m / MM:g} mm or more; pins "
+            f"{printing.pin_m / MM:g} mm, holes {printing.hole_m / MM:g} mm"
+        )
+    return lines

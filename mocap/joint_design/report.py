@@ -1,0 +1,138 @@
+"""What a designed joint is, as JSON and as markdown."""
+
+import numpy as np
+
+from eal.joint_design import GOAL, LEVELS, Truss
+from mocap.joint_design.design import ENERGY, JointDesign
+from mocap.joint_design.drawing import member_rows
+from mocap.joint_design.flexure import MM
+from mocap.joint_design.solid import PLATE_MM, keeps_wall
+from mocap.markdown import plain
+
+Json = dict[str, object]
+
+
+def report(design: JointDesign) -> Json:
+    """All numbers, in SI units unless a name says otherwise."""
+    fit, held, by_v = design.fit, design.held, design.held_by_v
+    return {
+        "joint": design.source.name,
+        "frame": design.source.frame,
+        "samples": len(design.source.potential.samples),
+        "level": design.wish.level,
+        "seed": design.wish.seed,
+        "fit": {
+            "rms": fit.rms,
+            "r2": fit.r2,
+            "iou": dict(zip(map(str, LEVELS), fit.iou, strict=True)),
+            "lowest_outside": fit.lowest_outside,
+            "stored_over_unit": design.design.stored,
+            "stiffness_error_worst": fit.stiffness_worst,
+            "stiffness_error_median": fit.stiffness_median,
+            "unstable_points": fit.unstable,
+        },
+        "potential_doubt": {"rms": design.doubt[0], "iou_half": design.doubt[1]},
+        "as_built": {
+            "position_sd_m": design.wish.tolerance.position,
+            "length_sd_m": design.wish.tolerance.length,
+            "stiffness_sd": design.wish.tolerance.stiffness,
+            "rms_median": float(np.median(design.built_rms)),
+            "rms_95": float(np.quantile(design.built_rms, 0.95)),
+            "iou_half_05": float(np.quantile(design.built_iou, 0.05)),
+        },
+        "release": {
+            "kinetic_energy_over_unit": ENERGY,
+            "masses": held.q.shape[1],
+            "truss": {"inside": held.inside, "inside_half": held.inside_half, "energy_drift": held.drift},
+            "eal": {"inside": by_v.inside, "inside_half": by_v.inside_half, "energy_drift": by_v.drift},
+        },
+        "snaps": [{"at": snap.at, "released_over_unit": snap.released_j} for snap in design.way.snaps],
+        "tries": [{"rms": rms, "members": members, "taken": taken} for rms, members, taken in design.tries],
+        "truss_as_printed": truss_json(design.truss),
+        "printed_over_animal": design.metre_per_unit / design.source.unit_m,
+        "energy_at_v_1_j": design.energy_j,
+        "parts": parts_json(design),
+    }
+
+
+def truss_json(truss: Truss) -> Json:
+    """A truss in metres and newtons a metre; nodes numbered as in ``Truss``."""
+    return {
+        "fixed_m": truss.fixed_m.tolist(),
+        "moving_node": truss.moving,
+        "internal_start_m": truss.internal_m.tolist(),
+        "members": [
+            {"ends": ends, "law": law, "rest_m": rest, "stiffness_n_m": stiffness}
+            for ends, law, rest, stiffness in zip(
+                truss.ends.tolist(), truss.laws, truss.rest_m.tolist(), truss.stiffness_n_m.tolist(), strict=True
+            )
+        ],
+    }
+
+
+def parts_json(design: JointDesign) -> Json | None:
+    """Volume and mass of each part, and whether its walls hold."""
+    kit = design.kit
+    if kit is None:
+        return None
+    volumes = {part.name: float(part.solid.volume()) for part in kit.parts}
+    wall = kit.printing.wall_m / MM
+    return {
+        "material": kit.printing.material.name,
+        "volumes_mm3": volumes,
+        "volume_mm3": sum(volumes.values()),
+        "mass_g": sum(volumes.values()) * 1e-6 * kit.printing.material.density_kg_m3,
+        "height_mm": kit.top_mm + PLATE_MM,
+        "walls_hold": all(part.outline is None or keeps_wall(part.outline, wall) for part in kit.parts),
+        "largest_strain": max(flexure.strain for flexure in kit.flexures),
+        "layers_from_below": [i + 1 for i in kit.stack.order],
+        "hanging_posts": sorted(i + 1 for i in kit.stack.hanging),
+    }
+
+
+def readable(design: JointDesign) -> str:
+    """The report to read, without the table of members."""
+    fit, held, by_v, wish = design.fit, design.held, design.held_by_v, design.wish
+    low, half, high = fit.iou
+    missed = [] if fit.rms <= GOAL else [f"RMS {fit.rms:.3f} is above {GOAL:g}"]
+    missed += [] if half >= 0.8 else [f"half-level overlap {half:.2f} is below 0.8"]
+    lines = [
+        f"# {plain(design.source.name)}: a truss with the energy of its potential",
+        "",
+        f"{len(design.truss.rest_m)} members; {'; '.join(missed) or 'RMS and overlap as asked'}.",
+        "",
+        "| | |",
+        "|---|---|",
+        f"| U beside V_z where V_z < {wish.level:g} | RMS {fit.rms:.3f}, R^2 {fit.r2:.3f} |",
+        f"| overlap of level sets at 0.25, 0.5, 0.75 | {low:.2f}, {half:.2f}, {high:.2f} |",
+        f"| least U outside the region | {fit.lowest_outside * wish.level:.2f} (its edge is at {wish.level:g}) |",
+        f"| stiffness beside that of V_z where V_z < 0.5 | off by {100 * fit.stiffness_worst:.0f} % of the greatest at "
+        f"worst, {100 * fit.stiffness_median:.0f} % in the median |",
+        f"| stored at V = 0 | {design.design.stored:.2f} of U(V = 1) |",
+        f"| built with errors ({wish.tolerance.position / MM:g} mm, {100 * wish.tolerance.stiffness:g} % stiffness) | "
+        f"RMS {np.median(design.built_rms):.3f} in the median, {np.quantile(design.built_rms, 0.95):.3f} at 95 % |",
+        f"| V_z learned again from resampled blocks | RMS {design.doubt[0]:.3f}, "
+        f"overlap {design.doubt[1]:.2f} with itself |",
+        f"| mass released with {ENERGY:g} of U(V = 1) | {100 * held.inside:.1f} % of time inside the region, "
+        f"{100 * held.inside_half:.1f} % where V_z < 0.5; EAL model {100 * by_v.inside:.1f} %, "
+        f"{100 * by_v.inside_half:.1f} % |",
+        f"| energy drift of the two | {held.drift:.1e}, {by_v.drift:.1e} of U(V = 1) |",
+        f"| snaps along the recorded way | {len(design.way.snaps)} |",
+    ]
+    parts = parts_json(design)
+    if parts is not None:
+        lines += [
+            f"| printed | {design.metre_per_unit / design.source.unit_m:.3g} times the animal's size, U(V = 1) = "
+            f"{design.energy_j / MM:.3g} mJ |",
+            f"| parts in {parts['material']} | {parts['volume_mm3'] / 1e3:.1f} cm^3, {parts['mass_g']:.0f} g, "  # type: ignore[operator]
+            f"{parts['height_mm']:.0f} mm high, strain up to {100 * parts['largest_strain']:.1f} % |",  # type: ignore[operator]
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def members(design: JointDesign) -> str:
+    """The table of members."""
+    heads, rows = member_rows(design.truss, design.kit)
+    lines = ["", "Members, lengths in mm as printed:", "", "| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,177 @@
+"""Where the potential of a joint comes from: a run's folder, a potential's file, or a learned model with its trials."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.spatial import KDTree
+
+from eal import EmpiricalPotential, load_potential
+from eal.archive import ArchiveError
+from filters.model import LearnedModel
+from filters.model_file import load_model
+from mocap.arrays import Array
+from mocap.body import BodyFrames
+from mocap.errors import FormatError, MocapError
+from mocap.io.manifest import current_files
+from mocap.joints import joint_tracks
+from mocap.pipeline.potentials import joint_potentials
+from mocap.records import JointTracks, MarkerTracks, Origin
+from mocap.skeleton import Joint, Skeleton, read_skeleton
+
+FRAMES = ("limb", "plane", "body", "world")
+FRAME = "limb"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointSource:
+    """A joint's potential and where the joint went.
+
+    Attributes:
+        name: Joint name.
+        frame: Frame of reference of the coordinates, as far as known.
+        potential: V_z on coordinates divided by ``unit_m``.
+        unit_m: Metres a unit of these.
+        t_s: (T,) times of the path; frame numbers where the times are not known.
+        path_m: (T, d) recorded way of the joint's child about its centre; no NaN.
+    """
+
+    name: str
+    frame: str
+    potential: EmpiricalPotential
+    unit_m: float
+    t_s: Array
+    path_m: Array
+
+
+def read_source(source: Path, joint: str | None, skeleton: Path | None) -> JointSource:
+    """Read the potential of a joint.
+
+    Args:
+        source: Folder that ``track`` or ``demo`` wrote; a file of its ``potentials/``; or a model that ``learn`` wrote.
+        joint: Joint name; with a model and no skeleton three markers: ``parent,centre,child``. None: of a potential's
+            file, its name.
+        skeleton: Of a model: the file that names the joint.
+
+    Raises:
+        MocapError: nothing of that kind, or no such joint; the message names those that there are.
+    """
+    if source.is_dir():
+        return _from_run(source, joint)
+    if not source.is_file():
+        raise MocapError(f"{source}: there is no such file: give a run's folder, a potential, or a model (.npz)")
+    try:
+        with np.load(source, allow_pickle=False) as stored:
+            is_model = "header" in stored.files
+    except (OSError, ValueError):
+        raise FormatError(f"{source}: not a potential or model (.npz) that mocap wrote") from None
+    if is_model:
+        return _from_model(load_model(source), joint, skeleton, source)
+    return _from_file(source, joint or source.stem, None)
+
+
+def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
+    try:
+        potential = load_potential(path)
+        unit_m = float(potential.units[0].removesuffix(" m"))
+    except (ArchiveError, ValueError) as error:
+        raise FormatError(f"{path}: not the potential of a joint in metres ({error}): run mocap track again") from None
+    samples_m = potential.samples * unit_m
+    if tracks is None:
+        return JointSource(
+            name=joint,
+            frame=FRAME if potential.dimension == 2 else "body",
+            potential=potential,
+            unit_m=unit_m,
+            t_s=np.arange(len(samples_m), dtype=np.float64),
+            path_m=samples_m,
+        )
+    table = pd.read_csv(tracks)
+    near: dict[str, float] = {}
+    for frame in FRAMES:
+        columns = [f"{joint}_{frame}_{axis}" for axis in "xyz"[: potential.dimension]]
+        if set(columns) <= set(table.columns) and f"{joint}_{frame}_z" not in set(table.columns) - set(columns):
+            path_m = table[columns].to_numpy(dtype=np.float64)
+            known = path_m[np.isfinite(path_m).all(axis=1)]
+            if len(known):
+                near[frame] = float(np.median(KDTree(known).query(samples_m)[0]))
+    if not near:
+        raise FormatError(f"{tracks}: has no coordinates of {joint!r} in {potential.dimension} dimensions: track again")
+    frame = min(near, key=lambda key: near[key])
+    path_m = table[[f"{joint}_{frame}_{axis}" for axis in "xyz"[: potential.dimension]]].to_numpy(dtype=np.float64)
+    known = np.isfinite(path_m).all(axis=1)
+    return JointSource(
+        name=joint,
+        frame=frame,
+        potential=potential,
+        unit_m=unit_m,
+        t_s=table["t_s"].to_numpy(dtype=np.float64)[known],
+        path_m=path_m[known],
+    )
+
+
+def _from_run(folder: Path, joint: str | None) -> JointSource:
+    files = current_files(folder)
+    potentials = {Path(file).stem: path for file, path in files.items() if file.startswith("potentials/")}
+    there = sorted(potentials)
+    if not there:
+        raise MocapError(f"{folder}: has no potentials/: give a folder that mocap track wrote with --skeleton")
+    if joint not in there:
+        raise MocapError(f"{folder}: give --joint, one of {', '.join(there)}" + (f", not {joint}" if joint else ""))
+    return _from_file(potentials[joint], joint, files.get("joints.csv", folder / "joints.csv"))
+
+
+def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, path: Path) -> JointSource:
+    wanted = _joint(model.names, joint, skeleton, path)
+    bones = Skeleton(name="joint", markers=model.names, joints=(wanted,))
+    q, origin, t = [], [], []
+    for trial in model.trials:
+        markers = _markers(model.names, trial.t_s, trial.xyz_m)
+        still = BodyFrames(
+            rotation=np.tile(np.eye(3), (len(trial.t_s), 1, 1)), position_m=np.zeros((len(trial.t_s), 3))
+        )
+        q.append(joint_tracks(markers, bones, still)[FRAME].q_m)
+        origin.append(trial.xyz_m)
+        t.append(trial.t_s - trial.t_s[0] + (t[-1][-1] + model.dt_s if t else 0.0))
+    t_s, q_m = np.concatenate(t), np.concatenate(q)
+    tracks = JointTracks(names=(wanted.name,), frame=FRAME, t_s=t_s, q_m=q_m, sd_m=np.full(q_m.shape[:2], np.nan))
+    found = joint_potentials({FRAME: tracks}, _markers(model.names, t_s, np.concatenate(origin)), bones)
+    if wanted.name not in found:
+        raise MocapError(f"{path}: {wanted.name} has too few frames in which its three markers were measured")
+    one = found[wanted.name]
+    known = np.isfinite(q_m[:, 0]).all(axis=1)
+    return JointSource(
+        name=wanted.name,
+        frame=FRAME,
+        potential=one.potential,
+        unit_m=one.scale_m,
+        t_s=t_s[known],
+        path_m=q_m[known, 0],
+    )
+
+
+def _joint(names: tuple[str, ...], joint: str | None, skeleton: Path | None, path: Path) -> Joint:
+    if skeleton is not None:
+        joints = {j.name: j for j in read_skeleton(skeleton).for_markers(names, source=str(path)).joints}
+        if joint not in joints:
+            raise MocapError(f"{skeleton}: give --joint, one of {', '.join(joints) or 'none is there'}")
+        return joints[joint]
+    parts = tuple(part.strip() for part in (joint or "").split(","))
+    if len(parts) != 3 or not set(parts) <= set(names):
+        raise MocapError(
+            f"{path}: a model knows markers, not joints: give --skeleton with --joint, or --joint parent,centre,child "
+            f"of its markers {', '.join(names)}"
+        )
+    return Joint(name=f"{parts[1]}_{parts[2]}", parent=parts[0], centre=parts[1], child=parts[2])
+
+
+def _markers(names: tuple[str, ...], t_s: Array, xyz_m: Array) -> MarkerTracks:
+    seen = np.isfinite(xyz_m[..., 0])
+    return MarkerTracks(
+        names=names,
+        t_s=t_s,
+        xyz_m=xyz_m,
+        cov_m2=np.full((*seen.shape, 3, 3), np.nan),
+        origin=np.where(seen, Origin.MEASURED, Origin.MISSING).astype(np.int8),
+    )

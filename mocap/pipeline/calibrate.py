@@ -1,0 +1,295 @@
+"""The four ways to calibrate, from files to a report: boards, wand, known points, the markers themselves."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mocap.calibration.board_rig import calibrate_boards
+from mocap.calibration.boards import Board
+from mocap.calibration.detect import detect
+from mocap.calibration.dlt import fit_dlt
+from mocap.calibration.intrinsics import CHOICES
+from mocap.calibration.pictures import pictures_of
+from mocap.calibration.refine import Bone, refine_cameras
+from mocap.calibration.rig import RigCamera, in_world, rig_lens, upside_down
+from mocap.calibration.wand import MOVES, WandCalibration, calibrate_wand
+from mocap.cameras.camera import Camera
+from mocap.errors import CalibrationError, FormatError
+from mocap.io import dltdv
+from mocap.io.anipose import read_calibration
+from mocap.io.csv_table import read_table
+from mocap.io.easywand import read_easywand
+from mocap.io.profile import read_profile
+from mocap.markdown import plain
+from mocap.pipeline.calibration_files import CalibrationReport, number, table
+from mocap.pipeline.source import Source, load_filmed
+
+Told = Callable[[str], None]
+
+
+def from_pictures(
+    folder: Path, board: Board, *, world_frame: str | None, lens: str, known: Path | None, tell: Told
+) -> tuple[tuple[Camera, ...], CalibrationReport]:
+    """Pictures of a board to cameras, whose lenses are found or, from a calibration, held.
+
+    Raises:
+        CalibrationError: whatever makes that impossible.
+    """
+    if lens not in ("auto", *CHOICES):
+        raise CalibrationError(f"--lens {lens!r} is no lens model: auto, {', '.join(CHOICES)}")
+    choices = tuple(CHOICES) if lens == "auto" else (lens,)
+    board, views = detect(pictures_of(folder), board, progress=tell)
+    lenses = None if known is None else {c.name: rig_lens(c) for c in read_calibration(known)}
+    found = calibrate_boards(views, board, world_frame=world_frame, choices=choices, lenses=lenses, progress=tell)
+    pairs = list(zip(found.cameras, found.intrinsics, found.f_sd_px, strict=True))
+    rows = [
+        [
+            c.name,
+            f"{len(views[c.name].corners)} of {len(views[c.name].corners) + len(views[c.name].missed)}",
+            i.choice,
+            f"{c.lens.f_px[0]:.1f} ± {sd:.1f}",
+            f"{found.camera_px[c.name][0]:.3f}",
+            f"{found.camera_px[c.name][1]:.3f}",
+            ", ".join(f"{k} {v:.3f}" for k, v in i.held_out_px.items()) or "-",
+        ]
+        for c, i, sd in pairs
+    ]
+    worst = sorted(((v, n, s) for n, per in found.image_px.items() for s, v in per.items()), reverse=True)[:5]
+    lines = [
+        f"# Calibration of {len(found.cameras)} cameras: {found.rms_px:.3f} px",
+        "",
+        *table(
+            ["camera", "boards found", "lens", "f px", "RMS px", "median px", "held-out px by lens model"],
+            rows,
+        ),
+        f"The world is the board of {plain(found.world_frame)}: origin at its first inner corner, x along its rows, z "
+        "out of it; metres. Pixels are counted from the upper left, the centre of the first pixel at (0, 0).",
+        "",
+        "Largest residuals: " + ", ".join(f"{plain(n)} {plain(s)} {v:.2f} px" for v, n, s in worst) + ".",
+    ]
+    warned = [f"{n}: {share * 100:.1f} % of the picture has no ray" for n, share in found.no_ray.items() if share]
+    warned += [f"{n} {s} agrees with no other view and was left out" for n, s in found.left_out]
+    lines += [f"- {plain(w)}" for w in warned]
+    numbers = {
+        "method": "boards",
+        "rms_px": found.rms_px,
+        "world_frame": found.world_frame,
+        "cameras": {
+            c.name: {
+                "lens": c.lens.model,
+                "choice": i.choice,
+                "f_px": c.lens.f_px,
+                "f_sd_px": sd,
+                "centre_px": c.lens.centre_px,
+                "distortion": c.lens.coefficients,
+                "position_m": c.position_m,
+                "rms_px": found.camera_px[c.name][0],
+                "median_px": found.camera_px[c.name][1],
+                "held_out_px": {k: number(v) for k, v in i.held_out_px.items()},
+                "image_rms_px": found.image_px[c.name],
+                "missed": views[c.name].missed,
+            }
+            for c, i, sd in pairs
+        },
+        "findings": warned,
+    }
+    return tuple(c.camera() for c in found.cameras), CalibrationReport(numbers=numbers, lines=lines)
+
+
+def from_wand(
+    file: Path,
+    *,
+    background: Path | None,
+    profile: Path | None,
+    length_m: float | None,
+    moves: str,
+    lower_left: bool,
+    tell: Told,
+) -> tuple[tuple[Camera, ...], tuple[Camera, ...], CalibrationReport]:
+    """Wand points to cameras: in the convention of the file, and for rows from the upper left.
+
+    Raises:
+        CalibrationError: whatever makes that impossible.
+        FormatError: a file cannot be read.
+    """
+    if file.suffix.lower() == ".mat":
+        wand = read_easywand(file)
+        lenses, sizes, wand_px, back_px = list(wand.lenses), list(wand.sizes_px), wand.wand_px, wand.background_px
+        length_m = wand.wand_length if length_m is None else length_m
+    else:
+        if profile is None or length_m is None:
+            raise CalibrationError(
+                f"{file.name}: a wand needs its length and the lenses: give --length-m and --profile"
+            )
+        pixels = dltdv.read_pixels(file, fps=1.0)
+        if len(pixels.names) != 2:
+            raise FormatError(f"{file.name}: holds {len(pixels.names)} points; a wand has two ends: export these alone")
+        lenses, sizes = (list(x) for x in zip(*read_profile(profile), strict=True))
+        wand_px = pixels.uv_px
+        if len(lenses) != len(wand_px):
+            raise CalibrationError(f"{profile.name}: describes {len(lenses)} cameras, {file.name} holds {len(wand_px)}")
+        back_px = np.full((len(lenses), 0, 1, 2), np.nan)
+    if background is not None:
+        back_px = dltdv.read_pixels(background, fps=1.0).uv_px
+    results: dict[str, WandCalibration] = {}
+    for choice in MOVES[:3] if moves == "auto" else (moves,):
+        try:
+            found = calibrate_wand(lenses, sizes, wand_px, back_px, length_m=length_m, moves=choice)
+        except CalibrationError:
+            if moves != "auto" or choice == MOVES[0]:
+                raise
+            continue
+        results[choice] = found
+        tell(f"free {choice}: wand score {found.good_score:.3f} over {found.good_wands} of {found.wands} wands")
+    chosen = min(results, key=lambda c: results[c].good_held_out_score)
+    best = results[chosen]
+    rig: Sequence[RigCamera] = best.cameras
+    upright = rig
+    if lower_left:
+        rig = in_world(rig, np.diag([1.0, 1.0, -1.0, 1.0]))
+        heights = [0.0 if s is None else float(s[1]) for s in sizes]
+        upright = [upside_down(c, h) for c, h in zip(rig, heights, strict=True)]
+    rows = [
+        [c.name, f"{c.lens.f_px[0]:.1f} ± {sd:.1f}", f"{rms:.2f}", np.round(c.position_m, 3).tolist()]
+        for c, sd, rms in zip(best.cameras, best.f_sd_px, best.camera_px, strict=True)
+    ]
+    lines = [
+        f"# Calibration of {len(rig)} cameras with a wand of {length_m:g} m",
+        "",
+        f"Wand score (100 SD / mean of its length, linear triangulation) {best.score:.3f} over {best.wands} instants, "
+        f"{best.held_out_score:.3f} on instants held out; over the {best.good_wands} whose clicks are believed "
+        f"{best.good_score:.3f}, **{best.good_held_out_score:.3f}** held out. Free: {chosen}; "
+        f"median error {best.median_px:.2f} px, "
+        f"{best.believed * 100:.0f} % of the sightings believed.",
+        "",
+        *table(["camera", "f px", "RMS px (all sightings)", "place m"], rows),
+        "The world's origin is the middle of the wand's places; its axes are those of the first camera (x right, "
+        f"y {'up, z backward' if lower_left else 'down, z forward'}).",
+        "",
+        "A wand cannot tell whether rows count up or down: they were taken as counted from the "
+        f"{'lower' if lower_left else 'upper'} left; otherwise the world is mirrored (state --origin).",
+    ]
+    numbers = {
+        "method": "wand",
+        "wand_score": number(best.score),
+        "held_out_score": number(best.held_out_score),
+        "wands": best.wands,
+        "good_wands": best.good_wands,
+        "good_score": number(best.good_score),
+        "good_held_out_score": number(best.good_held_out_score),
+        "free": chosen,
+        "tried": {
+            k: {"score": number(r.good_score), "held_out": number(r.good_held_out_score)} for k, r in results.items()
+        },
+        "median_px": best.median_px,
+        "believed": best.believed,
+        "cameras": {
+            c.name: {"f_px": c.lens.f_px, "f_sd_px": sd, "rms_px": rms, "position_m": c.position_m}
+            for c, sd, rms in zip(best.cameras, best.f_sd_px, best.camera_px, strict=True)
+        },
+    }
+    report = CalibrationReport(numbers=numbers, lines=lines)
+    return tuple(c.camera() for c in rig), tuple(c.camera() for c in upright), report
+
+
+def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Camera, ...], CalibrationReport]:
+    """Known points and their pixels to DLT coefficients.
+
+    Raises:
+        CalibrationError: too few points, or pixels that do not belong to them.
+        FormatError: a file has other columns.
+    """
+    xyz, uv = _numbers(points), _numbers(pixels)
+    if xyz.shape[1] != 3:
+        raise FormatError(f"{points.name}: {xyz.shape[1]} columns; expected x, y, z of a point a row")
+    if uv.shape[1] % 2 or not uv.shape[1]:
+        raise FormatError(f"{pixels.name}: {uv.shape[1]} columns; expected x, y for each camera, a point a row")
+    if len(xyz) != len(uv):
+        raise CalibrationError(
+            f"{points.name} holds {len(xyz)} points, {pixels.name} {len(uv)}: a row a point in one order"
+        )
+    fits = [fit_dlt(f"cam{c + 1}", xyz * unit_m, uv[:, 2 * c : 2 * c + 2]) for c in range(uv.shape[1] // 2)]
+    rows = [
+        [f.camera.name, int(np.isfinite(f.error_px[:, 0]).sum()), f"{f.rms_px:.3f}", f"{f.left_out_px:.3f}"]
+        for f in fits
+    ]
+    lines = [
+        f"# DLT coefficients of {len(fits)} cameras from {len(xyz)} known points",
+        "",
+        *table(["camera", "points", "RMS px (2n - 11)", "RMS px of points left out"], rows),
+        "Metres; the pixel origin is that of the file.",
+    ]
+    numbers = {
+        "method": "dlt",
+        "cameras": {
+            f.camera.name: {
+                "rms_px": f.rms_px,
+                "left_out_px": number(f.left_out_px),
+                "error_px": [number(float(np.hypot(*e))) for e in f.error_px],
+            }
+            for f in fits
+        },
+    }
+    return tuple(f.camera for f in fits), CalibrationReport(numbers=numbers, lines=lines)
+
+
+def from_tracks(source: Source, *, bones: Sequence[str], focal: bool) -> tuple[tuple[Camera, ...], CalibrationReport]:
+    """Marker tracks and their calibration to a better one.
+
+    Raises:
+        MocapError: whatever makes that impossible.
+    """
+    filmed = load_filmed(source, iterations=3)
+    names = filmed.pixels.names
+    found = refine_cameras(filmed.cameras, filmed.ideal_px, bones=[_bone(b, names) for b in bones], focal=focal)
+    rows = [
+        [c.name, f"{1e3 * m:.1f}", f"{np.degrees(a):.3f}", f"{f:.4f}"]
+        for c, m, a, f in zip(found.cameras, found.moved_m, found.turned_rad, found.f_ratio, strict=True)
+    ]
+    lines = [
+        f"# {len(rows)} cameras refined from {found.points} points of the recording",
+        "",
+        f"Median residual of points held out: {found.before_px:.3f} px before, **{found.after_px:.3f} px** after.",
+        "",
+        *table(["camera", "moved mm", "turned degrees", "f over old f"], rows),
+        *(f"- {plain(b)}: {r:.4f} of the wanted length" for b, r in zip(bones, found.length_ratio, strict=True)),
+        "Coefficients are for the same (undistorted) pixels as before: use the same camera profile with them.",
+    ]
+    numbers = {
+        "method": "refine",
+        "before_px": found.before_px,
+        "after_px": found.after_px,
+        "points": found.points,
+        "moved_m": found.moved_m,
+        "turned_rad": found.turned_rad,
+        "f_ratio": found.f_ratio,
+        "length_ratio": dict(zip(bones, found.length_ratio.tolist(), strict=True)),
+    }
+    bare = tuple(replace(c, lens=None) for c in found.cameras)
+    return bare, CalibrationReport(numbers=numbers, lines=lines)
+
+
+def _bone(text: str, names: Sequence[str]) -> Bone:
+    """From ``first,second`` or ``first,second,length in metres``."""
+    parts = [p.strip() for p in text.split(",")]
+    if len(parts) not in (2, 3) or any(p not in names for p in parts[:2]):
+        raise CalibrationError(
+            f"--bone {text!r}: expected two of {', '.join(names[:30])}, and maybe a length in metres"
+        )
+    try:
+        length = float(parts[2]) if len(parts) == 3 else None
+    except ValueError:
+        raise CalibrationError(f"--bone {text!r}: {parts[2]!r} is no length in metres") from None
+    if length is not None and not length > 0:
+        raise CalibrationError(f"--bone {text!r}: a length is above 0")
+    return Bone(first=names.index(parts[0]), second=names.index(parts[1]), length_m=length)
+
+
+def _numbers(path: Path) -> np.ndarray:
+    """A table with or without a header."""
+    try:
+        return read_table(path, header=False)[1]
+    except FormatError:
+        return read_table(path)[1]

@@ -1,0 +1,215 @@
+"""The main job: from the files of a recording to tracked motion, joints, potentials and a report."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from filters.learn import PoseSettings
+from filters.model import LearnedModel, for_recording
+from filters.motion.base import MotionModel
+from mocap.body import BodyFrames
+from mocap.errors import MocapError
+from mocap.joints import joint_tracks
+from mocap.pipeline.potentials import joint_potentials
+from mocap.pipeline.prepare import Prepared, prepare
+from mocap.pipeline.report import make_report, readable
+from mocap.pipeline.run import Run
+from mocap.pipeline.source import Source
+from mocap.pipeline.tracking import (
+    Part,
+    learn_models,
+    marker_trial,
+    part_names,
+    seen_part,
+    track,
+    track_learned,
+    track_mixed,
+    tracked_motion,
+    trunk_frames,
+    validate,
+    why_no_pose,
+)
+from mocap.records import PixelTracks
+
+Model = Literal["auto", "mixture", "eal", "constant_velocity"]
+Watch = Callable[[Prepared, Part, MotionModel], None]
+"""Filters a recording for somebody who watches."""
+JOINT_HZ = 30.0
+"""Body frames of joint coordinates follow the trunk up to this frequency."""
+
+
+@dataclass(kw_only=True)
+class Stages:
+    """Times stages, and tells somebody how far the current one is.
+
+    Attributes:
+        tell: Called with the name of the stage and the share done.
+        seconds: Time that each stage took.
+    """
+
+    tell: Callable[[str, float], None] = lambda _stage, _share: None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
+        """Time one stage; yields its progress callback."""
+        start = perf_counter()
+        self.tell(name, 0.0)
+        yield lambda share: self.tell(name, share)
+        self.tell(name, 1.0)
+        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
+
+
+def run_job(
+    source: Source,
+    *,
+    model: Model = "auto",
+    learned: LearnedModel | None = None,
+    stages: Stages | None = None,
+    settings: PoseSettings | None = None,
+    validated: bool = True,
+    seed: int = 0,
+    watch: Watch | None = None,
+) -> tuple[Run, Prepared]:
+    """Track a recording.
+
+    Args:
+        source: Its files.
+        model: ``constant_velocity``, ``eal``, a ``mixture`` of both and a regression, or (``auto``) the mixture, unless
+            constant velocity fills hidden samples of this recording better.
+        learned: A model of other trials to track with, in place of these.
+        stages: Timer and progress.
+        settings: Choices of the pose model.
+        validated: Whether to hide samples and measure how they are filled.
+        seed: Which samples to hide.
+        watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
+
+    Returns:
+        The run, and the prepared recording that it rests on.
+
+    Raises:
+        MocapError: what makes it impossible, with what to do.
+    """
+    with threadpool_limits(1):  # at these sizes two BLAS threads only wait for each other
+        return _run_job(source, model, learned, stages or Stages(), settings or PoseSettings(), validated, seed, watch)
+
+
+def _run_job(
+    source: Source,
+    model: Model,
+    learned: LearnedModel | None,
+    stages: Stages,
+    settings: PoseSettings,
+    validated: bool,
+    seed: int,
+    watch: Watch | None,
+) -> tuple[Run, Prepared]:
+    with stages.stage("read, triangulate, clean"):
+        prepared = prepare(source)
+        part = seen_part(prepared)
+        reason = why_no_pose(prepared, part)
+    if model in ("eal", "mixture") and reason is not None:
+        raise MocapError(f"{source.tracks.name}: no EAL model can be learned: {reason}; use --model constant_velocity")
+    scores, hidden = {}, 0
+    if validated:
+        with stages.stage("validate on hidden samples") as progress:
+            methods = {
+                "mixture": model in ("auto", "mixture") and learned is None,
+                "eal": model != "constant_velocity",
+                "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
+            }
+            rng = np.random.default_rng(seed)
+            scores, hidden = validate(
+                prepared, part, settings=settings, methods=methods, learned=learned, rng=rng, progress=progress
+            )
+    if learned is not None:
+        name, why = "learned", _learned_from(learned, prepared, part)
+        with stages.stage("track") as progress:
+            smoothed = track_learned(prepared, part, learned, progress=progress)
+    else:
+        chosen, why = _choose(model, reason, scores)
+        with stages.stage("learn"):
+            own = learn_models(prepared, part, settings=settings)["eal" if chosen == "mixture" else chosen]
+        if watch is not None:
+            with stages.stage("filter live"):
+                watch(prepared, part, own)
+        name, smoothed = chosen, None
+        if chosen == "mixture":
+            with stages.stage("track by a mixture") as progress:
+                smoothed = track_mixed(prepared, part, settings=settings, progress=progress)
+        if smoothed is None:
+            name = own.name
+            with stages.stage("track") as progress:
+                smoothed = track(prepared, part, own, progress=progress)
+    tracked = tracked_motion(prepared, part, name, smoothed)
+    with stages.stage("joints and potentials"):
+        joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
+        potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)
+    report = make_report(
+        prepared,
+        part,
+        tracked,
+        potentials,
+        why_model=why,
+        validation=scores,
+        hidden=hidden,
+        seconds=stages.seconds,
+        settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
+    )
+    filmed = prepared.filmed
+    ideal = None
+    if filmed is not None:
+        ideal = PixelTracks(
+            names=prepared.names, cameras=filmed.pixels.cameras, t_s=prepared.t_s, uv_px=filmed.ideal_px
+        )
+    run = Run(
+        name=prepared.name,
+        skeleton=prepared.skeleton,
+        cameras=() if filmed is None else filmed.cameras,
+        ideal_px=ideal,
+        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
+        tracked=tracked,
+        joints=joints,
+        potentials=potentials,
+        repaired=np.any(list(prepared.repaired.values()), axis=0),
+        report=report,
+        report_text=readable(report, title=prepared.name),
+    )
+    return run, prepared
+
+
+def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
+    """Body frames of every frame of the recording; outside the seen part those of its ends."""
+    part = seen_part(prepared)
+    inner = trunk_frames(prepared, part, cutoff_hz=cutoff_hz)
+    index = np.clip(np.arange(len(prepared.t_s)) - part.frames.start, 0, len(inner.rotation) - 1)
+    return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
+
+
+def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
+    own = marker_trial(prepared, part)
+    others = {trial.name for trial in for_recording(learned, part_names(prepared, part), own)}
+    itself = [trial.name for trial in learned.trials if trial.name not in others]
+    left_out = f"; {', '.join(itself)} is this recording itself, and was left out" if itself else ""
+    return f"learned from {', '.join(t.name for t in learned.trials if t.name in others) or 'no other'}{left_out}"
+
+
+def _choose(
+    model: Model, reason: str | None, scores: dict
+) -> tuple[Literal["mixture", "eal", "constant_velocity"], str]:
+    """The model to track with, and why."""
+    if model != "auto":
+        return model, "as asked"
+    if reason is not None:
+        return "constant_velocity", reason
+    rmse = {name: scores.get(name, {}).get("rmse_mm") for name in ("mixture", "constant_velocity")}
+    if rmse["mixture"] is None or rmse["constant_velocity"] is None:
+        return "mixture", "the default"
+    if rmse["mixture"] <= rmse["constant_velocity"]:
+        return "mixture", "it fills hidden samples of this recording better than constant velocity"
+    return "constant_velocity", "it fills hidden samples of this recording better than the mixture with the EAL model"

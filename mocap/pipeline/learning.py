@@ -1,0 +1,80 @@
+"""``mocap learn``: a model from several recordings of the same kind of animal."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from filters.model import LearnedModel, learn_model, own_fitting
+from filters.poses import MarkerTrial
+from mocap.errors import MocapError
+from mocap.markdown import plain
+from mocap.pipeline.prepare import Prepared, prepare
+from mocap.pipeline.source import Source
+from mocap.pipeline.tracking import marker_trial, seen_part
+
+
+def learn_from(
+    sources: Sequence[Source], *, seed: int = 0, tell: Callable[[str], None] = lambda _line: None
+) -> LearnedModel:
+    """Prepare recordings as ``track`` does, and learn from all of them.
+
+    Args:
+        sources: Recordings of one frame rate; markers of the same name are the same.
+        seed: Which samples are hidden to choose and to calibrate.
+        tell: Called with a line for each recording and each candidate.
+
+    Raises:
+        MocapError: a recording cannot be read, or they cannot be learned from together.
+    """
+    recordings = []
+    for source in sources:
+        recordings.append(prepare(source))
+        seen = np.isfinite(recordings[-1].xyz_m[..., 0])
+        tell(f"{recordings[-1].name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
+    names = list(dict.fromkeys(name for recording in recordings for name in recording.names))
+    trunk = [name for name in recordings[0].skeleton.trunk if name in names]
+    trials = [_with_markers(recording, names) for recording in recordings]
+    seen = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
+    if seen.sum() < 4:
+        raise MocapError(f"only {seen.sum()} markers are ever seen in these recordings: a model needs 4")
+    kept = [name for name, ever in zip(names, seen, strict=True) if ever]
+    trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
+    trunk, bones = [name for name in trunk if name in kept], recordings[0].skeleton.rigid
+    return learn_model(kept, trunk, trials, np.random.default_rng(seed), bones=bones, tell=tell)
+
+
+def _with_markers(recording: Prepared, names: Sequence[str]) -> MarkerTrial:
+    """The seen frames of a recording, with all markers of the model in its order."""
+    part = seen_part(recording)
+    trial = marker_trial(recording, replace(part, markers=np.arange(len(recording.names))))
+    xyz = np.full((len(trial.t_s), len(names), 3), np.nan)
+    sd = np.full(xyz.shape[:2], np.nan)
+    index = [names.index(name) for name in recording.names]
+    xyz[:, index], sd[:, index] = trial.xyz_m, trial.sd_m
+    return replace(trial, xyz_m=xyz, sd_m=sd)
+
+
+def readable_scores(learned: LearnedModel) -> str:
+    """What was learned, as markdown."""
+    lengths = next(iter(learned.scores.values()))["gap_frames"]
+    lines = [
+        f"# A model of {len(learned.trials)} recordings",
+        "",
+        f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Errors in the hidden gaps "
+        "by which models were chosen, root mean square in mm (per cent inside 95 % intervals, which are set by them):",
+        "",
+        "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
+        "|---" * (len(lengths) + 1) + "|",
+    ]
+    for name, rows in learned.scores.items():
+        cells = [f"{e:.3g} ({c:.0f} %)" for e, c in zip(rows["rmse_mm"], rows["coverage95"], strict=True)]
+        lines.append(f"| {plain(name)} | " + " | ".join(cells) + " |")
+    bones = own_fitting(learned).bones
+    if len(bones.ends):
+        lines += ["", "Distances that hold models with bones (of the skeleton, and pairs found to be as rigid):", ""]
+        lines += ["| markers | mm, in the last recording | varies by |", "|---|---|---|"]
+        for (a, b), length, sd in zip(bones.ends, bones.length_m, bones.sd_m, strict=True):
+            pair = plain(f"{learned.names[a]}, {learned.names[b]}")
+            lines.append(f"| {pair} | {1e3 * length:.4g} | {100 * sd / length:.1f} % |")
+    return "\n".join(lines) + "\n"

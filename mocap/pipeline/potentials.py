@@ -1,0 +1,67 @@
+"""The empirical potential of each joint, in the plane of its limb."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.spatial.distance import pdist
+
+from eal import GaussianKernel, fit_potential
+from mocap.arrays import Array
+from mocap.pipeline.run import JointPotential
+from mocap.records import JointTracks, MarkerTracks, Origin
+from mocap.skeleton import Skeleton
+
+FRAME = "limb"
+NAMES = ("along", "across", "third")
+FEWEST = 30
+"""Samples below which a potential says more about their number than about the joint."""
+
+
+def joint_potentials(
+    joints: Mapping[str, JointTracks],
+    markers: MarkerTracks,
+    skeleton: Skeleton,
+    *,
+    frame: str = FRAME,
+    beta: float = 4.0,
+    lam: float = 1e-3,
+    most: int = 500,
+) -> dict[str, JointPotential]:
+    """Learn V_z of every joint from the frames in which its three markers were measured.
+
+    Coordinates keep the joint's centre as their origin and are divided by their standard deviation; the kernel is
+    exp(-beta |x - y|^2 / m), m the median squared distance of the samples. The paper's Figs 7 and 8 show such ones.
+
+    Args:
+        joints: Joint tracks by frame of reference.
+        markers: Tracked markers; filled samples are not learned from.
+        skeleton: Joints.
+        frame: Frame of reference of the coordinates, in two or three dimensions.
+        beta: Kernel width in units of the median squared distance.
+        lam: Spectral filtering parameter.
+        most: Most samples; evenly spaced ones are taken.
+
+    Returns:
+        Potentials by joint; joints with fewer than ``FEWEST`` samples are left out.
+    """
+    tracks = joints[frame]
+    measured = dict(zip(markers.names, (markers.origin == Origin.MEASURED).T, strict=True))
+    out = {}
+    for joint in (j for j in skeleton.joints if j.name in tracks.names):
+        i = tracks.names.index(joint.name)
+        ok = measured[joint.parent] & measured[joint.centre] & measured[joint.child]
+        samples = tracks.q_m[ok & np.isfinite(tracks.q_m[:, i, 0]), i]
+        if len(samples) < FEWEST:
+            continue
+        samples = samples[np.linspace(0, len(samples) - 1, min(len(samples), most)).astype(int)]
+        out[joint.name] = _potential(joint.name, frame, samples, beta=beta, lam=lam)
+    return out
+
+
+def _potential(joint: str, frame: str, samples_m: Array, *, beta: float, lam: float) -> JointPotential:
+    scale = max(float(np.sqrt(samples_m.var(axis=0).sum())), 1e-9)
+    scaled = samples_m / scale
+    width = max(float(np.median(pdist(scaled[:: max(1, len(scaled) // 500)], "sqeuclidean"))), 1e-6)
+    names, units = NAMES[: scaled.shape[1]], (f"{scale:.6g} m",) * scaled.shape[1]
+    potential = fit_potential(scaled, kernel=GaussianKernel(beta / width), lam=lam, names=names, units=units)
+    return JointPotential(joint=joint, frame=frame, samples_m=samples_m, potential=potential, scale_m=scale)

@@ -1,0 +1,301 @@
+"""From files to what a tracker takes: triangulated, cleaned, freed from the slow errors of rays."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.observations import Observations, PixelObservations, PositionObservations
+from mocap import audit
+from mocap.arrays import Array
+from mocap.cameras import triangulate
+from mocap.cleaning.bias import ray_bias
+from mocap.cleaning.camera_health import BadTime, camera_health, shifted_back
+from mocap.cleaning.clean import REASONS, clean
+from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise, click_noise
+from mocap.cleaning.findings import camera_findings, cleaning_findings, exchange_findings, never_seen
+from mocap.cleaning.position_noise import position_sd
+from mocap.cleaning.robust_rays import student_t
+from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
+from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
+from mocap.errors import CalibrationError, FormatError
+from mocap.pipeline.source import Filmed, Source, audit_points, by_pixels, load_filmed, load_points, load_skeleton
+from mocap.skeleton import Skeleton, ends_among
+from mocap.stated import contradiction
+
+LEAST_SD_M = 1e-6
+"""Positions are not known better than that, whatever a file says."""
+
+WIDE = 0.05
+"""A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Prepared:
+    """A recording ready to be tracked.
+
+    Attributes:
+        name: Of the recording.
+        skeleton: Its skeleton, at least with its markers.
+        names: The M markers.
+        t_s: (T,) times.
+        xyz_m: (T, M, 3) points of believed samples, corrected for slow ray errors; NaN else.
+        cov_m2: (T, M, 3, 3) covariance of their jitter.
+        filmed: Pixels and cameras; None where positions were given.
+        uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras.
+        ray_sd_px: (C, T, M) standard deviation of a coordinate of each corrected pixel, weighed by how the rays of its
+            marker meet.
+        ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
+        jitter_px: The same over all rays; NaN without cameras.
+        stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
+            of a pixel; 1: nothing is stated.
+        bias_px: Standard deviation of the slow ray errors that were removed.
+        residual_px: (T, M) residuals of triangulation before correction; NaN without.
+        rejected: (T, M) masks by reason.
+        rays_rejected: (C, T, M) rays that miss.
+        max_speed_m_s: (M,) speed limits that jumps were judged by.
+        findings: Sentences for the report.
+        camera_factor: (C, T) 1 or more: how much worse a camera is than in its good time
+            (``mocap.cleaning.camera_health``); contained in ``ray_sd_px``.
+        bad_cameras: Runs of frames in which a camera was bad.
+        noise: Relative scales of cameras and markers, and degrees of freedom of cameras, by which rays were weighed;
+            None without cameras.
+        swaps: Runs of frames in which two markers bore each other's names; undone in all that is above.
+        stale: Stored points that do not follow from the pixels; None where there was no file to compare.
+        audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
+    """
+
+    name: str
+    skeleton: Skeleton
+    names: tuple[str, ...]
+    t_s: Array
+    xyz_m: Array
+    cov_m2: Array
+    filmed: Filmed | None
+    uv_px: Array
+    ray_sd_px: Array
+    ray_scale_px: Array
+    jitter_px: float
+    bias_px: float
+    residual_px: Array
+    rejected: dict[str, NDArray[np.bool_]]
+    rays_rejected: NDArray[np.bool_]
+    max_speed_m_s: Array
+    camera_factor: Array
+    findings: tuple[str, ...] = ()
+    bad_cameras: tuple[BadTime, ...] = ()
+    noise: ClickNoise | None = None
+    swaps: tuple[Swap, ...] = ()
+    stale: tuple[audit.StalePoint, ...] | None = field(default=None)
+    audited: tuple[audit.Finding, ...] = ()
+    stated_over_shown: float = 1.0
+
+    @property
+    def dt_s(self) -> float:
+        """Time step."""
+        return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+    @property
+    def camera_sd_px(self) -> Array:
+        """(C,) standard deviation of a coordinate that informs as much as the mean ray of each camera; NaN: no ray."""
+        seen = np.isfinite(self.uv_px[..., 0])
+        total = np.where(seen, 1 / self.ray_sd_px**2, 0.0).sum(axis=(1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
+
+    @property
+    def repaired(self) -> dict[str, NDArray[np.bool_]]:
+        """(T, M) samples whose name was corrected, by the keys of ``mocap.cleaning.swaps.REPAIRS``."""
+        n_frames, n_markers = self.xyz_m.shape[:2]
+        return exchanged_samples((n_frames, n_markers), self.swaps)
+
+    def observations(
+        self, frames: slice, markers: NDArray[np.int64], *, hidden: NDArray[np.bool_] | None = None
+    ) -> Observations:
+        """Rows for a tracker.
+
+        Args:
+            frames: Frames to track.
+            markers: Markers to track.
+            hidden: (T, M) samples to leave out.
+        """
+        keep = np.ones(self.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
+        keep = keep[frames][:, markers]
+        xyz = np.where(keep[..., None], self.xyz_m[frames][:, markers], np.nan)
+        cov = self.cov_m2[frames][:, markers]
+        if self.filmed is None:
+            return PositionObservations(xyz_m=xyz, sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
+        uv = np.where(keep[None, ..., None], self.uv_px[:, frames][:, :, markers], np.nan)
+        depth = np.median(np.abs(self.filmed.matrices[:, 2, :3] @ _middle(self.xyz_m) + self.filmed.matrices[:, 2, 3]))
+        return PixelObservations(
+            matrices=self.filmed.matrices,
+            uv_px=uv,
+            sd_px=self.ray_scale_px[:, frames][:, :, markers],
+            dof=np.full(len(uv), USUAL_DOF) if self.noise is None else self.noise.dof,
+            xyz_m=xyz,
+            cov_m2=cov,
+            wide_m=WIDE * float(depth),
+        )
+
+
+def _middle(xyz_m: Array) -> Array:
+    return np.nanmedian(xyz_m.reshape(-1, 3), axis=0)
+
+
+def prepare(source: Source) -> Prepared:
+    """Read and clean a recording; see the module.
+
+    Raises:
+        MocapError: whatever makes that impossible, with what to do.
+    """
+    if not source.filmed:
+        return _prepare_points(source)
+    filmed = load_filmed(source, iterations=None)
+    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
+    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
+    health = camera_health(filmed.matrices, filmed.ideal_px)
+    worse = health.factor
+    filmed = replace(filmed, ideal_px=shifted_back(filmed.ideal_px, health))
+    shown, gate = by_pixels(filmed, source.pixel_sd, worse[..., None])
+    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse[..., None])
+    filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names, worse)
+    sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
+    t_s = filmed.pixels.t_s
+    cleaning = clean(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
+    uv = np.where((found.rejected | cleaning.any | doubtful)[..., None], np.nan, filmed.ideal_px)
+    if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
+        raise CalibrationError(
+            f"{source.tracks.name}: every sample was rejected, rays miss each other: check that coefficients, profile "
+            "and pixels belong together"
+        )
+    dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
+    bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
+    uv = uv - bias.bias_px
+    start = triangulate.linear(filmed.matrices, uv, relative=worse[..., None])
+    noise = click_noise(filmed.matrices, uv, start, relative=worse)
+    xyz, cov, ray_sd, ray_scale = student_t(
+        filmed.matrices, uv, start, sd_px=bias.jitter_px, relative=worse, noise=noise
+    )
+    ratio = 1.0 if source.pixel_sd is None else source.pixel_sd / bias.jitter_px
+    lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
+    stale, findings = audit_points(source, filmed)
+    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
+    told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
+    if filmed.late_frames is not None:
+        shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
+        told += [f"camera {c.name!r} was read {late:+.2f} frames off, as asked" for c, late in shifts if late]
+    contradicted = contradiction(source.pixel_sd, low_px=bias.jitter_px, high_px=shown)
+    findings = [*contradicted, filmed.pixel_origin.describe(), *told, *findings]
+    if bias.sd_px:
+        findings.append(
+            f"rays of one marker miss each other slowly by {bias.sd_px:.2f} px (calibration or lens): removed before "
+            f"tracking, {bias.jitter_px:.2f} px of jitter are left"
+        )
+    return Prepared(
+        name=source.name,
+        skeleton=skeleton,
+        names=names,
+        t_s=t_s,
+        xyz_m=xyz,
+        cov_m2=cov * ratio**2,
+        filmed=filmed,
+        uv_px=uv,
+        ray_sd_px=ray_sd * ratio,
+        ray_scale_px=ray_scale * ratio,
+        jitter_px=source.pixel_sd or bias.jitter_px,
+        bias_px=bias.sd_px,
+        residual_px=found.residual_px,
+        rejected={"rays_miss": lost, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
+        rays_rejected=found.rejected,
+        max_speed_m_s=cleaning.max_speed_m_s,
+        camera_factor=worse,
+        bad_cameras=health.bad,
+        noise=noise,
+        findings=(
+            *source.frame_findings,
+            *findings,
+            *camera_findings(health, [c.name for c in filmed.cameras]),
+            *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
+            *([f"{lost.sum()} samples rejected, {REASONS['rays_miss']}"] if lost.any() else []),
+            *cleaning_findings(cleaning, names),
+            *never_seen(xyz, names),
+        ),
+        swaps=swaps,
+        stale=stale,
+        audited=tuple(audited),
+        stated_over_shown=ratio,
+    )
+
+
+def _prepare_points(source: Source) -> Prepared:
+    tracks = load_points(source)
+    if not tracks.seen.any():
+        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
+    skeleton, names = load_skeleton(source.skeleton, tracks.names)
+    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
+    named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
+    xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
+    xyz = np.where(named.unsure[..., None], np.nan, xyz)
+    cleaning = clean(xyz, sd, tracks.t_s, skeleton, names)
+    xyz = np.where(cleaning.any[..., None], np.nan, xyz)
+    cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
+    shape = (0, *xyz.shape[:2])
+    return Prepared(
+        name=source.name,
+        skeleton=skeleton,
+        names=names,
+        t_s=tracks.t_s,
+        xyz_m=xyz,
+        cov_m2=cov,
+        filmed=None,
+        uv_px=np.zeros((*shape, 2)),
+        ray_sd_px=np.zeros(shape),
+        ray_scale_px=np.zeros(shape),
+        jitter_px=np.nan,
+        bias_px=0.0,
+        residual_px=np.full(xyz.shape[:2], np.nan),
+        rejected={
+            "rays_miss": np.zeros(xyz.shape[:2], dtype=bool),
+            **dict.fromkeys(DOUBTFUL, named.unsure),
+            **cleaning.rejected,
+        },
+        rays_rejected=np.zeros(shape, dtype=bool),
+        max_speed_m_s=cleaning.max_speed_m_s,
+        camera_factor=np.zeros((0, len(xyz))),
+        findings=(
+            *source.frame_findings,
+            f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
+            *exchange_findings(named.swaps, named.unsure, names, ()),
+            *cleaning_findings(cleaning, names),
+            *never_seen(xyz, names),
+        ),
+        swaps=named.swaps,
+    )
+
+
+def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
+    """(B, 2) markers of the rigid bones."""
+    return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
+
+
+def _names_put_right(
+    filmed: Filmed, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
+) -> tuple[Filmed, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_]]:
+    """Pixels and points with exchanged names undone; the runs, and (T, M) samples that may be of either marker."""
+    rays = exchanged_rays(filmed.matrices, filmed.ideal_px, found, relative=relative)
+    uv = filmed.ideal_px
+    if rays:
+        uv = exchange_rays(uv, rays)
+        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px, relative=relative[..., None])
+    points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
+    if points.swaps:
+        uv = exchange_rays(uv, points.swaps)
+        found = replace(
+            found,
+            xyz_m=exchange(found.xyz_m, points.swaps),
+            cov_m2=exchange(found.cov_m2, points.swaps),
+            residual_px=exchange(found.residual_px, points.swaps),
+            rejected=exchange_rays(found.rejected, points.swaps),
+        )
+    return replace(filmed, ideal_px=uv), found, (*rays, *points.swaps), points.unsure

@@ -1,0 +1,280 @@
+"""What a run has to say for itself, as ``report.json`` and as readable text."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.stats import chi2
+
+from filters.records import TrackedMotion
+from mocap.arrays import Array
+from mocap.cleaning.clean import REASONS
+from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
+from mocap.markdown import plain
+from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.run import JointPotential
+from mocap.pipeline.tracking import Part
+from mocap.records import Origin
+
+QUANTILES = (0.5, 0.9, 0.99, 1.0)
+
+
+def make_report(
+    prepared: Prepared,
+    part: Part,
+    tracked: TrackedMotion,
+    potentials: Mapping[str, JointPotential],
+    *,
+    why_model: str,
+    validation: Mapping[str, Mapping[str, float | None]],
+    hidden: int,
+    seconds: Mapping[str, float],
+    settings: Mapping[str, object],
+) -> dict[str, object]:
+    """The report of a run; plain numbers, strings, lists and dictionaries."""
+    origin = tracked.markers.origin
+    total = origin.size
+    share = {o.name.lower(): float(np.mean(origin == o)) for o in Origin}
+    n_frames = origin.shape[0]
+    return {
+        "name": prepared.name,
+        "frames": n_frames,
+        "fps": float(1 / prepared.dt_s),
+        "tracked_frames": [part.frames.start + 1, part.frames.stop],
+        "markers": list(prepared.names),
+        "cameras": [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras],
+        "skeleton": prepared.skeleton.name,
+        "model": {"name": tracked.model, "why": why_model, **settings},
+        "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
+        "filled": int(np.isin(origin, [Origin.SMOOTHED, Origin.PREDICTED, Origin.INTERPOLATED]).sum()),
+        "sd_mm": {
+            "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Origin.MEASURED]),
+            "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Origin.SMOOTHED]),
+        },
+        "residual_px": _quantiles(prepared.residual_px),
+        "pixel_noise_px": {"jitter": _number(prepared.jitter_px), "slow": prepared.bias_px},
+        "cameras_and_markers": _noise(prepared),
+        "rejected": {
+            "counts": {
+                **{reason: int(mask.sum()) for reason, mask in prepared.rejected.items()},
+                "rays": int(prepared.rays_rejected.sum()),
+                "gated_rays": _gated(prepared, tracked),
+            },
+            "reasons": {**REASONS, **DOUBTFUL, "rays": "rays dropped from points that the others still fix"},
+            "samples": _rejected_samples(prepared),
+        },
+        "bad_cameras": _bad_cameras(prepared),
+        "repaired": {
+            "counts": {reason: int(mask.sum()) for reason, mask in prepared.repaired.items()},
+            "reasons": REPAIRS,
+            "runs": _exchanged(prepared),
+        },
+        "audit": [finding.as_json() for finding in prepared.audited],
+        "stale_points": None if prepared.stale is None else [vars(s) for s in prepared.stale],
+        "innovation": _consistency(tracked),
+        "log_likelihood": float(tracked.log_likelihood.sum()),
+        "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
+        "joints": {name: _joint(p) for name, p in potentials.items()},
+        "findings": [*prepared.findings, *_too_narrow(tracked)],
+        "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
+    }
+
+
+def _quantiles(values: Array) -> dict[str, float | None]:
+    known = values[np.isfinite(values)]
+    return {f"{100 * q:g}%": float(np.quantile(known, q)) if known.size else None for q in QUANTILES}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _gated(prepared: Prepared, tracked: TrackedMotion) -> int:
+    """Rays that were offered to the filter and not believed."""
+    return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(prepared.uv_px) else 0
+
+
+def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
+    return [
+        {"frame": int(t) + 1, "marker": prepared.names[m], "reason": reason}
+        for reason, mask in prepared.rejected.items()
+        for t, m in np.argwhere(mask)
+    ]
+
+
+def _noise(prepared: Prepared) -> dict[str, object]:
+    """What a ray of each camera is worth, its degrees of freedom, and how much worse than the typical a marker is."""
+    if prepared.filmed is None or prepared.noise is None:
+        return {"sd_px": {}, "dof": {}, "marker_scale": {}}
+    cameras = [camera.name for camera in prepared.filmed.cameras]
+    return {
+        "sd_px": dict(zip(cameras, map(_number, prepared.camera_sd_px), strict=True)),
+        "dof": dict(zip(cameras, map(_number, prepared.noise.dof), strict=True)),
+        "marker_scale": dict(zip(prepared.names, map(_number, prepared.noise.marker), strict=True)),
+    }
+
+
+def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
+    """Runs of frames, from 1, in which a camera was worse than in its good time."""
+    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    return [
+        {
+            "camera": cameras[bad.camera],
+            "frames": [bad.start + 1, bad.stop],
+            "level_px": bad.level_px,
+            "good_px": bad.good_px,
+            "offset_px": bad.offset_px.tolist(),
+            "moved": bad.moved,
+        }
+        for bad in prepared.bad_cameras
+    ]
+
+
+def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
+    """Runs of exchanged names, frames from 1; without a camera they were exchanged in all."""
+    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    return [
+        {
+            "markers": [prepared.names[swap.a], prepared.names[swap.b]],
+            "camera": None if swap.camera is None else cameras[swap.camera],
+            "frames": (swap.frames + 1).tolist(),
+            "log_likelihood_gain": round(swap.gain, 1),
+        }
+        for swap in prepared.swaps
+    ]
+
+
+def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
+    """Mean NIS a row, and the share of frames inside the 95 % band of chi-square.
+
+    A filter that knows its uncertainty has 1 a row; rays whose errors follow Student's t count by their weights.
+    """
+    ok = np.isfinite(tracked.nis) & (tracked.n_rows > 0)
+    if not ok.any():
+        return {"nis_per_row": None, "frames_in_95_band": None}
+    low, high = chi2.ppf(0.025, tracked.n_rows[ok]), chi2.ppf(0.975, tracked.n_rows[ok])
+    inside = (tracked.nis[ok] >= low) & (tracked.nis[ok] <= high)
+    return {
+        "nis_per_row": float(tracked.nis[ok].sum() / tracked.n_rows[ok].sum()),
+        "frames_in_95_band": float(inside.mean()),
+    }
+
+
+def _too_narrow(tracked: TrackedMotion) -> list[str]:
+    """A finding where innovations are much larger than the filter expects them."""
+    nis = _consistency(tracked)["nis_per_row"]
+    if nis is None or nis < 2:
+        return []
+    return [f"innovations are {np.sqrt(nis):.1f} times as large as expected: intervals are too narrow by that"]
+
+
+def _joint(potential: JointPotential) -> dict[str, object]:
+    v = potential.potential
+    at_samples = v.value(potential.samples_m / potential.scale_m)
+    return {
+        "samples": len(potential.samples_m),
+        "lambda": v.lam,
+        "effective_rank": v.effective_rank,
+        "v_at_samples_median": float(np.median(at_samples)),
+        "range_mm": [[float(1e3 * x) for x in (lo, hi)] for lo, hi in zip(*_range(potential.samples_m), strict=True)],
+        "findings": list(v.findings),
+    }
+
+
+def _range(samples: Array) -> tuple[Array, Array]:
+    return samples.min(axis=0), samples.max(axis=0)
+
+
+def readable(report: Mapping, *, title: str) -> str:
+    """The report as markdown."""
+    samples, rejected, noise = report["samples"], report["rejected"]["counts"], report["pixel_noise_px"]
+    first, last = report["tracked_frames"]
+    lines = [
+        f"# {plain(title)}",
+        "",
+        f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
+        f"{len(report['cameras'])} cameras; tracked from frame {first} to {last}.",
+        f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
+        "",
+        "| samples | share |",
+        "|---|---|",
+        f"| seen in 3D and believed | {samples['seen']:.1%} |",
+        f"| filled inside gaps (smoothed) | {samples['smoothed']:.1%} |",
+        f"| before the first or after the last sighting (predicted) | {samples['predicted']:.1%} |",
+        f"| rejected | {samples['rejected']:.1%} |",
+        f"| left empty | {samples['missing']:.1%} |",
+        "",
+        *_gap_lines("Against the truth, inside gaps", report.get("gaps")),
+        *_gap_lines("Against the truth, where markers were seen", report.get("measured")),
+        *_gap_lines(
+            f"Samples of this recording that were hidden and filled again ({report['validation']['hidden_samples']})",
+            report["validation"]["methods"],
+        ),
+        "## Quality",
+        "",
+        f"- standard deviation of measured samples {_mm(report['sd_mm']['measured'])}, of filled ones "
+        f"{_mm(report['sd_mm']['filled'])} (median, 90 %)",
+    ]
+    if noise["jitter"] is not None:
+        residual = report["residual_px"]
+        lines.append(
+            f"- triangulation residual {residual['50%']:.2f} px (median), {residual['90%']:.2f} px (90 %); "
+            f"pixel noise {noise['jitter']:.2f} px, slow ray errors {noise['slow']:.2f} px"
+        )
+    by_camera = {name: sd for name, sd in report["cameras_and_markers"]["sd_px"].items() if sd is not None}
+    if by_camera:
+        dof = report["cameras_and_markers"]["dof"]
+        worst = sorted(report["cameras_and_markers"]["marker_scale"].items(), key=lambda item: -item[1])[:3]
+        lines.append(
+            "- a ray is worth, in px (degrees of freedom): "
+            + ", ".join(f"{plain(name)} {sd:.2f} ({dof[name]:.1f})" for name, sd in by_camera.items())
+            + "; markers worst to digitise: "
+            + ", ".join(f"{plain(name)} x {scale:.2f}" for name, scale in worst)
+        )
+    nis = report["innovation"]
+    if nis["nis_per_row"] is not None:
+        lines.append(f"- innovations: NIS {nis['nis_per_row']:.2f} a row (1 is expected)")
+    counts = ", ".join(f"{reason} {count}" for reason, count in rejected.items() if count) or "none"
+    repaired = (
+        ", ".join(f"{reason} {count}" for reason, count in report["repaired"]["counts"].items() if count) or "none"
+    )
+    lines += [f"- rejected: {counts}", f"- repaired: {repaired}"]
+    lines += ["", "## Findings", "", *(f"- {plain(finding)}" for finding in report["findings"])]
+    if report["stale_points"]:
+        stale = ", ".join(map(_stale, report["stale_points"][:40]))
+        lines += ["", f"Stale stored points (frame, marker, distance): {stale}"]
+    if report["joints"]:
+        lines += [
+            "",
+            "## Joints",
+            "",
+            "| joint | samples | effective rank of V_z | V_z at samples (median) |",
+            "|---|---|---|---|",
+        ]
+        lines += [
+            f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} |"
+            for name, j in report["joints"].items()
+        ]
+    seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())
+    return "\n".join([*lines, "", f"Time: {seconds}.", ""])
+
+
+def _stale(point: Mapping) -> str:
+    off = "not fixed by its pixels" if point["off_m"] is None else f"{1e3 * point['off_m']:.3f} mm"
+    return f"{point['frame']} {plain(point['marker'])} {off}"
+
+
+def _mm(quantiles: Mapping[str, float | None]) -> str:
+    if quantiles["50%"] is None:
+        return "-"
+    return f"{quantiles['50%']:.2f} and {quantiles['90%']:.2f} mm"
+
+
+def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
+    if not methods:
+        return []
+    lines = [f"## {title}", "", "| method | RMSE mm | inside 95 % intervals |", "|---|---|---|"]
+    for name, value in methods.items():
+        rmse = "-" if value["rmse_mm"] is None else f"{value['rmse_mm']:.2f}"
+        coverage = "-" if value["coverage95"] is None else f"{value['coverage95']:.1f} %"
+        lines.append(f"| {plain(name)} | {rmse} | {coverage} |")
+    return [*lines, ""]

@@ -1,0 +1,87 @@
+"""A run: all that the main job produced for one recording, as the views, tables and reports take it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eal.potential import EmpiricalPotential
+from filters.records import TrackedMotion
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera
+from mocap.io.movies import Movie
+from mocap.records import JointTracks, PixelTracks
+from mocap.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointPotential:
+    """The empirical potential of one joint, with the samples that it was learned from.
+
+    Attributes:
+        joint: Joint name.
+        frame: Frame of reference of the coordinates (see ``mocap.joints``).
+        samples_m: (N, d) coordinates in metres; d = 2 in the planes of a limb, 3 in the body.
+        potential: V_z on coordinates divided by ``scale_m``.
+        scale_m: Metres a unit of the potential's coordinates.
+    """
+
+    joint: str
+    frame: str
+    samples_m: Array
+    potential: EmpiricalPotential
+    scale_m: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Footage:
+    """The movie of one camera.
+
+    Attributes:
+        movie: The movie.
+        frames: (T,) its frame, from 0, for each frame of the recording; outside of the movie there is no picture.
+        straight: True where its pixels are ideal ones already: no lens, or undistorted before.
+    """
+
+    movie: Movie
+    frames: NDArray[np.int64]
+    straight: bool
+
+    @property
+    def there(self) -> NDArray[np.bool_]:
+        """(T,) frames of the recording that have a picture."""
+        return (self.frames >= 0) & (self.frames < self.movie.n_frames)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Run:
+    """One recording, tracked.
+
+    Attributes:
+        name: Name of the recording.
+        skeleton: Its skeleton; without bones and joints where none was given.
+        cameras: The C cameras; empty where only positions were given.
+        ideal_px: Undistorted pixels as tracked, NaN where not seen; None without cameras.
+        y_up: True where the pixel y axis of the file points up (lower-left origin).
+        tracked: The result of the tracker.
+        joints: Joint tracks by frame of reference.
+        potentials: One empirical potential a joint, by joint name.
+        repaired: (T, M) True where a sample bore another marker's name in the file.
+        report: The report as ``report.json`` holds it.
+        report_text: The same as markdown.
+        footage: The movie of each camera; empty where none were given.
+    """
+
+    name: str
+    skeleton: Skeleton
+    cameras: tuple[Camera, ...]
+    ideal_px: PixelTracks | None
+    y_up: bool
+    tracked: TrackedMotion
+    joints: Mapping[str, JointTracks]
+    potentials: Mapping[str, JointPotential]
+    repaired: NDArray[np.bool_]
+    report: Mapping[str, object]
+    report_text: str
+    footage: tuple[Footage, ...] = ()

@@ -1,0 +1,299 @@
+"""The files of a recording: what the user names and states, read and brought to ideal pixels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from mocap import audit
+from mocap.arrays import Array, unique
+from mocap.cameras import origin, triangulate
+from mocap.cameras.camera import Camera, check_cameras, stacked
+from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
+from mocap.io import dltdv
+from mocap.io.every_frame import every_frame
+from mocap.io.profile import with_profile
+from mocap.io.recording import Recording
+from mocap.io.registry import read
+from mocap.records import MarkerTracks, PixelTracks
+from mocap.skeleton import Skeleton, read_skeleton
+from mocap.stated import check_rate, check_stated
+from mocap.text import as_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """The files of one recording, and what their user states about them.
+
+    Attributes:
+        tracks: Pixels or positions, of any format; a project of DLTdv8 holds its cameras too.
+        fps: Frames a second; None: as the file says.
+        coefficients: Calibration, of any format; None: ``tracks`` holds it, or positions.
+        profile: Camera profile.
+        skeleton: Skeleton TOML.
+        pixel_origin: Where pixel rows are counted from.
+        coefficient_origin: The same for the coefficients.
+        image_height_px: Image height for flips.
+        stored_points: xyzpts to audit; None: the file beside ``tracks`` that is named so.
+        pixel_sd: Standard deviation of a pixel; None: estimated.
+        unit: Unit of lengths, where the files do not state it; None: metres.
+        in_step: Whether cameras that run late by the audit are read between their frames.
+    """
+
+    tracks: Path
+    fps: float | None = None
+    coefficients: Path | None = None
+    profile: Path | None = None
+    skeleton: Path | None = None
+    pixel_origin: origin.Origin | None = None
+    coefficient_origin: origin.Origin | None = None
+    image_height_px: float | None = None
+    stored_points: Path | None = None
+    pixel_sd: float | None = None
+    unit: str | None = None
+    in_step: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what is stated."""
+        stated = {"fps": self.fps, "pixel-sd": self.pixel_sd, "image-height": self.image_height_px}
+        for name, value in stated.items():
+            check_stated(name, value)
+        cameras = {"profile": self.profile, "origin": self.pixel_origin, "dlt-origin": self.coefficient_origin}
+        for name, value in cameras.items():
+            if value is not None and self.coefficients is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
+                raise MocapError(f"--{name} says something of cameras, but there are no coefficients: give --dlt")
+
+    @cached_property
+    def _read(self) -> tuple[Recording, tuple[str, ...]]:
+        recording = read(self.tracks)
+        recording = recording if self.unit is None else recording.with_unit(self.unit)
+        if self.fps is None and recording.fps is None:
+            raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
+        if self.fps is None and recording.fps is not None:
+            check_rate(recording.fps, self.tracks.name)
+        return every_frame(recording if self.fps is None else recording.with_rate(self.fps))
+
+    @property
+    def recording(self) -> Recording:
+        """What the file of the tracks holds, with every frame from first to last.
+
+        Raises:
+            FormatError: it cannot be read.
+            MocapError: nobody tells the frame rate.
+        """
+        return self._read[0]
+
+    @property
+    def frame_findings(self) -> tuple[str, ...]:
+        """What is to be said of frames that the file leaves out."""
+        return self._read[1]
+
+    @property
+    def filmed(self) -> bool:
+        """Whether there are cameras, calibrated or not."""
+        return self.coefficients is not None or self.recording.pixels is not None
+
+    @property
+    def inputs(self) -> tuple[Path | None, ...]:
+        """The files that the user named."""
+        return (self.tracks, self.coefficients, self.profile, self.skeleton, self.stored_points)
+
+    @property
+    def name(self) -> str:
+        """Name of the recording, from that of the file."""
+        stem = as_text(self.tracks.stem)
+        return stem.removesuffix("xypts").removesuffix("xyzpts").rstrip("_-. ") or stem
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filmed:
+    """Pixels with their cameras.
+
+    Attributes:
+        pixels: As recorded, markers named as in the skeleton.
+        cameras: The C cameras.
+        pixel_origin: Decision on where rows are counted from.
+        ideal_px: (C, T, M, 2) undistorted pixels in the convention of the coefficients.
+        late_frames: (C,) offsets that were taken out of ``ideal_px``; None: none was asked to be.
+    """
+
+    pixels: PixelTracks
+    cameras: tuple[Camera, ...]
+    pixel_origin: origin.PixelOrigin
+    ideal_px: Array
+    late_frames: Array | None = None
+
+    @property
+    def matrices(self) -> Array:
+        """(C, 3, 4) projections."""
+        return stacked(self.cameras)
+
+
+def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tuple[str, ...]]:
+    """The skeleton, and the file's marker names in its terms; without a file a skeleton of markers only.
+
+    Raises:
+        SkeletonError: the skeleton cannot be read, or uses markers that the recording lacks.
+    """
+    if path is None:
+        return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
+    skeleton = read_skeleton(path)
+    renamed = skeleton.renamed(names)
+    try:
+        unique("marker", renamed)
+    except ValueError as error:
+        raise SkeletonError(f"{path}: with its aliases {error}") from None
+    return skeleton.for_markers(renamed, source="the recording"), renamed
+
+
+def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...], str]:
+    """Pixels, cameras, and where these are from; a calibration that is given goes before that of a project."""
+    recording = source.recording
+    if recording.pixels is None:
+        raise FormatError(
+            f"{source.tracks.name}: holds positions ({recording.format}), not pixels: leave the calibration out; is "
+            "this the 2D file?"
+        )
+    if source.coefficients is not None:
+        calibration = _calibration(source.coefficients)
+        calibration = calibration if source.unit is None else calibration.with_unit(source.unit)
+        if not calibration.cameras:
+            raise FormatError(
+                f"{source.coefficients.name}: holds no cameras ({calibration.format}): give a calibration"
+            )
+        return recording.pixels, calibration.cameras, source.coefficients.name
+    if not recording.cameras:
+        project = recording.format == "dltdv-project"
+        what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
+        raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give --dlt")
+    return recording.pixels, recording.cameras, source.tracks.name
+
+
+def _calibration(path: Path) -> Recording:
+    try:
+        return read(path)
+    except FormatError:
+        if path.suffix.lower() == ".csv":
+            dltdv.read_coefficients(path)  # says what is wrong with them
+        raise
+
+
+def load_points(source: Source) -> MarkerTracks:
+    """The positions of a source without cameras.
+
+    Raises:
+        FormatError: it holds none.
+    """
+    recording = source.recording
+    if recording.points is None:
+        raise FormatError(f"{source.tracks.name}: holds no tracks ({recording.format}): give pixels or positions")
+    return recording.points
+
+
+def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
+    """Read pixels and cameras, decide the pixel origin, undistort.
+
+    Args:
+        source: Files, with cameras.
+        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
+
+    Raises:
+        FormatError: a file cannot be read.
+        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
+    """
+    pixels, cameras, where = _pixels_and_cameras(source)
+    if len(pixels.cameras) < 2:
+        raise CalibrationError(
+            f"{source.tracks.name}: holds one camera: points in space need two or more views in one file"
+        )
+    if len(cameras) != len(pixels.cameras):
+        raise CalibrationError(
+            f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
+            f"{len(cameras)}: give the coefficients of this recording (a column a camera)"
+        )
+    check_cameras(cameras, where)
+    if source.profile is not None:
+        cameras = with_profile(cameras, source.profile)
+    if not pixels.seen.any():
+        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track; digitise first")
+    if not (pixels.seen.sum(axis=0) >= 2).any():
+        raise CalibrationError(
+            f"{source.tracks.name}: no marker is seen by two cameras at once: no point can be triangulated"
+        )
+    decision = origin.decide_origin(
+        cameras,
+        pixels.uv_px,
+        origin=source.pixel_origin,
+        coefficients=source.coefficient_origin,
+        height_px=source.image_height_px,
+    )
+    ideal = origin.ideal_pixels(
+        cameras,
+        pixels.uv_px,
+        pixels=decision.pixels,
+        coefficients=decision.coefficients,
+        height_px=decision.height_px,
+        iterations=iterations,
+    )
+    late = None
+    if source.in_step and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
+        late = audit.late_cameras(found)
+        ideal = audit.in_step(ideal, late)
+    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late)
+
+
+def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:
+    """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
+
+    Args:
+        filmed: Pixels and cameras.
+        stated_px: Standard deviation that the user states; None: nothing, and ``triangulate.robust`` finds its own.
+        relative: Deviations of rays relative to it, broadcastable to (C, T, M).
+    """
+    if stated_px is None:
+        return np.nan, None
+    shown = triangulate.apparent_sd(filmed.matrices, filmed.ideal_px, relative=np.asarray(relative))
+    return shown, max(stated_px, shown)
+
+
+def stored_points(source: Source) -> Path | None:
+    """The xyzpts file to audit: the one given, or the sibling of the xypts file, if it is not our own refined one."""
+    if source.stored_points is not None or "xypts" not in source.tracks.name:
+        return source.stored_points
+    head, _, tail = source.tracks.name.rpartition("xypts")
+    sibling = source.tracks.with_name(f"{head}xyzpts{tail}")
+    return sibling if sibling.is_file() and not dltdv.holds_deviations(sibling) else None
+
+
+def audit_points(source: Source, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
+    """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
+    path = source.tracks if source.recording.points is not None else stored_points(source)
+    if path is None:
+        return None, []
+    beside = source.recording if path is source.tracks else read(path)
+    stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
+    if stored is None:
+        return None, [f"{path.name} was not compared: it holds no positions ({beside.format})"]
+    decision = filmed.pixel_origin
+    ideal = origin.ideal_pixels(
+        filmed.cameras,
+        filmed.pixels.uv_px,
+        pixels=decision.pixels,
+        coefficients=decision.coefficients,
+        height_px=decision.height_px,
+        iterations=3,
+    )
+    try:
+        stale = audit.stale_points(triangulate.linear(filmed.matrices, ideal), stored)
+    except ValueError as error:
+        return None, [f"{path.name} was not compared: {error}"]
+    total = int(stored.seen.sum())
+    if not stale:
+        return (), [f"{path.name}: all {total} stored points follow from the pixels"]
+    worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
+    return tuple(stale), [
+        f"{path.name}: {len(stale)} of {total} stored points do not follow from the pixels (up to {worst * 1e3:.1f} mm "
+        "off): they are stale and were computed anew"
+    ]

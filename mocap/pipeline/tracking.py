@@ -1,0 +1,296 @@
+"""Learn motion models from a prepared recording, track with them, and measure on hidden samples how they fill gaps."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.bones import rigid_bones
+from filters.learn import PoseSettings, learn_pose
+from filters.learn_markers import learn_constant_velocity
+from filters.model import LearnedModel, learn_from_itself, track_with
+from filters.motion.base import MotionModel
+from filters.observations import WHOLE
+from filters.poses import MarkerTrial, pose_trial
+from filters.records import TrackedMotion
+from filters.track import Smoothed, smooth
+from mocap.arrays import Array
+from mocap.body import BodyFrames, body_frames
+from mocap.cameras.camera import project
+from mocap.pipeline.gaps import hide_gaps, interpolated, score
+from mocap.pipeline.prepare import Prepared
+from mocap.records import MarkerTracks, Origin
+from mocap.skeleton import ends_among
+
+Progress = Callable[[float], None]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Part:
+    """The part of a recording in which anything is seen.
+
+    Attributes:
+        frames: From the first to the last frame with a point.
+        markers: Indices of the markers that are ever seen in 3D.
+    """
+
+    frames: slice
+    markers: NDArray[np.int64]
+
+
+def seen_part(prepared: Prepared) -> Part:
+    """Frames and markers worth tracking."""
+    seen = np.isfinite(prepared.xyz_m[..., 0])
+    frames = np.flatnonzero(seen.any(axis=1))
+    return Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=np.flatnonzero(seen.any(axis=0)))
+
+
+def why_no_pose(prepared: Prepared, part: Part) -> str | None:
+    """Why a whole-pose model cannot be learned from this recording; None where it can."""
+    seen = np.isfinite(prepared.xyz_m[part.frames][:, part.markers, 0])
+    if seen.shape[1] < 4:
+        return f"only {seen.shape[1]} markers are seen: a pose needs 4"
+    spread = np.nanstd(prepared.xyz_m[part.frames][:, part.markers], axis=0)
+    noise = np.sqrt(np.nanmedian(np.trace(prepared.cov_m2, axis1=-2, axis2=-1)) / 3) / prepared.stated_over_shown
+    if float(np.nanmax(spread)) < 3 * noise:
+        return "nothing moves by more than the noise"
+    together = int((seen.mean(axis=1) >= 0.6).sum())
+    if together < 40:
+        return f"only {together} frames show 60 % of the markers together: a pose needs 40"
+    return None
+
+
+def trunk_frames(prepared: Prepared, part: Part, *, cutoff_hz: float, hidden: Mask | None = None) -> BodyFrames:
+    """Body frames of the tracked frames, from the skeleton's trunk, or from all markers if it names none."""
+    wanted = [prepared.names.index(m) for m in prepared.skeleton.trunk] or list(part.markers)
+    xyz = _visible(prepared, part, hidden, np.array(wanted))
+    if not np.isfinite(xyz).any():
+        xyz = _visible(prepared, part, hidden, part.markers)
+    return body_frames(xyz, dt_s=prepared.dt_s, cutoff_hz=cutoff_hz)
+
+
+def _visible(prepared: Prepared, part: Part, hidden: Mask | None, markers: NDArray[np.int64]) -> Array:
+    keep = np.ones(prepared.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
+    xyz = np.where(keep[..., None], prepared.xyz_m, np.nan)
+    return xyz[part.frames][:, markers]
+
+
+def learn_models(
+    prepared: Prepared, part: Part, *, settings: PoseSettings, hidden: Mask | None = None
+) -> dict[str, MotionModel]:
+    """Motion models of a recording by name: ``constant_velocity``, and ``eal`` where a pose can be learned."""
+    xyz = _visible(prepared, part, hidden, part.markers)
+    models: dict[str, MotionModel] = {"constant_velocity": learn_constant_velocity(xyz, dt_s=prepared.dt_s)}
+    if why_no_pose(prepared, part) is None:
+        frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz, hidden=hidden)
+        named = ends_among(part_names(prepared, part), prepared.skeleton.rigid)
+        bones = rigid_bones([marker_trial(prepared, part, hidden=hidden)], named)
+        models["eal"] = learn_pose([pose_trial(prepared.t_s[part.frames], xyz, frames)], settings, bones=bones)
+    return models
+
+
+def part_names(prepared: Prepared, part: Part) -> list[str]:
+    """Names of the tracked markers."""
+    return [prepared.names[int(m)] for m in part.markers]
+
+
+def marker_trial(prepared: Prepared, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
+    """The seen part as models learn from it: with the noise that it shows, whatever is stated."""
+    cov = prepared.cov_m2[part.frames][:, part.markers]
+    return MarkerTrial(
+        name=prepared.name,
+        t_s=prepared.t_s[part.frames],
+        xyz_m=_visible(prepared, part, hidden, part.markers),
+        sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3) / prepared.stated_over_shown,
+    )
+
+
+def track_mixed(
+    prepared: Prepared,
+    part: Part,
+    *,
+    settings: PoseSettings,
+    hidden: Mask | None = None,
+    progress: Progress | None = None,
+) -> Smoothed | None:
+    """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
+    names, skeleton = part_names(prepared, part), prepared.skeleton
+    own = marker_trial(prepared, part, hidden=hidden)
+    learned = learn_from_itself(names, skeleton.trunk, own, settings, bones=skeleton.rigid)
+    return None if learned is None else track_learned(prepared, part, learned, hidden=hidden, progress=progress)
+
+
+def track_learned(
+    prepared: Prepared,
+    part: Part,
+    learned: LearnedModel,
+    *,
+    hidden: Mask | None = None,
+    progress: Progress | None = None,
+) -> Smoothed:
+    """Filter and smooth the seen part with a model that was learned from other trials."""
+    names = part_names(prepared, part)
+    observations = prepared.observations(part.frames, part.markers, hidden=hidden)
+    own = marker_trial(prepared, part, hidden=hidden)
+    return track_with(learned, names, own, observations, progress=progress)
+
+
+def track(
+    prepared: Prepared, part: Part, model: MotionModel, *, hidden: Mask | None = None, progress: Progress | None = None
+) -> Smoothed:
+    """Filter and smooth the seen part."""
+    observations = prepared.observations(part.frames, part.markers, hidden=hidden)
+    return smooth(model, observations, prepared.t_s[part.frames], progress=progress)
+
+
+def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Smoothed) -> TrackedMotion:
+    """The smoothed part in the frames and markers of the recording, every sample with its origin.
+
+    What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
+    twentieth of the extent of all motion.
+    """
+    n_frames, n_markers = prepared.xyz_m.shape[:2]
+    n_cameras = prepared.uv_px.shape[0]
+    inside = np.ix_(np.arange(n_frames)[part.frames], part.markers)
+    xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
+    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + _calibration_cov(prepared)[inside]
+    used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
+    innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
+    believed = np.zeros((n_frames, n_markers), dtype=bool)
+    for frame, seen in enumerate(smoothed.observed, start=part.frames.start):
+        camera, marker = seen.where[:, 0], part.markers[seen.where[:, 1]]
+        ok, whole = seen.weight > 0, camera == WHOLE
+        used[camera[ok & ~whole], frame, marker[ok & ~whole]] = True
+        used[:, frame, marker[ok & whole]] |= np.isfinite(prepared.uv_px[:, frame][:, marker[ok & whole], 0])
+        innovation[camera[~whole], frame, marker[~whole]] = seen.innovation[~whole, :2]
+        believed[frame, marker[ok & whole]] = True
+    believed |= used.sum(axis=0) >= 2
+    origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
+    sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
+    extent = float(np.linalg.norm(np.nanmax(prepared.xyz_m, axis=(0, 1)) - np.nanmin(prepared.xyz_m, axis=(0, 1))))
+    vague = (origin == Origin.PREDICTED) & ~(sd < 0.05 * extent)
+    xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Origin.MISSING
+    outside = np.full(n_frames, np.nan)
+    nis, likelihood, rows_used = outside.copy(), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
+    nis[part.frames] = [seen.nis for seen in smoothed.observed]
+    rows_used[part.frames] = [seen.n_rows for seen in smoothed.observed]
+    likelihood[part.frames] = smoothed.log_likelihood
+    reprojected = np.zeros((0, n_frames, n_markers, 2))
+    if prepared.filmed is not None:
+        reprojected = project(prepared.filmed.matrices, xyz)
+    return TrackedMotion(
+        model=name,
+        markers=MarkerTracks(names=prepared.names, t_s=prepared.t_s, xyz_m=xyz, cov_m2=cov, origin=origin),
+        reprojected_px=reprojected,
+        innovation_px=innovation,
+        used=used,
+        nis=nis,
+        n_rows=rows_used,
+        log_likelihood=likelihood,
+    )
+
+
+def _origins(prepared: Prepared, believed: Mask, estimated: Mask) -> NDArray[np.int8]:
+    """(T, M) origin of each sample; between a marker's first and last sighting what is not measured is smoothed."""
+    index = np.arange(len(believed))[:, None]
+    ever = believed.any(axis=0)
+    first = np.where(ever, np.argmax(believed, axis=0), len(believed))
+    last = np.where(ever, len(believed) - 1 - np.argmax(believed[::-1], axis=0), -1)
+    between = (index > first) & (index < last)
+    origin = np.where(between, Origin.SMOOTHED, Origin.PREDICTED).astype(np.int8)
+    refused = np.any(list(prepared.rejected.values()), axis=0) | (np.isfinite(prepared.xyz_m[..., 0]) & ~believed)
+    origin[refused] = Origin.REJECTED
+    origin[believed] = Origin.MEASURED
+    origin[~estimated & (origin != Origin.REJECTED)] = Origin.MISSING
+    return origin
+
+
+def _calibration_cov(prepared: Prepared) -> Array:
+    """(T, M, 3, 3) covariance of a point from the slow ray errors, which no filter can average out.
+
+    The jitter's covariance scaled to the variance of the slow errors; where a marker is not seen, that of its median
+    sample.
+    """
+    if prepared.bias_px == 0:
+        return np.zeros_like(prepared.cov_m2)
+    cov = prepared.cov_m2 * (prepared.bias_px / prepared.jitter_px) ** 2
+    for marker in range(cov.shape[1]):
+        seen = np.isfinite(cov[:, marker, 0, 0])
+        if seen.any():
+            cov[~seen, marker] = np.median(cov[seen, marker], axis=0)
+    return cov
+
+
+def validate(
+    prepared: Prepared,
+    part: Part,
+    *,
+    settings: PoseSettings,
+    methods: Mapping[str, bool],
+    rng: np.random.Generator,
+    learned: LearnedModel | None = None,
+    most_frames: int = 300,
+    progress: Progress | None = None,
+) -> tuple[dict[str, dict[str, float | None]], int]:
+    """Hide samples that were measured, learn without them, fill them, and compare.
+
+    Args:
+        prepared: The recording.
+        part: Its seen part.
+        settings: Choices of the pose model.
+        methods: Models to measure (``mixture``, ``eal``, ``constant_velocity``); False leaves one out.
+        rng: Where to hide.
+        learned: A model of other trials to measure as well, as ``learned``.
+        most_frames: At most so many frames, where most is seen.
+        progress: Called with the share done.
+
+    Returns:
+        Scores by method, ``linear`` and ``cubic`` interpolation among them, and the number of hidden samples.
+    """
+    seen = np.isfinite(prepared.xyz_m[..., 0])
+    window = _best_window(seen, part, most_frames)
+    part = Part(frames=window, markers=np.flatnonzero(seen[window].any(axis=0)))
+    hidden = np.zeros_like(seen)
+    hidden[window] = hide_gaps(seen[window], prepared.skeleton, prepared.names, prepared.dt_s, rng)
+    hidden[:, ~(seen & ~hidden)[window].any(axis=0)] = False
+    count = int(hidden.sum())
+    if not count:
+        return {}, 0
+    truth, where = prepared.xyz_m[window][:, part.markers], hidden[window][:, part.markers]
+    left = _visible(prepared, part, hidden, part.markers)
+    scores = {
+        name: score(interpolated(left, prepared.t_s[window], kind=name), None, truth, where)
+        for name in ("linear", "cubic")
+    }
+    models = learn_models(prepared, part, settings=settings, hidden=hidden)
+    trackers: dict[str, Callable[..., Smoothed | None]] = {
+        name: partial(track, prepared, part, models[name], hidden=hidden) for name in models if methods.get(name, False)
+    }
+    if methods.get("mixture", False) and "eal" in models:
+        trackers["mixture"] = partial(track_mixed, prepared, part, settings=settings, hidden=hidden)
+    if learned is not None:
+        trackers["learned"] = partial(track_learned, prepared, part, learned, hidden=hidden)
+    for i, (name, tracker) in enumerate(trackers.items()):
+        step = None if progress is None else (lambda share, i=i: progress((i + share) / len(trackers)))
+        smoothed = tracker(progress=step)
+        if smoothed is None:
+            continue
+        scores[name] = score(smoothed.xyz_m, smoothed.cov_m2 + _jitter(prepared, part), truth, where)
+    return scores, count
+
+
+def _jitter(prepared: Prepared, part: Part) -> Array:
+    """The measurement's own covariance, which a comparison with measured samples contains."""
+    return np.nan_to_num(prepared.cov_m2[part.frames][:, part.markers])
+
+
+def _best_window(seen: Mask, part: Part, most_frames: int) -> slice:
+    start, stop = part.frames.start, part.frames.stop
+    if stop - start <= most_frames:
+        return part.frames
+    total = np.concatenate([[0], np.cumsum(seen[part.frames].sum(axis=1))])
+    best = int(np.argmax(total[most_frames:] - total[:-most_frames]))
+    return slice(start + best, start + best + most_frames)

@@ -1,0 +1,92 @@
+"""Triangulation alone: what DLTdv would compute, or better if asked."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.cameras import triangulate
+from mocap.io import dltdv
+from mocap.pipeline.source import Source, audit_points, by_pixels, load_filmed, load_skeleton
+from mocap.records import MarkerTracks, Origin
+from mocap.stated import contradiction
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriangulationSummary:
+    """What was triangulated.
+
+    Attributes:
+        points: Number of points.
+        samples: Frames times markers.
+        residual_px: Median residual.
+        findings: Sentences on origin and stored points.
+    """
+
+    points: int
+    samples: int
+    residual_px: float
+    findings: tuple[str, ...]
+
+
+def linear_in_blocks(matrices: Array, uv_px: Array, *, frames: int = 2000) -> tuple[Array, Array]:
+    """``triangulate.linear`` and its residual, some frames at a time: little more memory than the arrays.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels.
+        frames: So many at a time.
+
+    Returns:
+        (T, M, 3) points and (T, M) residuals in pixels.
+    """
+    xyz = np.empty((*uv_px.shape[1:3], 3))
+    residual = np.empty(uv_px.shape[1:3])
+    for start in range(0, uv_px.shape[1], frames):
+        part = slice(start, start + frames)
+        xyz[part] = triangulate.linear(matrices, uv_px[:, part])
+        residual[part] = triangulate.residual_px(matrices, uv_px[:, part], xyz[part])
+    return xyz, residual
+
+
+def triangulate_file(source: Source, out: Path, *, refine: bool) -> TriangulationSummary:
+    """Write a DLTdv xyzpts file.
+
+    Args:
+        source: Files, with cameras.
+        out: File to write, as ``mocap.io.output.result_file`` gives it.
+        refine: False: DLTdv's linear least squares, with its three iterations of undistortion, nothing cleaned. True:
+            the smallest reprojection error, rays that miss rejected, with columns ``<name>_sd``.
+
+    Raises:
+        MocapError: whatever makes that impossible.
+    """
+    filmed = load_filmed(source, iterations=None if refine else 3)
+    _, names = load_skeleton(source.skeleton, filmed.pixels.names)
+    if refine:
+        shown, gate = by_pixels(filmed, source.pixel_sd)
+        found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate)
+        xyz, residual = found.xyz_m, found.residual_px
+        cov = found.cov_m2 * ((source.pixel_sd or found.sd_px) / found.sd_px) ** 2
+        contradicted = contradiction(source.pixel_sd, low_px=shown, high_px=shown)
+    else:
+        xyz, residual = linear_in_blocks(filmed.matrices, filmed.ideal_px)
+        contradicted = []
+        cov = np.broadcast_to(np.nan, (*xyz.shape, 3))
+    seen = np.isfinite(xyz[..., 0])
+    tracks = MarkerTracks(
+        names=names,
+        t_s=filmed.pixels.t_s,
+        xyz_m=xyz,
+        cov_m2=cov,
+        origin=np.where(seen, Origin.MEASURED, Origin.MISSING),
+    )
+    _, findings = audit_points(source, filmed)
+    dltdv.write_points(out, tracks, sd=refine)
+    return TriangulationSummary(
+        points=int(seen.sum()),
+        samples=seen.size,
+        residual_px=float(np.median(residual[seen])),
+        findings=(*contradicted, *source.frame_findings, filmed.pixel_origin.describe(), *findings),
+    )

@@ -1,0 +1,142 @@
+"""The potential of a joint over the part of its plane where the joint was."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from contourpy import contour_generator
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.pipeline.run import JointPotential
+from mocap.records import JointTracks
+from mocap.rerun.energy import JointEnergy, joint_energy
+
+GRID = 80
+_MARGIN = 0.2
+MM_PER_M = 1000.0
+_SHADING = 0.25
+RANGE = 0.5
+"""The value of the potential at the edge of a joint's range."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Landscape:
+    """A potential on a square grid.
+
+    Attributes:
+        x_mm: (G,) first coordinate of the grid's points.
+        y_mm: (G,) second coordinate; same spacing.
+        value: (G, G) potential at (y, x), between 0 and 1.
+        height_mm: How high 1 is drawn.
+        samples_mm: (N, 2) samples that the potential was learned from.
+        samples_value: (N,) potential at these.
+        path_mm: (T, 2) the joint over time; NaN where unknown.
+        path_value: (T,) potential along the path; NaN where unknown.
+        energy: Energy along the path.
+        eigenvalues: (r,) of the operator T_z of the samples, decreasing.
+        lam: The lambda below which they are filtered.
+        effective_rank: Number of functions that the filter leaves.
+    """
+
+    x_mm: Array
+    y_mm: Array
+    value: Array
+    height_mm: float
+    samples_mm: Array
+    samples_value: Array
+    path_mm: Array
+    path_value: Array
+    energy: JointEnergy
+    eigenvalues: Array
+    lam: float
+    effective_rank: float
+
+    @property
+    def cell_mm(self) -> float:
+        """Distance between neighbours on the grid."""
+        return float(self.x_mm[1] - self.x_mm[0])
+
+    def lifted(self, xy_mm: Array) -> Array:
+        """(..., 3) points on the surface, a little above it, over (..., 2) points of the plane."""
+        rows = (xy_mm[..., 1] - self.y_mm[0]) / self.cell_mm
+        columns = (xy_mm[..., 0] - self.x_mm[0]) / self.cell_mm
+        known = np.isfinite(rows) & np.isfinite(columns)
+        value = _bilinear(self.value, np.where(known, rows, 0.0), np.where(known, columns, 0.0))
+        return np.concatenate([xy_mm, self.height_mm * (np.where(known, value, np.nan) + 0.015)[..., None]], axis=-1)
+
+    @property
+    def preferred(self) -> float:
+        """The level below which half of the samples lie: preferred configurations, as in Figs 7 and 8 of the paper."""
+        return float(np.median(self.samples_value))
+
+    def contour_mm(self, level: float) -> list[Array]:
+        """Lines (n, 2) on which the potential has a value."""
+        lines = contour_generator(self.x_mm, self.y_mm, self.value).lines(level)
+        return [np.asarray(line, dtype=np.float64) for line in lines]
+
+
+def landscape(joint: JointPotential, tracks: JointTracks) -> Landscape:
+    """Sample the potential of a joint round its samples.
+
+    Args:
+        joint: The potential and its samples.
+        tracks: Joint tracks in the potential's frame of reference; their first two coordinates are taken.
+
+    Raises:
+        ValueError: the tracks are of another frame or lack the joint.
+    """
+    if tracks.frame != joint.frame or joint.joint not in tracks.names:
+        raise ValueError(
+            f"the potential of joint {joint.joint!r} is in frame {joint.frame!r}, but the joint tracks are in frame "
+            f"{tracks.frame!r} and have {', '.join(tracks.names) or 'no joints'}"
+        )
+    path_m = tracks.q_m[:, tracks.names.index(joint.joint), :2]
+    known = np.isfinite(path_m).all(axis=1)
+    points = joint.samples_m[np.isfinite(joint.samples_m).all(axis=1)]
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
+    half = max(float((high - low).max()) * (0.5 + _MARGIN), 1e-4)
+    x_m, y_m = ((low + high)[:, None] / 2 + np.linspace(-half, half, GRID)).reshape(2, GRID)
+    grid_m = np.stack(np.meshgrid(x_m, y_m), axis=-1)
+    value = np.asarray(joint.potential.value(grid_m.reshape(-1, 2) / joint.scale_m)).reshape(GRID, GRID)
+    path_value = np.full(len(path_m), np.nan)
+    if known.any():
+        path_value[known] = joint.potential.value(path_m[known] / joint.scale_m)
+    return Landscape(
+        x_mm=x_m * MM_PER_M,
+        y_mm=y_m * MM_PER_M,
+        value=value,
+        height_mm=0.8 * half * MM_PER_M,
+        samples_mm=joint.samples_m * MM_PER_M,
+        samples_value=np.asarray(joint.potential.value(joint.samples_m / joint.scale_m)),
+        path_mm=path_m * MM_PER_M,
+        path_value=path_value,
+        energy=joint_energy(tracks.t_s, path_m * MM_PER_M, path_value),
+        eigenvalues=joint.potential.eigenvalues,
+        lam=joint.potential.sigma_lambda,
+        effective_rank=joint.potential.effective_rank,
+    )
+
+
+def triangles(n_rows: int, n_columns: int) -> NDArray[np.int64]:
+    """(2 (n_rows - 1) (n_columns - 1), 3) vertices of the triangles of a grid stored row by row."""
+    at = np.arange(n_rows * n_columns).reshape(n_rows, n_columns)
+    a, b, c, d = at[:-1, :-1].ravel(), at[:-1, 1:].ravel(), at[1:, 1:].ravel(), at[1:, :-1].ravel()
+    return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+
+def normals(land: Landscape) -> Array:
+    """(G, G, 3) unit normals of the surface, its slopes lessened so that the walls of a well stay bright."""
+    slope_y, slope_x = np.gradient(_SHADING * land.value * land.height_mm, land.cell_mm)
+    upward = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
+    return upward / np.linalg.norm(upward, axis=-1, keepdims=True)
+
+
+def _bilinear(values: Array, rows: Array, columns: Array) -> Array:
+    rows = np.clip(rows, 0, values.shape[0] - 1)
+    columns = np.clip(columns, 0, values.shape[1] - 1)
+    i = np.minimum(rows.astype(int), values.shape[0] - 2)
+    j = np.minimum(columns.astype(int), values.shape[1] - 2)
+    f, g = rows - i, columns - j
+    upper = values[i, j] * (1 - g) + values[i, j + 1] * g
+    lower = values[i + 1, j] * (1 - g) + values[i + 1, j + 1] * g
+    return upper * (1 - f) + lower * f

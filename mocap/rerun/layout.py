@@ -1,0 +1,119 @@
+"""What the blueprint has to know of a run: what there is, how large, and where to look."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.pipeline.run import Run
+from mocap.rerun.landscape import Landscape
+from mocap.rerun.log_health import CameraErrors, camera_errors
+from mocap.rerun.scene import Scene, ViewCamera
+from mocap.rerun.volume import Block
+
+Box = tuple[tuple[float, float], tuple[float, float]]
+"""(left, top), (right, bottom)."""
+
+_FRAMES = ("limb", "plane", "body", "world")
+_MARGIN = 0.15
+_FRAMING_FRAMES = 100
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Layout:
+    """What the blueprint has to know of a run.
+
+    Attributes:
+        name: Of the run.
+        n_frames: Number of frames.
+        scene: The scene.
+        bounds_px: For each camera with pixels the part of its image where the motion is; those that saw most first.
+        landscapes: For each joint that has a potential, that potential over its plane.
+        blocks: For each joint that has one in the body's three coordinates, that potential.
+        joint_frames: For each joint the frame of reference in which it is shown.
+        errors: Innovations and residuals of each camera; None without cameras.
+        nis_limit: Upper end of the axis of the normalised innovation.
+    """
+
+    name: str
+    n_frames: int
+    scene: Scene
+    bounds_px: Mapping[str, Box] = field(default_factory=dict)
+    landscapes: Mapping[str, Landscape] = field(default_factory=dict)
+    blocks: Mapping[str, Block] = field(default_factory=dict)
+    joint_frames: Mapping[str, str] = field(default_factory=dict)
+    errors: CameraErrors | None = None
+    nis_limit: float = 3.0
+
+    @property
+    def trail_frames(self) -> int:
+        """Length of the trails behind moving things."""
+        return trail_length(self.n_frames)
+
+    @property
+    def fps(self) -> float:
+        """Frames a second when played: the whole run in a quarter of a minute, if that is no crawl and no blur."""
+        return float(np.clip(self.n_frames / 15, 10, 60))
+
+
+def trail_length(n_frames: int) -> int:
+    """How many frames a trail is long."""
+    return int(np.clip(n_frames // 20, 10, 60))
+
+
+def run_layout(
+    run: Run,
+    scene: Scene,
+    *,
+    landscapes: Mapping[str, Landscape],
+    blocks: Mapping[str, Block],
+    joint_frames: Mapping[str, str],
+) -> Layout:
+    """The layout of a run."""
+    bounds: dict[str, Box] = {}
+    if run.ideal_px is not None:
+        every = max(1, len(run.ideal_px.t_s) // _FRAMING_FRAMES)
+        most = np.argsort(-run.tracked.used.sum(axis=(1, 2)), kind="stable")
+        for c in most:
+            uv_px = np.concatenate([run.ideal_px.uv_px[c, ::every], run.tracked.reprojected_px[c, ::every]])
+            bounds[scene.cameras[c].name] = frame_px(scene.cameras[c], uv_px)
+    per_row = run.tracked.nis / np.maximum(run.tracked.n_rows, 1)
+    finite = per_row[np.isfinite(per_row) & (run.tracked.n_rows > 0)]
+    return Layout(
+        name=run.name,
+        n_frames=len(run.tracked.markers.t_s),
+        scene=scene,
+        bounds_px=bounds,
+        landscapes=landscapes,
+        blocks=blocks,
+        joint_frames=joint_frames,
+        errors=None if run.ideal_px is None else camera_errors(run.tracked, run.ideal_px),
+        nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
+    )
+
+
+def frame_px(camera: ViewCamera, uv_px: Array) -> Box:
+    """The part of an image that holds nearly all pixels, with a margin, in the shape of the image.
+
+    Args:
+        camera: The camera.
+        uv_px: (..., 2) pixels of the recording; NaN where there is none.
+    """
+    width, height = camera.size_px
+    seen = camera.pixels(uv_px[np.isfinite(uv_px).all(axis=-1)])
+    seen = seen[((seen > -camera.size_px) & (seen < 2 * camera.size_px)).all(axis=-1)]
+    if not len(seen):
+        return (0.0, 0.0), (float(width), float(height))
+    low, high = np.quantile(seen, (0.005, 0.995), axis=0)
+    half = max(*((0.5 + _MARGIN) * (high - low) / camera.size_px), 0.04) * camera.size_px
+    (left, top), (right, bottom) = (low + high) / 2 - half, (low + high) / 2 + half
+    return (float(left), float(top)), (float(right), float(bottom))
+
+
+def joint_frames(run: Run) -> dict[str, str]:
+    """The frame of reference in which each joint is shown: that of its potential, or else the most telling one."""
+    frames = [f for f in _FRAMES if f in run.joints] + sorted(set(run.joints) - set(_FRAMES))
+    names = dict.fromkeys(name for f in frames for name in run.joints[f].names)
+    first = {name: next(f for f in frames if name in run.joints[f].names) for name in names}
+    return {name: run.potentials[name].frame if name in run.potentials else first[name] for name in names}

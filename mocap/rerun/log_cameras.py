@@ -1,0 +1,100 @@
+"""Cameras in the scene, and in the pixels of each what was measured and what the motion says should be seen."""
+
+import numpy as np
+import rerun as rr
+
+from filters.records import TrackedMotion
+from mocap.arrays import Array
+from mocap.records import PixelTracks
+from mocap.rerun import palette, paths
+from mocap.rerun.columns import Single, changing, segments, single, time_columns
+from mocap.rerun.log_markers import quaternions_of
+from mocap.rerun.log_world import SAMPLE_CLASS
+from mocap.rerun.scene import Scene, ViewCamera
+
+WHISKER_SCALE = 10.0
+"""Residual whiskers are so many times longer than the residuals, to be seen without zooming in."""
+
+
+def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
+    """Pose, lens and frustum of every camera."""
+    for camera in scene.cameras:
+        if camera.is_rigid:
+            quaternion = rr.Quaternion(xyzw=quaternions_of(camera.world_from_camera[None])[0])
+            pose = rr.Transform3D(translation=camera.position_m, quaternion=quaternion)
+        else:
+            pose = rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_from_camera)
+        rec.log(paths.camera(camera.name), pose, static=True)
+        away_m = float(np.linalg.norm(camera.position_m - scene.centre_m))
+        pinhole = rr.Pinhole(
+            image_from_camera=camera.intrinsic,
+            resolution=camera.size_px,
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=0.1 * away_m,
+            color=palette.GREY,
+            line_width=0.001 * away_m,
+        )
+        rec.log(paths.image(camera.name), pinhole, static=True)
+        width, height = camera.size_px
+        border = [(0, 0), (width, 0), (width, height), (0, height), (0, 0)]
+        look = {"colors": palette.DIM, "radii": rr.components.Radius.ui_points(0.75)}
+        rec.log(f"{paths.image(camera.name)}/border", rr.LineStrips2D([border], **look), static=True)
+
+
+def log_pixels(rec: rr.RecordingStream, scene: Scene, pixels: PixelTracks, tracked: TrackedMotion) -> None:
+    """In each camera: pixels that were used, pixels that were not, reprojections, and residual whiskers.
+
+    A whisker starts at the measured pixel and points to the reprojection, ``WHISKER_SCALE`` times as far.
+    """
+    for c, camera in enumerate(scene.cameras):
+        used = tracked.used[c][..., None]
+        measured = single(camera.pixels(pixels.uv_px[c]))
+        reprojected = single(camera.pixels(tracked.reprojected_px[c]))
+        believed = np.where(used, measured, np.float32(np.nan))
+        _log_points(rec, pixels.t_s, camera, "measured", believed)
+        _log_points(rec, pixels.t_s, camera, "reprojected", reprojected)
+        _log_points(rec, pixels.t_s, camera, "rejected", np.where(used, np.float32(np.nan), measured))
+        _log_whiskers(rec, pixels.t_s, camera, believed, reprojected)
+
+
+_LOOKS = {  # colour, radius in points of the screen, drawn over those with a lower order
+    "reprojected": (palette.GREEN, 4.0, 30.0),
+    "measured": (palette.SKY_BLUE, 2.5, 40.0),
+    "rejected": (palette.VERMILLION, 5.0, 50.0),
+}
+
+
+def _log_points(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, name: str, uv_px: Single) -> None:
+    path = paths.child(paths.image(camera.name), name)
+    color, radius, order = _LOOKS[name]
+    look = rr.Points2D.from_fields(
+        colors=color,
+        radii=rr.components.Radius.ui_points(radius),
+        draw_order=order,
+        class_ids=SAMPLE_CLASS,
+        show_labels=False,
+    )
+    rec.log(path, look, static=True)
+    there = np.isfinite(uv_px[..., 0])
+    if name == "rejected":  # rare: only those that there are, with their names
+        counts = there.sum(axis=1)
+        at = changing(counts)
+        columns = rr.Points2D.columns(positions=uv_px[there], keypoint_ids=np.nonzero(there)[1])
+        rec.send_columns(path, indexes=time_columns(t_s, at=at), columns=columns.partition(counts[at]))
+    else:
+        rec.log(path, rr.Points2D.from_fields(keypoint_ids=np.arange(uv_px.shape[1])), static=True)
+        rec.send_columns(path, indexes=time_columns(t_s), columns=rr.Points2D.columns(positions=uv_px))
+
+
+def _log_whiskers(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, measured: Single, target: Single) -> None:
+    path = paths.child(paths.image(camera.name), "residual")
+    there = np.isfinite(measured[..., 0]) & np.isfinite(target[..., 0])
+    start = measured[there]
+    strips = segments(start, start + np.float32(WHISKER_SCALE) * (target[there] - start))
+    look = rr.LineStrips2D.from_fields(
+        colors=palette.ORANGE, radii=rr.components.Radius.ui_points(1.0), draw_order=35.0, show_labels=False
+    )
+    rec.log(path, look, static=True)
+    rec.send_columns(
+        path, indexes=time_columns(t_s), columns=rr.LineStrips2D.columns(strips=strips).partition(there.sum(axis=1))
+    )

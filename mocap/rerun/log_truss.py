@@ -1,0 +1,136 @@
+"""A designed joint in rerun: V_z beside U as surfaces, and the truss deforming over the recorded way."""
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from eal.arrays import Array
+from eal.joint_design import member_forces
+from mocap.joint_design.design import JointDesign
+from mocap.rerun import palette
+from mocap.rerun.columns import FRAME, segments, single, time_columns
+from mocap.rerun.landscape import MM_PER_M, triangles
+from mocap.rerun.log_health import log_line
+from mocap.rerun.stream import recording_into
+
+APPLICATION = "mocap"
+V, U, TRUSS, ENERGY = "/potential", "/energy", "/truss", "/along"
+_HEIGHT = 0.6
+"""How high a value of 1 is drawn, over the grid's width."""
+
+_SLOPE = 0.35
+"""Share of the slope by which surfaces are shaded: walls of a well stay bright."""
+
+
+def write_truss_recording(design: JointDesign, path: Path) -> None:
+    """Write a designed joint as a recording; lengths in mm at the animal's size.
+
+    Raises:
+        RecordingError: rerun does not take it.
+        OSError: the file cannot be written.
+    """
+    planar = design.truss.dimension == 2
+    name, blueprint = f"joint-{design.source.name}", _blueprint(design, planar)
+    with recording_into(path, application=APPLICATION, recording_id=name, blueprint=blueprint) as rec:
+        if planar:
+            _log_surface(rec, V, design, design.target.v, design.source.potential.value(design.way.states.q_m))
+            along = design.way.states.energy_j - design.design.stored
+            _log_surface(rec, U, design, np.clip(design.fit.u, 0.0, 1.0), np.clip(along, 0.0, 1.0))
+        _log_members(rec, design)
+        _log_energies(rec, design)
+
+
+def _millimetres(design: JointDesign) -> float:
+    return design.source.unit_m * MM_PER_M
+
+
+def _log_surface(rec: rr.RecordingStream, path: str, design: JointDesign, value: Array, along: Array) -> None:
+    """A value in 0..1 over the grid, samples at its foot, and the moving point on it."""
+    unit = _millimetres(design)
+    shape, q = design.target.shape, design.target.q * unit
+    height = _HEIGHT * float(np.ptp(q[:, 0]))
+    grid = value.reshape(shape)
+    slope = np.gradient(_SLOPE * height * grid, *(axis * unit for axis in design.target.axes))
+    normals = np.stack([-slope[0], -slope[1], np.ones(shape)], axis=-1).reshape(-1, 3)
+    mesh = rr.Mesh3D(
+        vertex_positions=single(np.column_stack([q, height * value])),
+        vertex_normals=single(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
+        vertex_colors=palette.depth(value),
+        triangle_indices=triangles(*shape)[:, ::-1],
+    )
+    rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    rec.log(f"{path}/surface", mesh, static=True)
+    samples = design.source.potential.samples * unit
+    on = single(np.column_stack([samples, np.full(len(samples), 0.01 * height)]))
+    ui = rr.components.Radius.ui_points
+    rec.log(f"{path}/samples", rr.Points3D(on, colors=palette.WHITE, radii=ui(1.5)), static=True)
+    way = np.column_stack([design.way.states.q_m * unit, height * (along + 0.02)])
+    rec.log(f"{path}/now", rr.Points3D.from_fields(colors=palette.VERMILLION, radii=ui(7.0)), static=True)
+    columns = rr.Points3D.columns(positions=single(way)).partition(np.ones(len(way), dtype=int))
+    rec.send_columns(f"{path}/now", indexes=time_columns(design.source.t_s), columns=columns)
+
+
+def _log_members(rec: rr.RecordingStream, design: JointDesign) -> None:
+    """The members at every frame, vermillion where they pull, blue where they push, dim without force."""
+    truss, states, unit = design.design.truss, design.way.states, _millimetres(design)
+    n, m = states.stretch.shape
+    fixed = np.broadcast_to(truss.fixed_m, (n, *truss.fixed_m.shape))
+    nodes = np.concatenate([fixed, states.q_m[:, None], states.x_m], axis=1) * unit
+    nodes = np.concatenate([nodes, np.zeros((*nodes.shape[:2], 3 - truss.dimension))], axis=2)
+    samples = design.source.potential.samples * unit
+    samples = np.column_stack([samples, np.zeros((len(samples), 3 - truss.dimension))])
+    ui = rr.components.Radius.ui_points
+    rec.log(TRUSS, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    rec.log(f"{TRUSS}/samples", rr.Points3D(single(samples), colors=palette.GREY, radii=ui(1.5)), static=True)
+    posts = rr.Points3D(single(nodes[0, : truss.moving]), colors=palette.WHITE, radii=ui(5.0))
+    rec.log(f"{TRUSS}/posts", posts, static=True)
+    rec.log(f"{TRUSS}/joint", rr.Points3D([[0, 0, 0]], colors=palette.YELLOW, radii=ui(5.0)), static=True)
+    rec.log(f"{TRUSS}/moving", rr.Points3D.from_fields(colors=palette.VERMILLION, radii=ui(7.0)), static=True)
+    rec.log(f"{TRUSS}/members", rr.LineStrips3D.from_fields(radii=ui(2.5)), static=True)
+    index = time_columns(design.source.t_s)
+    moving = nodes[:, truss.moving :]
+    columns = rr.Points3D.columns(positions=single(moving.reshape(-1, 3))).partition(np.full(n, moving.shape[1]))
+    rec.send_columns(f"{TRUSS}/moving", indexes=index, columns=columns)
+    strips = segments(nodes[:, truss.ends[:, 0]].reshape(-1, 3), nodes[:, truss.ends[:, 1]].reshape(-1, 3))
+    colours = _colours(design).reshape(-1, 3)
+    columns = rr.LineStrips3D.columns(strips=strips, colors=colours).partition(np.full(n, m))
+    rec.send_columns(f"{TRUSS}/members", indexes=index, columns=columns)
+
+
+def _colours(design: JointDesign) -> np.ndarray:
+    """(T, m, 3) colours of the members."""
+    truss, stretch = design.design.truss, design.way.states.stretch
+    pull = member_forces(truss, stretch)
+    share = (np.abs(pull) / max(float(np.abs(pull).max()), 1e-12))[..., None] ** 0.5
+    strong = np.where(pull[..., None] > 0.0, palette.VERMILLION, palette.SKY_BLUE)
+    return np.round(share * strong + (1.0 - share) * np.array(palette.DIM)).astype(np.uint8)
+
+
+def _log_energies(rec: rr.RecordingStream, design: JointDesign) -> None:
+    v = design.source.potential.value(design.way.states.q_m)
+    u = design.way.states.energy_j - design.design.stored
+    both = np.column_stack([v, u])
+    log_line(rec, ENERGY, design.source.t_s, both, name=("V_z", "U"), color=(palette.SKY_BLUE, palette.ORANGE))
+
+
+def _blueprint(design: JointDesign, planar: bool) -> rrb.Blueprint:
+    name = design.source.name
+    truss = rrb.Spatial3DView(origin=TRUSS, name=f"{name}: the truss over the recorded way", background=palette.GROUND)
+    along = rrb.TimeSeriesView(origin=ENERGY, name="V_z and U along the way")
+    rows: list[rrb.Container | rrb.View] = [rrb.Horizontal(truss, along)]
+    if planar:
+        surfaces = (
+            rrb.Spatial3DView(origin=V, name=f"{name}: potential V_z", background=palette.GROUND),
+            rrb.Spatial3DView(origin=U, name="strain energy U, cut at 1", background=palette.GROUND),
+        )
+        rows.insert(0, rrb.Horizontal(*surfaces))
+    return rrb.Blueprint(
+        rrb.Vertical(*rows, name=name),
+        rrb.TimePanel(state=rrb.PanelState.Collapsed, timeline=FRAME, play_state=rrb.components.PlayState.Paused),
+        rrb.SelectionPanel(state=rrb.PanelState.Hidden),
+        rrb.BlueprintPanel(state=rrb.PanelState.Hidden),
+        auto_views=False,
+        auto_layout=False,
+    )

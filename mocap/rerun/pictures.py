@@ -1,0 +1,80 @@
+"""Pictures of the built-in recordings as their viewer shows them: ``python -m mocap.rerun.pictures FOLDER``."""
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from PIL import Image
+
+from datasets import make_bat
+from datasets import write_recording as write_files
+from mocap.pipeline.demo import Animal, run_demo
+from mocap.pipeline.job import Stages, run_job
+from mocap.pipeline.run import Run
+from mocap.pipeline.source import Source
+from mocap.rerun.blueprint import make_blueprint
+from mocap.rerun.compare import APPLICATION as COMPARISON
+from mocap.rerun.compare import comparison_blueprint, write_comparison
+from mocap.rerun.headless import Headless
+from mocap.rerun.record import make_layout, recording_id, write_recording
+
+SIZE = (1600, 1000)
+COMPARED = 270
+"""The frame of the comparison: much of a wing is hidden."""
+TABS = ("overview", "cameras", "joints", "health")
+WANTED: dict[Animal, tuple[int, tuple[str, ...]]] = {
+    "bat": (96, ("overview", "joints")),
+    "lizard": (300, ("overview",)),
+}
+"""The frame (from 0) and the tabs that the README shows."""
+
+
+def take_pictures(folder: Path, *, animal: Animal) -> list[Path]:
+    """Run the demo and save the pictures that are wanted of it."""
+    frame, tabs = WANTED[animal]
+    return picture_run(run_demo(animal, stages=Stages()), folder, prefix=animal, frame=frame, tabs=tabs)
+
+
+def picture_run(run: Run, folder: Path, *, prefix: str, frame: int, tabs: tuple[str, ...] = TABS) -> list[Path]:
+    """Save pictures of tabs of a run at one frame (from 0)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    out = []
+    with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
+        rrd = Path(temporary) / "recording.rrd"
+        write_recording(run, rrd)
+        viewer.load(rrd, recording_id(run))
+        for tab in tabs:
+            blueprint = make_blueprint(make_layout(run))
+            blueprint.root_container.active_tab = TABS.index(tab)
+            path = folder / f"{prefix}_{tab}.png"
+            Image.fromarray(viewer.show(blueprint, frame=frame)).save(path, optimize=True)
+            out.append(path)
+    return out
+
+
+def picture_comparison(folder: Path) -> Path:
+    """Save a picture of the built-in flight tracked with the EAL model beside constant velocity."""
+    path = folder / "bat_compare.png"
+    with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
+        recordings = [Path(temporary) / f"{name}.rrd" for name in ("eal", "constant_velocity")]
+        files = write_files(make_bat(), Path(temporary))
+        source = Source(
+            tracks=files["pixels"],
+            fps=make_bat().fps,
+            coefficients=files["coefficients"],
+            profile=files["profile"],
+            skeleton=files["skeleton"],
+        )
+        write_recording(run_job(source, model="eal", validated=False)[0], recordings[0])
+        write_recording(run_job(source, model="constant_velocity", validated=False)[0], recordings[1])
+        both = Path(temporary) / "both.rrd"
+        write_comparison(recordings, both)
+        viewer.load(both, "eal - constant_velocity", application=COMPARISON)
+        Image.fromarray(viewer.show(comparison_blueprint(recordings), frame=COMPARED)).save(path, optimize=True)
+    return path
+
+
+if __name__ == "__main__":
+    for name in WANTED:
+        take_pictures(Path(sys.argv[1]), animal=name)
+    picture_comparison(Path(sys.argv[1]))

@@ -1,0 +1,117 @@
+"""A run, written as one recording."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from mocap.pipeline.potentials import joint_potentials
+from mocap.pipeline.run import Run
+from mocap.rerun.blueprint import make_blueprint
+from mocap.rerun.columns import numbered_from
+from mocap.rerun.cut import cut, known_part
+from mocap.rerun.landscape import landscape
+from mocap.rerun.layout import Layout, joint_frames, run_layout
+from mocap.rerun.log_cameras import log_cameras, log_pixels
+from mocap.rerun.log_gaps import log_gap_map, log_gaps
+from mocap.rerun.log_health import log_health
+from mocap.rerun.log_joints import log_coordinates, log_potential
+from mocap.rerun.log_markers import log_markers, log_trails, log_uncertainty
+from mocap.rerun.log_report import log_report
+from mocap.rerun.log_video import log_video
+from mocap.rerun.log_volume import log_volume
+from mocap.rerun.log_world import log_world
+from mocap.rerun.scene import Scene, make_scene
+from mocap.rerun.stream import recording_into
+from mocap.rerun.volume import block
+
+APPLICATION = "mocap"
+SPACE = "body"
+"""Frame of reference in which joints have three coordinates and a potential in these."""
+
+
+def write_recording(run: Run, path: Path) -> None:
+    """Write all views of a run to a file.
+
+    Frames before the first and after the last position of any marker are left out: there is nothing to see in them.
+
+    Args:
+        run: The run.
+        path: The ``.rrd`` to write; its folder exists.
+
+    Raises:
+        RecordingError: rerun does not take it.
+        OSError: the file cannot be written there.
+    """
+    shown = known_part(run)
+    part = cut(run, shown)
+    layout = make_layout(part)
+    with (
+        recording_into(
+            path, application=APPLICATION, recording_id=recording_id(run), blueprint=make_blueprint(layout)
+        ) as rec,
+        numbered_from(shown.start + 1),
+    ):
+        log_run(rec, part, layout)
+
+
+def run_scene(run: Run) -> Scene:
+    """The scene of a run."""
+    uv_px = None if run.ideal_px is None else run.ideal_px.uv_px
+    return make_scene(run.cameras, xyz_m=run.tracked.markers.xyz_m, uv_px=uv_px, y_up=run.y_up)
+
+
+def make_layout(run: Run) -> Layout:
+    """All that is derived from a run before anything is written."""
+    frames = joint_frames(run)
+    landscapes = {
+        name: landscape(run.potentials[name], run.joints[frame])
+        for name, frame in frames.items()
+        if name in run.potentials
+    }
+    blocks = {}
+    if SPACE in run.joints and run.potentials:
+        spatial = joint_potentials(run.joints, run.tracked.markers, run.skeleton, frame=SPACE)
+        blocks = {name: block(p, run.joints[SPACE]) for name, p in spatial.items() if name in landscapes}
+    return run_layout(run, run_scene(run), landscapes=landscapes, blocks=blocks, joint_frames=frames)
+
+
+def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+    """Everything that a run has to show."""
+    scene, markers = layout.scene, run.tracked.markers
+    log_world(rec, scene, names=markers.names, skeleton=run.skeleton)
+    log_markers(rec, scene, markers)
+    log_uncertainty(rec, scene, markers)
+    log_trails(rec, scene, markers, trunk=run.skeleton.trunk)
+    log_gap_map(rec, markers)
+    log_gaps(rec, markers)
+    log_cameras(rec, scene)
+    if run.ideal_px is not None:
+        log_pixels(rec, scene, run.ideal_px, run.tracked)
+    for view, camera, footage in zip(scene.cameras, run.cameras, run.footage, strict=False):
+        log_video(rec, view, camera, footage, markers.t_s)
+    log_health(rec, run.tracked, layout.errors)
+    for name, frame in layout.joint_frames.items():
+        log_coordinates(rec, run.joints[frame], name)
+    for name, land in layout.landscapes.items():
+        log_potential(rec, name, markers.t_s, land)
+    for name, cloud in layout.blocks.items():
+        log_volume(rec, name, markers.t_s, cloud)
+    log_report(rec, run.report_text)
+
+
+def recording_id(run: Run) -> str:
+    """The run's name and a digest of its data: the same for the same run, on every machine."""
+    digest = hashlib.blake2b(digest_size=6)
+    markers = run.tracked.markers
+    arrays = [markers.t_s, markers.xyz_m, markers.origin, *(c.matrix for c in run.cameras)]
+    if run.ideal_px is not None:
+        arrays.append(run.ideal_px.uv_px)
+    arrays += [footage.frames for footage in run.footage]
+    arrays += [run.potentials[name].samples_m for name in sorted(run.potentials)]
+    digest.update("\n".join([run.name, run.tracked.model, *markers.names]).encode())
+    for array in arrays:
+        digest.update(str(array.shape).encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return f"{run.name}-{digest.hexdigest()}"

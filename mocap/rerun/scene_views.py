@@ -1,0 +1,143 @@
+"""Views in three dimensions: where the eye stands, the ground, and how long the trails are."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mocap.arrays import Array
+from mocap.rerun import palette, paths
+from mocap.rerun.columns import FRAME
+from mocap.rerun.layout import Layout
+from mocap.rerun.log_markers import ELLIPSOID_SD
+
+
+def scene_view(layout: Layout) -> rrb.View:
+    """The scene, all of the motion in sight."""
+    return _world_view(layout, f"Scene (m, ellipsoids {ELLIPSOID_SD:g} sd)", 1.85 * layout.scene.radius_m)
+
+
+def rig_view(layout: Layout) -> rrb.View:
+    """The scene from so far away that all cameras are in sight."""
+    scene = layout.scene
+    away_m = [float(np.linalg.norm(c.position_m - scene.centre_m)) for c in scene.cameras]
+    return _world_view(layout, "Where the cameras stand (m)", 2.6 * max([scene.radius_m, *away_m]))
+
+
+def surface_view(layout: Layout, name: str) -> rrb.View:
+    """The potential of a joint as a surface, seen from high enough to look into its wells."""
+    land = layout.landscapes[name]
+    middle = np.array([land.x_mm.mean(), land.y_mm.mean(), 0.4 * land.height_mm])
+    extent_mm = float(land.x_mm[-1] - land.x_mm[0])
+    return rrb.Spatial3DView(
+        origin=paths.surface(name),
+        name=f"{name}: potential V_z(q), 0 yellow to 1 violet, over q (mm)",
+        background=palette.GROUND,
+        line_grid=False,
+        eye_controls=eye(middle, 2.0 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
+        overrides={f"{paths.surface(name)}/trail": last_frames(layout.trail_frames)},
+    )
+
+
+def volume_view(layout: Layout, name: str) -> rrb.View:
+    """The potential of a joint as a cloud, and the limb in it."""
+    cloud = layout.blocks[name]
+    return rrb.Spatial3DView(
+        origin=paths.volume(name),
+        name=f"{name} in the body (mm): 1 - V_z, dense where it goes",
+        background=palette.GROUND,
+        line_grid=False,
+        eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),
+        overrides={f"{paths.volume(name)}/trail": last_frames(layout.trail_frames)},
+    )
+
+
+def eye(centre: Array, distance: float, up: Array, *, rise: float = 0.45) -> rrb.EyeControls3D:
+    """An eye that looks at a point from the front, a little from the right and from above.
+
+    Args:
+        centre: (3,) point to look at.
+        distance: From the point to the eye.
+        up: (3,) signed axis.
+        rise: How steeply it looks down: tangent of the angle.
+    """
+    axis = int(np.argmax(np.abs(up)))
+    right = np.eye(3)[0 if axis != 0 else 1]
+    front = -np.cross(up, right)
+    direction = (0.45 * right + 0.9 * front) + rise * up
+    position = centre + distance * direction / np.linalg.norm(direction)
+    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=centre, eye_up=up)
+
+
+def last_frames(n_frames: int) -> rrb.VisibleTimeRanges:
+    """What was logged in the last frames up to the cursor."""
+    start = rrb.TimeRangeBoundary.cursor_relative(seq=-n_frames)
+    return rrb.VisibleTimeRanges(
+        [rrb.VisibleTimeRange(FRAME, start=start, end=rrb.TimeRangeBoundary.cursor_relative())]
+    )
+
+
+def grid_spacing_m(radius_m: float) -> float:
+    """A round number of which some ten make the diameter: 1, 2 or 5 times a power of ten."""
+    rough = radius_m / 5
+    power = 10.0 ** np.floor(np.log10(rough))
+    return float(power * max(f for f in (1, 2, 5) if f * power <= rough * (1 + 1e-9)))
+
+
+def _world_view(layout: Layout, name: str, distance_m: float) -> rrb.View:
+    scene = layout.scene
+    cameras = [paths.image(camera.name) for camera in scene.cameras]
+    return world_view(
+        paths.WORLD,
+        name,
+        contents=[
+            *(paths.SKELETON, paths.PATH, paths.TRAILS, f"{paths.MARKERS}/**", f"{paths.UNCERTAINTY}/**"),
+            *cameras,
+        ],
+        ground=(scene.up, scene.ground_m, scene.radius_m),
+        look=eye(scene.centre_m, distance_m, scene.up),
+        trail=(paths.TRAILS, layout.trail_frames),
+        frusta=cameras,
+    )
+
+
+def world_view(
+    origin: str,
+    name: str,
+    *,
+    contents: Sequence[str],
+    ground: tuple[Array, float, float],
+    look: rrb.EyeControls3D,
+    trail: tuple[str, int],
+    frusta: Sequence[str] = (),
+) -> rrb.View:
+    """Things over a ground.
+
+    Args:
+        origin: Entity whose space it is.
+        name: Title.
+        contents: What to show.
+        ground: The signed axis that points up, the height of the ground along it, and the radius of what is shown.
+        look: The eye.
+        trail: The entity that is shown of several frames, and of how many.
+        frusta: Cameras that are shown as frusta alone, without the arrows of their axes.
+    """
+    up, height_m, radius_m = ground
+    return rrb.Spatial3DView(
+        origin=origin,
+        name=name,
+        contents=list(contents),
+        background=palette.GROUND,
+        line_grid=rrb.LineGrid3D(
+            visible=True,
+            spacing=grid_spacing_m(radius_m),
+            plane=rr.components.Plane3D(up, height_m),
+            color=(*palette.DIM, 70),
+        ),
+        eye_controls=look,
+        overrides={
+            trail[0]: last_frames(trail[1]),
+            **{camera: rr.Pinhole.from_fields().visualizer() for camera in frusta},
+        },
+    )

@@ -1,0 +1,161 @@
+"""Open a recording in the rerun viewer, which runs as a process of its own and listens on this computer only.
+
+It ends with the process that opened it, whatever ends that (``mocap.rerun.guardian``).
+"""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+from urllib.parse import quote
+
+from mocap.errors import MocapError
+from mocap.rerun import guardian
+
+HOST = "127.0.0.1"
+_START_S = 30.0
+
+
+class ViewerError(MocapError):
+    """The viewer cannot be opened here."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Viewer:
+    """A viewer that runs.
+
+    Attributes:
+        process: Its guardian, which ends with it.
+        url: Address for a browser; None for a viewer with a window of its own.
+        sink: Address to stream to.
+        messages: What it said so far.
+    """
+
+    process: subprocess.Popen[bytes]
+    url: str | None
+    sink: str
+    messages: IO[bytes]
+
+    def wait(self) -> None:
+        """Wait until its window is closed, or for ever if it serves a browser.
+
+        Raises:
+            ViewerError: it ended with an error.
+        """
+        if self.process.wait() > 0:
+            raise _failed(self)
+
+    def close(self) -> None:
+        """End it."""
+        guardian.end(self.process)
+        self.messages.close()
+
+
+def open_viewer(rrd: Path | None, *, web: bool = False) -> Viewer:
+    """Show a recording, or what will be streamed.
+
+    Args:
+        rrd: The recording; None: nothing yet.
+        web: Serve it to a browser of this computer, at the ``url`` of the result, instead of opening a window.
+
+    Returns:
+        The viewer, started; wait for it, or close it.
+
+    Raises:
+        ViewerError: there is no such recording, no viewer, or no screen, or the viewer did not start.
+    """
+    if rrd is not None and not rrd.is_file():
+        raise ViewerError(f"{rrd}: there is no such recording; `mocap track` and `mocap demo` write recording.rrd")
+    program = viewer_program()
+    if not web and not has_display(os.environ, sys.platform):
+        raise ViewerError(
+            "no screen was found (neither DISPLAY nor WAYLAND_DISPLAY is set): look at it in a browser with --web, or "
+            "copy the .rrd to a computer with a screen and open it there with `rerun`"
+        )
+    data_port, page_port = free_ports(2)
+    command = [program, *([] if rrd is None else [str(rrd)]), "--bind", HOST, "--port", str(data_port)]
+    url, sink = None, f"rerun+http://{HOST}:{data_port}/proxy"
+    if web:
+        command += ["--serve-web", "--web-viewer-port", str(page_port)]
+        url = f"http://{HOST}:{page_port}/?url={quote(sink, safe='')}&theme=dark"
+    messages = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the viewer
+    process = guardian.started(command, environment=quiet_environment(os.environ), said=messages)
+    viewer = Viewer(process=process, url=url, sink=sink, messages=messages)
+    for port in (data_port, page_port) if web else (data_port,):
+        _wait_for(viewer, port)
+    return viewer
+
+
+def viewer_program() -> str:
+    """Path of the viewer's own program, not of the script that would start it as a child.
+
+    Raises:
+        ViewerError: it is not installed.
+    """
+    try:
+        import rerun_cli
+    except ImportError:
+        found = None
+    else:
+        name = "rerun.exe" if sys.platform == "win32" else "rerun"
+        found = shutil.which(str(Path(str(rerun_cli.__file__)).parent / name))
+    found = found or shutil.which("rerun")
+    if found is None:
+        raise ViewerError("the rerun viewer is not installed: run `pip install rerun-sdk==0.41.*`, then try again")
+    return found
+
+
+def has_display(environment: Mapping[str, str], platform: str) -> bool:
+    """True where a window can be opened."""
+    if platform in ("win32", "darwin"):
+        return True
+    return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))
+
+
+def quiet_environment(environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment for a viewer: it sends no usage statistics, and says only what went wrong."""
+    return {**environment, "CI": "1", "RUST_LOG": environment.get("RUST_LOG", "warn"), "NO_COLOR": "1"}
+
+
+def free_ports(count: int) -> list[int]:
+    """Ports of this computer on which nothing listens."""
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_STREAM) for _ in range(count)]
+    try:
+        for s in sockets:
+            s.bind((HOST, 0))
+        return [s.getsockname()[1] for s in sockets]
+    finally:
+        for s in sockets:
+            s.close()
+
+
+def _wait_for(viewer: Viewer, port: int) -> None:
+    end = time.monotonic() + _START_S
+    while viewer.process.poll() is None:
+        try:
+            socket.create_connection((HOST, port), timeout=1.0).close()
+        except OSError:
+            if time.monotonic() > end:
+                viewer.close()
+                raise ViewerError(f"the viewer did not start within {_START_S:g} s; try again") from None
+            time.sleep(0.05)
+        else:
+            return
+    raise _failed(viewer)
+
+
+def _failed(viewer: Viewer) -> ViewerError:
+    guardian.end(viewer.process)
+    viewer.messages.seek(0)
+    said = viewer.messages.read().decode(errors="replace").strip().splitlines()
+    viewer.messages.close()
+    reason = said[-1].strip() if said else "it said nothing"
+    hint = "try --web" if viewer.url is None else "try again, or open the file with `rerun` elsewhere"
+    return ViewerError(f"the viewer ended with code {viewer.process.returncode} ({reason}): {hint}")

@@ -1,0 +1,77 @@
+"""A run as files: tables, report and recording."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.io.cells import as_cells
+from mocap.io.digits import decimals_of
+from mocap.pipeline.run import Run
+from mocap.records import MarkerTracks, Origin
+
+
+def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None]) -> None:
+    """Write ``markers.csv``, ``joints.csv``, ``report.json``, ``report.md``, ``potentials/`` and ``recording.rrd``.
+
+    Args:
+        run: What to write.
+        folder: Where to, as ``mocap.io.output.result_folder`` gives it.
+        write_recording: Writes what is to be looked at.
+    """
+    write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
+    write_joints(run, folder / "joints.csv")
+    (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
+    (folder / "report.md").write_text(run.report_text, encoding="utf-8")
+    for name, potential in run.potentials.items():
+        (folder / "potentials").mkdir(exist_ok=True)
+        potential.potential.save(folder / "potentials" / f"{name}.npz")
+    write_recording(run, folder / "recording.rrd")
+
+
+def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path) -> None:
+    """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_x, _y, _z, _sd`` in metres and ``_origin`` a marker.
+
+    Measured samples that bore another marker's name in the file, (T, M) ``repaired``, have the origin ``repaired``.
+    """
+    header = ["frame", "t_s"]
+    columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
+    words = np.array([o.name.lower() for o in Origin], dtype="U12")[markers.origin]
+    words[repaired & (markers.origin == Origin.MEASURED)] = "repaired"
+    sd = markers.sd_m
+    for i, name in enumerate(markers.names):
+        header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]
+        columns += [_text(markers.xyz_m[:, i, k], sd[:, i]) for k in range(3)]
+        columns += [_text(sd[:, i], sd[:, i]), words[:, i]]
+    _write(path, header, columns)
+
+
+def write_joints(run: Run, path: Path) -> None:
+    """A row a frame: ``frame``, ``t_s``, then ``<joint>_<frame>_x, _y[, _z]`` and ``<joint>_sd`` in metres."""
+    t_s = run.tracked.markers.t_s
+    header = ["frame", "t_s"]
+    columns = [np.arange(1, len(t_s) + 1).astype(str), np.char.mod("%.9g", t_s)]
+    for i, joint in enumerate(j.name for j in run.skeleton.joints):
+        for frame, tracks in run.joints.items():
+            for k in range(tracks.q_m.shape[2]):
+                header.append(f"{joint}_{frame}_{'xyz'[k]}")
+                columns.append(_text(tracks.q_m[:, i, k], run.joints["world"].sd_m[:, i]))
+        header.append(f"{joint}_sd")
+        columns.append(_text(run.joints["world"].sd_m[:, i], run.joints["world"].sd_m[:, i]))
+    _write(path, header, columns)
+
+
+def _text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """A column as text: seven decimals, and more where two digits of the smallest (T,) deviation ``sd`` need them."""
+    form = f"%.{decimals_of(values, sd, least=7)}f"
+    return np.where(np.isfinite(values), np.char.mod(form, np.nan_to_num(values)), "NaN")
+
+
+def _write(path: Path, header: list[str], columns: list[np.ndarray]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(as_cells(header))
+        writer.writerows(np.stack(columns, axis=1).tolist())

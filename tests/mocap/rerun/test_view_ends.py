@@ -1,0 +1,104 @@
+"""A viewer serves a recording no longer than the command that opened it lives."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from flapping import make_run
+
+from mocap.rerun import guardian
+from mocap.rerun.record import write_recording
+from mocap.rerun.viewer import HOST
+
+LIMIT_S = 5.0
+
+
+@pytest.fixture(scope="module")
+def rrd(tmp_path_factory):
+    path = tmp_path_factory.mktemp("ends") / "recording.rrd"
+    write_recording(make_run(n_frames=5, n_cameras=1, n_joints=0), path)
+    return path
+
+
+@pytest.fixture
+def viewing(rrd):
+    """``mocap view --web`` in a group of its own, and the ports that it serves on."""
+    command = [sys.executable, "-c", "from mocap.cli.main import main; main()", "view", str(rrd), "--web"]
+    environment = {**os.environ, "BROWSER": "true"}
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    assert process.stderr is not None
+    address = process.stderr.readline()
+    ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", address)]
+    assert len(ports) == 2, address
+    assert all(is_open(port) for port in ports)
+    yield process, ports
+    process.kill()
+    process.wait()
+    process.stderr.close()
+
+
+def is_open(port: int) -> bool:
+    try:
+        socket.create_connection((HOST, port), timeout=1).close()
+    except OSError:
+        return False
+    return True
+
+
+def seconds_until(done) -> float:
+    start = time.monotonic()
+    while not done():
+        if time.monotonic() - start > 2 * LIMIT_S:
+            return float("inf")
+        time.sleep(0.05)
+    return time.monotonic() - start
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("how", ["kill", "kill the group", "terminate", "interrupt", "hang up the group"])
+def test_it_ends_with_its_command(viewing, how):
+    """Killed without a chance to tidy up, alone or with its group; and by every signal that asks it to end."""
+    process, ports = viewing
+    if how == "kill":
+        os.kill(process.pid, signal.SIGKILL)
+    elif how == "terminate":
+        os.kill(process.pid, signal.SIGTERM)
+    else:
+        number = {"kill the group": signal.SIGKILL, "interrupt": signal.SIGINT}.get(how, signal.SIGHUP)
+        os.killpg(process.pid, number)
+    assert seconds_until(lambda: not any(is_open(port) for port in ports)) < LIMIT_S
+    assert seconds_until(lambda: process.poll() is not None) < LIMIT_S
+    if how in ("terminate", "interrupt"):
+        assert process.returncode == 0
+
+
+def sleeper(seconds: float, code: int = 0) -> list[str]:
+    return [sys.executable, "-c", f"import sys, time; time.sleep({seconds}); sys.exit({code})"]
+
+
+def test_its_own_end_is_passed_on():
+    """The exit code of a command that ends by itself, and the number of the signal that ended it."""
+    ended = guardian.started(sleeper(0, 3), environment=os.environ, said=subprocess.DEVNULL)
+    assert ended.wait(timeout=20) == 3
+    guardian.end(ended)
+    if sys.platform != "win32":
+        command = [sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"]
+        killed = guardian.started(command, environment=os.environ, said=subprocess.DEVNULL)
+        assert killed.wait(timeout=20) == 128 + signal.SIGKILL
+        guardian.end(killed)
+
+
+def test_what_does_not_listen_is_killed():
+    """A command that ignores the request to end ends all the same, after a while."""
+    stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
+    running = guardian.started([sys.executable, "-c", stubborn], environment=os.environ, said=subprocess.DEVNULL)
+    time.sleep(0.5)
+    start = time.monotonic()
+    guardian.end(running)
+    assert time.monotonic() - start < 2 * guardian.GRACE_S
+    assert running.returncode in (128 + signal.SIGKILL, 1) if sys.platform != "win32" else True

@@ -1,0 +1,173 @@
+"""Frames as they are filtered: all of them arrive, and a viewer that does not answer holds nobody up."""
+
+import io
+import threading
+import time
+
+import numpy as np
+import pytest
+import rerun as rr
+from flapping import make_run
+from PIL import Image
+from readback import column
+from test_view_pictures import amount
+from vulkan import need_vulkan
+
+from filters.live import Estimate
+from filters.observations import WHOLE
+from filters.observe import Observed
+from mocap.records import Origin
+from mocap.rerun import palette, paths
+from mocap.rerun.headless import Headless
+from mocap.rerun.live import WAITING, LiveView, live_blueprint
+from mocap.rerun.record import run_scene
+from mocap.rerun.watch import LIVE, session
+
+
+def estimates(run):
+    """A run's frames as a filter that is still under way would hand them over."""
+    tracked, markers = run.tracked, run.tracked.markers
+    for k in range(len(markers.t_s)):
+        marker = np.flatnonzero(markers.origin[k] == Origin.MEASURED)
+        n = len(marker)
+        observed = Observed(
+            where=np.column_stack([np.full(n, WHOLE), marker]),
+            innovation=np.zeros((n, 3)),
+            weight=np.ones(n),
+            nis=tracked.nis[k],
+            n_rows=int(tracked.n_rows[k]),
+            log_likelihood=tracked.log_likelihood[k],
+        )
+        yield Estimate(
+            frame=k,
+            t_s=markers.t_s[k],
+            ahead=0,
+            xyz_m=markers.xyz_m[k],
+            cov_m2=markers.cov_m2[k],
+            observed=observed,
+        )
+
+
+@pytest.fixture(scope="module")
+def run():
+    return make_run(n_frames=90, n_cameras=2, n_joints=0)
+
+
+def test_every_frame_arrives_as_it_was(run, tmp_path):
+    """Positions, classes, NIS and likelihood of all frames, at their numbers in the recording, and steps in between."""
+    rec = rr.RecordingStream(LIVE, recording_id="live", send_properties=False)
+    rec.set_log_time_enabled(False)
+    rec.save(tmp_path / "live.rrd")
+    markers = run.tracked.markers
+    with LiveView(rec, run_scene(run), names=markers.names, skeleton=run.skeleton, first=100) as view:
+        for estimate in estimates(run):
+            view.show(estimate)
+            time.sleep(0.001)
+    assert (view.shown, view.dropped, view.trouble) == (90, 0, "")
+    path = tmp_path / "live.rrd"
+    frames, _, xyz = column(path, paths.SKELETON, "Points3D:positions")
+    np.testing.assert_array_equal(frames, 100 + np.arange(90))
+    np.testing.assert_array_equal(xyz.reshape(90, -1, 3), markers.xyz_m.astype(np.float32))
+    measured = column(path, paths.child(paths.MARKERS, "measured"), "Points3D:positions")[2]
+    np.testing.assert_array_equal(measured, markers.xyz_m[markers.origin == Origin.MEASURED].astype(np.float32))
+    tracked = run.tracked
+    np.testing.assert_array_equal(column(path, paths.NIS, "Scalars:scalars")[2], tracked.nis / tracked.n_rows)
+    likelihood = column(path, paths.LOG_LIKELIHOOD, "Scalars:scalars")[2]
+    np.testing.assert_array_equal(likelihood, tracked.log_likelihood)
+    strips = column(path, paths.TRAILS, "LineStrips3D:strips")[2].reshape(90, -1, 2, 3)
+    np.testing.assert_array_equal(strips[1:, :, 0], markers.xyz_m[:-1].astype(np.float32))
+    np.testing.assert_array_equal(strips[:, :, 1], markers.xyz_m.astype(np.float32))
+
+
+def test_a_stalled_viewer_holds_nobody_up(run):
+    """While the stream is stuck, frames are taken at once: as many as wait are kept, the others counted."""
+    stuck, go = threading.Event(), threading.Event()
+
+    class Stalled:
+        """A stream whose viewer is busy."""
+
+        def log(self, *_: object, **__: object) -> None: ...
+
+        def send_columns(self, *_: object, **__: object) -> None:
+            stuck.set()
+            go.wait(20)
+
+        def flush(self, **_: object) -> None: ...
+
+        def disconnect(self) -> None: ...
+
+    frame = next(estimates(run))
+    scene, markers = run_scene(run), run.tracked.markers
+    with LiveView(Stalled(), scene, names=markers.names, skeleton=run.skeleton) as view:  # type: ignore[arg-type]
+        view.show(frame)
+        assert stuck.wait(5)
+        slowest_s = 0.0
+        for _ in range(WAITING + 50):
+            start = time.perf_counter()
+            view.show(frame)
+            slowest_s = max(slowest_s, time.perf_counter() - start)
+        assert slowest_s < 1.0
+        assert view.dropped == 50
+        go.set()
+    assert view.shown == WAITING + 1
+    assert view.trouble == ""
+
+
+def test_a_stream_that_breaks_is_no_error_of_the_run(run):
+    """What went wrong is noted, and the filter goes on."""
+
+    class Broken:
+        def log(self, *_: object, **__: object) -> None: ...
+
+        def send_columns(self, *_: object, **__: object) -> None:
+            raise RuntimeError("the viewer is gone")
+
+        def flush(self, **_: object) -> None: ...
+
+        def disconnect(self) -> None: ...
+
+    scene, markers = run_scene(run), run.tracked.markers
+    with LiveView(Broken(), scene, names=markers.names, skeleton=run.skeleton) as view:  # type: ignore[arg-type]
+        for estimate in estimates(run):
+            view.show(estimate)
+    assert view.shown == 0
+    assert view.trouble == "the viewer is gone"
+
+
+def test_the_viewer_shows_the_newest_frame(run):
+    """Streamed to a viewer: markers, filled ones and trails are there."""
+    need_vulkan()
+    scene, markers = run_scene(run), run.tracked.markers
+    with Headless() as viewer:
+        for _ in range(12):  # the messages of the start fade while pictures are taken
+            viewer.client.take_screenshot(max_size=32)
+        blank = np.asarray(Image.open(io.BytesIO(viewer.client.take_screenshot())).convert("RGB"))
+        rec = rr.RecordingStream(LIVE, recording_id="live", send_properties=False)
+        rec.set_log_time_enabled(False)
+        rec.connect_grpc(viewer.client.url, default_blueprint=live_blueprint(scene))
+        with LiveView(rec, scene, names=markers.names, skeleton=run.skeleton) as view:
+            for estimate in estimates(run):
+                view.show(estimate)
+        assert view.trouble == ""
+        end = time.monotonic() + 10
+        while time.monotonic() < end:
+            state = viewer.client.get_state()
+            if any(r.current_time == 90 for r in state.recordings):
+                break
+            viewer.client.take_screenshot(max_size=32)
+        assert [r.current_time for r in state.recordings] == [90]
+        picture = np.asarray(Image.open(io.BytesIO(viewer.client.take_screenshot())).convert("RGB"))
+    assert amount(picture[100:], palette.SKY_BLUE) > 40
+    assert amount(blank[100:], palette.SKY_BLUE) == 0
+    assert amount(picture[100:], palette.YELLOW) > 10
+
+
+def test_a_session_without_a_screen_is_served_and_ends(monkeypatch):
+    """On a computer without a screen a page is served, its address told; at the end nothing runs on."""
+    monkeypatch.setattr("mocap.rerun.watch.has_display", lambda *_: False)
+    monkeypatch.setattr("webbrowser.open", lambda _: True)
+    told = []
+    with session(told.append) as (_, viewer):
+        assert viewer.process.poll() is None
+        assert told == [viewer.url]
+    assert viewer.process.poll() is not None

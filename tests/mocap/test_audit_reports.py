@@ -1,0 +1,81 @@
+"""What the audit finds reaches the user: in ``mocap info`` and in the reports of tracking."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mocap.audit.inspect import inspect, readable
+from mocap.io.dltdv import write_coefficients, write_pixels
+from mocap.io.format import Hints
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.source import Source
+from mocap.records import PixelTracks
+from tests.mocap.test_audit import clean
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A clean recording as files, and a way to spoil its pixels."""
+
+    def write(spoil=lambda uv: uv):
+        scene = clean(lens=False)
+        pixels = PixelTracks(
+            names=scene.pixels.names,
+            cameras=scene.pixels.cameras,
+            t_s=scene.pixels.t_s,
+            uv_px=spoil(scene.pixels.uv_px.copy()),
+        )
+        write_pixels(tmp_path / "swim_xypts.csv", pixels)
+        write_coefficients(tmp_path / "swim_dltCoefs.csv", [replace(c, lens=None) for c in scene.cameras])
+        return tmp_path / "swim_xypts.csv", tmp_path / "swim_dltCoefs.csv"
+
+    return write
+
+
+def late_rows(uv):
+    """Camera 3 is digitised two frames late."""
+    uv[2, :-2] = uv[2, 2:]
+    return uv
+
+
+def rounded(uv):
+    """Whole pixels."""
+    return np.round(uv)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind", "says"),
+    [
+        (late_rows, "camera offsets", "cameras do not run in step"),
+        (rounded, "quantised pixels", "are multiples of 1 px"),
+    ],
+)
+def test_a_fault_is_told_by_info_and_by_tracking(files, spoil, kind, says):
+    """The same finding in both, as a sentence and as numbers ready for JSON; clean files have no alarm."""
+    told = inspect(files(spoil), Hints())[0]
+    assert any(says in finding for finding in told["findings"])
+    assert says in readable(told)
+    assert [f for f in json.loads(json.dumps(told["audit"])) if f["kind"] == kind and f["alarm"]]
+    tracks, coefficients = files(spoil)
+    prepared = prepare(Source(tracks=tracks, coefficients=coefficients, fps=200.0))
+    assert any(says in finding for finding in prepared.findings)
+    assert any(f.kind == kind and f.alarm for f in prepared.audited)
+    untouched = inspect(files(), Hints())[0]
+    assert not [f for f in untouched["audit"] if f["alarm"]]
+
+
+def test_cameras_are_brought_in_step_only_when_asked(files):
+    """Asked, the late camera alone is read between its frames, and the report says so; unasked, pixels stay."""
+    tracks, coefficients = files(late_rows)
+    source = Source(tracks=tracks, coefficients=coefficients, fps=200.0)
+    as_is, asked = prepare(source), prepare(replace(source, in_step=True))
+    assert as_is.filmed is not None
+    assert as_is.filmed.late_frames is None
+    assert asked.filmed is not None
+    late = asked.filmed.late_frames
+    assert late is not None
+    np.testing.assert_allclose(late, [0, 0, 2, 0], atol=0.1)
+    assert any("camera 'cam3' was read" in finding for finding in asked.findings)
+    assert np.nanmedian(asked.residual_px) < 0.6 < 0.8 * np.nanmedian(as_is.residual_px)

@@ -1,0 +1,64 @@
+"""Films are an extra: without PyAV all else works, and what needs it says what to install."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from datasets.movie import write_movies
+from mocap.io.film import FilmError
+from mocap.io.movies import open_movie
+from mocap.rerun.log_video import av1
+from tests.mocap.test_cli import files, mocap, track_arguments  # noqa: F401 - fixtures
+
+EXTRA = r"pip install 'eal-mocap\[film\]'"
+
+
+@pytest.fixture
+def no_av(monkeypatch):
+    """PyAV cannot be imported."""
+    for name in [name for name in sys.modules if name.partition(".")[0] == "av"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "av", None)
+
+
+def test_nothing_but_films_needs_it():
+    """Every module of the program is imported where it is absent, and none has imported it where it is there."""
+    script = (
+        "import sys, pkgutil, importlib; sys.modules['av'] = None\n"
+        "import mocap, datasets, filters, eal\n"
+        "for package in (mocap, datasets, filters, eal):\n"
+        "    for module in pkgutil.walk_packages(package.__path__, package.__name__ + '.'):\n"
+        # two need the tests' own Pillow
+        "        if module.name not in ('mocap.rerun.pictures', 'mocap.rerun.headless'):\n"
+        "            importlib.import_module(module.name)\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_a_recording_is_tracked_without_it(mocap, tmp_path, no_av):  # noqa: F811, ARG001
+    """Table, report and recording are written."""
+    rows = [f"{i},{i / 100},{np.sin(i / 5)},{i / 50},0,measured" for i in range(1, 30)]
+    (tmp_path / "a.csv").write_text("\n".join(["frame,t_s,a_x,a_y,a_z,a_origin", *rows]) + "\n")
+    assert mocap("track", tmp_path / "a.csv", "--out", tmp_path / "run", "--no-validate")[0] == 0
+    assert (tmp_path / "run" / "recording.rrd").exists()
+
+
+def test_films_say_what_to_install(mocap, files, tmp_path, no_av):  # noqa: F811, ARG001
+    """In one line, before anything is computed; of a movie, of pictures, and of movies to make."""
+    (tmp_path / "a.mp4").write_bytes(b"film")
+    (tmp_path / "shots").mkdir()
+    (tmp_path / "shots" / "1.png").write_bytes(b"picture")
+    for film in ("a.mp4", "shots"):
+        code, _, err = mocap(*track_arguments(files, tmp_path / "run"), "--video", tmp_path / film)
+        assert code == 1
+        assert "pip install 'eal-mocap[film]'" in err
+        assert len(err.splitlines()) == 1
+        with pytest.raises(FilmError, match=EXTRA):
+            open_movie(tmp_path / film)
+    with pytest.raises(FilmError, match=EXTRA):
+        write_movies(lambda _t: None, [], np.zeros(1), tmp_path, start_s=[], fps=1.0, seed=0)  # type: ignore[arg-type]
+    with pytest.raises(FilmError, match=EXTRA):
+        next(av1(iter([]), (64, 64)))
+    assert not (tmp_path / "run").exists()

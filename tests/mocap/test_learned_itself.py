@@ -1,0 +1,36 @@
+"""Tracking a recording with a model that was learned from it, and what the report says of that."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from filters.model_file import save_model
+from mocap.cli.main import main
+from mocap.io.dltdv import write_points
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.source import Source
+from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.records import MarkerTracks, Origin
+from tests.filters.small_model import small_model
+
+
+def test_the_report_says_that_it_was_left_out(tmp_path, monkeypatch, capsys):
+    walk = small_model().trials[0]
+    path, model, out = tmp_path / "walk_xyzpts.csv", tmp_path / "m.npz", tmp_path / "run"
+    cov = np.broadcast_to(1e-6 * np.eye(3), (40, 5, 3, 3))
+    origin = np.full((40, 5), Origin.MEASURED)
+    names = small_model().names
+    write_points(path, MarkerTracks(names=names, t_s=walk.t_s, xyz_m=walk.xyz_m, cov_m2=cov, origin=origin))
+    prepared = prepare(Source(tracks=path, fps=100.0))
+    other = replace(walk, name="other", xyz_m=walk.xyz_m[::-1] + 0.1)
+    save_model(replace(small_model(), trials=(marker_trial(prepared, seen_part(prepared)), other)), model)
+    monkeypatch.setattr(sys, "argv", ["mocap", "track", str(path), "--fps", "100", "--model", str(model), "--out"])
+    sys.argv += [str(out), "--no-validate", "--json"]
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert not stopped.value.code
+    report = json.loads(capsys.readouterr().out)
+    assert report["model"]["why"] == "learned from other; walk is this recording itself, and was left out"

@@ -1,0 +1,87 @@
+"""What a user states of the pixel noise is used, and what contradicts the pixels is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets import make_bat, write_recording
+from mocap.io.dltdv import read_points
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.source import Source
+from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.pipeline.triangulate_file import triangulate_file
+
+SAME = 1e-12
+"""Products and roots of a few numbers in double precision."""
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    files = write_recording(make_bat(seed=3, n_frames=40, n_cameras=4), tmp_path_factory.mktemp("bat"))
+    return Source(
+        tracks=files["pixels"],
+        fps=240.0,
+        coefficients=files["coefficients"],
+        profile=files["profile"],
+        skeleton=files["skeleton"],
+    )
+
+
+@pytest.fixture(scope="module")
+def plain(source):
+    return prepare(source)
+
+
+@pytest.mark.parametrize("stated", [0.01, 0.3, 0.9])
+def test_intervals_follow_what_is_stated_and_nothing_else_does(source, plain, stated):
+    """Below what the rays show: the same points, samples and names; every deviation times stated over shown."""
+    found = prepare(replace(source, pixel_sd=stated))
+    ratio = stated / plain.jitter_px
+    np.testing.assert_array_equal(found.xyz_m, plain.xyz_m)
+    np.testing.assert_array_equal(found.rays_rejected, plain.rays_rejected)
+    for reason, mask in plain.rejected.items():
+        np.testing.assert_array_equal(found.rejected[reason], mask)
+    assert [(s.a, s.b, s.camera) for s in found.swaps] == [(s.a, s.b, s.camera) for s in plain.swaps]
+    assert found.jitter_px == stated
+    np.testing.assert_allclose(found.cov_m2, ratio**2 * plain.cov_m2, rtol=SAME)
+    np.testing.assert_allclose(found.ray_sd_px, ratio * plain.ray_sd_px, rtol=SAME)
+    np.testing.assert_allclose(found.ray_scale_px, ratio * plain.ray_scale_px, rtol=SAME)
+
+
+def test_more_noise_than_rays_show(source, plain):
+    """Intervals grow with it, points hardly move, fewer rays are refused; motion is learned with the noise shown."""
+    found = {stated: prepare(replace(source, pixel_sd=stated)) for stated in (5.0, 50.0)}
+    for stated, one in found.items():
+        both = np.isfinite(one.xyz_m[..., 0]) & np.isfinite(plain.xyz_m[..., 0])
+        grown = np.sqrt(np.trace(one.cov_m2, axis1=-2, axis2=-1) / np.trace(plain.cov_m2, axis1=-2, axis2=-1))[both]
+        assert (
+            abs(np.median(grown) / (stated / plain.jitter_px) - 1) < 0.1
+        )  # other rays are believed, by a few per cent
+        assert one.rays_rejected.sum() < plain.rays_rejected.sum()
+        learned, usual = (marker_trial(p, seen_part(p)).sd_m for p in (one, plain))
+        assert abs(np.nanmedian(learned) / np.nanmedian(usual) - 1) < 0.1
+
+
+@pytest.mark.parametrize(("stated", "said"), [(0.01, "times too narrow"), (50.0, "times as wide"), (1.0, None)])
+def test_what_contradicts_the_pixels_is_said_first(source, plain, tmp_path, stated, said):
+    """By how much, and what is done; nothing is said of a number that agrees."""
+    given = replace(source, pixel_sd=stated)
+    summary = triangulate_file(given, tmp_path / "xyzpts.csv", refine=True)
+    for findings in (prepare(given).findings, summary.findings):
+        contradicted = [f for f in findings if "contradicts the pixels" in f]
+        assert [f"--pixel-sd {stated:g}" in f and said in f for f in contradicted] == [True] * (said is not None)
+        assert not contradicted or findings[0] == contradicted[0]
+    assert not any("contradicts" in f for f in plain.findings)
+
+
+def test_triangulate_refine_uses_it_too(source, tmp_path):
+    """The same points with deviations in the ratio of what is stated, below what rays show."""
+    found = {}
+    for stated in (0.05, 0.5):
+        path = tmp_path / f"{stated}_xyzpts.csv"
+        triangulate_file(replace(source, pixel_sd=stated), path, refine=True)
+        found[stated] = read_points(path, fps=240.0)
+    np.testing.assert_array_equal(found[0.05].seen, found[0.5].seen)
+    ratio = (found[0.5].sd_m / found[0.05].sd_m)[found[0.5].seen]
+    np.testing.assert_allclose(ratio, 10, rtol=1e-3)  # nine decimals of a metre are written

@@ -12,6 +12,7 @@ from mocap.io.c3d import read_c3d
 from mocap.io.format import Format
 from mocap.io.optical import metres
 from mocap.io.recording import FILLED, Recording, points_of
+from mocap.records import MarkerTracks
 
 MOST_FRAMES = 65535
 """The head of a C3D file counts frames with 16 bits, and ezc3d cuts off what is beyond."""
@@ -59,8 +60,19 @@ def write_c3d(path: Path, recording: Recording) -> None:
     masks = np.zeros((7, *residual.T.shape), dtype=bool)
     file["data"]["meta_points"] = {"residuals": residual.T[None], "camera_masks": masks}
     file.write(str(path))
-    if path.stat().st_size < data.size * 4:  # ezc3d does not say that a disk is full
+    if not _holds(path, tracks):  # ezc3d does not say that a disk is full
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+
+def _holds(path: Path, tracks: MarkerTracks) -> bool:
+    """Whether our own reader finds in a file what was to be written, to the seven digits of its numbers."""
+    try:
+        found = read_c3d(path).points
+    except FormatError:
+        return False
+    if found is None or found.xyz_m.shape != tracks.xyz_m.shape:
+        return False
+    return np.allclose(found.xyz_m, np.where(tracks.seen[..., None], tracks.xyz_m, np.nan), rtol=1e-6, equal_nan=True)
 
 
 FORMATS = (

@@ -2,7 +2,7 @@
 
 from eal.composite import CoordinateKernel, ProductKernel, SumKernel
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
-from eal.potential import EmpiricalPotential, fit_potential, load_potential
+from eal.potential import EmpiricalPotential, fit_potential, load_potential, usual_kernel
 from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
 from eal.trials import merge_trials
 
@@ -23,4 +23,5 @@ __all__ = [
     "fit_potential",
     "load_potential",
     "merge_trials",
+    "usual_kernel",
 ]

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.distance import pdist
 
 from eal import archive, evaluation, fitting
 from eal.arrays import Array, frozen, points, positive
 from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.findings import findings_of
 from eal.fitting import Root
-from eal.kernels import Kernel
+from eal.kernels import GaussianKernel, Kernel
 from eal.spectral import FILTERS, Projection, Scaling, SpectralFilter, Tail, effective_lambda
 from eal.threads import one_blas_thread
 
@@ -183,6 +184,16 @@ class EmpiricalPotential:
             },
         )
 
+    def plot(self, ax: Any = None) -> Any:
+        """Map of V_z in two coordinates, or its curve in one, with the samples; on matplotlib axes, which it returns.
+
+        Raises:
+            ValueError: it has more than two coordinates.
+        """
+        from eal.plot import plot_potential
+
+        return plot_potential(self, ax)
+
     def _at(self, function: Any, q: ArrayLike, *, second: bool = False) -> Array:
         q = points("q", q, self.dimension)
         m = len(self.centres)
@@ -193,8 +204,8 @@ class EmpiricalPotential:
 def fit_potential(
     samples: ArrayLike,
     *,
-    kernel: Kernel,
-    lam: float,
+    kernel: Kernel | None = None,
+    lam: float = 1e-3,
     spectral_filter: SpectralFilter | None = None,
     scaling: Scaling = "mean",
     weights: ArrayLike | None = None,
@@ -209,7 +220,8 @@ def fit_potential(
 
     Args:
         samples: (N, d) configurations; several trials are merged by concatenating them.
-        kernel: Kernel on the coordinates; scale them first (or with a CoordinateKernel) to like magnitudes.
+        kernel: Kernel on the coordinates; scale them first (or with a CoordinateKernel) to like magnitudes. None:
+            ``usual_kernel`` of the samples.
         lam: lambda > 0, see ``scaling``.
         spectral_filter: Tail (the default, equation 30), Projection or Tikhonov.
         scaling: ``mean``: lambda compares with eigenvalues of K / N; ``gram``: with those of K.
@@ -229,6 +241,7 @@ def fit_potential(
             below rounding.
     """
     z = checked_samples(samples)
+    kernel = usual_kernel(z) if kernel is None else kernel
     w = checked_weights(weights, len(z))
     labels, measures = checked_labels(names, units, z.shape[1])
     spectral_filter = Tail() if spectral_filter is None else spectral_filter
@@ -262,6 +275,23 @@ def fit_potential(
     )
     sentences = findings_of(z, labels, kernel, sigma_lambda, found, potential.error_bound)
     return replace(potential, findings=sentences)
+
+
+def usual_kernel(samples: ArrayLike, *, width: float = 4.0, most: int = 500) -> Kernel:
+    """The Gaussian kernel exp(-width |x - y|^2 / m), m the median squared distance of the samples.
+
+    Blind to the unit of the coordinates. Joint potentials of animals are learned with it (width 4, lambda 1e-3), and
+    look as the paper's figures 7 and 8 do.
+
+    Args:
+        samples: (N, d) configurations, in coordinates of like magnitudes.
+        width: beta m.
+        most: The distances of so many evenly spaced samples are looked at.
+    """
+    z = checked_samples(samples)
+    distance = pdist(z[:: max(1, len(z) // most)], "sqeuclidean")
+    median = float(np.median(distance)) if len(distance) else 0.0
+    return GaussianKernel(width / (median if median > 0 else 1.0))
 
 
 def load_potential(path: Path | str) -> EmpiricalPotential:

@@ -1,1 +1,40 @@
-"""Recordings to marker tracks to relative joint coordinates. SI units and radians inside."""
+"""Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.
+
+``read`` a recording, ``track`` it, look at ``markers``, ``joints`` and potentials, ``save`` and ``load``; ``learn`` a
+model from several recordings. What is heavy is imported when it is first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mocap.errors import MocapError
+    from mocap.library.learning import Model, learn, load_model
+    from mocap.library.recording import read
+    from mocap.library.tracked import Tracked, load, track
+    from mocap.pipeline.source import Source
+
+__all__ = ["MocapError", "Model", "Source", "Tracked", "learn", "load", "load_model", "read", "track"]
+
+_PLACES = {
+    "MocapError": "mocap.errors",
+    "Model": "mocap.library.learning",
+    "Source": "mocap.pipeline.source",
+    "Tracked": "mocap.library.tracked",
+    "learn": "mocap.library.learning",
+    "load": "mocap.library.tracked",
+    "load_model": "mocap.library.learning",
+    "read": "mocap.library.recording",
+    "track": "mocap.library.tracked",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported when it is first asked for."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'mocap' has no attribute {name!r}")
+    return getattr(import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

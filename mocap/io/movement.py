@@ -80,7 +80,7 @@ def _recording(path: Path, data: Any) -> Recording:
         return pixel_recording(path, "movement", cameras=views, uv_px=values, score=score, **common)
     if len(views) != 1:
         raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
-    origin = _array(data, "origin", order)
+    origin = _array(data, "status" if "status" in data else "origin", order)
     unit = str(attributes.get("space_unit", "")) or None
     return point_recording(
         path,

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial.distance import pdist
 
-from eal import GaussianKernel, fit_potential
+from eal import fit_potential, usual_kernel
 from mocap.arrays import Array
 from mocap.pipeline.run import JointPotential
 from mocap.records import JointTracks, MarkerTracks, Origin
@@ -61,7 +60,6 @@ def joint_potentials(
 def _potential(joint: str, frame: str, samples_m: Array, *, beta: float, lam: float) -> JointPotential:
     scale = max(float(np.sqrt(samples_m.var(axis=0).sum())), 1e-9)
     scaled = samples_m / scale
-    width = max(float(np.median(pdist(scaled[:: max(1, len(scaled) // 500)], "sqeuclidean"))), 1e-6)
     names, units = NAMES[: scaled.shape[1]], (f"{scale:.6g} m",) * scaled.shape[1]
-    potential = fit_potential(scaled, kernel=GaussianKernel(beta / width), lam=lam, names=names, units=units)
+    potential = fit_potential(scaled, kernel=usual_kernel(scaled, width=beta), lam=lam, names=names, units=units)
     return JointPotential(joint=joint, frame=frame, samples_m=samples_m, potential=potential, scale_m=scale)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eal.potential import EmpiricalPotential
 from filters.records import TrackedMotion
@@ -32,6 +32,18 @@ class JointPotential:
     samples_m: Array
     potential: EmpiricalPotential
     scale_m: float
+
+    def value(self, q_m: ArrayLike) -> Array:
+        """V_z at (..., d) coordinates in metres: (...) values between 0 (where the joint was seen) and 1."""
+        return self.potential.value(np.asarray(q_m) / self.scale_m)
+
+    def gradient(self, q_m: ArrayLike) -> Array:
+        """Gradient of V_z in 1/m at (..., d) coordinates in metres."""
+        return self.potential.gradient(np.asarray(q_m) / self.scale_m) / self.scale_m
+
+    def hessian(self, q_m: ArrayLike) -> Array:
+        """Hessian of V_z in 1/m^2, (..., d, d), at (..., d) coordinates in metres."""
+        return self.potential.hessian(np.asarray(q_m) / self.scale_m) / self.scale_m**2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from mocap.stated import check_rate, check_stated
 from mocap.text import as_text
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Source:
     """The files of one recording, and what their user states about them.
 
@@ -99,6 +100,36 @@ class Source:
     def inputs(self) -> tuple[Path | None, ...]:
         """The files that the user named."""
         return (self.tracks, self.coefficients, self.profile, self.skeleton, self.stored_points)
+
+    def summary(self) -> dict[str, str]:
+        """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
+        found = self.recording
+        n_frames, seen = len(found.frames), found.seen
+        rate = found.fps or 0.0
+        there = {
+            "file": f"{self.tracks.name} ({found.format})",
+            "frames": f"{n_frames} ({n_frames / rate:.4g} s at {rate:g} a second)" if rate else str(n_frames),
+            "markers": f"{len(found.names)}: {', '.join(found.names)}",
+            "cameras": f"{len(found.pixels.cameras)}" if found.pixels is not None else "none: positions",
+            "seen": f"{100 * seen.mean():.1f} % of samples" if seen.size else "nothing",
+            "unit": self.unit or found.unit or "not stated",
+        }
+        for title, path in (("calibration", self.coefficients), ("skeleton", self.skeleton), ("profile", self.profile)):
+            if path is not None:
+                there[title] = path.name
+        stated = {"the file does not hold the frame rate"} if self.fps else set()
+        findings = [f for f in (*self.frame_findings, *found.findings) if f not in stated]
+        return there | ({"findings": "; ".join(findings)} if findings else {})
+
+    def __repr__(self) -> str:
+        """A line for each entry of the summary."""
+        rows = self.summary()
+        width = max(map(len, rows))
+        return "\n".join([f"<Recording {self.name!r}>", *(f"  {key:{width}}  {text}" for key, text in rows.items())])
+
+    def _repr_html_(self) -> str:
+        cells = (f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in self.summary().items())
+        return f"<table><caption>{escape(self.name)}</caption>{''.join(cells)}</table>"
 
     @property
     def name(self) -> str:

@@ -12,16 +12,18 @@ from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Origin
+from mocap.results.stored import write_arrays
 
 
 def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None]) -> None:
-    """Write ``markers.csv``, ``joints.csv``, ``report.json``, ``report.md``, ``potentials/`` and ``recording.rrd``.
+    """Write tables, ``markers.nc``, ``run.nc``, the report, the skeleton, ``potentials/`` and ``recording.rrd``.
 
     Args:
         run: What to write.
         folder: Where to, as ``mocap.io.output.result_folder`` gives it.
         write_recording: Writes what is to be looked at.
     """
+    write_arrays(run, folder)
     write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")

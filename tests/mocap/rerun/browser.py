@@ -4,7 +4,7 @@ import io
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -67,8 +67,10 @@ def served(folder: Path) -> Iterator[str]:
         server.server_close()
 
 
-def settled(driver: Any, enough: int) -> NDArray[np.uint8]:
-    """(H, W, 3) what the page shows once it has ``enough`` colours and has not changed for a while."""
+def settled(
+    driver: Any, enough: int, shows: Callable[[NDArray[np.uint8]], bool] = lambda _picture: True
+) -> NDArray[np.uint8]:
+    """(H, W, 3) what the page shows once it has ``enough`` colours and ``shows``, and is at rest."""
     end, last, since = time.monotonic() + _START_S, b"", time.monotonic()
     while time.monotonic() < end:
         try:
@@ -79,7 +81,7 @@ def settled(driver: Any, enough: int) -> NDArray[np.uint8]:
             last, since = png, time.monotonic()
         elif png and time.monotonic() - since > _SETTLE_S:
             picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
-            if len(np.unique(picture.reshape(-1, 3), axis=0)) >= enough:
+            if len(np.unique(picture.reshape(-1, 3), axis=0)) >= enough and shows(picture):
                 return picture
         time.sleep(0.2)
     raise TimeoutError(f"the page did not come to rest within {_START_S:g} s")

@@ -28,7 +28,11 @@ def rrd(tmp_path_factory):
 @pytest.fixture
 def viewing(rrd):
     """``mocap view --web`` in a group of its own, and the ports that it serves on."""
-    command = [sys.executable, "-c", "from mocap.cli.main import main; main()", "view", str(rrd), "--web"]
+    # a test run in the background ignores some signals, and its children inherit that
+    heard = "for n in ('SIGINT', 'SIGHUP'): signal.signal(getattr(signal, n), signal.SIG_DFL)\n" * (os.name == "posix")
+    ctrl_c = "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    start = f"import signal\n{heard}{ctrl_c}from mocap.cli.main import main\nmain()"
+    command = [sys.executable, "-c", start, "view", str(rrd), "--web"]
     environment = {**os.environ, "BROWSER": "true"}
     process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stderr is not None

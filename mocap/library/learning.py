@@ -1,0 +1,75 @@
+"""Learn a model from several recordings."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+from filters.model import LearnedModel
+from filters.model_file import load_model as read_model_file
+from filters.model_file import save_model
+from mocap.io.output import result_file
+from mocap.pipeline.learning import learn_from, readable_scores
+from mocap.pipeline.source import Source
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """How one kind of animal moves, learned from recordings of it.
+
+    Attributes:
+        learned: The recordings and what was chosen on them.
+    """
+
+    learned: LearnedModel
+
+    @property
+    def scores(self) -> dict[str, dict[str, list[float]]]:
+        """Of each motion model, by length of gap: ``rmse_mm`` and ``coverage95`` in gaps hidden while learning."""
+        return self.learned.scores
+
+    def save(self, path: str | PathLike[str], *, replace: bool = False) -> None:
+        """Write it to an ``.npz`` file.
+
+        Args:
+            path: The file.
+            replace: Whether a model that was written there before may be replaced.
+
+        Raises:
+            OutputError: it cannot be written there, or a file that is not ours is in its place.
+        """
+        with result_file(Path(path), replace=replace) as file:
+            save_model(self.learned, file)
+
+    def __repr__(self) -> str:
+        """One line."""
+        trials = ", ".join(trial.name for trial in self.learned.trials)
+        return f"<Model of {len(self.learned.names)} markers, learned from {trials}>"
+
+    def _repr_markdown_(self) -> str:
+        return readable_scores(self.learned)
+
+
+def learn(
+    recordings: Sequence[Source], *, seed: int = 0, progress: Callable[[str], None] = lambda _line: None
+) -> Model:
+    """Learn a motion model of one kind of animal from several recordings, to track others with.
+
+    Args:
+        recordings: As ``mocap.read`` gives them, of one frame rate; markers of the same name are the same.
+        seed: Which samples are hidden to choose and to calibrate.
+        progress: Called with a line for each recording and each candidate.
+
+    Raises:
+        MocapError: they cannot be learned from together.
+    """
+    return Model(learn_from(recordings, seed=seed, tell=progress))
+
+
+def load_model(path: str | PathLike[str]) -> Model:
+    """A model that ``mocap learn`` or ``Model.save`` wrote.
+
+    Raises:
+        FormatError: the file is none, or damaged, or of another version.
+    """
+    return Model(read_model_file(Path(path)))

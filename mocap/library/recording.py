@@ -1,0 +1,70 @@
+"""Read a recording: tracks, their calibration and skeleton, and what is stated about them."""
+
+from os import PathLike
+from pathlib import Path
+
+from mocap.cameras.origin import Origin
+from mocap.pipeline.source import Source, load_skeleton
+
+PathText = str | PathLike[str]
+
+
+def read(
+    tracks: PathText,
+    *,
+    calibration: PathText | None = None,
+    fps: float | None = None,
+    unit: str | None = None,
+    skeleton: PathText | None = None,
+    profile: PathText | None = None,
+    origin: Origin | None = None,
+    calibration_origin: Origin | None = None,
+    image_height_px: float | None = None,
+    pixel_sd: float | None = None,
+    stored_points: PathText | None = None,
+    correct_lag: bool = False,
+) -> Source:
+    """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
+
+    The same options as ``mocap track`` takes. The result shows as a table in a notebook; ``mocap.track`` and
+    ``mocap.learn`` take it.
+
+    Args:
+        tracks: Pixels or positions; a project of DLTdv8 holds its calibration too.
+        calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
+        fps: Frames a second, where the files do not hold it (or hold another).
+        unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
+        skeleton: Skeleton TOML: markers, bones, joints.
+        profile: Camera profile, a line a camera.
+        origin: Corner that pixel rows are counted from; None: found by the residual.
+        calibration_origin: The same for the calibration, if it differs.
+        image_height_px: Image height, to flip rows without a profile.
+        pixel_sd: Standard deviation of a pixel; None: estimated.
+        stored_points: xyzpts file to audit; None: the one beside ``tracks``.
+        correct_lag: Read cameras that run late, by the audit, between their frames.
+
+    Raises:
+        FormatError: a file cannot be read.
+        SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
+        MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
+    """
+
+    def path(given: PathText | None) -> Path | None:
+        return None if given is None else Path(given)
+
+    recording = Source(
+        tracks=Path(tracks),
+        coefficients=path(calibration),
+        fps=fps,
+        unit=unit,
+        skeleton=path(skeleton),
+        profile=path(profile),
+        pixel_origin=origin,
+        coefficient_origin=calibration_origin,
+        image_height_px=image_height_px,
+        pixel_sd=pixel_sd,
+        stored_points=path(stored_points),
+        in_step=correct_lag,
+    )
+    load_skeleton(recording.skeleton, recording.recording.names)
+    return recording

@@ -1,0 +1,251 @@
+"""Track a recording, and what comes of it: markers, joints and potentials as objects of a notebook."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from mocap.arrays import Array
+from mocap.errors import MocapError
+from mocap.io.output import result_folder
+from mocap.library.learning import Model, load_model
+from mocap.pipeline.job import Model as ModelName
+from mocap.pipeline.job import Stages, run_job
+from mocap.pipeline.run import JointPotential, Run
+from mocap.pipeline.source import Source
+from mocap.plots.joint import plot_coordinates
+from mocap.plots.potential import plot_potential
+from mocap.records import Origin
+from mocap.results.dataset import markers_dataset
+from mocap.results.stored import read_run
+from mocap.results.tables import write_run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from mocap.rerun.viewer import Viewer
+
+LIMB = "limb"
+"""Frame of reference of a plot: the plane of the limb, its joint at the origin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint over time: where its child marker is, as its centre sees it (``mocap.joints``).
+
+    Attributes:
+        name: Its name in the skeleton.
+        t_s: (T,) times.
+        q_m: Coordinates (T, d) in metres by frame of reference: world, body (d = 3), plane, limb (d = 2).
+        sd_m: (T,) standard deviation of a coordinate.
+        filled: (T,) frames in which one of its three markers was not measured.
+        potential: Its empirical potential; None where too few samples were measured.
+    """
+
+    name: str
+    t_s: Array
+    q_m: Mapping[str, Array]
+    sd_m: Array
+    filled: np.ndarray
+    potential: JointPotential | None
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """A row a frame, by time in seconds: ``<frame>_x_m``, ..., ``sd_m``, and ``filled``."""
+        columns: dict[str, np.ndarray] = {
+            f"{frame}_{'xyz'[k]}_m": q[:, k] for frame, q in self.q_m.items() for k in range(q.shape[1])
+        }
+        columns |= {"sd_m": self.sd_m, "filled": self.filled}
+        return pd.DataFrame(columns, index=pd.Index(self.t_s, name="t_s"))
+
+    def plot(self, frame: str = LIMB, *, ax: "Axes | None" = None) -> "Axes":
+        """Coordinates in a frame of reference over time, with their 95 % intervals.
+
+        Raises:
+            MocapError: there is no such frame of reference.
+        """
+        if frame not in self.q_m:
+            raise MocapError(f"there is no frame of reference {frame!r}: give {', '.join(self.q_m)}")
+        q = self.q_m[frame]
+        labels = ("along", "across") if q.shape[1] == 2 else ("x", "y", "z")
+        title = f"{self.name}, {frame}"
+        return plot_coordinates(self.t_s, q, self.sd_m, self.filled, labels=labels, title=title, ax=ax)
+
+
+@dataclass(frozen=True, eq=False)
+class Potential:
+    """The empirical potential V_z of a joint: 0 where it was seen, 1 far from there (EAL paper, equation 14).
+
+    Attributes:
+        learned: Its samples and settings.
+    """
+
+    learned: JointPotential
+
+    def value(self, q_m: Array) -> Array:
+        """(...) V_z at (..., d) coordinates in metres."""
+        return self.learned.value(q_m)
+
+    def gradient(self, q_m: Array) -> Array:
+        """(..., d) gradient in 1/m at (..., d) coordinates in metres."""
+        return self.learned.gradient(q_m)
+
+    def hessian(self, q_m: Array) -> Array:
+        """(..., d, d) Hessian in 1/m^2 at (..., d) coordinates in metres."""
+        return self.learned.hessian(q_m)
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Map of V_z with the samples that it was learned from."""
+        return plot_potential(self.learned, ax=ax)
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """A recording that was tracked.
+
+    Attributes:
+        run: All of it, as the pipeline hands it on.
+        folder: Where it was saved or loaded from; None: nowhere yet.
+    """
+
+    run: Run
+    folder: Path | None = field(default=None)
+
+    @property
+    def name(self) -> str:
+        """Name of the recording."""
+        return self.run.name
+
+    @property
+    def report(self) -> Mapping[str, object]:
+        """The report as ``report.json`` holds it."""
+        return self.run.report
+
+    @cached_property
+    def markers(self) -> xr.Dataset:
+        """Markers with covariance and status, laid out as the package movement does (``mocap.results.dataset``)."""
+        t_s = self.run.tracked.markers.t_s
+        fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0
+        return markers_dataset(self.run.tracked, self.run.repaired, fps=fps)
+
+    @cached_property
+    def joints(self) -> Mapping[str, Joint]:
+        """The joints of the skeleton; none where no skeleton was given."""
+        return {joint.name: self._joint(joint.name) for joint in self.run.skeleton.joints}
+
+    def _joint(self, name: str) -> Joint:
+        markers, world = self.run.tracked.markers, next(iter(self.run.joints.values()))
+        i = world.names.index(name)
+        joint = next(j for j in self.run.skeleton.joints if j.name == name)
+        three = [markers.names.index(m) for m in (joint.parent, joint.centre, joint.child)]
+        return Joint(
+            name=name,
+            t_s=world.t_s,
+            q_m={frame: tracks.q_m[:, i] for frame, tracks in self.run.joints.items()},
+            sd_m=world.sd_m[:, i],
+            filled=(markers.origin[:, three] != Origin.MEASURED).any(axis=1),
+            potential=self.run.potentials.get(name),
+        )
+
+    def potential(self, joint: str) -> Potential:
+        """The empirical potential of a joint.
+
+        Raises:
+            MocapError: there is none of that name, or too few samples were measured.
+        """
+        found = self.run.potentials.get(joint)
+        if found is None:
+            known = ", ".join(self.run.potentials) or "none: give a skeleton with joints"
+            raise MocapError(f"there is no potential of a joint {joint!r}: there are {known}")
+        return Potential(found)
+
+    def save(self, folder: str | PathLike[str], *, replace: bool = False) -> "Tracked":
+        """Write all of it into a folder: tables, datasets, report, potentials, and a recording for rerun.
+
+        Args:
+            folder: Where to; other files in it are left as they are.
+            replace: Whether an earlier result in it may be replaced.
+
+        Returns:
+            The same, which knows its folder.
+
+        Raises:
+            OutputError: it cannot be written there.
+        """
+        from mocap.rerun.record import write_recording
+
+        with result_folder(Path(folder), "track", replace=replace) as stage:
+            write_run(self.run, stage, write_recording=write_recording)
+        return Tracked(self.run, Path(folder))
+
+    def view(self, *, web: bool = False) -> "Viewer":
+        """Open it in rerun, on this computer only; the viewer ends with this Python, or by its ``close()``.
+
+        Args:
+            web: In the browser, at the ``url`` of what is returned, instead of a window.
+        """
+        from tempfile import mkdtemp
+
+        from mocap.rerun.record import write_recording
+        from mocap.rerun.viewer import open_viewer
+
+        file = None if self.folder is None else self.folder / "recording.rrd"
+        if file is None or not file.is_file():
+            file = Path(mkdtemp(prefix="mocap-")) / "recording.rrd"
+            write_recording(self.run, file)
+        return open_viewer(file, web=web)
+
+    def __repr__(self) -> str:
+        """One line."""
+        n_frames, n_markers = self.run.tracked.markers.origin.shape
+        joints = len(self.run.skeleton.joints)
+        return f"<Tracked {self.name!r}: {n_frames} frames, {n_markers} markers, {joints} joints>"
+
+    def _repr_markdown_(self) -> str:
+        return self.run.report_text
+
+
+def track(
+    recording: Source,
+    *,
+    model: ModelName | Model | str | PathLike[str] = "auto",
+    validate: bool = True,
+    seed: int = 0,
+    progress: Callable[[str, float], None] = lambda _stage, _share: None,
+) -> Tracked:
+    """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
+
+    Args:
+        recording: As ``mocap.read`` gives it.
+        model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``constant_velocity``; ``auto``: which
+            of these fills hidden samples of the recording best.
+        validate: Whether to hide samples and measure how they are filled.
+        seed: Which samples are hidden.
+        progress: Called with the name of a stage and the share of it that is done.
+
+    Raises:
+        MocapError: what makes it impossible, with what to do.
+    """
+    name: ModelName = "auto"
+    if model in get_args(ModelName):
+        name, model = model, None  # type: ignore[assignment]
+    elif not isinstance(model, Model):
+        model = load_model(model)  # type: ignore[arg-type]
+    learned = model.learned if isinstance(model, Model) else None
+    stages = Stages(tell=progress)
+    run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed)
+    return Tracked(run)
+
+
+def load(folder: str | PathLike[str]) -> Tracked:
+    """What ``mocap track`` or ``Tracked.save`` wrote into a folder.
+
+    Raises:
+        FormatError: the folder holds no result, or one of another version.
+    """
+    return Tracked(read_run(Path(folder)), Path(folder))

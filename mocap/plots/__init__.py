@@ -1,0 +1,1 @@
+"""Plots of results for a notebook or a paper, as matplotlib axes."""

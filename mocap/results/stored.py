@@ -1,0 +1,163 @@
+"""A run as files that hold all of it, to the last bit: ``markers.nc``, ``run.nc``, ``skeleton.toml``, potentials."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from eal import load_potential
+from filters.records import TrackedMotion
+from mocap.cameras.camera import Camera
+from mocap.errors import FormatError
+from mocap.pipeline.run import JointPotential, Run
+from mocap.records import JointTracks, MarkerTracks, PixelTracks
+from mocap.results.dataset import INDIVIDUAL, markers_dataset
+from mocap.skeleton import read_skeleton, write_skeleton
+
+FORMAT = "eal-mocap run 1"
+MARKERS, REST, SKELETON, POTENTIALS = "markers.nc", "run.nc", "skeleton.toml", "potentials"
+_PACKED = {"zlib": True, "complevel": 1, "shuffle": True}
+
+
+def write_arrays(run: Run, folder: Path) -> None:
+    """Write what ``read_run`` needs beside ``report.json``, ``report.md`` and the potentials.
+
+    Of cameras the projection and the picture's size are kept: the pixels that are kept are ideal ones.
+
+    Args:
+        run: What to write.
+        folder: Where to, as ``mocap.io.output.result_folder`` gives it.
+    """
+    markers = run.tracked.markers
+    fps = (len(markers.t_s) - 1) / float(markers.t_s[-1] - markers.t_s[0]) if len(markers.t_s) > 1 else 1.0
+    _write(markers_dataset(run.tracked, run.repaired, fps=fps), folder / MARKERS)
+    _write(_rest(run), folder / REST)
+    write_skeleton(folder / SKELETON, run.skeleton)
+
+
+def _write(dataset: xr.Dataset, path: Path) -> None:
+    packed = {name: _PACKED for name, found in dataset.data_vars.items() if found.ndim and found.size}
+    # made in memory: a full disk ends the HDF5 library with a segmentation fault
+    path.write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+
+
+def _rest(run: Run) -> xr.Dataset:
+    tracked, seen = run.tracked, ("view", "time", "keypoint")
+    table: dict[str, tuple] = {
+        "reprojected_px": ((*seen, "uv"), tracked.reprojected_px),
+        "innovation_px": ((*seen, "uv"), tracked.innovation_px),
+        "used": (seen, tracked.used.astype(np.int8)),
+        "nis": ("time", tracked.nis),
+        "n_rows": ("time", tracked.n_rows),
+        "log_likelihood": ("time", tracked.log_likelihood),
+    }
+    if run.ideal_px is not None:
+        table["ideal_px"] = ((*seen, "uv"), run.ideal_px.uv_px)
+    if run.cameras:
+        table["projection"] = (("view", "row", "column"), np.stack([c.matrix for c in run.cameras]))
+    for frame, joints in run.joints.items():
+        table[f"joint_{frame}_m"] = (("time", "joint", f"axis_{joints.q_m.shape[2]}"), joints.q_m)
+        table[f"joint_{frame}_sd_m"] = (("time", "joint"), joints.sd_m)
+    for i, potential in enumerate(run.potentials.values()):
+        table[f"samples_{i}_m"] = ((f"sample_{i}", f"axis_{potential.samples_m.shape[1]}"), potential.samples_m)
+    header = {
+        "format": FORMAT,
+        "name": run.name,
+        "model": tracked.model,
+        "y_up": run.y_up,
+        "cameras": [{"name": c.name, "size_px": c.size_px} for c in run.cameras],
+        "frames": list(run.joints),
+        "joints": [joint.name for joint in run.skeleton.joints],
+        "potentials": {name: {"frame": p.frame, "scale_m": p.scale_m} for name, p in run.potentials.items()},
+    }
+    return xr.Dataset(table, attrs={"header": json.dumps(header)})
+
+
+def read_run(folder: Path) -> Run:
+    """Read what ``write_run`` wrote; all but movies, which stay in ``recording.rrd``.
+
+    Raises:
+        FormatError: the folder holds no run, or one of another version.
+    """
+    for name in (MARKERS, REST, SKELETON, "report.json", "report.md"):
+        if not (folder / name).is_file():
+            raise FormatError(
+                f"{folder}: holds no {name}: expected a folder that `mocap track` or save() of this version wrote"
+            )
+    rest, header = _opened(folder / REST)
+    table, _ = _opened(folder / MARKERS)
+    names = tuple(map(str, table["keypoint"].values))
+    t_s = table["time"].values
+    one = table.sel(individual=INDIVIDUAL)
+    markers = MarkerTracks(
+        names=names,
+        t_s=t_s,
+        xyz_m=one["position"].transpose("time", "keypoint", "space").values,
+        cov_m2=one["covariance"].transpose("time", "keypoint", "space", "space_to").values,
+        origin=one["status"].transpose("time", "keypoint").values,
+    )
+    tracked = TrackedMotion(
+        model=header["model"],
+        markers=markers,
+        used=rest["used"].values.astype(bool),
+        **{name: rest[name].values for name in ("reprojected_px", "innovation_px", "nis", "n_rows", "log_likelihood")},
+    )
+    cameras = tuple(
+        Camera(name=c["name"], matrix=matrix, size_px=None if c["size_px"] is None else tuple(c["size_px"]))
+        for c, matrix in zip(header["cameras"], rest["projection"].values if header["cameras"] else (), strict=True)
+    )
+    ideal = None
+    if "ideal_px" in rest:
+        ideal = PixelTracks(names=names, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=rest["ideal_px"].values)
+    joints = {
+        frame: JointTracks(
+            names=tuple(header["joints"]),
+            frame=frame,
+            t_s=t_s,
+            q_m=rest[f"joint_{frame}_m"].values,
+            sd_m=rest[f"joint_{frame}_sd_m"].values,
+        )
+        for frame in header["frames"]
+    }
+    potentials = {
+        name: JointPotential(
+            joint=name,
+            samples_m=rest[f"samples_{i}_m"].values,
+            potential=load_potential(folder / POTENTIALS / f"{name}.npz"),
+            **settings,
+        )
+        for i, (name, settings) in enumerate(header["potentials"].items())
+    }
+    return Run(
+        name=header["name"],
+        skeleton=read_skeleton(folder / SKELETON),
+        cameras=cameras,
+        ideal_px=ideal,
+        y_up=header["y_up"],
+        tracked=tracked,
+        joints=joints,
+        potentials=potentials,
+        repaired=one["repaired"].transpose("time", "keypoint").values.astype(bool),
+        report=json.loads((folder / "report.json").read_text(encoding="utf-8")),
+        report_text=(folder / "report.md").read_text(encoding="utf-8"),
+    )
+
+
+def _opened(path: Path) -> tuple[xr.Dataset, dict]:
+    """A dataset in memory, and its header.
+
+    Raises:
+        FormatError: it cannot be read, or is of another version.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as file:
+            found = file.load()
+    except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
+        raise FormatError(
+            f"{path}: cannot be read ({type(error).__name__}): it is cut or damaged: track again"
+        ) from None
+    header = json.loads(found.attrs.get("header", "{}"))
+    if header and header.get("format") != FORMAT:
+        raise FormatError(f"{path}: is {header.get('format')}, expected {FORMAT}: track again with this version")
+    return found, header

@@ -1,0 +1,179 @@
+"""The library: what a notebook imports, against the files of the command line and against itself, to the last bit."""
+
+import json
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import mocap
+from datasets import make_lizard, write_recording
+from mocap.cli.main import main
+from mocap.io.registry import read as read_file
+
+FRAMES = 120
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    recording = make_lizard(seed=0, n_frames=FRAMES)
+    return recording, write_recording(recording, tmp_path_factory.mktemp("twin"))
+
+
+@pytest.fixture(scope="module")
+def recording(twin):
+    made, files = twin
+    return mocap.read(files["pixels"], calibration=files["coefficients"], fps=made.fps, skeleton=files["skeleton"])
+
+
+@pytest.fixture(scope="module")
+def tracked(recording):
+    return mocap.track(recording, model="constant_velocity", validate=False)
+
+
+@pytest.fixture(scope="module")
+def saved(tracked, tmp_path_factory):
+    return tracked.save(tmp_path_factory.mktemp("saved") / "run")
+
+
+def test_importing_it_imports_nothing_heavy():
+    """No numerical library, and no other room, until a name is used."""
+    script = (
+        "import mocap, sys; print(*sorted(n for n in sys.modules if n in {'numpy', 'scipy', 'pandas', 'jax', 'cv2'}))"
+    )
+    found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert not found.stdout.split()
+
+
+def test_every_public_name_is_there_and_documented():
+    """Each name of ``__all__`` exists, is listed by dir, and has a docstring."""
+    for name in mocap.__all__:
+        assert getattr(mocap, name).__doc__
+        assert name in dir(mocap)
+    with pytest.raises(AttributeError, match="no attribute 'tracks'"):
+        _ = mocap.tracks  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_recording_shows_what_it_holds(recording, twin):
+    """Frames, markers, cameras, the share seen: as the made recording has them; in a notebook as a table."""
+    made, _ = twin
+    rows = recording.summary()
+    assert rows["frames"].startswith(f"{FRAMES} ")
+    assert rows["markers"].split(": ")[1].split(", ") == list(made.truth.names)
+    assert rows["cameras"] == str(len(made.cameras))
+    assert float(rows["seen"].split()[0]) == pytest.approx(100 * made.pixels.seen.mean(), abs=0.051)
+    assert recording._repr_html_().count("<tr>") == len(rows)
+
+
+def test_markers_are_laid_out_as_the_tracker_has_them(tracked):
+    """Positions, covariance and status by name are those of the arrays that the tracker returned."""
+    markers, data = tracked.run.tracked.markers, tracked.markers
+    name, t = markers.names[7], 40
+    one = data.sel(keypoint=name, individual="id_0").isel(time=t)
+    np.testing.assert_array_equal(one["position"].sel(space=["x", "y", "z"]), markers.xyz_m[t, 7])
+    np.testing.assert_array_equal(one["covariance"].transpose("space", "space_to"), markers.cov_m2[t, 7])
+    assert int(one["status"]) == markers.origin[t, 7]
+    assert data["position"].dims == ("time", "space", "keypoint", "individual")
+
+
+def test_it_gives_what_the_command_writes(tracked, twin, tmp_path, monkeypatch):
+    """markers.csv and joints.csv of ``mocap track`` hold the library's numbers, to the decimals that are written."""
+    made, files = twin
+    words = [files["pixels"], "--dlt", files["coefficients"], "--skeleton", files["skeleton"], "--fps", made.fps]
+    words += ["--model", "constant_velocity", "--no-validate", "--out", tmp_path / "run"]
+    monkeypatch.setattr(sys, "argv", ["mocap", "track", *map(str, words)])
+    with pytest.raises(SystemExit, match="0"):
+        main()
+    table = pd.read_csv(tmp_path / "run" / "markers.csv")
+    for name in tracked.markers["keypoint"].values:
+        ours = tracked.markers["position"].sel(keypoint=name, individual="id_0").transpose("time", "space")
+        np.testing.assert_allclose(table[[f"{name}_{k}" for k in "xyz"]], ours, atol=0.51e-7)
+    table = pd.read_csv(tmp_path / "run" / "joints.csv")
+    for name, joint in tracked.joints.items():
+        ours = joint.to_dataframe()[["limb_x_m", "limb_y_m", "sd_m"]]
+        np.testing.assert_allclose(table[[f"{name}_limb_x", f"{name}_limb_y", f"{name}_sd"]], ours, atol=0.51e-7)
+    xr.testing.assert_identical(mocap.load(tmp_path / "run").markers, tracked.markers)
+
+
+def test_what_was_saved_is_loaded_to_the_last_bit(tracked, saved):
+    """Every array and sentence of the run; the potentials give the same values."""
+    again = mocap.load(saved.folder)
+    xr.testing.assert_identical(again.markers, tracked.markers)
+    for name, joint in tracked.joints.items():
+        pd.testing.assert_frame_equal(again.joints[name].to_dataframe(), joint.to_dataframe(), check_exact=True)
+    for name, potential in tracked.run.potentials.items():
+        q = potential.samples_m[::7] * 1.1
+        np.testing.assert_array_equal(again.potential(name).value(q), tracked.potential(name).value(q))
+    assert again.run.tracked.model == tracked.run.tracked.model
+    for name in ("reprojected_px", "innovation_px", "used", "nis", "n_rows", "log_likelihood"):
+        np.testing.assert_array_equal(getattr(again.run.tracked, name), getattr(tracked.run.tracked, name))
+    np.testing.assert_array_equal(again.run.ideal_px.uv_px, tracked.run.ideal_px.uv_px)
+    assert again.run.skeleton == tracked.run.skeleton
+    assert again.report == json.loads(json.dumps(tracked.report))
+    assert again.run.report_text == tracked.run.report_text
+
+
+def test_saving_again_needs_to_be_told(tracked, saved):
+    """An earlier result is replaced only where ``replace`` says so."""
+    with pytest.raises(mocap.MocapError, match="exists"):
+        tracked.save(saved.folder)
+    assert tracked.save(saved.folder, replace=True).folder == saved.folder
+
+
+def test_a_folder_without_a_result_is_refused(tmp_path):
+    """The message names the folder and what was expected."""
+    with pytest.raises(mocap.MocapError, match=r"holds no markers\.nc: expected a folder that .*track"):
+        mocap.load(tmp_path)
+
+
+def test_our_own_reader_reads_what_was_saved(tracked, saved):
+    """markers.nc is a movement file: positions, status and rate come back."""
+    found = read_file(saved.folder / "markers.nc")
+    assert found.points is not None
+    np.testing.assert_array_equal(found.points.xyz_m, tracked.run.tracked.markers.xyz_m)
+    np.testing.assert_array_equal(found.points.origin, tracked.run.tracked.markers.origin)
+    assert found.fps == pytest.approx(250.0)
+    assert found.unit == "m"
+
+
+def test_objects_travel_between_processes(recording, tracked):
+    """Recordings and results are pickled whole, as an engine that tracks in other processes needs it."""
+    again = pickle.loads(pickle.dumps(recording))
+    assert again.summary() == recording.summary()
+    xr.testing.assert_identical(pickle.loads(pickle.dumps(tracked)).markers, tracked.markers)
+
+
+def test_the_gradient_of_a_joints_potential_is_its_slope(tracked):
+    """Central differences of the value in metres; their error is of second order in a step of 1e-6 of the range."""
+    name = next(iter(tracked.run.potentials))
+    potential = tracked.potential(name)
+    samples = potential.learned.samples_m
+    q = samples.mean(axis=0) + 0.4 * (samples.max(axis=0) - samples.min(axis=0))
+    step = 1e-6 * float(np.ptp(samples))
+    along = np.eye(2) * step
+    slope = (potential.value(q + along) - potential.value(q - along)) / (2 * step)
+    np.testing.assert_allclose(potential.gradient(q), slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max())
+    turn = (potential.gradient(q + along) - potential.gradient(q - along)) / (2 * step)
+    np.testing.assert_allclose(potential.hessian(q), turn, rtol=1e-4, atol=1e-4 * np.abs(turn).max())
+
+
+def test_plots_show_the_samples_they_are_of(tracked):
+    """The lines of a joint are its coordinates in mm; the points of a potential its samples."""
+    from matplotlib import pyplot
+
+    name = next(iter(tracked.run.potentials))
+    joint = tracked.joints[name]
+    lines = joint.plot().get_lines()
+    np.testing.assert_allclose(lines[0].get_ydata(), 1e3 * joint.q_m["limb"][:, 0])
+    np.testing.assert_allclose(joint.plot("body").get_lines()[2].get_ydata(), 1e3 * joint.q_m["body"][:, 2])
+    points = tracked.potential(name).plot().get_lines()[0]
+    np.testing.assert_allclose(points.get_xdata(), 1e3 * joint.potential.samples_m[:, 0])
+    with pytest.raises(mocap.MocapError, match="give world, body, plane, limb"):
+        joint.plot("room")
+    with pytest.raises(mocap.MocapError, match="no potential of a joint 'ear'"):
+        tracked.potential("ear")
+    pyplot.close("all")

@@ -23,9 +23,10 @@ from mocap.cameras.camera import Camera, decompose, record, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.io.anipose import read_calibration
 from mocap.pipeline.gaps import interior_gaps, score
-from mocap.pipeline.job import Stages, run_job
+from mocap.pipeline.job import run_job
 from mocap.pipeline.run import Run
 from mocap.pipeline.source import Source
+from mocap.stages import Stages
 
 CASES = {
     "lizard": ("calibration_tank", lambda seed: make_lizard(seed=seed)),

@@ -15,9 +15,9 @@ from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
 from mocap.pipeline.demo import Animal, measured_demo
 from mocap.pipeline.gaps import interior_gaps, score
-from mocap.pipeline.job import Stages
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion
+from mocap.stages import Stages
 
 METHODS = ("mixture", "eal", "pose_constant_velocity", "constant_velocity", "cubic", "linear")
 

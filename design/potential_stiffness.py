@@ -17,9 +17,9 @@ from filters.motion.base import MotionModel
 from filters.poses import pose_trial, shapes_of
 from mocap.pipeline.demo import measured_demo
 from mocap.pipeline.gaps import interior_gaps, score
-from mocap.pipeline.job import Stages
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import Part, seen_part, track, tracked_motion, trunk_frames
+from mocap.stages import Stages
 
 WEIGHTS = (1.0, 4.0, 16.0)
 LAMBDAS = (1e-4, 1e-3)

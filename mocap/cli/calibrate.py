@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import say, show
-from mocap.cli.options import AsJson, DltOrigin, Force, ImageHeight, Out, PixelOriginOption, Profile
+from mocap.cli.options import AsJson, CameraOptions, Force, Out, PixelOriginOption, Profile
+from mocap.cli.records import with_records
 from mocap.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -153,38 +154,26 @@ def dlt(
 
 
 @calibrate.command()
+@with_records
 def refine(
     tracks: Annotated[Path, typer.Argument(help="DLTdv xypts file, or a dvProject.mat.")],
     out: Out,
-    dlt: Annotated[Path | None, typer.Option("--dlt", help="DLT coefficients: 11 rows, a column a camera.")] = None,
-    profile: Profile = None,
+    stated: CameraOptions,
     bone: Annotated[
         list[str] | None, typer.Option(help="first,second[,metres]: two markers at a fixed distance; may be repeated.")
     ] = None,
     focal: Annotated[bool, typer.Option("--focal", help="Focal lengths move too.")] = False,
-    origin: PixelOriginOption = None,
-    dlt_origin: DltOrigin = None,
-    image_height: ImageHeight = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Self-calibration: cameras moved until the rays of the markers meet, the scale kept by bones or as it was."""
+    import mocap
     from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import from_tracks
     from mocap.pipeline.calibration_files import write_calibration_folder
-    from mocap.pipeline.source import Source
 
-    source = Source(
-        tracks=tracks,
-        fps=1.0,
-        coefficients=dlt,
-        profile=profile,
-        pixel_origin=origin,
-        coefficient_origin=dlt_origin,
-        image_height_px=image_height,
-    )
-    inputs = [p for p in source.inputs if p is not None]
-    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
-        cameras, report = from_tracks(source, bones=bone or [], focal=focal)
+    recording = mocap.read(tracks, fps=1.0, **stated.stated())
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=recording.inputs, tell=say) as rig:
+        cameras, report = from_tracks(recording, bones=bone or [], focal=focal)
         written = write_calibration_folder(rig, cameras, report, lenses=False)
     _finish(written, out, as_json)

@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,7 +13,6 @@ from rich.markdown import Markdown
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.segment import Segment
 
-from mocap.pipeline.job import Stages
 from mocap.text import as_text
 
 _ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -82,8 +81,8 @@ def talk_in_any_encoding(streams: Iterable[object] = ()) -> None:
 
 
 @contextmanager
-def progress() -> Iterator[Stages]:
-    """A bar a stage, on stderr, where that is a terminal."""
+def progress() -> Iterator[Callable[[str, float], None]]:
+    """A bar a stage, on stderr, where that is a terminal: told of a stage and the share of it that is done."""
     columns = (TextColumn("{task.description:28}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
     with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
         tasks: dict[str, int] = {}
@@ -93,7 +92,7 @@ def progress() -> Iterator[Stages]:
                 tasks[stage] = bars.add_task(visible(stage), total=1.0)
             bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
 
-        yield Stages(tell=tell)
+        yield tell
 
 
 def finish(report: object, text: str, out: Path, as_json: bool) -> None:
@@ -104,7 +103,7 @@ def finish(report: object, text: str, out: Path, as_json: bool) -> None:
     show(text)
     say(
         "",
-        f"Wrote {out}/: markers.csv, joints.csv, report.json, report.md, potentials, recording.rrd",
+        f"Wrote {out}/: markers.csv and .nc, joints.csv, run.nc, report.json, report.md, potentials, recording.rrd",
         f"Look at it: {program()} view {out}   (in the browser: {program()} view {out} --web)",
     )
 

@@ -46,8 +46,9 @@ def make_data(
     """Make a recording, a calibration session or a pendulum with its truth, as files of the programs people use."""
     from datasets.catalogue import make
     from mocap.io.manifest import MANIFEST
+    from mocap.stages import Stages
 
-    with progress() as stages, stages.stage(name) as share:
+    with progress() as tell, Stages(tell=tell).stage(name) as share:
         make(name, out, seed=seed, replace=force, progress=share, tell=say)
     size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
     names = sorted(path.name + ("/" if path.is_dir() else "") for path in out.iterdir() if path.name != MANIFEST)

@@ -25,13 +25,12 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Run the main job on a built-in recording, and compare with its truth."""
+    from mocap import Tracked
     from mocap.io.output import result_folder
     from mocap.pipeline.demo import run_demo
-    from mocap.rerun.record import write_recording
-    from mocap.results.tables import write_run
+    from mocap.stages import Stages
 
-    with result_folder(out, "track", replace=force, tell=say) as folder, progress() as stages:
-        run = run_demo(animal.value, stages=stages, seed=seed)
-        with stages.stage("write"):
-            write_run(run, folder, write_recording=write_recording)
-    finish(run.report, run.report_text, out, as_json)
+    with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell:
+        result = Tracked(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))
+        result.write(folder, progress=tell)
+    finish(result.report, result.run.report_text, out, as_json)

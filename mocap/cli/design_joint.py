@@ -59,6 +59,7 @@ def design_joint(
     from mocap.joint_design.source import read_source
     from mocap.joint_design.write import write_design
     from mocap.rerun.log_truss import write_truss_recording
+    from mocap.stages import Stages
 
     asked = tuple(part.strip() for part in laws.split(","))
     if not set(asked) <= set(get_args(Law)):
@@ -96,10 +97,10 @@ def design_joint(
     )
     with (
         result_folder(out, "design-joint", replace=force, inputs=[source, skeleton], tell=say) as folder,
-        progress() as stages,
+        progress() as tell,
     ):
-        design = shape_joint(found, wish, stage=lambda name: lambda share: stages.tell(name, share))
-        with stages.stage("write"):
+        design = shape_joint(found, wish, stage=lambda name: lambda share: tell(name, share))
+        with Stages(tell=tell).stage("write"):
             write_design(design, folder, write_recording=write_truss_recording)
     if as_json:
         print(json.dumps(report(design)))  # noqa: T201

@@ -1,17 +1,21 @@
 """What several commands take."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from mocap.pipeline.source import Source
 
 PixelOrigin = Literal["upper-left", "lower-left"]
 """Where pixel rows are counted from."""
 
 Tracks = Annotated[Path, typer.Argument(help="Pixels or positions, in any format that mocap info knows.")]
-Dlt = Annotated[
+Calibration = Annotated[
     Path | None,
-    typer.Option("--dlt", help="Calibration: DLT coefficients, calibration.toml, easyWand, ..."),
+    typer.Option("--calibration", "--dlt", help="DLT coefficients, calibration.toml, easyWand, ..."),
 ]
 Profile = Annotated[
     Path | None, typer.Option(help="Camera profile, a line a camera: cam f W H cx cy AR k1 k2 p1 p2 k3.")
@@ -20,7 +24,10 @@ PixelOriginOption = Annotated[
     PixelOrigin | None,
     typer.Option("--origin", help="Corner that pixel rows are counted from; if not given, found by the residual."),
 ]
-DltOrigin = Annotated[PixelOrigin | None, typer.Option(help="The same for the coefficients, if it differs.")]
+CalibrationOrigin = Annotated[
+    PixelOrigin | None,
+    typer.Option("--calibration-origin", "--dlt-origin", help="The same for the calibration, if it differs."),
+]
 ImageHeight = Annotated[float | None, typer.Option(help="Image height in pixels, to flip rows without a profile.")]
 Fps = Annotated[float | None, typer.Option(help="Frames per second, where the files do not hold it (or hold another).")]
 Unit = Annotated[str | None, typer.Option(help="Unit of lengths (m, mm, cm, in, ft), where the files do not state it.")]
@@ -35,3 +42,45 @@ PixelSd = Annotated[float | None, typer.Option(help="Standard deviation of a pix
 Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for machines.")]
 Out = Annotated[Path, typer.Option(help="Folder to write.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions:
+    """What is stated about the cameras."""
+
+    calibration: Calibration = None
+    profile: Profile = None
+    origin: PixelOriginOption = None
+    calibration_origin: CalibrationOrigin = None
+    image_height: ImageHeight = None
+
+    def stated(self) -> dict[str, Any]:
+        """As ``mocap.read`` takes it."""
+        return {
+            "calibration": self.calibration,
+            "profile": self.profile,
+            "origin": self.origin,
+            "calibration_origin": self.calibration_origin,
+            "image_height_px": self.image_height,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions(CameraOptions):
+    """What is stated about a recording."""
+
+    fps: Fps = None
+    unit: Unit = None
+    skeleton: SkeletonFile = None
+    pixel_sd: PixelSd = None
+
+    def stated(self) -> dict[str, Any]:
+        """As ``mocap.read`` takes it."""
+        own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
+        return super().stated() | own
+
+    def read(self, tracks: Path, **more: Any) -> "Source":
+        """The recording in a file, with what is stated about it."""
+        import mocap
+
+        return mocap.read(tracks, **self.stated(), **more)

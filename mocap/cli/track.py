@@ -3,49 +3,58 @@
 import shlex
 import sys
 from contextlib import nullcontext, suppress
-from dataclasses import replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, cast, get_args
+from typing import Annotated
 
 import typer
 
 from mocap.cli.console import finish, progress, say
-from mocap.cli.options import (
-    AsJson,
-    Dlt,
-    DltOrigin,
-    Force,
-    Fps,
-    ImageHeight,
-    Out,
-    PixelOriginOption,
-    PixelSd,
-    Profile,
-    SkeletonFile,
-    Tracks,
-    Unit,
-)
+from mocap.cli.options import AsJson, Force, Out, RecordingOptions, Tracks
+from mocap.cli.records import with_records
 from mocap.errors import MocapError
-from mocap.pipeline.source import Source
 from mocap.text import as_text
 
+MODELS = ("auto", "mixture", "eal", "constant_velocity")
 
+
+@dataclass(frozen=True, kw_only=True)
+class VideoOptions:
+    """Movies to show under the tracks."""
+
+    video: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Movie or folder of pictures to show under the tracks: once a camera, in the order of the cameras; or "
+            "one folder that holds them, sorted by name."
+        ),
+    ] = None
+    video_offset: Annotated[
+        list[int] | None,
+        typer.Option(
+            help="Frame of the movie minus frame of the tracks: one for all, or once a camera; if not given, those "
+            "of the project or of the offsets file beside the tracks."
+        ),
+    ] = None
+    video_undistorted: Annotated[
+        bool,
+        typer.Option(
+            "--video-undistorted", "--video-straight", help="The movies are free of the lens' distortion already."
+        ),
+    ] = False
+
+
+@with_records
 def track(
     tracks: Tracks,
     out: Out,
-    dlt: Dlt = None,
-    fps: Fps = None,
-    unit: Unit = None,
-    profile: Profile = None,
-    skeleton: SkeletonFile = None,
-    origin: PixelOriginOption = None,
-    dlt_origin: DltOrigin = None,
-    image_height: ImageHeight = None,
+    stated: RecordingOptions,
+    movies: VideoOptions,
     stored: Annotated[Path | None, typer.Option(help="xyzpts to audit; if not given, the one beside xypts.")] = None,
-    pixel_sd: PixelSd = None,
-    in_step: Annotated[
-        bool, typer.Option("--in-step", help="Read cameras that run late, by the audit, between their frames.")
+    correct_lag: Annotated[
+        bool,
+        typer.Option("--correct-lag", "--in-step", help="Read cameras that run late, by the audit, between frames."),
     ] = False,
     model: Annotated[
         str,
@@ -53,23 +62,6 @@ def track(
             help="A file of mocap learn; mixture, eal or constant_velocity; auto: which fills hidden samples best."
         ),
     ] = "auto",
-    video: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Movie or folder of pictures to show under the tracks: once a camera, in the order of the cameras; or "
-            "one folder that holds them, sorted by name."
-        ),
-    ] = None,
-    video_offset: Annotated[
-        list[int] | None,
-        typer.Option(
-            help="Frame of the movie minus frame of the tracks: one for all, or once a camera; if not given, those "
-            "of the project or of the offsets file beside the tracks."
-        ),
-    ] = None,
-    video_straight: Annotated[
-        bool, typer.Option("--video-straight", help="The movies are free of the lens' distortion already.")
-    ] = False,
     live: Annotated[
         bool,
         typer.Option("--live", help="Show frames as they are filtered; then the whole run, until you close it."),
@@ -79,46 +71,33 @@ def track(
     as_json: AsJson = False,
 ) -> None:
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
-    from filters.model_file import load_model
+    import mocap
     from mocap.io.output import result_folder
-    from mocap.pipeline.job import Model, run_job
-    from mocap.rerun.footage import offsets_of, open_movies, with_footage
-    from mocap.rerun.record import recording_id, write_recording
     from mocap.rerun.watch import session
-    from mocap.results.tables import write_run
 
-    source = Source(
-        tracks=tracks,
-        fps=fps,
-        coefficients=dlt,
-        profile=profile,
-        skeleton=skeleton,
-        pixel_origin=origin,
-        coefficient_origin=dlt_origin,
-        image_height_px=image_height,
-        stored_points=stored,
-        pixel_sd=pixel_sd,
-        in_step=in_step,
-        unit=unit,
-    )
-    learned = None if model in get_args(Model) else load_model(existing_model(model))
-    inputs = [*source.inputs, None if learned is None else Path(model)]
-    movies = open_movies(video or [])
+    recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag)
+    learned = None if model in MODELS else mocap.load_model(existing_model(model))
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
-    name = cast(Model, model) if learned is None else "auto"
+    inputs = [*recording.inputs, None if learned is None else Path(model)]
     with session(say) if live else nullcontext() as watched:
-        with result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder, progress() as stages:
-            watch = None if watched is None else watched[0].watch
-            run, _ = run_job(source, model=name, learned=learned, stages=stages, validated=validate, watch=watch)
-            run = replace(run, report_text=f"{run.report_text}\n## The same again\n\n    {again()}\n")
-            if movies:
-                run = with_footage(run, movies, offsets=offsets_of(tracks, video_offset), straight=video_straight)
-            with stages.stage("write"):
-                write_run(run, folder, write_recording=write_recording)
-        finish(run.report, run.report_text, out, as_json)
+        with result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
+            result = mocap.track(
+                recording,
+                model=learned or model,
+                validate=validate,
+                progress=tell,
+                watch=None if watched is None else watched[0].watch,
+            )
+            result = result.with_report(f"\n## The same again\n\n    {again()}\n")
+            if movies.video:
+                result = result.with_video(
+                    movies.video, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
+                )
+            result.write(folder, progress=tell)
+        finish(result.report, result.run.report_text, out, as_json)
         if watched is not None:
-            watched[0].show(out / "recording.rrd", recording_id(run))
+            watched[0].show(out / "recording.rrd", result.recording_id)
             with suppress(KeyboardInterrupt):
                 watched[1].wait()
 

@@ -8,19 +8,15 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, Dlt, DltOrigin, Force, ImageHeight, PixelOriginOption, PixelSd, Profile, Tracks
-from mocap.errors import MocapError
-from mocap.pipeline.source import Source
+from mocap.cli.options import AsJson, CameraOptions, Force, PixelSd, Tracks
+from mocap.cli.records import with_records
 
 
+@with_records
 def triangulate(
     tracks: Tracks,
     out: Annotated[Path, typer.Option(help="xyzpts file to write.")],
-    dlt: Dlt = None,
-    profile: Profile = None,
-    origin: PixelOriginOption = None,
-    dlt_origin: DltOrigin = None,
-    image_height: ImageHeight = None,
+    stated: CameraOptions,
     pixel_sd: PixelSd = None,
     refine: Annotated[
         bool, typer.Option("--refine", help="Smallest reprojection error, bad rays rejected, with _sd columns.")
@@ -29,23 +25,13 @@ def triangulate(
     as_json: AsJson = False,
 ) -> None:
     """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
+    import mocap
     from mocap.io.output import result_file
     from mocap.pipeline.triangulate_file import triangulate_file
 
-    source = Source(
-        tracks=tracks,
-        fps=1.0,
-        coefficients=dlt,
-        profile=profile,
-        pixel_origin=origin,
-        coefficient_origin=dlt_origin,
-        image_height_px=image_height,
-        pixel_sd=pixel_sd,
-    )
-    if not source.filmed:
-        raise MocapError(f"{tracks.name}: pixels need the coefficients of their cameras: give --dlt")
-    with result_file(out, replace=force, inputs=source.inputs, tell=say) as file:
-        summary = triangulate_file(source, file, refine=refine)
+    recording = mocap.read(tracks, fps=1.0, pixel_sd=pixel_sd, **stated.stated())
+    with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
+        summary = triangulate_file(recording, file, refine=refine)
     if as_json:
         print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201
         return

@@ -28,26 +28,35 @@ class Model:
         """Of each motion model, by length of gap: ``rmse_mm`` and ``coverage95`` in gaps hidden while learning."""
         return self.learned.scores
 
-    def save(self, path: str | PathLike[str], *, replace: bool = False) -> None:
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write it to an ``.npz`` file.
 
         Args:
             path: The file.
-            replace: Whether a model that was written there before may be replaced.
+            overwrite: Whether a model that was written there before may be replaced.
 
         Raises:
             OutputError: it cannot be written there, or a file that is not ours is in its place.
         """
-        with result_file(Path(path), replace=replace) as file:
-            save_model(self.learned, file)
+        with result_file(Path(path), replace=overwrite) as file:
+            self.write(file)
+
+    def write(self, file: Path) -> None:
+        """Write the file of ``save``, as ``mocap.io.output.result_file`` gives it."""
+        save_model(self.learned, file)
 
     def __repr__(self) -> str:
         """One line."""
         trials = ", ".join(trial.name for trial in self.learned.trials)
         return f"<Model of {len(self.learned.names)} markers, learned from {trials}>"
 
-    def _repr_markdown_(self) -> str:
+    @property
+    def report_text(self) -> str:
+        """What was learned and how well it fills gaps, as markdown."""
         return readable_scores(self.learned)
+
+    def _repr_markdown_(self) -> str:
+        return self.report_text
 
 
 def learn(

@@ -1,7 +1,7 @@
 """Track a recording, and what comes of it: markers, joints and potentials as objects of a notebook."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -16,7 +16,7 @@ from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.library.learning import Model, load_model
 from mocap.pipeline.job import Model as ModelName
-from mocap.pipeline.job import Stages, run_job
+from mocap.pipeline.job import Watch, run_job
 from mocap.pipeline.run import JointPotential, Run
 from mocap.pipeline.source import Source
 from mocap.plots.joint import plot_coordinates
@@ -25,11 +25,19 @@ from mocap.records import Origin
 from mocap.results.dataset import markers_dataset
 from mocap.results.stored import read_run
 from mocap.results.tables import write_run
+from mocap.stages import Stages
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from mocap.rerun.viewer import Viewer
+
+Tell = Callable[[str, float], None]
+
+
+def silent(_stage: str, _share: float) -> None:
+    """Tell nobody."""
+
 
 LIMB = "limb"
 """Frame of reference of a plot: the plane of the limb, its joint at the origin."""
@@ -164,12 +172,12 @@ class Tracked:
             raise MocapError(f"there is no potential of a joint {joint!r}: there are {known}")
         return Potential(found)
 
-    def save(self, folder: str | PathLike[str], *, replace: bool = False) -> "Tracked":
+    def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> "Tracked":
         """Write all of it into a folder: tables, datasets, report, potentials, and a recording for rerun.
 
         Args:
             folder: Where to; other files in it are left as they are.
-            replace: Whether an earlier result in it may be replaced.
+            overwrite: Whether an earlier result in it may be replaced.
 
         Returns:
             The same, which knows its folder.
@@ -177,11 +185,52 @@ class Tracked:
         Raises:
             OutputError: it cannot be written there.
         """
+        with result_folder(Path(folder), "track", replace=overwrite) as stage:
+            self.write(stage)
+        return Tracked(self.run, Path(folder))
+
+    def write(self, folder: Path, *, progress: Tell = silent) -> None:
+        """Write the files of ``save`` into an empty folder, as ``mocap.io.output.result_folder`` gives it."""
         from mocap.rerun.record import write_recording
 
-        with result_folder(Path(folder), "track", replace=replace) as stage:
-            write_run(self.run, stage, write_recording=write_recording)
-        return Tracked(self.run, Path(folder))
+        with Stages(tell=progress).stage("write"):
+            write_run(self.run, folder, write_recording=write_recording)
+
+    @property
+    def recording_id(self) -> str:
+        """Of its recording in rerun."""
+        from mocap.rerun.record import recording_id
+
+        return recording_id(self.run)
+
+    def with_report(self, text: str) -> "Tracked":
+        """The same, with more at the end of its report."""
+        return Tracked(replace(self.run, report_text=self.run.report_text + text), self.folder)
+
+    def with_video(
+        self,
+        movies: Sequence[str | PathLike[str]],
+        *,
+        offset_frames: Sequence[int] | None = None,
+        undistorted: bool = False,
+    ) -> "Tracked":
+        """The same, with movies to be shown under its tracks.
+
+        Args:
+            movies: A movie or a folder of pictures a camera, in the order of the cameras; or one folder that holds
+                them, sorted by name.
+            offset_frames: Frame of the movie minus frame of the tracks: one for all, or one a camera; None: as the
+                project, or the offsets file beside the tracks, says.
+            undistorted: Whether the movies are free of the lens' distortion already.
+
+        Raises:
+            MocapError: not one movie a camera, or of another size.
+        """
+        from mocap.rerun.footage import offsets_of, open_movies, with_footage
+
+        offsets = offsets_of(self.run.file, offset_frames)
+        opened = open_movies([Path(movie) for movie in movies])
+        return Tracked(with_footage(self.run, opened, offsets=offsets, straight=undistorted), self.folder)
 
     def view(self, *, web: bool = False) -> "Viewer":
         """Open it in rerun, on this computer only; the viewer ends with this Python, or by its ``close()``.
@@ -216,7 +265,8 @@ def track(
     model: ModelName | Model | str | PathLike[str] = "auto",
     validate: bool = True,
     seed: int = 0,
-    progress: Callable[[str, float], None] = lambda _stage, _share: None,
+    progress: Tell = silent,
+    watch: Watch | None = None,
 ) -> Tracked:
     """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
 
@@ -227,6 +277,7 @@ def track(
         validate: Whether to hide samples and measure how they are filled.
         seed: Which samples are hidden.
         progress: Called with the name of a stage and the share of it that is done.
+        watch: Called before all is smoothed, to filter for somebody who watches; not with a learned model.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
@@ -238,7 +289,7 @@ def track(
         model = load_model(model)  # type: ignore[arg-type]
     learned = model.learned if isinstance(model, Model) else None
     stages = Stages(tell=progress)
-    run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed)
+    run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch)
     return Tracked(run)
 
 

@@ -11,12 +11,13 @@ from datasets import make_bat, make_lizard, write_recording
 from filters.learn_markers import learn_constant_velocity
 from mocap.arrays import Array
 from mocap.pipeline.gaps import interior_gaps, interpolated, score
-from mocap.pipeline.job import Stages, run_job
+from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.report import readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import seen_part, track, tracked_motion
+from mocap.stages import Stages
 
 Animal = Literal["bat", "lizard"]
 

@@ -1,9 +1,6 @@
 """The main job: from the files of a recording to tracked motion, joints, potentials and a report."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from time import perf_counter
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -35,34 +32,13 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.records import PixelTracks
+from mocap.stages import Stages
 
 Model = Literal["auto", "mixture", "eal", "constant_velocity"]
 Watch = Callable[[Prepared, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
 JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
-
-
-@dataclass(kw_only=True)
-class Stages:
-    """Times stages, and tells somebody how far the current one is.
-
-    Attributes:
-        tell: Called with the name of the stage and the share done.
-        seconds: Time that each stage took.
-    """
-
-    tell: Callable[[str, float], None] = lambda _stage, _share: None
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[Callable[[float], None]]:
-        """Time one stage; yields its progress callback."""
-        start = perf_counter()
-        self.tell(name, 0.0)
-        yield lambda share: self.tell(name, share)
-        self.tell(name, 1.0)
-        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
 def run_job(
@@ -179,6 +155,7 @@ def _run_job(
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),
+        file=source.tracks,
     )
     return run, prepared
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,6 +84,7 @@ class Run:
         report: The report as ``report.json`` holds it.
         report_text: The same as markdown.
         footage: The movie of each camera; empty where none were given.
+        file: The file of the tracks; None: not known.
     """
 
     name: str
@@ -97,3 +99,4 @@ class Run:
     report: Mapping[str, object]
     report_text: str
     footage: tuple[Footage, ...] = ()
+    file: Path | None = None

@@ -1,7 +1,7 @@
 """The files of a recording: what the user names and states, read and brought to ideal pixels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -95,6 +95,10 @@ class Source:
     def filmed(self) -> bool:
         """Whether there are cameras, calibrated or not."""
         return self.coefficients is not None or self.recording.pixels is not None
+
+    def without_needless_calibration(self) -> "Source":
+        """The same, without the calibration where the file holds positions and no pixels."""
+        return self if self.recording.pixels is not None else replace(self, coefficients=None)
 
     @property
     def inputs(self) -> tuple[Path | None, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.cameras import triangulate
+from mocap.errors import MocapError
 from mocap.io import dltdv
 from mocap.pipeline.source import Source, audit_points, by_pixels, load_filmed, load_skeleton
 from mocap.records import MarkerTracks, Origin
@@ -62,6 +63,8 @@ def triangulate_file(source: Source, out: Path, *, refine: bool) -> Triangulatio
     Raises:
         MocapError: whatever makes that impossible.
     """
+    if not source.filmed:
+        raise MocapError(f"{source.tracks.name}: pixels need the calibration of their cameras: give `calibration`")
     filmed = load_filmed(source, iterations=None if refine else 3)
     _, names = load_skeleton(source.skeleton, filmed.pixels.names)
     if refine:

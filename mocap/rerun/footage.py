@@ -92,11 +92,11 @@ def _sentence(camera: Camera, footage: Footage, source: str) -> str:
     )
 
 
-def offsets_of(tracks: Path, stated: Sequence[int] | None) -> tuple[Array, str]:
+def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array, str]:
     """Frames of the movies minus frames of the tracks, and where that is known from.
 
     Args:
-        tracks: xypts file or project.
+        tracks: xypts file or project; None: not known.
         stated: By the user; None: what the project says, or the file ``*offsets.csv`` beside an xypts file, or 0.
 
     Returns:
@@ -107,6 +107,8 @@ def offsets_of(tracks: Path, stated: Sequence[int] | None) -> tuple[Array, str]:
     """
     if stated:
         return np.array([stated], dtype=np.float64), "as stated"
+    if tracks is None:
+        return np.zeros((1, 1)), "not stated"
     if tracks.suffix.lower() == ".mat":
         return read_project(tracks, fps=1.0).offset_frames, "as the project says"
     beside = tracks.with_name(tracks.name.replace("xypts", "offsets"))

@@ -9,7 +9,7 @@ from PIL import Image
 from datasets import make_bat
 from datasets import write_recording as write_files
 from mocap.pipeline.demo import Animal, run_demo
-from mocap.pipeline.job import Stages, run_job
+from mocap.pipeline.job import run_job
 from mocap.pipeline.run import Run
 from mocap.pipeline.source import Source
 from mocap.rerun.blueprint import make_blueprint
@@ -17,6 +17,7 @@ from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
 from mocap.rerun.headless import Headless
 from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.stages import Stages
 
 SIZE = (1600, 1000)
 COMPARED = 270

@@ -118,10 +118,10 @@ def test_what_was_saved_is_loaded_to_the_last_bit(tracked, saved):
 
 
 def test_saving_again_needs_to_be_told(tracked, saved):
-    """An earlier result is replaced only where ``replace`` says so."""
+    """An earlier result is replaced only where ``overwrite`` says so."""
     with pytest.raises(mocap.MocapError, match="exists"):
         tracked.save(saved.folder)
-    assert tracked.save(saved.folder, replace=True).folder == saved.folder
+    assert tracked.save(saved.folder, overwrite=True).folder == saved.folder
 
 
 def test_a_folder_without_a_result_is_refused(tmp_path):

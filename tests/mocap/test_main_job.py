@@ -10,7 +10,7 @@ from rerun.chunk import RrdReader
 
 from mocap.cli.main import main
 from mocap.pipeline.demo import run_demo
-from mocap.pipeline.job import Stages
+from mocap.stages import Stages
 from tests.real_data import real
 
 BAT = "bat_windtunnel_dltdv8/derived_csv"

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
@@ -193,6 +192,8 @@ def lens_findings(
 
 def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
     """One radial coefficient k1 for all cameras, about their principal points, that brings the rays nearer."""
+    from scipy.optimize import minimize_scalar
+
     lenses = []
     for c in cameras:
         k = decompose(c).intrinsic

@@ -3,16 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.linearised import linearise
 from mocap.cameras.triangulate import linear
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 CLEAR_SD = 4.0
 LEAST_FRAMES = 0.1
@@ -146,8 +149,10 @@ def _window(ideal: Array, most: int) -> Array:
     return ideal[:, start : start + most]
 
 
-def _splines(ideal: Array) -> dict[tuple[int, int], tuple[CubicSpline, NDArray[np.int64]]]:
+def _splines(ideal: Array) -> dict[tuple[int, int], tuple["CubicSpline", NDArray[np.int64]]]:
     """A cubic through each camera's track of each marker, and the frames that it rests on."""
+    from scipy.interpolate import CubicSpline
+
     out = {}
     for c, m in np.ndindex(ideal.shape[0], ideal.shape[2]):
         at = np.flatnonzero(np.isfinite(ideal[c, :, m, 0]))
@@ -156,7 +161,7 @@ def _splines(ideal: Array) -> dict[tuple[int, int], tuple[CubicSpline, NDArray[n
     return out
 
 
-def _shifted(ideal: Array, splines: dict[tuple[int, int], tuple[CubicSpline, NDArray]], by: Array) -> Array:
+def _shifted(ideal: Array, splines: dict[tuple[int, int], tuple["CubicSpline", NDArray]], by: Array) -> Array:
     """Tracks read at frame t + by, where samples lie on both sides at most two frames away; untouched where by is 0."""
     out = np.full_like(ideal, np.nan)
     frames = np.arange(ideal.shape[1])

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import rq
 
 from mocap.arrays import Array, frozen
 from mocap.cameras.lens import Lens
@@ -106,7 +105,9 @@ def decompose(camera: Camera) -> Pinhole:
     The sign of the projection is chosen so that the world's depth along the optical axis is positive where
     ``matrix[2] @ (x, 1)`` is, which for DLT coefficients is the side of the calibrated volume.
     """
-    intrinsic, rotation = rq(camera.matrix[:, :3])
+    # RQ from QR with rows and columns in reverse; SciPy's rq would triple the time that importing cameras takes
+    q, r = np.linalg.qr(camera.matrix[::-1, :3].T)
+    intrinsic, rotation = r.T[::-1, ::-1], q.T[::-1]
     signs = np.sign(np.diag(intrinsic))
     signs[signs == 0] = 1
     intrinsic, rotation = intrinsic * signs, signs[:, None] * rotation

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from mocap.arrays import Array
 from mocap.cameras.camera import project
@@ -172,11 +171,13 @@ def pixel_sd(residual: Array, n_cameras: NDArray[np.int64]) -> float:
     Raises:
         ValueError: there is no point.
     """
+    from scipy.special import chdtri
+
     ok = np.isfinite(residual) & (n_cameras >= 2)
     if not ok.any():
         raise ValueError("no point is seen by two cameras: the pixel noise cannot be estimated; give --pixel-sd")
     dof = 2 * n_cameras[ok] - 3
-    core = np.median(residual[ok] ** 2 * dof / chi2.median(dof))
+    core = np.median(residual[ok] ** 2 * dof / chdtri(dof, 0.5))
     near = residual[ok] ** 2 <= 25 * core
     return float(np.sqrt(np.sum(residual[ok][near] ** 2 * dof[near]) / np.sum(dof[near])))
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
@@ -56,6 +55,8 @@ def read_calibration(path: Path) -> tuple[Camera, ...]:
 
 
 def _camera(path: Path, key: str, section: Any) -> Camera:
+    from scipy.spatial.transform import Rotation
+
     if not isinstance(section, dict):
         raise FormatError(f"{path.name}: {key} is no section: expected [{key}] with name, size, matrix, ...")
     matrix, size = _array(path, key, section, "matrix", (3, 3)), _array(path, key, section, "size", (2,))
@@ -104,6 +105,8 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
     Raises:
         FormatError: a camera has no size, or is a mirror, which no rotation describes.
     """
+    from scipy.spatial.transform import Rotation
+
     lines = []
     for number, camera in enumerate(cameras):
         pinhole = decompose(camera)

@@ -4,7 +4,6 @@ import errno
 import os
 from pathlib import Path
 
-import ezc3d
 import numpy as np
 
 from mocap.errors import FormatError
@@ -31,6 +30,8 @@ def write_c3d(path: Path, recording: Recording) -> None:
     Raises:
         FormatError: there are too many frames, or a name is empty or longer than 120 bytes.
     """
+    import ezc3d
+
     tracks, unit = points_of(path, recording), recording.unit or "m"
     if len(tracks.t_s) > MOST_FRAMES:
         raise FormatError(f"{path.name}: {len(tracks.t_s)} frames, but a C3D file holds {MOST_FRAMES}: split it")

@@ -9,7 +9,6 @@ import pickle
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from mocap.arrays import Array
@@ -100,6 +99,8 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
 
 def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
     """The same from the table that pandas writes with PyTables (fixed or table layout)."""
+    import h5py
+
     try:
         with h5py.File(path, "r") as file:
             group: Any = file[_KEY]

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from mocap.arrays import Array
@@ -52,6 +51,8 @@ def read_project(path: Path, *, fps: float | None = None) -> DvProject:
     """
     if not path.is_file():
         raise FormatError(f"{path}: cannot be read: no such file")
+    import h5py
+
     try:
         with h5py.File(path, "r") as file:
             return _project(path, file, fps)
@@ -64,7 +65,7 @@ def read_project(path: Path, *, fps: float | None = None) -> DvProject:
         ) from None
 
 
-def _project(path: Path, file: h5py.File, fps: float | None) -> DvProject:
+def _project(path: Path, file: Any, fps: float | None) -> DvProject:
     data: Any = file[_DATA]
     cameras_n, markers_n = int(data["nvid"][0, 0]), int(data["numpts"][0, 0])
     fps = rate(path, np.ravel(data["movFrameRates"][()])[0] if fps is None else fps)
@@ -102,6 +103,8 @@ def _sparse(path: Path, data: Any, name: str, columns: int, *, missing: float) -
     Raises:
         FormatError: it has other columns, or its indices point nowhere.
     """
+    import h5py
+
     group = data[name]
     if isinstance(group, h5py.Dataset):
         dense = np.zeros((0, columns)) if group.attrs.get("MATLAB_empty", 0) else group[()].T.astype(np.float64)
@@ -122,8 +125,10 @@ def _sparse(path: Path, data: Any, name: str, columns: int, *, missing: float) -
     return dense
 
 
-def _names(path: Path, file: h5py.File, data: Any, count: int) -> tuple[str, ...]:
+def _names(path: Path, file: Any, data: Any, count: int) -> tuple[str, ...]:
     """Names of version 8.4; ``pt1``, ``pt2``, ... where there are none."""
+    import h5py
+
     plain = tuple(f"pt{m + 1}" for m in range(count))
     if "pointNames" not in data or data["pointNames"].dtype != h5py.ref_dtype:
         return plain
@@ -135,7 +140,7 @@ def _names(path: Path, file: h5py.File, data: Any, count: int) -> tuple[str, ...
     return tuple(name or plain[m] for m, name in enumerate(names))
 
 
-def _cameras(path: Path, file: h5py.File, data: Any, count: int) -> tuple[tuple[Camera, ...], int]:
+def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[tuple[Camera, ...], int]:
     """Cameras (none without coefficients) and the iterations of DLTdv's undistortion."""
     coefficients = data["dltcoef"]
     if coefficients.attrs.get("MATLAB_empty", 0):
@@ -163,8 +168,10 @@ def _pair(size: np.ndarray) -> tuple[int, int]:
     return int(size[0]), int(size[1])
 
 
-def _tdata(path: Path, file: h5py.File, data: Any, camera: int) -> Array | None:
+def _tdata(path: Path, file: Any, data: Any, camera: int) -> Array | None:
     """The ten numbers of a camera's lens (fx fy cx cy k1 k2 p1 p2 k3 iterations); None without one."""
+    import h5py
+
     if "camud" not in data or data["camud"].dtype != h5py.ref_dtype:
         return None
     struct: Any = file[np.ravel(data["camud"][()])[camera]]

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
@@ -89,6 +88,8 @@ def read_sba_profile(path: Path) -> tuple[Camera, ...]:
     Raises:
         FormatError: a line has not 17 finite numbers that describe a camera, or has skew, which lenses here have not.
     """
+    from scipy.spatial.transform import Rotation
+
     cameras = []
     for number, line in _lines(path):
         if len(line) != 17:

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
 from mocap.errors import FormatError
@@ -20,6 +19,8 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
     Raises:
         FormatError: HDF5 cannot read the file.
     """
+    import h5py
+
     try:
         with h5py.File(path, "r") as file:
             table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]

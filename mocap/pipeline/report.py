@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from filters.records import TrackedMotion
 from mocap.arrays import Array
@@ -151,7 +151,7 @@ def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
     ok = np.isfinite(tracked.nis) & (tracked.n_rows > 0)
     if not ok.any():
         return {"nis_per_row": None, "frames_in_95_band": None}
-    low, high = chi2.ppf(0.025, tracked.n_rows[ok]), chi2.ppf(0.975, tracked.n_rows[ok])
+    low, high = chdtri(tracked.n_rows[ok], 0.975), chdtri(tracked.n_rows[ok], 0.025)
     inside = (tracked.nis[ok] >= low) & (tracked.nis[ok] <= high)
     return {
         "nis_per_row": float(tracked.nis[ok].sum() / tracked.n_rows[ok].sum()),

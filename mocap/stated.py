@@ -4,7 +4,7 @@ import numpy as np
 
 from mocap.errors import MocapError
 
-BOUNDS = {"fps": (1e-6, 1e7), "pixel-sd": (1e-4, 1e4), "image-height": (1.0, 1e6)}
+BOUNDS = {"fps": (1e-6, 1e7), "pixel_sd": (1e-4, 1e4), "image_height_px": (1.0, 1e6)}
 """Least and greatest of each option: a frame in twelve days to the fastest cameras; a pixel's hair to a whole picture;
 a row to a thousand times a camera's."""
 
@@ -22,9 +22,9 @@ def check_stated(option: str, value: float | None) -> None:
         return
     least, most = BOUNDS[option]
     if not (np.isfinite(value) and value > 0):
-        raise MocapError(f"--{option} must be a number above 0, but is {value:g}: correct it")
+        raise MocapError(f"`{option}` must be a number above 0, but is {value:g}: correct it")
     if not least <= value <= most:
-        raise MocapError(f"--{option} must be between {least:g} and {most:g}, but is {value:g}: correct it")
+        raise MocapError(f"`{option}` must be between {least:g} and {most:g}, but is {value:g}: correct it")
 
 
 def check_rate(fps: float, where: str) -> None:
@@ -35,7 +35,7 @@ def check_rate(fps: float, where: str) -> None:
     """
     least, most = BOUNDS["fps"]
     if not least <= fps <= most:
-        raise MocapError(f"{where}: states {fps:g} frames a second, which no camera takes: give the right --fps")
+        raise MocapError(f"{where}: states {fps:g} frames a second, which no camera takes: give the right `fps`")
 
 
 def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> list[str]:
@@ -50,13 +50,13 @@ def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> 
         return []
     if stated_px * FAR_OFF < low_px:
         return [
-            f"--pixel-sd {stated_px:g} contradicts the pixels: rays miss each other as by {low_px:.2g} px. Samples are "
+            f"`pixel_sd` {stated_px:g} contradicts the pixels: rays miss each other as by {low_px:.2g} px. Samples are "
             f"rejected and names repaired by what the rays show; intervals are as you state, {low_px / stated_px:.0f} "
             "times too narrow by the rays: leave it out, or check it"
         ]
     if stated_px > FAR_OFF * high_px:
         return [
-            f"--pixel-sd {stated_px:g} contradicts the pixels: rays miss each other as by {high_px:.2g} px. Intervals "
+            f"`pixel_sd` {stated_px:g} contradicts the pixels: rays miss each other as by {high_px:.2g} px. Intervals "
             f"are as you state, {stated_px / high_px:.0f} times as wide as by the rays, and fewer samples rejected: "
             "leave it out, or check it"
         ]

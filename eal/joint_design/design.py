@@ -87,7 +87,7 @@ def design_truss(
         DesignError: no truss within the limits comes near; the message names the limit that binds.
     """
     if internal and mirror is not None:
-        raise DesignError("mirrored pairs of members cannot have internal nodes: give --internal or --symmetric")
+        raise DesignError("mirrored pairs of members cannot have internal nodes: give `internal` or `symmetric`")
     if 2 * internal + 2 > limits.members:
         raise DesignError(f"{internal} internal nodes need {2 * internal + 2} members, but members is {limits.members}")
     with one_blas_thread():  # the same on any number of cores

@@ -52,7 +52,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
         text = (
             "the world is mirrored (left-handed): left and right are exchanged in all that follows"
             if y_up is False
-            else "the world is mirrored (left-handed), unless rows are counted from the lower left: state --origin"
+            else "the world is mirrored (left-handed), unless rows are counted from the lower left: state `origin`"
         )
         found.append(Finding(kind="mirrored world", alarm=y_up is False, text=text))
     elif y_up and not mirrored[0]:

@@ -125,7 +125,7 @@ class Charuco:
         if not 0 < self.marker_m < self.square_m:
             raise CalibrationError(
                 f"markers of {self.marker_m * 1e3:g} mm do not fit into squares of {self.square_m * 1e3:g} mm: "
-                "give --square-mm and --marker-mm as printed"
+                "give `square_mm` and `marker_mm` as printed"
             )
         if not self.dictionary.startswith("DICT_") or not hasattr(cv2.aruco, self.dictionary):
             names = ", ".join(sorted(n for n in dir(cv2.aruco) if n.startswith("DICT_4X4")))

@@ -212,12 +212,12 @@ def _refuse(result: WandCalibration, lenses: Sequence[Lens], names: Sequence[str
         if not 0.7 < ratio < 1.4:
             raise CalibrationError(
                 f"camera {name!r}: the focal length went from {lens.f_px[0]:.0f} to {camera.lens.f_px[0]:.0f} px: "
-                "check its lens, or hold it with --free none"
+                "check its lens, or hold it with `free` none"
             )
         if sd > 0.1 * camera.lens.f_px[0]:
             raise CalibrationError(
                 f"camera {name!r}: the wand leaves its focal length open ({camera.lens.f_px[0]:.0f} +- {sd:.0f} px): "
-                "hold it with --free none, or wave the wand nearer and farther"
+                "hold it with `free` none, or wave the wand nearer and farther"
             )
     if not result.good_score < 10:
         raise CalibrationError(

@@ -89,7 +89,7 @@ def flipped(uv_px: Array, height_px: float | None) -> Array:
         CalibrationError: the height is not known.
     """
     if height_px is None:
-        raise CalibrationError("pixels must be flipped, but the image height is not known: give --image-height")
+        raise CalibrationError("pixels must be flipped, but the image height is not known: give `image_height_px`")
     out = uv_px.copy()
     out[..., 1] = height_px - out[..., 1]
     return out
@@ -144,7 +144,7 @@ def decide_origin(
     allowed = [t for t in tried if origin in (None, t[1]) and coefficients in (None, t[2])]
     if not allowed:
         raise CalibrationError(
-            "the stated pixel origins differ, but the image height is not known: give --image-height"
+            "the stated pixel origins differ, but the image height is not known: give `image_height_px`"
         )
     alike = [t for t in allowed if _same(t, allowed[0])]
     best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))
@@ -152,13 +152,14 @@ def decide_origin(
     if best[0] > max(0.03 * size, 10.0):
         raise CalibrationError(
             f"rays miss each other by {best[0]:.0f} px (median): the coefficients do not belong to these pixels, or "
-            "the two count rows from different corners: check the files, or give --image-height so that flips are tried"
+            "the two count rows from different corners: check the files, or give `image_height_px` so that flips are "
+            "tried"
         )
     others = [t for t in allowed if not _same(t, best)]
     if others and others[0][0] < CLEARLY * best[0]:
         raise CalibrationError(
             f"the pixel origin cannot be told: residual {best[0]:.2f} px for {_name(best)}, "
-            f"{others[0][0]:.2f} px for {_name(others[0])}: state --origin"
+            f"{others[0][0]:.2f} px for {_name(others[0])}: state `origin`"
         )
     better = [t for t in tried if t[0] * CLEARLY < best[0] and best[0] - t[0] > 0.5]
     if better:

@@ -175,7 +175,7 @@ def pixel_sd(residual: Array, n_cameras: NDArray[np.int64]) -> float:
 
     ok = np.isfinite(residual) & (n_cameras >= 2)
     if not ok.any():
-        raise ValueError("no point is seen by two cameras: the pixel noise cannot be estimated; give --pixel-sd")
+        raise ValueError("no point is seen by two cameras: the pixel noise cannot be estimated; give `pixel_sd`")
     dof = 2 * n_cameras[ok] - 3
     core = np.median(residual[ok] ** 2 * dof / chdtri(dof, 0.5))
     near = residual[ok] ** 2 <= 25 * core

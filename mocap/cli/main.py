@@ -22,6 +22,7 @@ from mocap.cli.share import share
 from mocap.cli.track import track
 from mocap.cli.triangulate import triangulate
 from mocap.cli.view import view
+from mocap.cli.words import option_names, with_options
 from mocap.errors import MocapError
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
@@ -107,7 +108,7 @@ def explain(error: BaseException) -> int:
         say_error(f"the disk is full, or your share of it{place}: free some space, or give another --out{ending}")
         return TROUBLE
     if isinstance(error, MocapError):
-        say_error(f"{error}{ending}")
+        say_error(with_options(f"{error}{ending}", option_names(typer.main.get_command(app))))
         return TROUBLE
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object[max(0, error.start - 30) : error.end + 30]

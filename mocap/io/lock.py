@@ -61,6 +61,6 @@ def _lock(folder: Path, patience_s: float) -> int | None:
                 raise
             if time.monotonic() >= end:
                 raise OutputError(
-                    f"{folder}: another mocap is writing there: wait until it has ended, or give another --out"
+                    f"{folder}: another mocap is writing there: wait until it has ended, or choose another place"
                 ) from None
             time.sleep(0.05)

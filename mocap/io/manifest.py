@@ -90,7 +90,9 @@ def read_manifest(folder: Path) -> Manifest:
     except FileNotFoundError:
         return Manifest()
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise OutputError(f"{path} is not a manifest of mocap's results: move it away, or give another --out") from None
+        raise OutputError(
+            f"{path} is not a manifest of mocap's results: move it away, or choose another place"
+        ) from None
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

@@ -121,7 +121,7 @@ def result_file(
                 manifest = recovered(target.parent, tell=tell)
                 if os.path.lexists(target):
                     if not replace:
-                        raise OutputError(f"{path} exists: give --force to replace it, or another name")
+                        raise OutputError(f"{path} exists: give `overwrite` to replace it, or another name")
                     _refuse_foreign(target.parent, target.name, manifest)
                 stage = stack.enter_context(_stage(target.parent))
             yield stage / target.name
@@ -197,11 +197,13 @@ def _commit(
     for file in new:
         target = folder / file
         if target.resolve() in read:
-            raise OutputError(f"{target} is read from: give another --out")
+            raise OutputError(f"{target} is read from: choose another place")
         folders += _missing_folders(folder, target.parent)
         if os.path.lexists(target):
             if not may_replace:
-                raise OutputError(f"{target} appeared while this was made: give --force to replace it, or another name")
+                raise OutputError(
+                    f"{target} appeared while this was made: give `overwrite` to replace it, or another name"
+                )
             replaces[file] = _refuse_foreign(folder, file, manifest, owner=None if take_over else name)
     old = manifest.results.get(name, Listing())
     replaces |= {
@@ -263,18 +265,18 @@ def _refuse_inputs(target: Path, inputs: Iterable[Path | None], *, folder: bool)
     resolved = target.resolve()
     for read in [*(p.resolve() for p in inputs if p is not None), *([Path.cwd()] if folder else [])]:
         if resolved == read or (folder and resolved in read.parents):
-            raise OutputError(f"{target} is or holds {read}, which is read from: give another --out")
+            raise OutputError(f"{target} is or holds {read}, which is read from: choose another place")
 
 
 def _refuse_unasked(folder: Path, name: str, manifest: Manifest, *, replace: bool, beside: bool) -> None:
     if replace:
         return
     if name in manifest.results:
-        raise OutputError(f"{folder} exists: give --force to replace the earlier result, or another --out")
+        raise OutputError(f"{folder} exists: give `overwrite` to replace the earlier result, or another place")
     if not beside and any(path.name != MANIFEST and not path.name.startswith(PARTIAL) for path in folder.iterdir()):
         raise OutputError(
-            f"{folder} exists and holds other files: give --force to write beside them (they stay as they are), or "
-            "another --out"
+            f"{folder} exists and holds other files: give `overwrite` to write beside them (they stay as they are), or "
+            "choose another place"
         )
 
 
@@ -294,14 +296,14 @@ def _refuse_foreign(folder: Path, file: str, manifest: Manifest, *, owner: str |
     if found is None:
         raise OutputError(
             f"{path} was not written by mocap (no {MANIFEST} lists it): it is never replaced; move it away, or give "
-            "another --out"
+            "choose another place"
         )
     if owner is not None and found != owner:
-        raise OutputError(f"{path} belongs to the result of another command ({found}): give another --out")
+        raise OutputError(f"{path} belongs to the result of another command ({found}): choose another place")
     content = manifest.results[found].files[file]
     if not is_still(path, content):
         raise OutputError(
-            f"{path} was changed after mocap wrote it: it is never replaced; move it away, or give another --out"
+            f"{path} was changed after mocap wrote it: it is never replaced; move it away, or choose another place"
         )
     return content
 
@@ -312,9 +314,9 @@ def _missing_folders(folder: Path, parent: Path) -> list[str]:
     while parent != folder:
         if parent.is_dir():
             if parent.stat().st_dev != folder.stat().st_dev:
-                raise OutputError(f"{parent} is on another file system than {folder}: give another --out")
+                raise OutputError(f"{parent} is on another file system than {folder}: choose another place")
         elif os.path.lexists(parent):
-            raise OutputError(f"{parent} is no folder, but files of the result go there: give another --out")
+            raise OutputError(f"{parent} is no folder, but files of the result go there: choose another place")
         else:
             missing.append(parent.relative_to(folder).as_posix())
         parent = parent.parent
@@ -330,10 +332,10 @@ def _make_folder(folder: Path) -> list[Path]:
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     except FileExistsError:
-        raise OutputError(f"{folder} is a file: give another --out") from None
+        raise OutputError(f"{folder} is a file: choose another place") from None
     except OSError as error:
         _remove_empty(made)
-        raise OutputError(f"{folder}: cannot be written: {error.strerror}; give another --out") from None
+        raise OutputError(f"{folder}: cannot be written: {error.strerror}; choose another place") from None
     return made
 
 
@@ -368,7 +370,7 @@ def _answering(place: Path) -> Iterator[None]:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         raise OutputError(
             f"{place}: cannot be written: {reason}; nothing there was changed: "
-            + ("free some space, or give another --out" if full else "give another --out"),
+            + ("free some space, or choose another place" if full else "choose another place"),
             kept=getattr(error, "kept", ""),
         ) from error
 

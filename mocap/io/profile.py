@@ -146,7 +146,7 @@ def write_profile(path: Path, cameras: Sequence[Camera]) -> None:
         if not isinstance(camera.lens, BrownLens):
             raise FormatError(
                 f"{path.name}: camera {camera.name!r} has a {camera.lens.model} lens, but a profile holds Brown's "
-                "(k1 k2 p1 p2 k3) only: write calibration.toml, or calibrate with --lens brown"
+                "(k1 k2 p1 p2 k3) only: write calibration.toml, or calibrate with `lens` brown"
             )
         (fx, fy), (cx, cy) = camera.lens.f_px, camera.lens.centre_px
         numbers = (fx, *camera.size_px, cx, cy, fy / fx, *camera.lens.k[:2], *camera.lens.p, camera.lens.k[2])

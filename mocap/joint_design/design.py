@@ -215,7 +215,7 @@ def _first_that_can_be_made(
     if wish.printing is None:
         return 0, None, wish.energy_j or 10e-3
     if designs[0].truss.dimension != 2 or designs[0].truss.internal_m.size:
-        raise MakeError("parts are made of planar trusses without internal nodes: give --no-solid for this one")
+        raise MakeError("parts are made of planar trusses without internal nodes: give `no_solid` for this one")
     reasons = []
     for i, design in enumerate(designs):
         try:
@@ -238,7 +238,7 @@ def _kit(
     energy = float(np.sqrt(low * high)) if energy_j is None else energy_j
     if not low <= energy <= high:
         raise MakeError(
-            f"--energy-mj {energy / MM:.3g}: the parts allow {low / MM:.3g} to {high / MM:.3g}; the wall and the width "
+            f"`energy_mj` {energy / MM:.3g}: the parts allow {low / MM:.3g} to {high / MM:.3g}; the wall and the width "
             "bind below, the strain above"
         )
     truss = design.truss.scaled(metres=per_unit, joules=energy)

@@ -46,13 +46,13 @@ def material(name: str, *, young_mpa: float | None = None, strain: float | None 
     """
     if name not in MATERIALS:
         raise MakeError(
-            f"--material {name}: give one of {', '.join(MATERIALS)}, with --young-mpa and --strain if need be"
+            f"`material` {name}: give one of {', '.join(MATERIALS)}, with `young_mpa` and `strain` if need be"
         )
     known = MATERIALS[name]
     young = known.young_pa if young_mpa is None else 1e6 * young_mpa
     allowed = known.strain if strain is None else strain
     if not (young > 0.0 and 0.0 < allowed < 1.0):
         raise MakeError(
-            f"--young-mpa must be above 0 and --strain in (0, 1), but they are {young / 1e6:g} and {allowed:g}"
+            f"`young_mpa` must be above 0 and `strain` in (0, 1), but they are {young / 1e6:g} and {allowed:g}"
         )
     return Material(name=name, young_pa=young, strain=allowed, density_kg_m3=known.density_kg_m3)

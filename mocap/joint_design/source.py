@@ -116,9 +116,9 @@ def _from_run(folder: Path, joint: str | None) -> JointSource:
     potentials = {Path(file).stem: path for file, path in files.items() if file.startswith("potentials/")}
     there = sorted(potentials)
     if not there:
-        raise MocapError(f"{folder}: has no potentials/: give a folder that mocap track wrote with --skeleton")
+        raise MocapError(f"{folder}: has no potentials/: give a folder that mocap track wrote with `skeleton`")
     if joint not in there:
-        raise MocapError(f"{folder}: give --joint, one of {', '.join(there)}" + (f", not {joint}" if joint else ""))
+        raise MocapError(f"{folder}: give `joint`, one of {', '.join(there)}" + (f", not {joint}" if joint else ""))
     return _from_file(potentials[joint], joint, files.get("joints.csv", folder / "joints.csv"))
 
 
@@ -155,12 +155,12 @@ def _joint(names: tuple[str, ...], joint: str | None, skeleton: Path | None, pat
     if skeleton is not None:
         joints = {j.name: j for j in read_skeleton(skeleton).for_markers(names, source=str(path)).joints}
         if joint not in joints:
-            raise MocapError(f"{skeleton}: give --joint, one of {', '.join(joints) or 'none is there'}")
+            raise MocapError(f"{skeleton}: give `joint`, one of {', '.join(joints) or 'none is there'}")
         return joints[joint]
     parts = tuple(part.strip() for part in (joint or "").split(","))
     if len(parts) != 3 or not set(parts) <= set(names):
         raise MocapError(
-            f"{path}: a model knows markers, not joints: give --skeleton with --joint, or --joint parent,centre,child "
+            f"{path}: a model knows markers, not joints: give `skeleton` with `joint`, or `joint` parent,centre,child "
             f"of its markers {', '.join(names)}"
         )
     return Joint(name=f"{parts[1]}_{parts[2]}", parent=parts[0], centre=parts[1], child=parts[2])

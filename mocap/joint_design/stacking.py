@@ -59,7 +59,7 @@ def stacked(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printing
     names = ", ".join(str(k + 1) for k in sorted(needed or {k for pair in sweeps for k in pair}))
     raise MakeError(
         f"members {names} sweep over each other's posts: they cannot be stacked; narrow them with a smaller "
-        "--width-mm, ask for fewer --members, or take another --seed"
+        "`width_mm`, ask for fewer `members`, or take another `seed`"
     )
 
 

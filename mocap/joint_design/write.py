@@ -55,7 +55,7 @@ def _write_parts(kit: Kit, q_m: Array, folder: Path) -> None:
     clash = overlaps(placed)
     if clash:
         a, b, volume = clash[0]
-        raise MocapError(f"parts {a} and {b} overlap by {volume:.2f} mm^3 when assembled: give another --seed")
+        raise MocapError(f"parts {a} and {b} overlap by {volume:.2f} mm^3 when assembled: give another `seed`")
     scene = trimesh.Scene()
     for name, solid in placed:
         scene.add_geometry(mesh(solid), node_name=name, geom_name=name)

@@ -38,7 +38,7 @@ def from_pictures(
         CalibrationError: whatever makes that impossible.
     """
     if lens not in ("auto", *CHOICES):
-        raise CalibrationError(f"--lens {lens!r} is no lens model: auto, {', '.join(CHOICES)}")
+        raise CalibrationError(f"`lens` {lens!r} is no lens model: auto, {', '.join(CHOICES)}")
     choices = tuple(CHOICES) if lens == "auto" else (lens,)
     board, views = detect(pictures_of(folder), board, progress=tell)
     lenses = None if known is None else {c.name: rig_lens(c) for c in read_calibration(known)}
@@ -121,7 +121,7 @@ def from_wand(
     else:
         if profile is None or length_m is None:
             raise CalibrationError(
-                f"{file.name}: a wand needs its length and the lenses: give --length-m and --profile"
+                f"{file.name}: a wand needs its length and the lenses: give `length_m` and `profile`"
             )
         pixels = dltdv.read_pixels(file, fps=1.0)
         if len(pixels.names) != 2:
@@ -169,7 +169,7 @@ def from_wand(
         f"y {'up, z backward' if lower_left else 'down, z forward'}).",
         "",
         "A wand cannot tell whether rows count up or down: they were taken as counted from the "
-        f"{'lower' if lower_left else 'upper'} left; otherwise the world is mirrored (state --origin).",
+        f"{'lower' if lower_left else 'upper'} left; otherwise the world is mirrored (state `origin`).",
     ]
     numbers = {
         "method": "wand",
@@ -276,14 +276,14 @@ def _bone(text: str, names: Sequence[str]) -> Bone:
     parts = [p.strip() for p in text.split(",")]
     if len(parts) not in (2, 3) or any(p not in names for p in parts[:2]):
         raise CalibrationError(
-            f"--bone {text!r}: expected two of {', '.join(names[:30])}, and maybe a length in metres"
+            f"`bone` {text!r}: expected two of {', '.join(names[:30])}, and maybe a length in metres"
         )
     try:
         length = float(parts[2]) if len(parts) == 3 else None
     except ValueError:
-        raise CalibrationError(f"--bone {text!r}: {parts[2]!r} is no length in metres") from None
+        raise CalibrationError(f"`bone` {text!r}: {parts[2]!r} is no length in metres") from None
     if length is not None and not length > 0:
-        raise CalibrationError(f"--bone {text!r}: a length is above 0")
+        raise CalibrationError(f"`bone` {text!r}: a length is above 0")
     return Bone(first=names.index(parts[0]), second=names.index(parts[1]), length_m=length)
 
 

@@ -90,7 +90,7 @@ def _run_job(
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
     if model in ("eal", "mixture") and reason is not None:
-        raise MocapError(f"{source.tracks.name}: no EAL model can be learned: {reason}; use --model constant_velocity")
+        raise MocapError(f"{source.tracks.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
     scores, hidden = {}, 0
     if validated:
         with stages.stage("validate on hidden samples") as progress:

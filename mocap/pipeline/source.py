@@ -58,20 +58,22 @@ class Source:
 
     def __post_init__(self) -> None:
         """Check what is stated."""
-        stated = {"fps": self.fps, "pixel-sd": self.pixel_sd, "image-height": self.image_height_px}
+        stated = {"fps": self.fps, "pixel_sd": self.pixel_sd, "image_height_px": self.image_height_px}
         for name, value in stated.items():
             check_stated(name, value)
-        cameras = {"profile": self.profile, "origin": self.pixel_origin, "dlt-origin": self.coefficient_origin}
+        cameras = {"profile": self.profile, "origin": self.pixel_origin, "calibration_origin": self.coefficient_origin}
         for name, value in cameras.items():
             if value is not None and self.coefficients is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
-                raise MocapError(f"--{name} says something of cameras, but there are no coefficients: give --dlt")
+                raise MocapError(
+                    f"`{name}` says something of cameras, but there are no coefficients: give `calibration`"
+                )
 
     @cached_property
     def _read(self) -> tuple[Recording, tuple[str, ...]]:
         recording = read(self.tracks)
         recording = recording if self.unit is None else recording.with_unit(self.unit)
         if self.fps is None and recording.fps is None:
-            raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
+            raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give `fps`")
         if self.fps is None and recording.fps is not None:
             check_rate(recording.fps, self.tracks.name)
         return every_frame(recording if self.fps is None else recording.with_rate(self.fps))
@@ -202,7 +204,7 @@ def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...]
     if not recording.cameras:
         project = recording.format == "dltdv-project"
         what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
-        raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give --dlt")
+        raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give `calibration`")
     return recording.pixels, recording.cameras, source.tracks.name
 
 

@@ -47,7 +47,7 @@ def with_footage(run: Run, movies: Sequence[Movie], *, offsets: tuple[Array, str
     cameras, n_frames = run.cameras, len(run.tracked.markers.t_s)
     if len(movies) != len(cameras):
         raise MocapError(
-            f"--video: {len(movies)} movies ({', '.join(m.path.name for m in movies)}) for {len(cameras)} cameras: "
+            f"`video`: {len(movies)} movies ({', '.join(m.path.name for m in movies)}) for {len(cameras)} cameras: "
             "give one a camera in the order of the cameras, or a folder that holds one a camera"
         )
     offset_frames, source = offsets
@@ -55,7 +55,7 @@ def with_footage(run: Run, movies: Sequence[Movie], *, offsets: tuple[Array, str
     if columns not in (1, len(cameras)) or rows not in (1, n_frames):
         raise MocapError(
             f"offsets of movies {source}: {rows} rows of {columns} for {n_frames} frames of {len(cameras)} cameras: "
-            "give --video-offset, one for all or one a camera"
+            "give `video_offset`, one for all or one a camera"
         )
     whole = np.round(np.nan_to_num(offset_frames)).astype(np.int64)
     shifts = np.broadcast_to(whole, (n_frames, len(cameras)))
@@ -73,7 +73,7 @@ def _with_size(camera: Camera, movie: Movie) -> Camera:
     """The camera with the size of its movie's pictures."""
     if camera.size_px is not None and tuple(camera.size_px) != movie.size_px:
         raise MocapError(
-            f"--video: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]}, but camera {camera.name} is "
+            f"`video`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]}, but camera {camera.name} is "
             f"{camera.size_px[0]} x {camera.size_px[1]}: give the movies in the order of the cameras, uncropped"
         )
     return replace(camera, size_px=movie.size_px)

@@ -38,7 +38,7 @@ def test_a_result_appears_and_the_next_replaces_it_and_nothing_else(tmp_path):
     (out / "notes.txt").write_text("mine")
     (out / "sub").mkdir()
     (out / "sub" / "more.txt").write_text("mine too")
-    with pytest.raises(OutputError, match="--force to replace the earlier result"):
+    with pytest.raises(OutputError, match="`overwrite` to replace the earlier result"):
         write(out, {"x.csv": "9"})
     write(out, {"x.csv": "4", "y.csv": "5"}, replace=True)
     assert texts(out) == {"x.csv": "4", "y.csv": "5", "notes.txt": "mine", "sub/more.txt": "mine too"}
@@ -127,7 +127,7 @@ def test_a_file_replaces_its_own_earlier_one_only(tmp_path):
     with result_file(path) as file:
         file.write_text("1")
         file.with_name("a_offsets.csv").write_text("0")
-    with pytest.raises(OutputError, match="give --force to replace it"), result_file(path):
+    with pytest.raises(OutputError, match="give `overwrite` to replace it"), result_file(path):
         pass
     with result_file(path, replace=True) as file:
         file.write_text("2")
@@ -277,7 +277,7 @@ def test_places_that_cannot_be_written_are_named(tmp_path):
     """A file in the way, a folder in place of a file; nothing is made on the way there."""
     (tmp_path / "f").write_text("1")
     for path in (tmp_path / "f", tmp_path / "f" / "below"):
-        with pytest.raises(OutputError, match="give another --out"):
+        with pytest.raises(OutputError, match="another place"):
             write(path, {"x": "1"})
     with pytest.raises(OutputError, match="is a folder"), result_file(tmp_path):
         pass

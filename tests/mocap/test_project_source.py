@@ -100,7 +100,9 @@ def test_a_project_is_what_its_tables_are(files):
 
 def test_coefficients_that_are_given_go_first(mocap, files, tmp_path):
     """A project without calibration says so; with --dlt and --profile it gives the points of the tables."""
-    with pytest.raises(CalibrationError, match=r"raw_dvProject\.mat: a project without DLT coefficients: .*give --dlt"):
+    with pytest.raises(
+        CalibrationError, match=r"raw_dvProject\.mat: a project without DLT coefficients: .*give `calibration`"
+    ):
         prepare(Source(tracks=files["raw"], fps=FPS))
     cameras = ["--dlt", files["coefficients"], "--profile", files["profile"]]
     points = []
@@ -118,8 +120,8 @@ def test_what_tables_alone_need_is_asked_for(mocap, files, tmp_path):
     """Tables need --dlt; options about cameras need cameras, which a project has."""
     code, _, err = mocap("triangulate", files["pixels"], "--out", tmp_path / "a.csv")
     assert code == 1
-    assert "give --dlt" in err
-    with pytest.raises(MocapError, match="--origin says something of cameras"):
+    assert "give --calibration" in err
+    with pytest.raises(MocapError, match="`origin` says something of cameras"):
         Source(tracks=tmp_path / "a_xyzpts.csv", fps=FPS, pixel_origin="upper-left")
     assert Source(tracks=files["project"], fps=FPS, pixel_origin="upper-left").filmed
 

@@ -167,9 +167,9 @@ def test_the_noise_is_estimated_beside_outliers(sd):
 
 def test_no_point_no_noise():
     """Where no point is seen by two cameras the noise cannot be known, and the user is told what to give."""
-    with pytest.raises(ValueError, match=r"seen by two cameras.*give --pixel-sd"):
+    with pytest.raises(ValueError, match=r"seen by two cameras.*give `pixel_sd`"):
         pixel_sd(np.full((3, 2), np.nan), np.zeros((3, 2), dtype=int))
-    with pytest.raises(ValueError, match="--pixel-sd"):
+    with pytest.raises(ValueError, match="`pixel_sd`"):
         robust(stacked(ring(2)), np.full((2, 3, 1, 2), np.nan))
     found = robust(stacked(ring(2)), np.full((2, 3, 1, 2), np.nan), sd_px=1.0)
     assert np.isnan(found.xyz_m).all()

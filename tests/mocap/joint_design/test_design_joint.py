@@ -90,7 +90,7 @@ def test_what_exists_is_kept(designed, potential_file):
     folder, _ = designed
     result = CliRunner().invoke(app, ["design-joint", str(potential_file), "--out", str(folder)])
     assert isinstance(result.exception, MocapError)
-    assert "--force" in str(result.exception)
+    assert "`overwrite`" in str(result.exception)
 
 
 @pytest.mark.parametrize(

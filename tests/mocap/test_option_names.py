@@ -1,0 +1,87 @@
+"""Errors of the library name its arguments, those of the command line its options; options come as records."""
+
+import inspect
+import sys
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import mocap
+from mocap.cli.main import app, main
+from mocap.cli.options import CameraOptions, RecordingOptions
+from mocap.cli.records import with_records
+from mocap.cli.words import option_names, with_options
+
+ROWS = "a_x,a_y,a_z\n" + "\n".join(f"{i},{i},{i}" for i in range(9)) + "\n"
+
+
+@pytest.fixture
+def positions(tmp_path):
+    path = tmp_path / "a_xyzpts.csv"
+    path.write_text(ROWS)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("stated", "argument", "option"),
+    [
+        ({}, "give `fps`", "give --fps"),
+        ({"fps": 1e9}, "`fps` must be", "--fps must be"),
+        ({"fps": 100, "origin": "upper-left"}, "give `calibration`", "give --calibration"),
+        ({"fps": 100, "image_height_px": -1.0}, "`image_height_px` must", "--image-height must"),
+    ],
+)
+def test_each_side_is_told_in_its_own_words(positions, monkeypatch, capsys, stated, argument, option):
+    """The same mistake, as an argument of mocap.read and as an option of mocap track."""
+    with pytest.raises(mocap.MocapError) as refused:
+        mocap.read(positions, **stated)
+    assert argument in str(refused.value)
+    words = [w for k, v in stated.items() for w in (f"--{k.removesuffix('_px').replace('_', '-')}", str(v))]
+    monkeypatch.setattr(sys, "argv", ["mocap", "track", str(positions), "--out", str(positions.parent / "o"), *words])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 1
+    assert option in capsys.readouterr().err
+
+
+def test_what_is_no_option_stays_as_it_is():
+    """Names of programs and files in backquotes are not touched."""
+    text = "run `rerun` or `pip install x`, or give `fps`"
+    assert with_options(text, option_names(typer.main.get_command(app))) == text.replace("`fps`", "--fps")
+
+
+def test_every_option_of_a_record_reaches_the_command():
+    """Typer shows the fields of both records and the command's own; the command gets the records."""
+    got = {}
+    program = typer.Typer()
+
+    @program.command()
+    @with_records
+    def command(stated: RecordingOptions, more: int = 1) -> None:
+        got.update(stated=stated, more=more)
+
+    done = CliRunner().invoke(program, ["--dlt", "c.csv", "--fps", "50", "--more", "3"])
+    assert done.exit_code == 0, done.output
+    assert got["more"] == 3
+    assert got["stated"].fps == 50
+    assert str(got["stated"].calibration) == "c.csv"
+    names = {*inspect.signature(command).parameters}
+    assert {"calibration", "fps", "skeleton", "more"} <= names
+    assert "stated" not in names
+
+
+def test_two_options_of_one_name_are_refused():
+    """One of them would hide the other."""
+    with pytest.raises(TypeError, match="two options profile"):
+
+        @with_records
+        def command(cameras: CameraOptions, profile: str = "") -> None:
+            """Never called."""
+
+
+def test_earlier_names_of_options_still_work():
+    """--dlt, --dlt-origin, --in-step and --video-straight, as scripts have them."""
+    found = {o for c in typer.main.get_command(app).commands.values() for p in c.params for o in p.opts}
+    assert {"--dlt", "--dlt-origin", "--in-step", "--video-straight"} <= found
+    assert {"--calibration", "--calibration-origin", "--correct-lag", "--video-undistorted"} <= found

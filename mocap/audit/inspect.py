@@ -18,11 +18,14 @@ from mocap.io.together import joined
 _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
 
 
-def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
+def inspect(
+    files: Sequence[Path], hints: Hints, *, fps: float | None = None, unit: str | None = None
+) -> list[dict[str, Any]]:
     """A summary of each file, with the findings of its reader and of the audit.
 
     A file that cannot be read has ``error`` and that as its finding, and the ``format`` that it begins as, if any.
-    Several files that belong together are compared; what that finds stands with the first of them.
+    Several files that belong together are compared; what that finds stands with the first of them. A frame rate and a
+    unit that the user states are those of files that do not hold them, as in ``mocap track``.
     """
     found, recordings = [], []
     for path in files:
@@ -31,6 +34,8 @@ def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
             format = identify(path) if hints.format is None else by_name(hints.format)
             name = format.name
             recording = read_as(format, path, hints)
+            recording = recording if fps is None else recording.with_rate(fps)
+            recording = recording if unit is None else recording.with_unit(unit)
         except Exception as error:  # whatever it is, the other files are looked at too
             known = isinstance(error, FormatError)
             text = (

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, Columns, Force, FormatName, Fps, SparseCameras, Unit
+from mocap.cli.options import AsJson, Columns, Force, FormatName, Fps, Sheet, SparseCameras, Unit
 
 
 def convert(
@@ -22,6 +22,7 @@ def convert(
     unit: Unit = None,
     cameras: SparseCameras = None,
     columns: Columns = None,
+    sheet: Sheet = None,
     filled: Annotated[
         bool, typer.Option("--filled", help="Write filled samples also where the format cannot tell that they are.")
     ] = False,
@@ -34,7 +35,7 @@ def convert(
     from mocap.io.output import result_file
     from mocap.io.plain import parse_columns
 
-    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name)
+    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name, sheet=sheet)
     with result_file(out, replace=force, inputs=files, tell=say) as file:
         done = convert_files(files, file, hints=hints, to=to, fps=fps, unit=unit, filled=filled)
     done["written"] = [str(out.with_name(name)) for name in done["written"]]

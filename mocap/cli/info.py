@@ -7,14 +7,17 @@ from typing import Annotated, Any
 import typer
 
 from mocap.cli.console import output
-from mocap.cli.options import AsJson, Columns, FormatName, SparseCameras
+from mocap.cli.options import AsJson, Columns, FormatName, Fps, Sheet, SparseCameras, Unit
 
 
 def info(
     files: Annotated[list[Path], typer.Argument(help="Files of any format; those that belong together are compared.")],
     format_name: FormatName = None,
+    fps: Fps = None,
+    unit: Unit = None,
     cameras: SparseCameras = None,
     columns: Columns = None,
+    sheet: Sheet = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what files are: format, points, cameras, frames, rate, units, gaps, and what is unusual in them."""
@@ -22,8 +25,8 @@ def info(
     from mocap.io.format import Hints
     from mocap.io.plain import parse_columns
 
-    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name)
-    found: list[dict[str, Any]] = inspect(files, hints)
+    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name, sheet=sheet)
+    found: list[dict[str, Any]] = inspect(files, hints, fps=fps, unit=unit)
     if as_json:
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201
     else:

@@ -10,15 +10,19 @@ import typer
 from mocap.cli.console import program, say, show
 from mocap.cli.options import (
     AsJson,
+    Columns,
     Dlt,
     DltOrigin,
     Force,
+    FormatName,
     Fps,
     ImageHeight,
     PixelOriginOption,
     PixelSd,
     Profile,
+    Sheet,
     SkeletonFile,
+    SparseCameras,
     Unit,
 )
 from mocap.pipeline.source import Source
@@ -37,6 +41,10 @@ def learn(
     image_height: ImageHeight = None,
     pixel_sd: PixelSd = None,
     seed: Annotated[int, typer.Option(min=0, help="Which samples are hidden to choose and to calibrate.")] = 0,
+    format_name: FormatName = None,
+    cameras: SparseCameras = None,
+    columns: Columns = None,
+    sheet: Sheet = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -46,9 +54,12 @@ def learn(
     were hidden from it, and printed.
     """
     from filters.model_file import save_model
+    from mocap.io.format import Hints
     from mocap.io.output import result_file
+    from mocap.io.plain import parse_columns
     from mocap.pipeline.learning import learn_from, readable_scores
 
+    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name, sheet=sheet)
     sources = [
         Source(
             tracks=tracks,
@@ -61,6 +72,7 @@ def learn(
             image_height_px=image_height,
             pixel_sd=pixel_sd,
             unit=unit,
+            hints=hints,
         )
         for tracks in trials
     ]

@@ -30,6 +30,10 @@ Columns = Annotated[
     str | None,
     typer.Option(help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or numbers from 1)."),
 ]
+Sheet = Annotated[
+    str | None,
+    typer.Option(help="Sheet of a workbook (.xlsx) that has several: its name, or its number from 1."),
+]
 SkeletonFile = Annotated[Path | None, typer.Option("--skeleton", help="Skeleton in TOML: markers, bones, joints.")]
 PixelSd = Annotated[float | None, typer.Option(help="Standard deviation of a pixel; if not given, estimated.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]

@@ -13,16 +13,20 @@ import typer
 from mocap.cli.console import finish, progress, say
 from mocap.cli.options import (
     AsJson,
+    Columns,
     Dlt,
     DltOrigin,
     Force,
+    FormatName,
     Fps,
     ImageHeight,
     Out,
     PixelOriginOption,
     PixelSd,
     Profile,
+    Sheet,
     SkeletonFile,
+    SparseCameras,
     Tracks,
     Unit,
 )
@@ -75,18 +79,25 @@ def track(
         typer.Option("--live", help="Show frames as they are filtered; then the whole run, until you close it."),
     ] = False,
     validate: Annotated[bool, typer.Option(help="Hide samples and measure how they are filled.")] = True,
+    format_name: FormatName = None,
+    cameras: SparseCameras = None,
+    columns: Columns = None,
+    sheet: Sheet = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
     from filters.model_file import load_model
+    from mocap.io.format import Hints
     from mocap.io.output import result_folder
+    from mocap.io.plain import parse_columns
     from mocap.pipeline.job import Model, run_job
     from mocap.rerun.footage import offsets_of, open_movies, with_footage
     from mocap.rerun.record import recording_id, write_recording
     from mocap.rerun.watch import session
     from mocap.results.tables import write_run
 
+    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name, sheet=sheet)
     source = Source(
         tracks=tracks,
         fps=fps,
@@ -100,6 +111,7 @@ def track(
         pixel_sd=pixel_sd,
         in_step=in_step,
         unit=unit,
+        hints=hints,
     )
     learned = None if model in get_args(Model) else load_model(existing_model(model))
     inputs = [*source.inputs, None if learned is None else Path(model)]

@@ -1,7 +1,7 @@
 """The files of a recording: what the user names and states, read and brought to ideal pixels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from mocap.cameras.camera import Camera, check_cameras, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.io import dltdv
 from mocap.io.every_frame import every_frame
+from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.recording import Recording
 from mocap.io.registry import read
@@ -40,6 +41,7 @@ class Source:
         pixel_sd: Standard deviation of a pixel; None: estimated.
         unit: Unit of lengths, where the files do not state it; None: metres.
         in_step: Whether cameras that run late by the audit are read between their frames.
+        hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
     """
 
     tracks: Path
@@ -54,6 +56,7 @@ class Source:
     pixel_sd: float | None = None
     unit: str | None = None
     in_step: bool = False
+    hints: Hints = field(default_factory=Hints)
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -67,7 +70,7 @@ class Source:
 
     @cached_property
     def _read(self) -> tuple[Recording, tuple[str, ...]]:
-        recording = read(self.tracks)
+        recording = read(self.tracks, self.hints)
         recording = recording if self.unit is None else recording.with_unit(self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")

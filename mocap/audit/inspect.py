@@ -12,7 +12,7 @@ from mocap.errors import CalibrationError, FormatError
 from mocap.io.describe import summary
 from mocap.io.format import Hints
 from mocap.io.recording import Recording
-from mocap.io.registry import by_name, identify, read_as
+from mocap.io.registry import identify, read_as
 from mocap.io.together import joined
 
 _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
@@ -31,7 +31,7 @@ def inspect(
     for path in files:
         name = None
         try:
-            format = identify(path) if hints.format is None else by_name(hints.format)
+            format = identify(path, hints)
             name = format.name
             recording = read_as(format, path, hints)
             recording = recording if fps is None else recording.with_rate(fps)

@@ -17,8 +17,8 @@ from mocap.io.optical import rate_of_times
 from mocap.io.recording import Recording, pixel_recording, point_recording
 
 _TITLE = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>[xyzXYZ])")
-_TIMES = ("t_s", "time_s", "time", "t", "seconds")
-_FRAMES = ("frame", "frame#", "frames", "fnum", "")
+TIMES = ("t_s", "time_s", "time", "t", "seconds")
+FRAMES = ("frame", "frame#", "frames", "fnum", "")
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, ...]]:
@@ -63,9 +63,9 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
     special: dict[str, tuple[str, ...]] = {}
     for title in header:
         match = _TITLE.fullmatch(title)
-        if title.lower() in _TIMES:
+        if title.lower() in TIMES:
             special["time"] = (title,)
-        elif title.lower() in _FRAMES:
+        elif title.lower() in FRAMES:
             special["frame"] = (title,)
         elif match is None or match["axis"].lower() in found.setdefault(match["name"] or "point", {}):
             return {}

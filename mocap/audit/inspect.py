@@ -1,6 +1,7 @@
 """What files hold, file by file, and what they say of each other."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from mocap.io.format import Hints
 from mocap.io.recording import Recording
 from mocap.io.registry import identify, read_as
 from mocap.io.together import joined
+from mocap.io.unstated_unit import in_metres
 
 _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
 
@@ -35,7 +37,9 @@ def inspect(
             name = format.name
             recording = read_as(format, path, hints)
             recording = recording if fps is None else recording.with_rate(fps)
+            told = in_metres(recording, unit)[1]
             recording = recording if unit is None else recording.with_unit(unit)
+            recording = replace(recording, findings=(*told, *recording.findings))
         except Exception as error:  # whatever it is, the other files are looked at too
             known = isinstance(error, FormatError)
             text = (

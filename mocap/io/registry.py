@@ -125,7 +125,7 @@ def read_as(format: Format, path: Path, hints: Hints) -> Recording:
 
 def _of(path: Path, told: Sequence[str], recording: Recording) -> Recording:
     """A recording as of the file that the user named, with what is to be said of its text before all else."""
-    return replace(recording, paths=(path,), findings=(*told, *recording.findings))
+    return replace(recording, paths=(path,), findings=(*told, *recording.findings), assumed=(*told, *recording.assumed))
 
 
 def _read_as(format: Format, path: Path, hints: Hints) -> Recording:

@@ -79,6 +79,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
     fps, told = (None, ["the file does not hold the frame rate"]) if time is None else rate_of_times(path, time)
     first = next(iter(where))
     title = header[where[first]]
+    said = f"titles were typed: {title!r} is read as marker {first[0]!r}, camera {first[1]}, {'xy'[first[2]]}"
     return pixel_recording(
         path,
         "typed-pixels",
@@ -88,11 +89,8 @@ def _read(path: Path, _hints: Hints) -> Recording:
         frames=frames,
         first=1 if frames is None else int(frames[0]),
         fps=fps,
-        findings=(
-            f"titles were typed: {title!r} is read as marker {first[0]!r}, camera {first[1]}, {'xy'[first[2]]}",
-            *told,
-            "the file does not record the corner that pixel rows are counted from",
-        ),
+        findings=(said, *told, "the file does not record the corner that pixel rows are counted from"),
+        assumed=(said,),
     )
 
 

@@ -18,6 +18,7 @@ from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.recording import Recording
 from mocap.io.registry import read
+from mocap.io.unstated_unit import in_metres
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
 from mocap.stated import check_rate, check_stated
@@ -71,12 +72,13 @@ class Source:
     @cached_property
     def _read(self) -> tuple[Recording, tuple[str, ...]]:
         recording = read(self.tracks, self.hints)
-        recording = recording if self.unit is None else recording.with_unit(self.unit)
+        recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give --fps")
         if self.fps is None and recording.fps is not None:
             check_rate(recording.fps, self.tracks.name)
-        return every_frame(recording if self.fps is None else recording.with_rate(self.fps))
+        recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
+        return recording, (*told, *recording.assumed, *left_out)
 
     @property
     def recording(self) -> Recording:
@@ -90,7 +92,7 @@ class Source:
 
     @property
     def frame_findings(self) -> tuple[str, ...]:
-        """What is to be said of frames that the file leaves out."""
+        """What is to be said first: how the file was read where it leaves that open, and frames that it leaves out."""
         return self._read[1]
 
     @property

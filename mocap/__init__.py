@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mocap.errors import MocapError
+    from mocap.io.format import Hints
     from mocap.library.learning import Model, learn, load_model
     from mocap.library.recording import read
     from mocap.library.tracked import Tracked, load, track
     from mocap.pipeline.source import Source
 
-__all__ = ["MocapError", "Model", "Source", "Tracked", "learn", "load", "load_model", "read", "track"]
+__all__ = ["Hints", "MocapError", "Model", "Source", "Tracked", "learn", "load", "load_model", "read", "track"]
 
 _PLACES = {
+    "Hints": "mocap.io.format",
     "MocapError": "mocap.errors",
     "Model": "mocap.library.learning",
     "Source": "mocap.pipeline.source",

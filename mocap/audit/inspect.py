@@ -1,6 +1,7 @@
 """What files hold, file by file, and what they say of each other."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,25 +13,33 @@ from mocap.errors import CalibrationError, FormatError
 from mocap.io.describe import summary
 from mocap.io.format import Hints
 from mocap.io.recording import Recording
-from mocap.io.registry import by_name, identify, read_as
+from mocap.io.registry import identify, read_as
 from mocap.io.together import joined
+from mocap.io.unstated_unit import in_metres
 
 _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
 
 
-def inspect(files: Sequence[Path], hints: Hints) -> list[dict[str, Any]]:
+def inspect(
+    files: Sequence[Path], hints: Hints, *, fps: float | None = None, unit: str | None = None
+) -> list[dict[str, Any]]:
     """A summary of each file, with the findings of its reader and of the audit.
 
     A file that cannot be read has ``error`` and that as its finding, and the ``format`` that it begins as, if any.
-    Several files that belong together are compared; what that finds stands with the first of them.
+    Several files that belong together are compared; what that finds stands with the first of them. A frame rate and a
+    unit that the user states are those of files that do not hold them, as in ``mocap track``.
     """
     found, recordings = [], []
     for path in files:
         name = None
         try:
-            format = identify(path) if hints.format is None else by_name(hints.format)
+            format = identify(path, hints)
             name = format.name
             recording = read_as(format, path, hints)
+            recording = recording if fps is None else recording.with_rate(fps)
+            told = in_metres(recording, unit)[1]
+            recording = recording if unit is None else recording.with_unit(unit)
+            recording = replace(recording, findings=(*told, *recording.findings))
         except Exception as error:  # whatever it is, the other files are looked at too
             known = isinstance(error, FormatError)
             text = (

@@ -7,21 +7,21 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, Columns, Force, FormatName, Fps, SparseCameras, Unit
+from mocap.cli.options import AsJson, FileOptions, Force, Fps, Unit
+from mocap.cli.records import with_records
 
 
+@with_records
 def convert(
     files: Annotated[list[Path], typer.Argument(help="File of any format; several are joined (views, calibration).")],
     out: Annotated[Path, typer.Argument(help="File to write; the end of its name tells the format.")],
+    stated: FileOptions,
     to: Annotated[
         str | None,
         typer.Option(help="Format: c3d, trc, movement, csv-wide, csv-long, parquet, dltdv, anipose-calibration."),
     ] = None,
-    format_name: FormatName = None,
     fps: Fps = None,
     unit: Unit = None,
-    cameras: SparseCameras = None,
-    columns: Columns = None,
     filled: Annotated[
         bool, typer.Option("--filled", help="Write filled samples also where the format cannot tell that they are.")
     ] = False,
@@ -30,13 +30,10 @@ def convert(
 ) -> None:
     """Write a recording in another format; what that cannot hold is listed, or refused."""
     from mocap.io.convert import convert_files
-    from mocap.io.format import Hints
     from mocap.io.output import result_file
-    from mocap.io.plain import parse_columns
 
-    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name)
     with result_file(out, replace=force, inputs=files, tell=say) as file:
-        done = convert_files(files, file, hints=hints, to=to, fps=fps, unit=unit, filled=filled)
+        done = convert_files(files, file, hints=stated.hints(), to=to, fps=fps, unit=unit, filled=filled)
     done["written"] = [str(out.with_name(name)) for name in done["written"]]
     if as_json:
         print(json.dumps(done))  # noqa: T201

@@ -7,23 +7,22 @@ from typing import Annotated, Any
 import typer
 
 from mocap.cli.console import output
-from mocap.cli.options import AsJson, Columns, FormatName, SparseCameras
+from mocap.cli.options import AsJson, FileOptions, Fps, Unit
+from mocap.cli.records import with_records
 
 
+@with_records
 def info(
     files: Annotated[list[Path], typer.Argument(help="Files of any format; those that belong together are compared.")],
-    format_name: FormatName = None,
-    cameras: SparseCameras = None,
-    columns: Columns = None,
+    stated: FileOptions,
+    fps: Fps = None,
+    unit: Unit = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what files are: format, points, cameras, frames, rate, units, gaps, and what is unusual in them."""
     from mocap.audit.inspect import inspect, readable
-    from mocap.io.format import Hints
-    from mocap.io.plain import parse_columns
 
-    hints = Hints(cameras=cameras, columns=parse_columns(columns or ""), format=format_name)
-    found: list[dict[str, Any]] = inspect(files, hints)
+    found: list[dict[str, Any]] = inspect(files, stated.hints(), fps=fps, unit=unit)
     if as_json:
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201
     else:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
+    from mocap.io.format import Hints
     from mocap.pipeline.source import Source
 
 PixelOrigin = Literal["upper-left", "lower-left"]
@@ -37,6 +38,10 @@ Columns = Annotated[
     str | None,
     typer.Option(help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or numbers from 1)."),
 ]
+Sheet = Annotated[
+    str | None,
+    typer.Option(help="Sheet of a workbook (.xlsx) that has several: its name, or its number from 1."),
+]
 SkeletonFile = Annotated[Path | None, typer.Option("--skeleton", help="Skeleton in TOML: markers, bones, joints.")]
 PixelSd = Annotated[float | None, typer.Option(help="Standard deviation of a pixel; if not given, estimated.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
@@ -45,7 +50,25 @@ Out = Annotated[Path, typer.Option(help="Folder to write.")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraOptions:
+class FileOptions:
+    """How a file is to be read, where it does not say so itself."""
+
+    format_name: FormatName = None
+    cameras: SparseCameras = None
+    columns: Columns = None
+    sheet: Sheet = None
+
+    def hints(self) -> "Hints":
+        """As readers take it."""
+        from mocap.io.format import Hints
+        from mocap.io.plain import parse_columns
+
+        columns = parse_columns(self.columns or "")
+        return Hints(cameras=self.cameras, columns=columns, format=self.format_name, sheet=self.sheet)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions(FileOptions):
     """What is stated about the cameras."""
 
     calibration: Calibration = None
@@ -62,6 +85,7 @@ class CameraOptions:
             "origin": self.origin,
             "calibration_origin": self.calibration_origin,
             "image_height_px": self.image_height,
+            "hints": self.hints(),
         }
 
 

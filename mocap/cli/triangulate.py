@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, CameraOptions, Force, PixelSd, Tracks
+from mocap.cli.options import AsJson, Force, RecordingOptions, Tracks
 from mocap.cli.records import with_records
 
 
@@ -16,8 +16,7 @@ from mocap.cli.records import with_records
 def triangulate(
     tracks: Tracks,
     out: Annotated[Path, typer.Option(help="xyzpts file to write.")],
-    stated: CameraOptions,
-    pixel_sd: PixelSd = None,
+    stated: RecordingOptions,
     refine: Annotated[
         bool, typer.Option("--refine", help="Smallest reprojection error, bad rays rejected, with _sd columns.")
     ] = False,
@@ -29,7 +28,8 @@ def triangulate(
     from mocap.io.output import result_file
     from mocap.pipeline.triangulate_file import triangulate_file
 
-    recording = mocap.read(tracks, fps=1.0, pixel_sd=pixel_sd, **stated.stated())
+    # points of a frame each: no rate is needed
+    recording = mocap.read(tracks, **{**stated.stated(), "fps": stated.fps or 1.0})
     with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
         summary = triangulate_file(recording, file, refine=refine)
     if as_json:

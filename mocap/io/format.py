@@ -16,11 +16,13 @@ class Hints:
         cameras: Number of cameras of sparse pixel files.
         columns: For plain CSV files: marker to its columns, e.g. {"tip": ("x1", "y1", "z1")}.
         format: Name of the format; None: found by content.
+        sheet: Of a workbook (.xlsx) with several sheets, the one to read: its name, or its number from 1.
     """
 
     cameras: int | None = None
     columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     format: str | None = None
+    sheet: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

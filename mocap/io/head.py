@@ -47,7 +47,7 @@ class Head:
         return self.lines[0] if self.lines else ""
 
     def cells(self, line: int = 0) -> tuple[str, ...]:
-        """The cells of a line of a CSV file."""
+        """The cells of a line of a CSV file; none where tabs separate them."""
         if line >= len(self.lines):
             return ()
         try:
@@ -56,7 +56,8 @@ class Head:
             return ()
         while row and not row[-1].strip():
             row.pop()
-        return tuple(cell.strip() for cell in row)
+        cells = tuple(cell.strip() for cell in row)
+        return () if any("\t" in cell for cell in cells) else cells
 
     @cached_property
     def is_hdf5(self) -> bool:

@@ -16,9 +16,11 @@ from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
 from mocap.io.recording import Recording, pixel_recording, point_recording
 
+_UNITS = "mm|cm|dm|um|m|in|ft"
+_UNIT = re.compile(rf"(?P<title>.*[xyzXYZ])(?:\s*[\[(]\s*(?P<a>{_UNITS})\s*[\])]|[ _](?P<b>mm|cm))", re.DOTALL)
 _TITLE = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>[xyzXYZ])")
-_TIMES = ("t_s", "time_s", "time", "t", "seconds")
-_FRAMES = ("frame", "frame#", "frames", "fnum", "")
+TIMES = ("t_s", "time_s", "time", "t", "seconds", "time (s)", "time [s]", "t (s)", "t [s]")
+FRAMES = ("frame", "frame#", "frames", "fnum", "")
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, ...]]:
@@ -46,7 +48,10 @@ def _read(path: Path, hints: Hints) -> Recording:
     titled = not is_number_row(tuple(c if c not in ("", "NaN", "nan") else "0" for c in head(path).cells()))
     header, values = read_table(path, header=titled)
     header = header or [str(c + 1) for c in range(values.shape[1])]
-    columns = dict(hints.columns) or _by_titles(header)
+    plain, unit = _without_unit(header)
+    columns = dict(hints.columns)
+    if not columns and (columns := _by_titles(plain)):
+        header = plain
     if not columns:
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
         raise FormatError(
@@ -54,7 +59,16 @@ def _read(path: Path, hints: Hints) -> Recording:
             "XMALab, Anipose, DeepLabCut, Vicon, TRC, ours): state which columns hold what: "
             '--columns "tip=x1,y1,z1;root=x2,y2,z2;time=t" (titles, or numbers from 1)'
         )
-    return _mapped(path, header, values, columns)
+    return _mapped(path, header, values, columns, unit=None if hints.columns else unit)
+
+
+def _without_unit(header: list[str]) -> tuple[list[str], str | None]:
+    """Titles without the unit that coordinates have in theirs, ``tip X (mm)``, and that unit if all have one."""
+    found = [_UNIT.fullmatch(title) for title in header]
+    units = {match["a"] or match["b"] for match in found if match}
+    if len(units) != 1 or any(not m and _TITLE.fullmatch(t) for m, t in zip(found, header, strict=True)):
+        return header, None
+    return [match["title"] if match else title for match, title in zip(found, header, strict=True)], units.pop()
 
 
 def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
@@ -63,9 +77,9 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
     special: dict[str, tuple[str, ...]] = {}
     for title in header:
         match = _TITLE.fullmatch(title)
-        if title.lower() in _TIMES:
+        if title.lower() in TIMES:
             special["time"] = (title,)
-        elif title.lower() in _FRAMES:
+        elif title.lower() in FRAMES:
             special["frame"] = (title,)
         elif match is None or match["axis"].lower() in found.setdefault(match["name"] or "point", {}):
             return {}
@@ -77,7 +91,9 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
     return special | {name: tuple(axes[axis] for axis in sorted(axes)) for name, axes in found.items()}
 
 
-def _mapped(path: Path, header: list[str], values: Array, columns: Mapping[str, tuple[str, ...]]) -> Recording:
+def _mapped(
+    path: Path, header: list[str], values: Array, columns: Mapping[str, tuple[str, ...]], *, unit: str | None = None
+) -> Recording:
     def column(title: str) -> Array:
         if title in header:
             return values[:, header.index(title)]
@@ -107,11 +123,11 @@ def _mapped(path: Path, header: list[str], values: Array, columns: Mapping[str, 
         uv = np.where(np.isnan(table).any(axis=-1, keepdims=True), np.nan, table)[None]
         return pixel_recording(
             path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=fps,
-            findings=tuple(findings),
+            findings=tuple(findings), assumed=(findings[0],),
         )  # fmt: skip
     return point_recording(
-        path, "csv", names=list(markers), xyz=table, unit=None, frames=frames, first=first, fps=fps, t_s=times,
-        findings=(*findings, "the unit of lengths is not in the file"),
+        path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=fps, t_s=times,
+        findings=(*findings, *([] if unit else ["the unit of lengths is not in the file"])), assumed=(findings[0],),
     )  # fmt: skip
 
 

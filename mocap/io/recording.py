@@ -41,6 +41,7 @@ class Recording:
         tables: Other arrays: ``residual_px`` (T, M) and ``residual_m`` (T, M) of points, ``interval`` (T, M, 3) half
             widths in the unit of the points, ``offset_frames`` (T, C), ``transforms`` (T, M, 4, 4) world from body.
         findings: Sentences on what is unusual, or not in the file.
+        assumed: Those of them that tell how the file was read where it leaves that open; a report begins with them.
     """
 
     format: str
@@ -59,6 +60,7 @@ class Recording:
     score: Array | None = None
     tables: Mapping[str, Array] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze and check that the parts have one size."""

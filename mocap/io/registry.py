@@ -24,13 +24,15 @@ from mocap.io import (
     tables_long,
     tables_wide,
     trc,
+    typed_pixels,
     vicon,
     xmalab,
 )
 from mocap.io.format import Format, Hints
-from mocap.io.head import head
+from mocap.io.head import Head, head
 from mocap.io.plausible import plausible
 from mocap.io.recording import FILLED, Recording
+from mocap.io.transcribe import transcribed
 from mocap.records import Origin
 
 FORMATS: tuple[Format, ...] = (
@@ -48,6 +50,7 @@ FORMATS: tuple[Format, ...] = (
     *c3d_files.FORMATS,
     *tables_long.FORMATS,
     *tables_wide.FORMATS,
+    *typed_pixels.FORMATS,
     *xmalab.FORMATS,
     *argus.FORMATS,
     *dltdv_set.FORMATS,
@@ -69,13 +72,26 @@ def by_name(name: str) -> Format:
     return found
 
 
-def identify(path: Path) -> Format:
-    """The format of a file, by its content.
+def identify(path: Path, hints: Hints | None = None) -> Format:
+    """The format of a file: the one that the user states, else by its content.
 
     Raises:
         FormatError: it cannot be read, or begins like no format; the message says what was looked for.
     """
+    hints = hints or Hints()
+    with transcribed(path, known=_known, sheet=hints.sheet) as (file, _):
+        return _identify(file, hints)
+
+
+def _known(beginning: Head) -> bool:
+    """Whether a file begins as some format does."""
+    return any(format.knows(beginning) for format in FORMATS)
+
+
+def _identify(path: Path, hints: Hints) -> Format:
     beginning = head(path)
+    if hints.format is not None:
+        return by_name(hints.format)
     for format in FORMATS:
         if format.knows(beginning):
             return format
@@ -93,7 +109,8 @@ def read(path: Path, hints: Hints | None = None) -> Recording:
         FormatError: it is of none, or not what its format promises.
     """
     hints = hints or Hints()
-    return read_as(identify(path) if hints.format is None else by_name(hints.format), path, hints)
+    with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
+        return _of(path, told, _read_as(_identify(file, hints), file, hints))
 
 
 def read_as(format: Format, path: Path, hints: Hints) -> Recording:
@@ -102,6 +119,16 @@ def read_as(format: Format, path: Path, hints: Hints) -> Recording:
     Raises:
         FormatError: it is not what the format promises.
     """
+    with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
+        return _of(path, told, _read_as(format, file, hints))
+
+
+def _of(path: Path, told: Sequence[str], recording: Recording) -> Recording:
+    """A recording as of the file that the user named, with what is to be said of its text before all else."""
+    return replace(recording, paths=(path,), findings=(*told, *recording.findings), assumed=(*told, *recording.assumed))
+
+
+def _read_as(format: Format, path: Path, hints: Hints) -> Recording:
     _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
     recording = plausible(format.read(path, hints))
     with path.open("rb") as stream:

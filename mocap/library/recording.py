@@ -4,6 +4,7 @@ from os import PathLike
 from pathlib import Path
 
 from mocap.cameras.origin import Origin
+from mocap.io.format import Hints
 from mocap.pipeline.source import Source, load_skeleton
 
 PathText = str | PathLike[str]
@@ -23,6 +24,7 @@ def read(
     pixel_sd: float | None = None,
     stored_points: PathText | None = None,
     correct_lag: bool = False,
+    hints: Hints | None = None,
 ) -> Source:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
 
@@ -42,6 +44,8 @@ def read(
         pixel_sd: Standard deviation of a pixel; None: estimated.
         stored_points: xyzpts file to audit; None: the one beside ``tracks``.
         correct_lag: Read cameras that run late, by the audit, between their frames.
+        hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
+            number of cameras of a sparse pixel file, the sheet of a workbook.
 
     Raises:
         FormatError: a file cannot be read.
@@ -65,6 +69,7 @@ def read(
         pixel_sd=pixel_sd,
         stored_points=path(stored_points),
         in_step=correct_lag,
+        hints=hints or Hints(),
     )
     load_skeleton(recording.skeleton, recording.recording.names)
     return recording

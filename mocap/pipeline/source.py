@@ -1,7 +1,7 @@
 """The files of a recording: what the user names and states, read and brought to ideal pixels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -15,9 +15,11 @@ from mocap.cameras.camera import Camera, check_cameras, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.io import dltdv
 from mocap.io.every_frame import every_frame
+from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.recording import Recording
 from mocap.io.registry import read
+from mocap.io.unstated_unit import in_metres
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
 from mocap.stated import check_rate, check_stated
@@ -41,6 +43,7 @@ class Source:
         pixel_sd: Standard deviation of a pixel; None: estimated.
         unit: Unit of lengths, where the files do not state it; None: metres.
         in_step: Whether cameras that run late by the audit are read between their frames.
+        hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
     """
 
     tracks: Path
@@ -55,6 +58,7 @@ class Source:
     pixel_sd: float | None = None
     unit: str | None = None
     in_step: bool = False
+    hints: Hints = field(default_factory=Hints)
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -70,13 +74,14 @@ class Source:
 
     @cached_property
     def _read(self) -> tuple[Recording, tuple[str, ...]]:
-        recording = read(self.tracks)
-        recording = recording if self.unit is None else recording.with_unit(self.unit)
+        recording = read(self.tracks, self.hints)
+        recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give `fps`")
         if self.fps is None and recording.fps is not None:
             check_rate(recording.fps, self.tracks.name)
-        return every_frame(recording if self.fps is None else recording.with_rate(self.fps))
+        recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
+        return recording, (*told, *recording.assumed, *left_out)
 
     @property
     def recording(self) -> Recording:
@@ -90,7 +95,7 @@ class Source:
 
     @property
     def frame_findings(self) -> tuple[str, ...]:
-        """What is to be said of frames that the file leaves out."""
+        """What is to be said first: how the file was read where it leaves that open, and frames that it leaves out."""
         return self._read[1]
 
     @property

@@ -1,0 +1,226 @@
+"""Text tables as people have them, written as readers take them: UTF-8, commas between cells, decimal points.
+
+Spreadsheets of countries that write 0,5 separate cells by semicolons; Excel writes Windows-1252, UTF-16 with tabs, or a
+workbook. Such a file is copied in that one form to a temporary folder, under its own name and line by line, so that
+every format and every message stays as it is. A file that needs nothing of this is read where it is.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from mocap.errors import FormatError
+from mocap.io.encoding import decoded, is_utf8, is_utf16
+from mocap.io.head import LENGTH, Head
+from mocap.io.lines import one_kind
+from mocap.io.workbook import is_workbook, sheet_text
+
+_BLOCK = 1 << 24
+_EXPONENT = r"(?:[eE][+-]?\d+)?"
+_WITH_COMMA = rf"([+-]?\d*),(\d+{_EXPONENT})"
+_WITH_POINT = rf"[+-]?(?=[\d.,]*\d)[\d,]*\.[\d.,]*{_EXPONENT}"
+_NUMBER = re.compile(r'\s*"?\s*([+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|nan|NaN|NAN|NA|)\s*"?\s*', re.ASCII)
+_COUNTED = re.compile(r"frames?#?|fnum|t|t_s|time|time_s|seconds", re.IGNORECASE)
+"""Titles of a first column that has a number in every row."""
+
+_OF_NUMBERS = b"0123456789+-,eENaA \n"
+_TOP = 8
+
+Knows = Callable[[Head], bool]
+
+
+@contextmanager
+def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterator[tuple[Path, tuple[str, ...]]]:
+    """The file to read in place of another, while the context lasts, and what is to be said of how it was read.
+
+    Args:
+        path: What the user named.
+        known: Whether a format knows a text whose cells are separated by tabs; else it is a table of commas to be.
+        sheet: Of a workbook with several, the one to read: its name, or its number from 1.
+
+    Raises:
+        FormatError: it is no text, has decimal commas and points, or a sheet is not told or not there.
+    """
+    if is_workbook(path):
+        text, told = sheet_text(path, sheet)
+    elif sheet is not None:
+        raise FormatError(f"{path.name}: is no workbook (.xlsx), but the sheet {sheet!r} is stated: leave it out")
+    else:
+        text, told = _one_form(path, known)
+    if text is None:
+        yield path, told
+        return
+    with TemporaryDirectory(prefix="mocap-") as folder:
+        copy = Path(folder) / path.name
+        copy.write_bytes(text.encode("utf-8"))
+        yield copy, told
+
+
+def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
+    """The text of a file in the one form, and what is to be said of it; None where it is in it, or no text."""
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(LENGTH)
+            if not start.strip() or (b"\0" in start and not is_utf16(start)):
+                return None, ()
+            if not is_utf16(start) and is_utf8(_blocks(stream)) and _is_plain(stream, Head(path, start), known):
+                return None, ()
+            stream.seek(0)
+            data = stream.read()
+    except OSError:
+        return None, ()  # the reader says it
+    text, told = decoded(path, data)
+    text = one_kind(text)
+    head = Head(path, text[:LENGTH].encode())
+    separator = _separator(head.lines)
+    if separator == ";":
+        text, said = _semicolons(path, text)
+    elif separator == "\t":
+        text, said = _tabs(path, text, table=not known(head))
+    else:
+        said = ()
+    text, left = _trimmed(text)
+    return text, (*told, *said, *left)
+
+
+def _blocks(stream: io.BufferedReader) -> Iterator[bytes]:
+    stream.seek(0)
+    while block := stream.read(_BLOCK):
+        yield block
+
+
+def _is_plain(stream: io.BufferedReader, head: Head, known: Knows) -> bool:
+    """Whether a text in UTF-8 is as readers take it."""
+    separator = _separator(head.lines)
+    if separator == "\t":
+        return known(head) and not any(b"," in block for block in _blocks(stream))
+    stream.seek(max(0, stream.seek(0, 2) - LENGTH))
+    ending = stream.read().rstrip(b"\r\n")
+    last = ending[max(ending.rfind(b"\n"), ending.rfind(b"\r")) + 1 :]
+    return separator == "," and not head.first.rstrip().endswith(",") and not _empty(last.decode("utf-8", "replace"))
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """What separates the cells of the latter half of some lines: a semicolon, a tab, or else a comma.
+
+    It is in all of them, and what commas they have are decimal ones: they stand in cells that are numbers.
+    """
+    rows = [line for line in lines if line.strip(" \t,;")]
+    rows = rows[len(rows) // 2 :]
+    for separator, other in ((";", "\t"), ("\t", ";")):
+        if rows and all(separator in row and other not in row for row in rows):
+            cells = [cell for row in rows for cell in row.split(separator) if "," in cell]
+            if all(map(_may_hold_comma, cells)) and (separator in lines[0] or "," not in lines[0]):
+                return separator
+    return ","
+
+
+def _may_hold_comma(cell: str) -> bool:
+    """Whether a cell is a number, if perhaps a wrong one, or a text in quotes."""
+    cell = cell.strip()
+    return not cell.strip("0123456789+-.,eE") or (len(cell) > 1 and cell[0] == cell[-1] == '"')
+
+
+def _cell(pattern: str, separator: str) -> re.Pattern[str]:
+    return re.compile(rf'(?m)(^|{separator})([ "]*){pattern}(?=[ "]*(?:{separator}|$))', re.ASCII)
+
+
+def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
+    """A text with semicolons between its cells as one with commas and decimal points.
+
+    Raises:
+        FormatError: some numbers have decimal commas, others points.
+    """
+    told = "cells are separated by semicolons"
+    if found := _decimal_comma(text, ";"):
+        if point := _cell(_WITH_POINT, ";").search(text) if "." in text else None:
+            line = text.count("\n", 0, point.end()) + 1
+            raise FormatError(
+                f"{path.name}: line {line}: {point[0].strip(chr(34) + '; ')!r} has a decimal point (or one between "
+                f"thousands) where others have decimal commas ({found[3]},{found[4]}): export it with one of them"
+            )
+        told += f" and numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"
+        text = _with_points(text, ";")
+    if '"' in text or "," in text:
+        return _with_commas(path, text, ";"), (told,)
+    return text.replace(";", ","), (told,)
+
+
+def _tabs(path: Path, text: str, *, table: bool) -> tuple[str, tuple[str, ...]]:
+    """A text with tabs between its cells as one with decimal points; a ``table`` with commas in place of the tabs."""
+    told = []
+    found = _decimal_comma(text, "\t")
+    if found and not ("." in text and _cell(_WITH_POINT, "\t").search(text)):
+        told = [f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
+        text = _with_points(text, "\t")
+    if table and len({line.count("\t") for line in text.split("\n") if line}) == 1:
+        told = ["cells are separated by tabs", *told]
+        text = text.replace("\t", ",") if '"' not in text and "," not in text else _with_commas(path, text, "\t")
+    return text, tuple(told)
+
+
+def _decimal_comma(text: str, separator: str) -> re.Match[str] | None:
+    """The first number with a decimal comma."""
+    return _cell(_WITH_COMMA, separator).search(text) if "," in text else None
+
+
+def _with_points(text: str, separator: str) -> str:
+    """A text with decimal points in place of commas, where a cell is a number."""
+    comma, top = _cell(_WITH_COMMA, separator), 0
+    for _ in range(_TOP):  # lines of titles; below are numbers only, which is quicker to see of all than of each
+        body = text[top:].encode()
+        if not body.translate(None, _OF_NUMBERS + separator.encode()):
+            return comma.sub(r"\1\2\3.\4", text[:top]) + text[top:].replace(",", ".")
+        top = text.find("\n", top) + 1
+        if not top:
+            break
+    return comma.sub(r"\1\2\3.\4", text)
+
+
+def _with_commas(path: Path, text: str, separator: str) -> str:
+    """Lines of cells with another separator as lines of cells with commas; cells that hold commas are quoted."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    *lines, rest = text.split("\n")
+    for number, line in enumerate([*lines, rest] if rest else lines, start=1):
+        try:
+            writer.writerow(next(csv.reader([line], delimiter=separator), []))
+        except csv.Error as error:
+            raise FormatError(f"{path.name}: line {number} has no cells ({error}): export it again") from None
+    return out.getvalue() if not rest else out.getvalue().removesuffix("\n")
+
+
+def _empty(line: str) -> bool:
+    """Whether a line holds nothing but commas."""
+    return "," in line and not line.strip(", \t")
+
+
+def _trimmed(text: str) -> tuple[str, tuple[str, ...]]:
+    """A text without the empty columns that end each line, and what is to be said of empty rows at its end.
+
+    Rows of commas only are frames in which nothing was seen, unless the first column counts: a table without titles
+    (as coefficients), or one with a frame or a time in each row.
+    """
+    lines = text.split("\n")
+    first = lines[0].split(",")
+    filled = [line for line in lines if line.strip() and not _empty(line)]
+    surplus = min((_surplus(line) for line in filled), default=0) if _surplus(lines[0]) else 0
+    if surplus:
+        lines = [",".join(line.split(",")[:-surplus]) if "," in line else line for line in lines]
+    end = next((i for i in range(len(lines), 0, -1) if lines[i - 1].strip()), 0)
+    last = next((i for i in range(end, 0, -1) if lines[i - 1].strip(", \t")), 0)
+    if last == end:
+        return "\n".join(lines), ()
+    told = f"the last {end - last} lines hold nothing but separators".replace(" 1 lines hold", " line holds")
+    if _COUNTED.fullmatch(first[0].strip(' "')) or all(_NUMBER.fullmatch(cell) for cell in first):
+        return "\n".join([*lines[:last], *lines[end:]]), (f"{told}: left out",)
+    return "\n".join(lines), (f"{told}: read as frames that show nothing",)
+
+
+def _surplus(line: str) -> int:
+    """How many empty cells a line ends with."""
+    return line[len(line.rstrip(", \t")) :].count(",")

@@ -1,0 +1,92 @@
+"""Positions whose unit no file and no user states: how long the animal would be, and which unit that speaks for."""
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.io.optical import UNIT_M
+from mocap.io.recording import Recording
+
+LONGEST_M = 20.0
+"""No animal is longer: what is, is no animal in metres."""
+USUAL_M = (0.003, 8.0)
+"""From a fly to a giraffe: the lengths that speak for a unit other than metres."""
+LONG_M = 3.0
+"""Few animals are longer."""
+WIDEST_NOISE_M = 0.05
+"""No system of cameras that follows one animal is so vague."""
+_UNITS = ("mm", "cm")
+"""Units that programs write beside metres, and do not state."""
+
+
+def length(xyz: Array) -> float:
+    """Median over frames of the greatest distance between two markers; of one marker how far it gets about.
+
+    Args:
+        xyz: (T, M, 3) positions; NaN where not seen.
+    """
+    seen = np.isfinite(xyz).all(axis=-1)
+    two = np.flatnonzero(seen.sum(axis=1) >= 2)
+    if not len(two):
+        return float(np.linalg.norm(np.ptp(xyz[seen], axis=0))) if seen.any() else np.nan
+    some = xyz[two[:: max(1, len(two) // 500)]]  # of 500 to 1000 frames: a median needs no more
+    widest = np.zeros(len(some))
+    for marker in range(some.shape[1]):
+        apart = np.linalg.norm(some - some[:, marker, None], axis=-1)
+        widest = np.fmax(widest, np.fmax.reduce(apart, axis=1))
+    return float(np.median(widest))
+
+
+def noise(xyz: Array) -> float:
+    """Standard deviation of a coordinate by fourth differences, whose variance is 70 times its own; NaN if unknown."""
+    size = np.abs(np.diff(xyz, n=4, axis=0)) / np.sqrt(70)
+    known = size[np.isfinite(size)]
+    return float(np.median(known) / 0.6745) if known.size else np.nan
+
+
+def guessed(long: float) -> str:
+    """The unit of an animal so long in it: metres, unless that is no animal and one other unit alone makes it one."""
+    usual = [unit for unit in _UNITS if USUAL_M[0] <= long * UNIT_M[unit] <= USUAL_M[1]]
+    return usual[0] if long > LONGEST_M and len(usual) == 1 else "m"
+
+
+def in_metres(recording: Recording, unit: str | None = None) -> tuple[Recording, tuple[str, ...]]:
+    """A recording with positions in metres, and what is to be said of that where nobody states the unit.
+
+    Args:
+        recording: As read; only positions without cameras are guessed at.
+        unit: As the user states it; None: not.
+
+    Raises:
+        FormatError: the unit is not known, or the file states another.
+    """
+    if unit is not None:
+        return recording.with_unit(unit), ()
+    if recording.points is None or recording.pixels is not None or recording.unit is not None:
+        return recording, ()
+    xyz = recording.points.xyz_m
+    long, vague = length(xyz), noise(xyz)
+    if not np.isfinite(long):
+        return recording, ()
+    unit, what = guessed(long), "the animal" if len(recording.names) > 1 else "the way of the marker"
+    if unit != "m":
+        return recording.with_unit(unit), (
+            f"NO UNIT IS STATED: guessed to be {unit}, in which {what} is {_m(long * UNIT_M[unit])} long (in metres it "
+            f"would be {_m(long)}): state the unit (m, {', '.join(_UNITS)}), above all if this is wrong",
+        )
+    others = ", ".join(f"{unit} if it is {_m(long * UNIT_M[unit])} long" for unit in _UNITS)
+    if long > LONGEST_M or vague > WIDEST_NOISE_M:
+        jitter = f" and jitters by {_m(vague)}" if vague > WIDEST_NOISE_M else ""
+        return recording, (
+            f"NO UNIT IS STATED: taken as metres, in which {what} would be {_m(long)} long{jitter}: all lengths below "
+            f"are wrong unless that is so; state the unit: {others}",
+        )
+    doubt = f"; if that is wrong, state the unit: {others}" if long > LONG_M else ""
+    return recording, (f"no unit is stated: taken as metres, in which {what} is {_m(long)} long{doubt}",)
+
+
+def _m(metres: float) -> str:
+    """A length as people say it."""
+    for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3)):
+        if metres >= size:
+            return f"{metres / size:.3g} {unit}"
+    return f"{metres * 1e6:.3g} um"

@@ -1,0 +1,163 @@
+"""Sheets of Excel workbooks (.xlsx) as text tables, through openpyxl, an extra: ``pip install eal-mocap[excel]``."""
+
+import csv
+import io
+import math
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mocap.errors import FormatError
+from mocap.io.bounds import check_bytes
+
+_OLD = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+"""The signature of .xls."""
+_SHEETS = "xl/worksheets/"
+
+
+def is_workbook(path: Path) -> bool:
+    """Whether a file is a workbook of Excel.
+
+    Raises:
+        FormatError: it is a spreadsheet of another kind, which is not read.
+    """
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(8)
+    except OSError:
+        return False
+    if start == _OLD and path.suffix.lower() == ".xls":
+        raise FormatError(f"{path.name}: a workbook of Excel before 2007: save it as .xlsx, or as CSV")
+    if not start.startswith(b"PK\3\4"):
+        return False
+    try:
+        with zipfile.ZipFile(path) as pack:
+            names = set(pack.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError):
+        names = set()
+    if path.suffix.lower() == ".ods":
+        raise FormatError(f"{path.name}: a spreadsheet of LibreOffice: save it as .xlsx, or as CSV")
+    if path.suffix.lower() == ".xlsx" and "xl/workbook.xml" not in names:
+        raise FormatError(f"{path.name}: a workbook that is cut or damaged: save it again")
+    return "xl/workbook.xml" in names
+
+
+def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
+    """A sheet as the text of a CSV file, and what is to be said of it.
+
+    Args:
+        path: The workbook.
+        sheet: Name or number from 1 of the sheet; None: the only one that holds something.
+
+    Raises:
+        FormatError: openpyxl is not there, the file is damaged or too large unpacked, or the sheet is not told.
+    """
+    try:
+        import openpyxl
+    except ImportError:
+        raise FormatError(
+            f"{path.name}: workbooks need openpyxl: pip install 'eal-mocap[excel]', or save the sheet as CSV"
+        ) from None
+    try:
+        with zipfile.ZipFile(path) as pack:
+            check_bytes(path, sum(entry.file_size for entry in pack.infolist()), "its sheets")
+            formulas = any(_holds(pack, n, b"<f") for n in pack.namelist() if n.startswith(_SHEETS))
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True, keep_links=False)
+        try:
+            sheets = {found.title: found for found in book.worksheets}
+            name = _chosen(path, sheets, sheet)
+            rows = list(_rows(path, sheets[name]))
+        finally:
+            book.close()
+        if formulas:
+            _check_computed(path, name, rows)
+    except FormatError:
+        raise
+    except Exception as error:  # openpyxl raises its own and whatever damaged XML brings about
+        said = " ".join(str(error).split())[:160]
+        raise FormatError(f"{path.name}: cannot be read as a workbook ({said}): save it again, or as CSV") from None
+    while rows and not any(rows[-1]):
+        rows.pop()
+    width = max((len(row) for row in rows), default=0)
+    if not width:
+        raise FormatError(f"{path.name}: the sheet {name!r} is empty: state another (there are {', '.join(sheets)})")
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([*row, *[""] * (width - len(row))] for row in rows)
+    return out.getvalue(), ((f"read from the sheet {name!r}",) if len(sheets) > 1 else ())
+
+
+def _holds(pack: zipfile.ZipFile, name: str, what: bytes) -> bool:
+    """Whether a member holds some bytes, which do not begin inside of themselves."""
+    with pack.open(name) as stream:
+        end = b""
+        while block := stream.read(1 << 20):
+            if what in end + block:
+                return True
+            end = block[-len(what) :]
+    return False
+
+
+def _chosen(path: Path, sheets: dict[str, Any], stated: str | None) -> str:
+    """Name of the sheet to read.
+
+    Raises:
+        FormatError: there is none as stated, or several hold something and none is stated.
+    """
+    names, listed = list(sheets), ", ".join(f"{i} {name!r}" for i, name in enumerate(sheets, start=1))
+    if stated is None:
+        names = [name for name in names if any(_rows(path, sheets[name]))]
+        if len(names) == 1:
+            return names[0]
+        raise FormatError(f"{path.name}: holds {len(names)} sheets with cells; state one with --sheet: {listed}")
+    if stated in names:
+        return stated
+    if stated.isdecimal() and 1 <= int(stated) <= len(names):
+        return names[int(stated) - 1]
+    raise FormatError(f"{path.name}: no sheet {stated!r}; there are {listed}: state one with --sheet")
+
+
+def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
+    """The rows of a sheet without the empty cells at their ends.
+
+    Raises:
+        FormatError: they are more than a file of that size may hold.
+    """
+    sheet.reset_dimensions()  # what the file says of them may be wrong
+    held = 0
+    for values in sheet.iter_rows(values_only=True):
+        held += len(values) + 1
+        check_bytes(path, 8 * held, "the cells of a sheet")
+        cells = [_text(value) for value in values]
+        while cells and not cells[-1]:
+            cells.pop()
+        yield cells
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else "NaN"
+    return "" if value is None else str(value).strip()
+
+
+def _check_computed(path: Path, name: str, rows: list[list[str]]) -> None:
+    """Every formula has the value that it had when the workbook was saved.
+
+    Raises:
+        FormatError: one has none: programs that are no spreadsheets do not compute.
+    """
+    import openpyxl
+
+    book = openpyxl.load_workbook(path, read_only=True, data_only=False, keep_links=False)
+    try:
+        book[name].reset_dimensions()
+        for r, values in enumerate(book[name].iter_rows(values_only=True)):
+            for c, value in enumerate(values):
+                formula = str(value).startswith("=") or type(value).__name__ in ("ArrayFormula", "DataTableFormula")
+                if formula and not (r < len(rows) and c < len(rows[r]) and rows[r][c]):
+                    raise FormatError(
+                        f"{path.name}: row {r + 1}, column {c + 1} of {name!r}: the formula {str(value)[:40]!r} has no "
+                        "value: open the workbook in a spreadsheet, let it compute, and save it"
+                    )
+    finally:
+        book.close()

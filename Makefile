@@ -4,20 +4,32 @@ STAMP := .venv/.installed
 
 .PHONY: setup demo test check bench pictures lock clean
 
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+RUN_STAMP := .venv/.installed-to-run
+
 setup: $(STAMP)
 
-$(STAMP): requirements.lock pyproject.toml
+# what the main job needs, and no more
+$(RUN_STAMP): requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(PIP) --require-hashes -r requirements.lock
+	$(PIP) --no-deps --no-build-isolation --editable .
 	touch $@
 
-demo: setup
+# all extras, and the tools of tests and checks
+$(STAMP): $(RUN_STAMP) requirements-dev.lock
+	$(PIP) --require-hashes -r requirements-dev.lock
+	touch $@
+
+demo: $(RUN_STAMP)
 	$(BIN)/mocap demo bat --out out/demo --force
 
 test: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup
+
+quick: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup -m "not slow" $(QUICK)
 
 check: test
 	$(BIN)/ruff check .
@@ -31,9 +43,11 @@ bench: setup
 pictures: setup
 	$(BIN)/python -m mocap.rerun.pictures docs/pictures
 
+LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links
+
 lock:
-	uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
-	    --extra dev --extra film pyproject.toml -o requirements.lock
+	$(LOCK) --extra build pyproject.toml -o requirements.lock
+	$(LOCK) --all-extras --constraint requirements.lock pyproject.toml -o requirements-dev.lock
 
 clean:
 	rm -rf .venv .venv-movement out build *.egg-info .pytest_cache .ruff_cache

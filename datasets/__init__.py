@@ -1,4 +1,4 @@
-"""Recordings whose truth is known, made from a seed."""
+"""Recordings whose truth is known, made from a seed (of eal-mocap)."""
 
 from datasets.bat import make_bat
 from datasets.folder import read_truth, write_recording

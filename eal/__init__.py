@@ -1,4 +1,4 @@
-"""Empirical-analytical Lagrangian models: potentials learned from samples, and the mechanics built on them."""
+"""Empirical-analytical Lagrangian models: potentials learned from samples, and mechanics (of eal-mocap)."""
 
 from eal.composite import CoordinateKernel, ProductKernel, SumKernel
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel

@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array
 from eal.lagrangian import LagrangianSystem
+from eal.optional_jax import jax, jnp
 
 Energy = Callable[..., Any]
 

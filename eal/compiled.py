@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array
@@ -21,6 +19,7 @@ from eal.integrators.rk4 import rk4_step
 from eal.integrators.stability import check_step
 from eal.kernels import GaussianKernel
 from eal.lagrangian import LagrangianSystem, PenalisedModel
+from eal.optional_jax import jax, jnp
 from eal.potential import EmpiricalPotential
 from eal.stack import PotentialStack
 

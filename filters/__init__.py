@@ -1,1 +1,1 @@
-"""Tracking: cameras and a motion model in, motion with covariance out."""
+"""Tracking: cameras and a motion model in, motion with covariance out (of eal-mocap)."""

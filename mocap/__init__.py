@@ -7,6 +7,8 @@ model from several recordings. What is heavy is imported when it is first used.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mocap.neighbours import check_neighbours
+
 if TYPE_CHECKING:
     from mocap.errors import MocapError
     from mocap.io.format import Hints
@@ -35,6 +37,7 @@ def __getattr__(name: str) -> Any:
     """A public name, imported when it is first asked for."""
     if name not in _PLACES:
         raise AttributeError(f"module 'mocap' has no attribute {name!r}")
+    check_neighbours()
     return getattr(import_module(_PLACES[name]), name)
 
 

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array
 from eal.joint_design.errors import Mask
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
+from eal.optional_jax import jax, jnp
 
 ITERATIONS = 60
 _MEMBERS = 12

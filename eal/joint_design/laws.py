@@ -9,12 +9,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, get_args
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array
 from eal.joint_design.errors import DesignError, Law, Mask
+from eal.optional_jax import jax, jnp
 
 LAWS: tuple[str, ...] = get_args(Law)
 """In the order of the codes of ``law_codes``."""

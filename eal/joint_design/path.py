@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra
@@ -15,6 +13,7 @@ from eal.joint_design.equilibrium import Equilibria, equilibria
 from eal.joint_design.errors import Indices
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss, truss_energy
+from eal.optional_jax import jax, jnp
 
 FINEST = 1e-7
 """Share of a segment of the path down to which the end of a branch is bracketed."""

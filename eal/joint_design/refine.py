@@ -4,8 +4,6 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -15,6 +13,7 @@ from eal.joint_design.laws import pulls, pushes
 from eal.joint_design.limits import Limits
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss, member_lengths, truss_energy
+from eal.optional_jax import jax, jnp
 
 STRICT = 3.0
 """Weight of a limit that is broken by its own size, beside a difference of 1 in all of the region."""

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
@@ -13,6 +11,7 @@ from eal.joint_design.equilibrium import Equilibria, equilibria
 from eal.joint_design.errors import Indices
 from eal.joint_design.truss import Truss, truss_energy
 from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel, Penalty
+from eal.optional_jax import jax, jnp
 
 
 def truss_penalty(truss: Truss, stored: float, found: Equilibria) -> AnalyticPenalty:

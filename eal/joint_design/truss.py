@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from eal.arrays import Array, frozen
 from eal.joint_design.errors import DesignError, Indices, Law, Mask
 from eal.joint_design.laws import energy_and_slope, law_codes, member_energy
+from eal.optional_jax import jnp
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

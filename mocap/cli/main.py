@@ -24,6 +24,7 @@ from mocap.cli.triangulate import triangulate
 from mocap.cli.view import view
 from mocap.cli.words import option_names, with_options
 from mocap.errors import MocapError
+from mocap.neighbours import check_neighbours
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED = 1, 70, 130
@@ -72,6 +73,7 @@ def main() -> None:
         sys.argv.remove(DEBUG)
         debug = True
     try:
+        check_neighbours()
         app(standalone_mode=True)
     except SystemExit:
         raise
@@ -106,6 +108,9 @@ def explain(error: BaseException) -> int:
     if _disk_is_full(error) and not (isinstance(error, MocapError) and _names_it(error)):
         place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
         say_error(f"the disk is full, or your share of it{place}: free some space, or give another --out{ending}")
+        return TROUBLE
+    if isinstance(error, ImportError) and "pip install 'eal-mocap[" in str(error):
+        say_error(f"{error}{ending}")
         return TROUBLE
     if isinstance(error, MocapError):
         say_error(with_options(f"{error}{ending}", option_names(typer.main.get_command(app))))

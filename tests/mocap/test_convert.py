@@ -93,7 +93,7 @@ def test_any_format_can_be_tracked(tmp_path, name):
     ours, dltdv = prepare(Source(tracks=tmp_path / name)), prepare(Source(tracks=tmp_path / "a_xyzpts.csv", fps=250))
     assert ours.dt_s == pytest.approx(1 / 250)
     np.testing.assert_allclose(ours.xyz_m, dltdv.xyz_m, atol=1e-6)
-    with pytest.raises(MocapError, match="give --fps"):
+    with pytest.raises(MocapError, match="give `fps`"):
         prepare(Source(tracks=tmp_path / "a_xyzpts.csv"))
 
 
@@ -114,7 +114,7 @@ def test_files_without_tracks_or_cameras_are_named(tmp_path):
     write(swing(), tmp_path / "a.trc")
     for file, error, message in (
         ("res.csv", MocapError, "holds no tracks"),
-        ("px.csv", CalibrationError, "without a calibration: calibrate, or give --dlt"),
+        ("px.csv", CalibrationError, "without a calibration: calibrate, or give `calibration`"),
     ):
         with pytest.raises(error, match=message):
             prepare(Source(tracks=tmp_path / file, fps=100))

@@ -1,0 +1,25 @@
+"""The packages installed beside ``mocap``: ``eal``, ``filters`` and ``datasets``, whose names others use too."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+MARK = "eal-mocap"
+"""Stands in the first lines of each of them."""
+PACKAGES = ("eal", "filters", "datasets")
+
+
+def check_neighbours(packages: tuple[str, ...] = PACKAGES) -> None:
+    """Make sure that Python finds our packages and not another distribution's of the same name.
+
+    Raises:
+        ImportError: it does not; with what to do.
+    """
+    for name in packages:
+        spec = find_spec(name)
+        origin = None if spec is None else spec.origin
+        if origin is None or not Path(origin).is_file() or MARK not in Path(origin).read_text(encoding="utf-8")[:200]:
+            raise ImportError(
+                f"Python finds {origin or 'nothing'} as the package {name!r}, which is not that of eal-mocap: another "
+                "distribution uses that name, or a folder of that name lies in the current folder; run "
+                "pip install 'eal-mocap[...]' in an environment of its own (python -m venv), or start in another folder"
+            )

@@ -10,11 +10,12 @@ from time import perf_counter
 
 import numpy as np
 
+from filters.hide import interior_gaps
 from filters.learn import PoseSettings
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
+from filters.score import compared
 from mocap.pipeline.demo import Animal, measured_demo
-from mocap.pipeline.gaps import interior_gaps, score
 from mocap.pipeline.job import Stages
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion
@@ -45,7 +46,7 @@ def controls(prepared: Prepared, truth_m: np.ndarray) -> dict[str, dict[str, flo
     seen, out = np.isfinite(prepared.xyz_m[..., 0]), {}
     for model in (eal, without_potential(eal)):
         markers = tracked_motion(prepared, part, model.name, track(prepared, part, model)).markers
-        out[model.name] = score(markers.xyz_m, markers.cov_m2, truth_m, interior_gaps(seen))
+        out[model.name] = compared(markers.xyz_m, markers.cov_m2, truth_m, interior_gaps(seen)).as_json()
     return out
 
 

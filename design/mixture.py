@@ -33,12 +33,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from filters.hidden import Fill, hide_groups
 
 from benchmarks.gaps.ours import marker_trial
 from benchmarks.gaps.sets import SETS, load
 from filters.delayed import DelaySettings
 from filters.fitting import Kind
-from filters.hidden import Fill, hide_groups
 from filters.mixture import Mixture, learn_mixture, mixed_fill
 from filters.tune import SHARP, USUAL_MARKER, Search, search_on
 

@@ -29,12 +29,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from filters.hidden import Fill
 
 from benchmarks.gaps.ours import marker_trial
 from benchmarks.gaps.sets import load
 from filters.delayed import DelaySettings
 from filters.fitting import Kind
-from filters.hidden import Fill
 from filters.tune import SHARP, search_on
 
 USUAL = ("bat", "bat_wing", "gait", "snake_gap", "snake_glide")

@@ -11,12 +11,12 @@ unseen poses (column v, ten times as large on the lizard) tells the two apart.
 from dataclasses import replace
 
 import numpy as np
+from mocap.pipeline.gaps import interior_gaps, score
 
 from filters.learn import PoseSettings, learn_pose, recorded_motion, unseen_potential, with_potential
 from filters.motion.base import MotionModel
 from filters.poses import pose_trial, shapes_of
 from mocap.pipeline.demo import measured_demo
-from mocap.pipeline.gaps import interior_gaps, score
 from mocap.pipeline.job import Stages
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import Part, seen_part, track, tracked_motion, trunk_frames

@@ -30,10 +30,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from mocap.pipeline.gaps import interior_gaps, score
 
 from datasets import SyntheticRecording, make_bat, make_lizard, write_recording
 from filters.learn import PoseSettings
-from mocap.pipeline.gaps import interior_gaps, score
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion, validate

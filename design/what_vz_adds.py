@@ -29,9 +29,9 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from filters.hidden import Fill, fill_of, hide_groups
 
 from filters.fitting import Fitting
-from filters.hidden import Fill, fill_of, hide_groups
 from filters.learn import Mechanics, Potential
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.gaussian_process import Covariance, Rows, fitted, predict
-from filters.hidden import unseen_runs
+from filters.hide import unseen_runs
 from filters.neighbours import Neighbours, body_itself
 from filters.poses import MarkerTrial, PoseTrial, Shapes, certain_shapes
 from filters.several import averaged

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, root_scalar
 
-from filters.hidden import Fill, unseen_runs
+from filters.score import Z95, Residuals
 from mocap.arrays import Array, frozen
 
 
@@ -82,7 +82,7 @@ class Mixture:
         cov += np.einsum("ktm,ktmi,ktmj->tmij", weight, means - mean, means - mean)
         return mean, cov * (self.widening(length) ** 2)[..., None, None]
 
-    def calibrated(self, fills: Sequence[Fill], *, own: float = 2.0, prior: float = 3.0) -> "Mixture":
+    def calibrated(self, fills: Sequence[Residuals], *, own: float = 2.0, prior: float = 3.0) -> "Mixture":
         """The mixture with scales and intervals that hold in gaps hidden in a recording itself.
 
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
@@ -106,16 +106,8 @@ class Mixture:
         return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
 
 
-def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(T, M) length in frames of the run of unseen frames that each sample lies in; 0 where seen."""
-    out = np.zeros(seen.shape, dtype=np.int64)
-    for marker, start, stop in unseen_runs(seen):
-        out[start:stop, marker] = stop - start
-    return out
-
-
 def learn_mixture(
-    fills: Sequence[Fill],
+    fills: Sequence[Residuals],
     *,
     power: float = 1.0,
     strength: float = 0.1,
@@ -142,11 +134,11 @@ def learn_mixture(
     chosen = _mixture(fills, **options)
     gap, length = fills[0].gap, fills[0].length
     part = np.unique(gap, return_inverse=True)[1] % folds
-    ratio = np.empty(fills[0].miss_m.shape)
+    ratio = np.empty(fills[0].error_m.shape)
     for k in range(folds):
         here = part == k
-        known = chosen if here.all() or not here.any() else _mixture([_some(f, ~here) for f in fills], **options)
-        ratio[here] = _widths(known, [_some(f, here) for f in fills])
+        known = chosen if here.all() or not here.any() else _mixture([f.some(~here) for f in fills], **options)
+        ratio[here] = _widths(known, [f.some(here) for f in fills])
     overall = _conformal(ratio, gap)
     widen = []
     for n in chosen.length:
@@ -156,25 +148,25 @@ def learn_mixture(
     return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
 
 
-def mixed_fill(mixture: Mixture, fills: Sequence[Fill]) -> Fill:
+def mixed_fill(mixture: Mixture, fills: Sequence[Residuals]) -> Residuals:
     """What a mixture says of hidden samples, from what each model says."""
     length = fills[0].length
-    miss = np.stack([f.miss_m for f in fills])
+    miss = np.stack([f.error_m for f in fills])
     variance = np.stack([f.variance for f in fills]) * mixture.scaling(length)[..., None] ** 2
     weight = mixture.weights(variance.mean(axis=2), length)
     mean = np.einsum("kn,kni->ni", weight, miss)
     total = np.einsum("kn,kni->ni", weight, variance + (miss - mean) ** 2)
-    return replace(fills[0], miss_m=mean, variance=total * mixture.widening(length)[:, None] ** 2)
+    return replace(fills[0], error_m=mean, variance=total * mixture.widening(length)[:, None] ** 2)
 
 
-def _widths(mixture: Mixture, fills: Sequence[Fill]) -> Array:
+def _widths(mixture: Mixture, fills: Sequence[Residuals]) -> Array:
     """(n, 3) factors, a tenth at least, on a mixture's deviation by which 95 % intervals just hold measurements."""
     found = mixed_fill(mixture, fills)
-    beyond = (found.miss_m / 1.959964) ** 2 - found.noise[:, None]
+    beyond = (found.error_m / Z95) ** 2 - found.noise[:, None]
     return np.sqrt(np.maximum(beyond / found.variance, 0.01))
 
 
-def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:
+def _log_scale(fill: Residuals, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:
     """Logarithm of the factor on a model's deviation by which its errors are as large as stated.
 
     That is: by which root mean squares, in deviations from measurements, are 1 in the geometric mean over groups of
@@ -182,7 +174,7 @@ def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.
     """
 
     def excess(log_scale: float) -> float:
-        squared = fill.miss_m**2 / (np.exp(2 * log_scale) * fill.variance + fill.noise[:, None])
+        squared = fill.error_m**2 / (np.exp(2 * log_scale) * fill.variance + fill.noise[:, None])
         return float(np.mean([np.log(squared[group].mean()) for group in groups]))
 
     if excess(most) >= 0:
@@ -190,7 +182,7 @@ def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.
     return -most if excess(-most) <= 0 else float(root_scalar(excess, bracket=(-most, most), xtol=1e-6).root)
 
 
-def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: float) -> Mixture:
+def _mixture(fills: Sequence[Residuals], *, power: float, strength: float, prior: float) -> Mixture:
     """Scales and weights; see ``learn_mixture``."""
     k, length = len(fills), fills[0].length
     lengths = np.unique(length).astype(float)
@@ -207,7 +199,7 @@ def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: flo
         return Mixture(offset=offset, slope=slope, power=power, length=lengths, scale=scale, widen=ones)
 
     start = mixture(np.zeros(2 * k - 2))
-    miss = np.stack([f.miss_m for f in fills])
+    miss = np.stack([f.error_m for f in fills])
     stated = np.stack([f.variance for f in fills]).mean(axis=2) * start.scaling(length) ** 2
 
     def cost(x: Array) -> float:
@@ -217,17 +209,6 @@ def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: flo
         return float(level + strength * np.sum(x**2))
 
     return mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
-
-
-def _some(fill: Fill, which: NDArray[np.bool_]) -> Fill:
-    """Some of the samples."""
-    return Fill(
-        miss_m=fill.miss_m[which],
-        variance=fill.variance[which],
-        noise=fill.noise[which],
-        gap=fill.gap[which],
-        length=fill.length[which],
-    )
 
 
 def _conformal(ratio: Array, gap: NDArray[np.int64]) -> float:

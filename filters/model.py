@@ -7,9 +7,10 @@ import numpy as np
 
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind, shares
+from filters.hide import gap_lengths
 from filters.learn import PoseSettings
 from filters.learn_markers import MarkerSettings
-from filters.mixture import Mixture, gap_lengths, mixed_fill
+from filters.mixture import Mixture, mixed_fill
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.several import Several
@@ -173,11 +174,10 @@ def scores_of(found: Tuned) -> dict[str, dict[str, list[float]]]:
     for name, fill in [*named, ("mixture", mixed)]:
         rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": []}
         for n in np.unique(length):
-            at = fill.length == n
-            inside = np.abs(fill.miss_m[at]) <= 1.959964 * np.sqrt(fill.apart[at])
+            value = fill.some(fill.length == n).score()
             rows["gap_frames"].append(int(n))
-            rows["rmse_mm"].append(float(1e3 * np.sqrt(np.mean(np.sum(fill.miss_m[at] ** 2, axis=1)))))
-            rows["coverage95"].append(float(100 * inside.mean()))
+            rows["rmse_mm"].append(value.rmse_mm)
+            rows["coverage95"].append(100 * value.coverage95)
         out[name] = rows
     return out
 

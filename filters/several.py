@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from filters.hidden import Fill
 from filters.learn import PoseSettings
+from filters.score import Residuals
 from mocap.arrays import Array
 
 
@@ -34,8 +34,8 @@ def averaged(means: Array, covs: Array) -> tuple[Array, Array]:
     return mean, np.einsum("k...,k...ij->...ij", weight, covs + apart[..., :, None] * apart[..., None, :])
 
 
-def averaged_fills(fills: Sequence[Fill]) -> Fill:
+def averaged_residuals(fills: Sequence[Residuals]) -> Residuals:
     """What the mean of models says of hidden samples, from what each says."""
     covs = np.array([f.variance[..., None] * np.eye(3) for f in fills])
-    miss, cov = averaged(np.array([f.miss_m for f in fills]), covs)
-    return replace(fills[0], miss_m=miss, variance=np.diagonal(cov, axis1=-2, axis2=-1))
+    miss, cov = averaged(np.array([f.error_m for f in fills]), covs)
+    return replace(fills[0], error_m=miss, variance=np.diagonal(cov, axis1=-2, axis2=-1))

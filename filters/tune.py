@@ -8,13 +8,14 @@ import numpy as np
 
 from filters.delayed import DelaySettings
 from filters.fitting import Fitting, Kind
-from filters.hidden import Fill, Hidden, fill_of, hide_groups, joined_fills, lengths_for
+from filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
 from filters.learn import PoseSettings, Potential
 from filters.learn_markers import MarkerSettings
 from filters.mixture import Mixture, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
-from filters.several import Several, averaged_fills
+from filters.score import Residuals, joined, residuals_of
+from filters.several import Several, averaged_residuals
 from filters.track import Smoothed
 
 Settings = TypeVar("Settings", PoseSettings, DelaySettings, MarkerSettings)
@@ -36,17 +37,17 @@ class Search:
 
     trials: Sequence[MarkerTrial]
     trunk: Sequence[int]
-    hidden: Sequence[tuple[int, Hidden]]
-    again: Sequence[tuple[int, Hidden]] = ()
+    hidden: Sequence[tuple[int, Hidden[MarkerTrial]]]
+    again: Sequence[tuple[int, Hidden[MarkerTrial]]] = ()
     named: Sequence[tuple[int, int]] = ()
     tell: Callable[[str], None] = lambda _line: None
-    tried: list[tuple[Kind, Fill]] = field(default_factory=list)
-    _fitting: dict[Hidden, Fitting] = field(default_factory=dict)
+    tried: list[tuple[Kind, Residuals]] = field(default_factory=list)
+    _fitting: dict[Hidden[MarkerTrial], Fitting] = field(default_factory=dict)
 
-    def fill(self, kind: Kind) -> Fill:
+    def fill(self, kind: Kind) -> Residuals:
         """Fill all hidden gaps with one candidate, learned without them."""
         if isinstance(kind, Several):
-            return averaged_fills([self.fill(one) for one in kind.members])
+            return averaged_residuals([self.fill(one) for one in kind.members])
         for before, fill in self.tried:
             if before == kind:
                 return fill
@@ -56,14 +57,14 @@ class Search:
         self.tell(f"cost {fill.cost:.3f}, {1e3 * np.exp(fill.log_rmse):.2f} mm{likelihood}: {_unusual(kind)}")
         return fill
 
-    def both(self, kind: Kind) -> Fill:
+    def both(self, kind: Kind) -> Residuals:
         """The same with the gaps that were hidden again."""
         if isinstance(kind, Several):
-            return averaged_fills([self.both(one) for one in kind.members])
+            return averaged_residuals([self.both(one) for one in kind.members])
         first = self.fill(kind)
-        return joined_fills([first, self._fill(kind, self.again)[0]]) if self.again else first
+        return joined([first, self._fill(kind, self.again)[0]]) if self.again else first
 
-    def _fill(self, kind: Kind, hidden: Sequence[tuple[int, Hidden]]) -> tuple[Fill, float]:
+    def _fill(self, kind: Kind, hidden: Sequence[tuple[int, Hidden[MarkerTrial]]]) -> tuple[Residuals, float]:
         """Of hidden samples; and the filter's own log likelihood of a coordinate that it was shown, NaN without one."""
         fills, observed = [], []
         for index, gaps in hidden:
@@ -73,10 +74,10 @@ class Search:
             fitting = self._fitting[gaps]
             shown = fitting.trials[-1]
             found = fitting.fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
-            fills.append(fill_of(gaps, found.xyz_m, found.cov_m2))
+            fills.append(residuals_of(gaps, found.xyz_m, found.cov_m2))
             observed += found.observed if isinstance(found, Smoothed) else []
         rows = sum(seen.n_rows for seen in observed)
-        return joined_fills(fills), sum(seen.log_likelihood for seen in observed) / rows if rows else np.nan
+        return joined(fills), sum(seen.log_likelihood for seen in observed) / rows if rows else np.nan
 
     def improve(self, start: Settings, choices: Sequence[dict], *, least: float = 0.01) -> Settings:
         """The start with those changes, tried one after the other, that lower the cost by ``least`` or more."""
@@ -121,26 +122,22 @@ def search_on(
     order = np.argsort([-trial.seen.sum() for trial in cut], kind="stable")
     lengths = {n for trial in cut for n in lengths_for(len(trial.t_s))}
 
-    def hide(gaps: int) -> list[tuple[int, Hidden]]:
+    def hide(gaps: int) -> list[tuple[int, Hidden[MarkerTrial]]]:
         """Hide in trials that take turns until there are so many gaps of each length."""
         nonlocal order
-        found: list[tuple[int, Hidden]] = []
+        found: list[tuple[int, Hidden[MarkerTrial]]] = []
         for _ in range(times):
-            found += [(int(i), hide_groups(cut[i], rng)) for i in order[:validated]]
+            found += [(int(i), hide_neighbours(cut[i], rng)) for i in order[:validated]]
             order = np.roll(order, -validated)
             if all(sum(hidden.count(n) for _, hidden in found) >= gaps for n in lengths):
                 break
-        return [(i, hidden) for i, hidden in found if hidden.mask.any()]
+        return [(i, hidden) for i, hidden in found if hidden.gaps]
 
     return Search(trials=trials, trunk=trunk, hidden=hide(2), again=hide(8), named=named, tell=tell)
 
 
 def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
-    if len(trial.t_s) <= most:
-        return trial
-    total = np.concatenate([[0], np.cumsum(trial.seen.sum(axis=1))])
-    start = int(np.argmax(total[most:] - total[:-most]))
-    inside = slice(start, start + most)
+    inside = excerpt(trial.seen, most)
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
 
 
@@ -154,8 +151,8 @@ def own_search(fitting: Fitting, *, most_frames: int = 500) -> Search | None:
     Returns:
         None where nothing can be hidden.
     """
-    hidden = hide_groups(_excerpt(fitting.trials[-1], most_frames), np.random.default_rng(0))
-    if not hidden.mask.any():
+    hidden = hide_neighbours(_excerpt(fitting.trials[-1], most_frames), np.random.default_rng(0))
+    if not hidden.gaps:
         return None
     return Search(
         trials=fitting.trials, trunk=fitting.trunk, named=fitting.named, hidden=[(len(fitting.trials) - 1, hidden)]
@@ -247,7 +244,7 @@ class Tuned:
 
     kinds: tuple[Kind, ...]
     mixture: Mixture
-    fills: tuple[Fill, ...]
+    fills: tuple[Residuals, ...]
 
 
 def tuned(search: Search) -> Tuned:

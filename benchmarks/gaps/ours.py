@@ -11,11 +11,12 @@ import numpy as np
 from benchmarks.gaps.method import Filled, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
 from filters.fitting import Fitting, Kind
-from filters.hidden import Fill
+from filters.hide import gap_lengths
 from filters.learn import Potential
-from filters.mixture import Mixture, gap_lengths, learn_mixture
+from filters.mixture import Mixture, learn_mixture
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
+from filters.score import Residuals
 from filters.tune import (
     Search,
     bare_pose,
@@ -45,7 +46,7 @@ class Said:
 
     xyz_m: Array
     cov_m2: Array
-    own: Fill | None
+    own: Residuals | None
 
 
 @dataclass(eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from datasets import make_bat
-from filters.hidden import hide_groups
+from filters.hide import hide_neighbours
 from filters.learn_markers import learn_constant_velocity
 from filters.model import LearnedModel, fitting_for, learn_model, track_with
 from filters.model_file import load_model, save_model
@@ -101,7 +101,7 @@ def test_scores_are_of_every_model_and_the_mixture(learned, flights):
     assert list(learned.scores)[-1] == "mixture"
     assert len(learned.scores) == len(learned.kinds) + 1 == 5
     lengths = learned.scores["mixture"]["gap_frames"]
-    hidden = hide_groups(flights[0][0], np.random.default_rng(0))
+    hidden = hide_neighbours(flights[0][0], np.random.default_rng(0))
     assert {int(n) for n in np.unique(hidden.length[hidden.mask])} <= set(lengths) <= {10, 25, 50}
     level = {name: np.mean(np.log(rows["rmse_mm"])) for name, rows in learned.scores.items()}
     assert level["mixture"] <= min(level.values()) + 0.05
@@ -207,7 +207,7 @@ def test_a_recording_that_was_learned_from_is_not_its_own_teacher(flights):
     small = replace(small_model(), names=NAMES, bones=(), trials=(first, second))
     backwards = NAMES[::-1]
     cut = replace(first, t_s=first.t_s[20:90], xyz_m=first.xyz_m[20:90, ::-1], sd_m=first.sd_m[20:90, ::-1])
-    hidden = hide_groups(cut, np.random.default_rng(0)).shown
+    hidden = hide_neighbours(cut, np.random.default_rng(0)).shown
     assert [trial.name for trial in fitting_for(small, backwards, hidden).trials] == [second.name, first.name]
     third = flights[2][0]
     assert [t.name for t in fitting_for(small, NAMES, third).trials] == [first.name, second.name, third.name]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from filters.fitting import Fitting, Kind
-from filters.hidden import Fill, fill_of
 from filters.observations import PositionObservations
+from filters.score import Residuals, residuals_of
 from filters.several import Several, averaged
 from filters.tune import SHARP, Search, of_two_ranks, other_rank, search_on
 from tests.filters.test_tuning import trial_of
@@ -43,12 +43,12 @@ def test_a_search_says_of_several_what_a_tracker_does(search: Search):
     seen: list[float] = []
     positions = PositionObservations(xyz_m=hidden.shown.xyz_m, sd_m=hidden.shown.sd_m)
     tracked = fitting.fill(both, positions, progress=seen.append)
-    direct, found = fill_of(hidden, tracked.xyz_m, tracked.cov_m2), search.fill(both)
-    np.testing.assert_allclose(found.miss_m, direct.miss_m, rtol=0, atol=1e-12)
+    direct, found = residuals_of(hidden, tracked.xyz_m, tracked.cov_m2), search.fill(both)
+    np.testing.assert_allclose(found.error_m, direct.error_m, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.variance, direct.variance, rtol=1e-9)
-    each = np.array([search.fill(one).miss_m for one in both.members])
-    assert (found.miss_m >= each.min(axis=0) - 1e-15).all()
-    assert (found.miss_m <= each.max(axis=0) + 1e-15).all()
+    each = np.array([search.fill(one).error_m for one in both.members])
+    assert (found.error_m >= each.min(axis=0) - 1e-15).all()
+    assert (found.error_m <= each.max(axis=0) + 1e-15).all()
     assert seen == sorted(seen)
     assert seen[-1] == pytest.approx(1.0)
 
@@ -58,8 +58,13 @@ def test_two_ranks_only_where_their_mean_errs_less(miss, kept):
     """The best errs by 1, the other of rank 16 by so much: their mean errs by 0.25, 0.75, 1.25."""
     pose, number = replace(SHARP, ranks=(4,)), np.ones(1, dtype=int)
     both = Several((pose, replace(pose, ranks=(16,))))
-    tried: list[tuple[Kind, Fill]] = [
-        (one, Fill(miss_m=np.full((1, 3), m), variance=np.ones((1, 3)), noise=np.zeros(1), gap=number, length=number))
+    tried: list[tuple[Kind, Residuals]] = [
+        (
+            one,
+            Residuals(
+                error_m=np.full((1, 3), m), variance=np.ones((1, 3)), noise=np.zeros(1), gap=number, length=number
+            ),
+        )
         for one, m in zip(both.members, (1.0, miss), strict=True)
     ]
     assert of_two_ranks(Search(trials=[], trunk=[], hidden=[], tried=tried), pose) == (both if kept else pose)

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from filters.hidden import Fill, Hidden
+from filters.hide import Hidden
 from filters.learn import PoseSettings
 from filters.learn_markers import MarkerSettings, learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
+from filters.score import Residuals
 from filters.track import log_likelihood
 from filters.tune import SHARP, Search, bare_pose, free_pose, held_pose, search_on
 from tests.filters.test_learned_models import DT_S, flapping
@@ -39,12 +40,12 @@ def test_nothing_of_a_hidden_sample_reaches_learning():
     changed = Search(
         trials=others,
         trunk=search.trunk,
-        hidden=[(index, Hidden(trial=moved, mask=hidden.mask, gap=hidden.gap, length=hidden.length))],
+        hidden=[(index, Hidden(trial=moved, gaps=hidden.gaps))],
     )
     for kind in (MarkerSettings(), replace(SHARP, ranks=(2,), mechanics="linear")):
         before, after = search.fill(kind), changed.fill(kind)
         np.testing.assert_array_equal(after.variance, before.variance)
-        np.testing.assert_allclose(after.miss_m, before.miss_m - 1, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(after.error_m, before.error_m - 1, rtol=0, atol=1e-14)
         np.testing.assert_array_equal(after.length, hidden.length[hidden.mask])
 
 
@@ -64,7 +65,7 @@ class Known(Search):
         self.tried.append((kind, cost))
         miss = np.full((1, 3), np.exp(cost) / 3**0.25)
         number = np.ones(1, dtype=int)
-        return Fill(miss_m=miss, variance=miss**2, noise=np.zeros(1), gap=number, length=number)
+        return Residuals(error_m=miss, variance=miss**2, noise=np.zeros(1), gap=number, length=number)
 
 
 def test_the_best_of_independent_choices_is_found():

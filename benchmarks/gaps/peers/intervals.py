@@ -57,11 +57,11 @@ def tune(
     for fold in validation(training):
         trained = learn(best, fold.rest)
         for copy in fold.shown:
-            filled = trained(copy.trial)
+            filled = trained(copy.shown)
             if filled.cov_m2 is None:
                 return filler
             for gap in copy.gaps:
-                error = (filled.xyz_m - copy.truth.xyz_m)[gap.frames][:, gap.scored]
+                error = (filled.xyz_m - copy.trial.xyz_m)[gap.frames][:, gap.scored]
                 cov = filled.cov_m2[gap.frames][:, gap.scored]
                 sd = np.sqrt(np.maximum(np.diagonal(cov, axis1=-2, axis2=-1), 1e-18))
                 found.setdefault(gap.length, []).append((np.abs(error) / sd).ravel())

@@ -11,14 +11,14 @@ from time import perf_counter
 import numpy as np
 
 from filters.hide import interior_gaps
-from filters.learn import PoseSettings
+from filters.models.pose import PoseSettings
 from filters.motion.base import MotionModel
 from filters.motion.pose import PoseMotion
 from filters.score import compared
 from mocap.pipeline.demo import Animal, measured_demo
 from mocap.pipeline.job import Stages
 from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion
+from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
 
 METHODS = ("mixture", "eal", "pose_constant_velocity", "constant_velocity", "cubic", "linear")
 
@@ -42,7 +42,7 @@ def measure(animal: Animal, seed: int) -> dict[str, dict[str, float | None]]:
 def controls(prepared: Prepared, truth_m: np.ndarray) -> dict[str, dict[str, float | None]]:
     """The EAL pose model alone, and it without its potential, inside gaps."""
     part = seen_part(prepared)
-    eal = learn_models(prepared, part, settings=PoseSettings())["eal"]
+    eal = learn_motion(prepared, part, "eal", settings=PoseSettings())
     seen, out = np.isfinite(prepared.xyz_m[..., 0]), {}
     for model in (eal, without_potential(eal)):
         markers = tracked_motion(prepared, part, model.name, track(prepared, part, model)).markers

@@ -230,11 +230,16 @@ def lengths_for(n_frames: int) -> list[int]:
     return [n for n in lengths if n + 6 <= n_frames]
 
 
-def hide_neighbours(trial: MarkerTrial, rng: np.random.Generator) -> Hidden[MarkerTrial]:
+def hide_neighbours(trial: MarkerTrial, rng: np.random.Generator, *, turn: int | None = None) -> Hidden[MarkerTrial]:
     """Hide markers as recordings lose them: one, it with its neighbours, half, three quarters; for 10 to 100 frames.
 
-    For searches: at most one gap of each length for each size of group, in one copy of the trial. Lengths take turns
-    from a random one on downwards: a trial that has no room for all holds others each time.
+    For searches: at most one gap of each length for each size of group, in one copy of the trial. Lengths are placed
+    from one of them on downwards: a trial that has no room for all holds others each time.
+
+    Args:
+        trial: The trial.
+        rng: Where to hide.
+        turn: Length to begin with, counted down from the longest; None: any.
     """
     seen = trial.seen
     n_frames, n_markers = seen.shape
@@ -248,7 +253,7 @@ def hide_neighbours(trial: MarkerTrial, rng: np.random.Generator) -> Hidden[Mark
         np.put_along_axis(sets, near[:, :size], True, axis=1)
         groups[size] = Group(name=f"{size} neighbours", sets=sets, least=one)
     lengths = lengths_for(n_frames)
-    turn = int(rng.integers(max(len(lengths), 1)))
-    order = [*lengths[turn::-1], *lengths[:turn:-1]]
+    first = (int(rng.integers(max(len(lengths), 1))) if turn is None else turn) % max(len(lengths), 1)
+    order = [*lengths[::-1][first:], *lengths[::-1][:first]]
     wanted = [(groups[int(size)], length) for size, length in product(rng.permutation(list(groups)), order)]
     return Hidden(trial=trial, gaps=next(iter(hide(seen, wanted, rng, Rules())), ()))

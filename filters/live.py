@@ -89,7 +89,7 @@ def live(
     frames more hindsight than ``lag``: at every = lag, two smoothing steps a frame at most.
 
     Args:
-        model: Motion model. Poses whose path nobody knows yet: ``LaidPath``.
+        model: Motion model.
         frames: Time and look of each frame as they come; may wait between them.
         lag: Least number of later frames that an estimate rests on (but at the end).
         every: Number of frames that are smoothed back together.

@@ -125,7 +125,7 @@ def learn_mixture(
 
     Args:
         fills: What each model said of the same hidden samples.
-        power: Power of the stated variances; 1: weights of precision. ``design/mixture.py`` settled it.
+        power: Power of the stated variances; 1: weights of precision. docs/decisions.md, "The mixture".
         strength: Penalty on squared offsets and slopes.
         prior: See above.
         folds: See above.
@@ -148,7 +148,7 @@ def learn_mixture(
     return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
 
 
-def mixed_fill(mixture: Mixture, fills: Sequence[Residuals]) -> Residuals:
+def mixed_residuals(mixture: Mixture, fills: Sequence[Residuals]) -> Residuals:
     """What a mixture says of hidden samples, from what each model says."""
     length = fills[0].length
     miss = np.stack([f.error_m for f in fills])
@@ -161,7 +161,7 @@ def mixed_fill(mixture: Mixture, fills: Sequence[Residuals]) -> Residuals:
 
 def _widths(mixture: Mixture, fills: Sequence[Residuals]) -> Array:
     """(n, 3) factors, a tenth at least, on a mixture's deviation by which 95 % intervals just hold measurements."""
-    found = mixed_fill(mixture, fills)
+    found = mixed_residuals(mixture, fills)
     beyond = (found.error_m / Z95) ** 2 - found.noise[:, None]
     return np.sqrt(np.maximum(beyond / found.variance, 0.01))
 

@@ -10,7 +10,7 @@ import numpy as np
 from datasets import make_bat, make_lizard, write_recording
 from filters.hide import interior_gaps
 from filters.interpolate import interpolated
-from filters.learn_markers import learn_constant_velocity
+from filters.models.constant_velocity import learn_constant_velocity
 from filters.score import compared
 from mocap.arrays import Array
 from mocap.pipeline.job import Stages, run_job

@@ -3,22 +3,23 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.bones import rigid_bones
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
-from filters.learn import PoseSettings, learn_pose
-from filters.learn_markers import learn_constant_velocity
 from filters.model import LearnedModel, learn_from_itself, track_with
+from filters.models.base import TrialSet
+from filters.models.constant_velocity import MarkerSettings
+from filters.models.pose import PoseSettings
 from filters.motion.base import MotionModel
 from filters.observations import WHOLE
-from filters.poses import MarkerTrial, pose_trial
-from filters.records import TrackedMotion
+from filters.poses import MarkerTrial
+from filters.records import Estimate, TrackedMotion
 from filters.score import compared
-from filters.track import Smoothed, smooth
+from filters.track import smooth
 from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
@@ -28,6 +29,8 @@ from mocap.skeleton import Skeleton, ends_among
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
+ALONE: tuple[Literal["constant_velocity", "eal"], ...] = ("constant_velocity", "eal")
+"""Models that are filtered by themselves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,18 +83,21 @@ def _visible(prepared: Prepared, part: Part, hidden: Mask | None, markers: NDArr
     return xyz[part.frames][:, markers]
 
 
-def learn_models(
-    prepared: Prepared, part: Part, *, settings: PoseSettings, hidden: Mask | None = None
-) -> dict[str, MotionModel]:
-    """Motion models of a recording by name: ``constant_velocity``, and ``eal`` where a pose can be learned."""
-    xyz = _visible(prepared, part, hidden, part.markers)
-    models: dict[str, MotionModel] = {"constant_velocity": learn_constant_velocity(xyz, dt_s=prepared.dt_s)}
-    if why_no_pose(prepared, part) is None:
-        frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz, hidden=hidden)
-        named = ends_among(part_names(prepared, part), prepared.skeleton.rigid)
-        bones = rigid_bones([marker_trial(prepared, part, hidden=hidden)], named)
-        models["eal"] = learn_pose([pose_trial(prepared.t_s[part.frames], xyz, frames)], settings, bones=bones)
-    return models
+def learn_motion(
+    prepared: Prepared,
+    part: Part,
+    name: Literal["eal", "constant_velocity"],
+    *,
+    settings: PoseSettings,
+    hidden: Mask | None = None,
+) -> MotionModel:
+    """A motion model of a recording alone: of its poses, held by V_z, or constant velocity of each marker."""
+    names = part_names(prepared, part)
+    trunk = [names.index(m) for m in prepared.skeleton.trunk if m in names] or list(range(len(names)))
+    named = ends_among(names, prepared.skeleton.rigid)
+    model = settings if name == "eal" else MarkerSettings()
+    fitted = model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], trunk, named))
+    return fitted.motion
 
 
 def part_names(prepared: Prepared, part: Part) -> list[str]:
@@ -117,7 +123,7 @@ def track_mixed(
     settings: PoseSettings,
     hidden: Mask | None = None,
     progress: Progress | None = None,
-) -> Smoothed | None:
+) -> Estimate | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
     names, skeleton = part_names(prepared, part), prepared.skeleton
     own = marker_trial(prepared, part, hidden=hidden)
@@ -132,7 +138,7 @@ def track_learned(
     *,
     hidden: Mask | None = None,
     progress: Progress | None = None,
-) -> Smoothed:
+) -> Estimate:
     """Filter and smooth the seen part with a model that was learned from other trials."""
     names = part_names(prepared, part)
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
@@ -142,13 +148,13 @@ def track_learned(
 
 def track(
     prepared: Prepared, part: Part, model: MotionModel, *, hidden: Mask | None = None, progress: Progress | None = None
-) -> Smoothed:
+) -> Estimate:
     """Filter and smooth the seen part."""
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
     return smooth(model, observations, prepared.t_s[part.frames], progress=progress)
 
 
-def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Smoothed) -> TrackedMotion:
+def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:
     """The smoothed part in the frames and markers of the recording, every sample with its origin.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
@@ -268,11 +274,13 @@ def validate(
         name: compared(interpolated(left, prepared.t_s[window], kind=name), None, truth, where).as_json()
         for name in ("linear", "cubic")
     }
-    models = learn_models(prepared, part, settings=settings, hidden=hidden)
-    trackers: dict[str, Callable[..., Smoothed | None]] = {
-        name: partial(track, prepared, part, models[name], hidden=hidden) for name in models if methods.get(name, False)
-    }
-    if methods.get("mixture", False) and "eal" in models:
+    posed = why_no_pose(prepared, part) is None
+    trackers: dict[str, Callable[..., Estimate | None]] = {}
+    for name in ALONE:
+        if methods.get(name, False) and (posed or name != "eal"):
+            model = learn_motion(prepared, part, name, settings=settings, hidden=hidden)
+            trackers[name] = partial(track, prepared, part, model, hidden=hidden)
+    if methods.get("mixture", False) and posed:
         trackers["mixture"] = partial(track_mixed, prepared, part, settings=settings, hidden=hidden)
     if learned is not None:
         trackers["learned"] = partial(track_learned, prepared, part, learned, hidden=hidden)

@@ -10,9 +10,9 @@ import pytest
 
 from datasets import make_bat
 from filters.hide import hide_neighbours
-from filters.learn_markers import learn_constant_velocity
 from filters.model import learn_model, track_with
 from filters.model_file import load_model
+from filters.models.constant_velocity import learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.score import Residuals, joined, residuals_of
 from filters.track import smooth
@@ -160,7 +160,7 @@ def test_json_is_one_object_and_a_seed_the_same_model(mocap, flights, tmp_path):
     assert mocap(*arguments, "--force")[0] == 0
     again = load_model(path)
     assert again.scores == first.scores
-    assert again.kinds == first.kinds
+    assert again.models == first.models
     assert mocap("learn", short, "--fps", 240, "--out", short, "--force")[0] == 1
     assert {p.name for p in tmp_path.iterdir()} == {"s_xyzpts.csv", "m.npz", MANIFEST}
     assert folder.exists()

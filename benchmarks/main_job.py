@@ -1,6 +1,6 @@
 """The main job on the built-in recordings: error inside gaps over seeds beside what people use, and the time it takes.
 
-The seeds are others than those on which ``design/potential_stiffness.py`` settled the potential (0 to 3).
+The seeds are others than those on which the potential was settled (0 to 3; docs/decisions.md).
 ``eal`` is the pose model of the mixture alone, and ``pose_constant_velocity`` its control: without the potential.
 """
 

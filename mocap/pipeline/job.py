@@ -15,7 +15,7 @@ from filters.motion.base import MotionModel
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.joints import joint_tracks
-from mocap.pipeline.potentials import joint_potentials
+from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
@@ -151,6 +151,7 @@ def _run_job(
     with stages.stage("joints and potentials"):
         joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
         potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)
+        spatial = joint_potentials(joints, tracked.markers, prepared.skeleton, frame=SPACE)
     report = make_report(
         prepared,
         part,
@@ -177,6 +178,7 @@ def _run_job(
         tracked=tracked,
         joints=joints,
         potentials=potentials,
+        spatial_potentials=spatial,
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),

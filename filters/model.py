@@ -30,7 +30,7 @@ class LearnedModel:
         trunk: Those of the body.
         bones: Markers of the skeleton's rigid bones.
         trials: What it learned from; none where a recording is to teach itself.
-        models: The K models that are mixed; the last is filtered, and says what was observed.
+        models: The K models that are mixed; the last is a filter, whose record of what was observed is kept.
         mixture: How they are mixed.
         scores: For each of them and the mixture, by length of gap: root mean square error in mm and the share of
             coordinates inside 95 % intervals, in gaps that were hidden while learning.

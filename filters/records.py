@@ -13,10 +13,10 @@ from mocap.records import MarkerTracks
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Estimate:
-    """What a motion model says of the markers of a trial.
+    """Where a motion model has the markers of a trial.
 
     Attributes:
-        xyz_m: (T, M, 3) positions in the world; NaN where the model says nothing.
+        xyz_m: (T, M, 3) positions in the world; NaN where the model has no estimate.
         cov_m2: (T, M, 3, 3) their covariance.
         observed: What a filter saw in each frame, and how it was believed; empty where nothing was filtered.
     """

@@ -118,18 +118,6 @@ def filter_forward(
     return Filtered(states, predictions, observed, state)
 
 
-def log_likelihood(model: MotionModel, observations: Observations, t_s: Array, *, gate_sd: float = 6.0) -> float:
-    """Log density of all observations under a model: what its parameters are chosen by."""
-    total, before = 0.0, None
-    with threadpool_limits(1):
-        for start in range(0, observations.n_frames, 500):  # what was seen of each ray is not kept
-            block = range(start, min(start + 500, observations.n_frames))
-            part = filter_forward(model, observations, t_s, frames=block, before=before, gate_sd=gate_sd, keep=False)
-            total += sum(seen.log_likelihood for seen in part.observed)
-            before = part.last
-    return total
-
-
 def smooth(
     model: MotionModel,
     observations: Observations,

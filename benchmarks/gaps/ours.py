@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
 from filters.models.base import TrajectoryModel
 from filters.models.pose import Potential
@@ -73,10 +73,10 @@ class Ours:
             [recording(trial) for trial in training], effort=effort(), choose=remembering(self.choose, training)
         )
 
-        def fill(trial: Trial) -> Filled:
+        def fill(trial: Trial) -> Estimate:
             run, _ = run_job(recording(trial), learned=learned, validated=False)
             markers, noise = run.tracked.markers, np.maximum(trial.sd_m, LEAST_SD_M) ** 2
-            return Filled(markers.xyz_m, markers.cov_m2 + noise[:, None, None] * np.eye(3))
+            return Estimate(markers.xyz_m, markers.cov_m2 + noise[:, None, None] * np.eye(3))
 
         return fill
 

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, Shown, cells, excerpt, hide
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from filters import score as one_score
 from mocap.arrays import Array
 
@@ -107,7 +107,7 @@ def evaluate(filler: Filler, shown: Sequence[Shown]) -> Outcome:
     return Outcome(scores=tuple(scores), seconds=seconds, frames=sum(len(copy.trial.t_s) for copy in shown))
 
 
-def errors(filled: Filled, truth: Trial, gap: Gap) -> tuple[Array, Array | None]:
+def errors(filled: Estimate, truth: Trial, gap: Gap) -> tuple[Array, Array | None]:
     """Of the K scored samples of a gap: errors (K, 3) in metres, covariances (K, 3, 3) that were stated for them.
 
     Raises:

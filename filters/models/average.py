@@ -18,7 +18,7 @@ from mocap.arrays import Array
 
 @dataclass(frozen=True)
 class Average(TrajectoryModel):
-    """Models that are averaged; what a tracker says besides positions is the first one's.
+    """Models that are averaged; what was observed is the first one's.
 
     Attributes:
         members: The models, best first.

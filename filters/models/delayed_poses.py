@@ -3,8 +3,8 @@
 Each marker's position in the body is regressed on the others by a Gaussian process (``filters/gaussian_process.py``).
 Its linear part is the standard imputation of missing markers by the covariance of all (Liu & McMillan 2006; Tits,
 Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
-the marker's neighbours (``filters/neighbours.py``), and what both say is averaged. It knows nothing of dynamics, and so
-errs differently from the motion models, which makes a mixture of both better than either (docs/decisions.md, "The
+the marker's neighbours (``filters/neighbours.py``), and both estimates are averaged. It knows nothing of dynamics, and
+so errs differently from the motion models, which makes a mixture of both better than either (docs/decisions.md, "The
 mixture").
 """
 
@@ -122,7 +122,7 @@ def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes
         settings: Choices.
 
     Returns:
-        NaN where the trial has a measurement, and where nothing can be said.
+        NaN where the trial has a measurement, and where there is nothing to estimate from.
     """
     known = Delayed(trials, shapes, settings)
     covariance, seen, frames = known.covariance(), trial.seen, trials[-1].frames
@@ -199,11 +199,11 @@ class Delayed:
         for view in self._views(marker, others, frames):
             rows, values, centre, wanted = self._task(view, frames, asked)
             if others.any():
-                said, left = predict(covariance, rows, values, wanted)
+                mean, left = predict(covariance, rows, values, wanted)
             else:  # nothing to look at: the mean, as wide as the motion
-                said, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
+                mean, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
             at = view.frames(self._at(asked))
-            means.append(np.einsum("nij,nj->ni", at.rotation, said + centre) + at.position_m)
+            means.append(np.einsum("nij,nj->ni", at.rotation, mean + centre) + at.position_m)
             covs.append(np.einsum("nij,nj,nkj->nik", at.rotation, left, at.rotation))
         y[inside, marker], spread[inside, marker] = averaged(np.array(means), np.array(covs))
 

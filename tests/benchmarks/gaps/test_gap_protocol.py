@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from benchmarks.gaps.hide import GAPS, MARGIN, SCENARIOS, SPACING, cells, excerpt, hide
-from benchmarks.gaps.method import Filled, Trial
+from benchmarks.gaps.method import Estimate, Trial
 from benchmarks.gaps.protocol import choose, evaluate, run_fold, shown_trials, tune, validation
 
 LIMBS = (("a", "b", "c"), ("d", "e", "f"))
@@ -121,7 +121,7 @@ class Oracle:
         truth = self.truths[trial.name.partition("@")[0]].xyz_m
         rng = np.random.default_rng(0)
         cov = None if self.stated is None else np.broadcast_to(self.stated, (*truth.shape, 3))
-        return Filled(truth + self.sd_m * rng.standard_normal(truth.shape), cov)
+        return Estimate(truth + self.sd_m * rng.standard_normal(truth.shape), cov)
 
 
 def test_scores_follow_from_the_errors_put_in():
@@ -164,7 +164,7 @@ def test_the_trial_that_is_left_out_is_not_learned_from():
 
             def fill(trial):
                 assert np.isnan(trial.xyz_m).any()
-                return Filled(np.nan_to_num(trial.xyz_m), None)
+                return Estimate(np.nan_to_num(trial.xyz_m), None)
 
             return fill
 
@@ -177,13 +177,13 @@ def test_likelihood_uses_the_whole_covariance():
     trial = make_trial(n_frames=60)
     cov = np.array([[4.0, 3.5, 0], [3.5, 4.0, 0], [0, 0, 1.0]]) * 1e-6
     shift = np.array([2e-3, 2e-3, 0.5e-3])
-    filled = Filled(trial.xyz_m + shift, np.broadcast_to(cov, (*trial.xyz_m.shape, 3)))
+    filled = Estimate(trial.xyz_m + shift, np.broadcast_to(cov, (*trial.xyz_m.shape, 3)))
     shown = hide(trial, [("single", 10)], np.random.default_rng(0))
     (score,) = evaluate(lambda _: filled, shown).scores
     assert score.nll == pytest.approx(-multivariate_normal(cov=cov * 1e6).logpdf(shift * 1e3) / 3, rel=1e-9)
     assert score.rmse_mm == pytest.approx(1e3 * np.linalg.norm(shift), rel=1e-9)
     assert score.coverage95 == 1.0
-    far = Filled(trial.xyz_m + shift * [1, 1, 4.0], filled.cov_m2)  # 2.0 mm at an sd of 1 mm is outside
+    far = Estimate(trial.xyz_m + shift * [1, 1, 4.0], filled.cov_m2)  # 2.0 mm at an sd of 1 mm is outside
     (score,) = evaluate(lambda _: far, shown).scores
     assert score.coverage95 == pytest.approx(2 / 3)
 
@@ -201,7 +201,7 @@ def test_likelihood_uses_the_whole_covariance():
 def test_a_method_that_does_not_answer_is_an_error(change, message):
     """A hidden sample without a value is a failure, never left out of the mean."""
     trial = make_trial(n_frames=100)
-    filled = Filled(*change(np.array(trial.xyz_m), np.tile(1e-6 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1))))
+    filled = Estimate(*change(np.array(trial.xyz_m), np.tile(1e-6 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1))))
     with pytest.raises(ValueError, match=message):
         evaluate(lambda _: filled, hide(trial, cells(), np.random.default_rng(0)))
 
@@ -215,7 +215,7 @@ def test_tuning_takes_the_best_and_sees_training_only():
     def learn(sd_m, training):
         handed.append({t.name for t in training})
         if sd_m == 0:
-            return lambda trial: Filled(np.full_like(trial.xyz_m, np.nan), None)
+            return lambda trial: Estimate(np.full_like(trial.xyz_m, np.nan), None)
         return lambda trial: Oracle({k: excerpt_of(v, trial) for k, v in truths.items()}, sd_m, None)(trial)
 
     def excerpt_of(truth, trial):

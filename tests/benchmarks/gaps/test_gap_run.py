@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.gaps import __main__ as command
 from benchmarks.gaps import cells
-from benchmarks.gaps.method import Filled, Trial
+from benchmarks.gaps.method import Estimate, Trial
 from benchmarks.gaps.table import TABLE
 
 NAMES = ("root", "a", "b", "c", "d")
@@ -45,7 +45,7 @@ class Zero:
         assert training
         if self.fails:
             raise ArithmeticError("no way")
-        return lambda trial: Filled(np.zeros(trial.xyz_m.shape), np.tile(np.eye(3), (*trial.xyz_m.shape[:2], 1, 1)))
+        return lambda trial: Estimate(np.zeros(trial.xyz_m.shape), np.tile(np.eye(3), (*trial.xyz_m.shape[:2], 1, 1)))
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from benchmarks.gaps import protocol
-from benchmarks.gaps.method import Filled
+from benchmarks.gaps.method import Estimate
 from benchmarks.gaps.peers import gaussian, gpdm, interpolation, intervals, kalman, low_rank, manifold, neighbours, pca
 from benchmarks.gaps.peers.coordinates import learn_body
 from benchmarks.gaps.peers.edges import Blend, carry, gaps, matern
@@ -151,7 +151,7 @@ def test_intervals_that_are_too_narrow_are_widened():
     trials = [make_trial(0.01 * rng.normal(size=(300, 6, 3)), name=f"t{k}") for k in range(3)]
 
     def learn(_candidate, _trials):
-        return lambda trial: Filled(
+        return lambda trial: Estimate(
             np.where(np.isfinite(trial.xyz_m), trial.xyz_m, 0.0),
             np.tile((0.01 / 3) ** 2 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1)),
         )

@@ -18,11 +18,12 @@ import numpy as np
 
 from datasets import SyntheticRecording, make_bat, make_lizard, write_recording
 from datasets.catalogue import make
+from filters.hide import interior_gaps
+from filters.score import compared
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, record, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.io.anipose import read_calibration
-from mocap.pipeline.gaps import interior_gaps, score
 from mocap.pipeline.job import run_job
 from mocap.pipeline.run import Run
 from mocap.pipeline.source import Source
@@ -102,7 +103,9 @@ def measure(name: str, seed: int) -> None:
             run, prepared = run_job(source, model="eal", stages=Stages(), validated=False)
             seen = np.isfinite(prepared.xyz_m[..., 0])
             markers, parts = run.tracked.markers, {"seen": seen, "gaps": interior_gaps(seen)}
-            found = {part: score(markers.xyz_m, markers.cov_m2, truth_m, where) for part, where in parts.items()}
+            found = {
+                part: compared(markers.xyz_m, markers.cov_m2, truth_m, where).as_json() for part, where in parts.items()
+            }
             text = "".join(f"{s['rmse_mm']:9.3f}{s['coverage95']:7.1f} %" for s in found.values())
             error, share = joint_share(run, truth_m)
             print(f"  {cameras + ' cameras':22}{text}{error:9.3f}{share:7.1f} %", flush=True)

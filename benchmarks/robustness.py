@@ -18,10 +18,11 @@ import numpy as np
 
 from datasets import make_bat, make_lizard, write_recording
 from datasets.recording import SyntheticRecording
+from filters.hide import interior_gaps
+from filters.score import compared
 from mocap.arrays import Array
 from mocap.cleaning.swapped_rays import exchange_rays
 from mocap.cleaning.swaps import Swap, exchange
-from mocap.pipeline.gaps import interior_gaps, score
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.source import Source
@@ -134,7 +135,7 @@ def measure(animal: str, seed: int, *, stage: str) -> dict[str, tuple[float, flo
     truth = recording.truth.xyz_m
     out = {}
     for name, xyz in estimates.items():
-        scores = [score(xyz, None, truth, where)["rmse_mm"] for where in (common, common & hidden)]
+        scores = [compared(xyz, None, truth, where).rmse_mm for where in (common, common & hidden)]
         out[name] = (scores[0] or np.nan, scores[1] or np.nan)
     return out
 

@@ -21,12 +21,12 @@ from datasets import Digitiser, SyntheticRecording, make_bat, make_lizard, write
 from datasets.bat import bat_motion
 from datasets.film import film
 from datasets.lizard import lizard_motion
-from filters.learn import PoseSettings
+from filters.models.pose import PoseSettings
 from filters.subspace import bridge
 from mocap.arrays import Array
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.source import Source
-from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion
+from mocap.pipeline.tracking import ALONE, learn_motion, seen_part, track, tracked_motion
 
 CUTOFF_HZ = 30.0
 
@@ -82,7 +82,8 @@ def measure(animal: str, seed: int) -> dict[str, tuple[float, float]]:
     one, other = prepared(first), prepared(second)
     part = seen_part(one)
     tracks = {"first digitiser": one.xyz_m, "Butterworth": butterworth(one.xyz_m, first.fps)}
-    for name, model in learn_models(one, part, settings=PoseSettings()).items():
+    for name in ALONE:
+        model = learn_motion(one, part, name, settings=PoseSettings())
         tracks[name] = tracked_motion(one, part, name, track(one, part, model)).markers.xyz_m
     both = np.all([np.isfinite(x[..., 0]) for x in (*tracks.values(), other.xyz_m)], axis=0)
     distances = {}

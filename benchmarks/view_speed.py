@@ -59,6 +59,7 @@ def run_of(case: Case) -> Run:
         ),
         joints={},
         potentials={},
+        spatial_potentials={},
         report={},
         report_text="",
     )

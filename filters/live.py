@@ -20,7 +20,7 @@ Look = Callable[[Array, Array], Sights]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Estimate:
+class LiveEstimate:
     """The markers of one frame as they are known a little later.
 
     Attributes:
@@ -76,7 +76,7 @@ def live(
     every: int = 1,
     gate_sd: float = 6.0,
     linearisations: int = 1,
-) -> Iterator[Estimate]:
+) -> Iterator[LiveEstimate]:
     """Fixed-lag smoothing (Anderson & Moore 1979, chapter 7): every frame once, with ``lag`` frames of hindsight.
 
     A frame is filtered as it comes. Then the last states are smoothed back, and those that have seen ``lag`` later
@@ -89,7 +89,7 @@ def live(
     frames more hindsight than ``lag``: at every = lag, two smoothing steps a frame at most.
 
     Args:
-        model: Motion model. Poses whose path nobody knows yet: ``LaidPath``.
+        model: Motion model.
         frames: Time and look of each frame as they come; may wait between them.
         lag: Least number of later frames that an estimate rests on (but at the end).
         every: Number of frames that are smoothed back together.
@@ -125,7 +125,7 @@ def live(
     yield from done
 
 
-def _smoothed(model: MotionModel, kept: deque[_Kept], n: int) -> list[Estimate]:
+def _smoothed(model: MotionModel, kept: deque[_Kept], n: int) -> list[LiveEstimate]:
     """Smooth back from the last of the kept frames; the first n of them."""
     out, state, ahead = [], None, None
     for i in range(len(kept) - 1, -1, -1):
@@ -137,6 +137,6 @@ def _smoothed(model: MotionModel, kept: deque[_Kept], n: int) -> list[Estimate]:
             xyz, cov = marker_moments(model, model.informed(state) if dark else state, here.frame)
             later = len(kept) - 1 - i
             out.append(
-                Estimate(frame=here.frame, t_s=here.t_s, ahead=later, xyz_m=xyz, cov_m2=cov, observed=here.observed)
+                LiveEstimate(frame=here.frame, t_s=here.t_s, ahead=later, xyz_m=xyz, cov_m2=cov, observed=here.observed)
             )
     return out[::-1]

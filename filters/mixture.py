@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, root_scalar
 
-from filters.hidden import Fill, unseen_runs
+from filters.score import Z95, Residuals
 from mocap.arrays import Array, frozen
 
 
@@ -16,7 +16,7 @@ class Mixture:
     """How K models are mixed, sample by sample.
 
     Model k has the weight w_k ~ exp(offset_k + slope_k log(n / 30)) / variance_k^power in a gap of n frames, where
-    variance_k is what it states itself times ``scale_k`` squared: near the edges of a gap others are right than in its
+    variance_k is its predicted variance times ``scale_k`` squared: near the edges of a gap others are right than in its
     middle.
 
     Attributes:
@@ -69,7 +69,7 @@ class Mixture:
         """Mean and covariance of the mixture of K normal densities.
 
         Args:
-            xyz_m: K arrays (T, M, 3); NaN where a model says nothing; one must say something.
+            xyz_m: K arrays (T, M, 3); NaN where a model has no estimate; one must have one.
             cov_m2: K arrays (T, M, 3, 3).
             length: (T, M) length of the gap that a sample lies in; 0 where it was measured.
         """
@@ -82,7 +82,7 @@ class Mixture:
         cov += np.einsum("ktm,ktmi,ktmj->tmij", weight, means - mean, means - mean)
         return mean, cov * (self.widening(length) ** 2)[..., None, None]
 
-    def calibrated(self, fills: Sequence[Fill], *, own: float = 2.0, prior: float = 3.0) -> "Mixture":
+    def calibrated(self, residuals: Sequence[Residuals], *, own: float = 2.0, prior: float = 3.0) -> "Mixture":
         """The mixture with scales and intervals that hold in gaps hidden in a recording itself.
 
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
@@ -92,30 +92,22 @@ class Mixture:
         gaps, whatever the scales have become.
 
         Args:
-            fills: What each of the K models said of the hidden samples.
+            residuals: What each of the K models missed the hidden samples by.
             own: See above.
             prior: See above.
         """
-        gap, found = fills[0].gap, []
-        for fill, scaling in zip(fills, self.scaling(fills[0].length), strict=True):
-            scaled = replace(fill, variance=fill.variance * scaling[:, None] ** 2)
+        gap, found = residuals[0].gap, []
+        for part, scaling in zip(residuals, self.scaling(residuals[0].length), strict=True):
+            scaled = replace(part, variance=part.variance * scaling[:, None] ** 2)
             found.append(_log_scale(scaled, [gap == one for one in np.unique(gap)]))
         scaled = replace(self, scale=self.scale * np.exp(_share(gap, own) * np.array(found)))
-        before, after = (_conformal(_widths(mixture, fills), gap) for mixture in (self, scaled))
+        before, after = (_conformal(_widths(mixture, residuals), gap) for mixture in (self, scaled))
         factor = after * before ** (_share(gap, prior) - 1)
         return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
 
 
-def gap_lengths(seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(T, M) length in frames of the run of unseen frames that each sample lies in; 0 where seen."""
-    out = np.zeros(seen.shape, dtype=np.int64)
-    for marker, start, stop in unseen_runs(seen):
-        out[start:stop, marker] = stop - start
-    return out
-
-
 def learn_mixture(
-    fills: Sequence[Fill],
+    residuals: Sequence[Residuals],
     *,
     power: float = 1.0,
     strength: float = 0.1,
@@ -132,21 +124,23 @@ def learn_mixture(
     as if ``prior`` gaps more had shown them.
 
     Args:
-        fills: What each model said of the same hidden samples.
-        power: Power of the stated variances; 1: weights of precision. ``design/mixture.py`` settled it.
+        residuals: What each model missed the same hidden samples by.
+        power: Power of the stated variances; 1: weights of precision. docs/decisions.md, "The mixture".
         strength: Penalty on squared offsets and slopes.
         prior: See above.
         folds: See above.
     """
     options = {"power": power, "strength": strength, "prior": prior}
-    chosen = _mixture(fills, **options)
-    gap, length = fills[0].gap, fills[0].length
-    part = np.unique(gap, return_inverse=True)[1] % folds
-    ratio = np.empty(fills[0].miss_m.shape)
+    chosen = _mixture(residuals, **options)
+    gap, length = residuals[0].gap, residuals[0].length
+    fold = np.unique(gap, return_inverse=True)[1] % folds
+    ratio = np.empty(residuals[0].error_m.shape)
     for k in range(folds):
-        here = part == k
-        known = chosen if here.all() or not here.any() else _mixture([_some(f, ~here) for f in fills], **options)
-        ratio[here] = _widths(known, [_some(f, here) for f in fills])
+        here = fold == k
+        known = (
+            chosen if here.all() or not here.any() else _mixture([part.some(~here) for part in residuals], **options)
+        )
+        ratio[here] = _widths(known, [part.some(here) for part in residuals])
     overall = _conformal(ratio, gap)
     widen = []
     for n in chosen.length:
@@ -156,25 +150,25 @@ def learn_mixture(
     return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
 
 
-def mixed_fill(mixture: Mixture, fills: Sequence[Fill]) -> Fill:
-    """What a mixture says of hidden samples, from what each model says."""
-    length = fills[0].length
-    miss = np.stack([f.miss_m for f in fills])
-    variance = np.stack([f.variance for f in fills]) * mixture.scaling(length)[..., None] ** 2
+def mixed_residuals(mixture: Mixture, residuals: Sequence[Residuals]) -> Residuals:
+    """What a mixture misses hidden samples by, from what each model does."""
+    length = residuals[0].length
+    error = np.stack([part.error_m for part in residuals])
+    variance = np.stack([part.variance for part in residuals]) * mixture.scaling(length)[..., None] ** 2
     weight = mixture.weights(variance.mean(axis=2), length)
-    mean = np.einsum("kn,kni->ni", weight, miss)
-    total = np.einsum("kn,kni->ni", weight, variance + (miss - mean) ** 2)
-    return replace(fills[0], miss_m=mean, variance=total * mixture.widening(length)[:, None] ** 2)
+    mean = np.einsum("kn,kni->ni", weight, error)
+    total = np.einsum("kn,kni->ni", weight, variance + (error - mean) ** 2)
+    return replace(residuals[0], error_m=mean, variance=total * mixture.widening(length)[:, None] ** 2)
 
 
-def _widths(mixture: Mixture, fills: Sequence[Fill]) -> Array:
+def _widths(mixture: Mixture, residuals: Sequence[Residuals]) -> Array:
     """(n, 3) factors, a tenth at least, on a mixture's deviation by which 95 % intervals just hold measurements."""
-    found = mixed_fill(mixture, fills)
-    beyond = (found.miss_m / 1.959964) ** 2 - found.noise[:, None]
+    found = mixed_residuals(mixture, residuals)
+    beyond = (found.error_m / Z95) ** 2 - found.noise[:, None]
     return np.sqrt(np.maximum(beyond / found.variance, 0.01))
 
 
-def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:
+def _log_scale(part: Residuals, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:
     """Logarithm of the factor on a model's deviation by which its errors are as large as stated.
 
     That is: by which root mean squares, in deviations from measurements, are 1 in the geometric mean over groups of
@@ -182,7 +176,7 @@ def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.
     """
 
     def excess(log_scale: float) -> float:
-        squared = fill.miss_m**2 / (np.exp(2 * log_scale) * fill.variance + fill.noise[:, None])
+        squared = part.error_m**2 / (np.exp(2 * log_scale) * part.variance + part.noise[:, None])
         return float(np.mean([np.log(squared[group].mean()) for group in groups]))
 
     if excess(most) >= 0:
@@ -190,16 +184,16 @@ def _log_scale(fill: Fill, groups: Sequence[NDArray[np.bool_]], most: float = 2.
     return -most if excess(-most) <= 0 else float(root_scalar(excess, bracket=(-most, most), xtol=1e-6).root)
 
 
-def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: float) -> Mixture:
+def _mixture(residuals: Sequence[Residuals], *, power: float, strength: float, prior: float) -> Mixture:
     """Scales and weights; see ``learn_mixture``."""
-    k, length = len(fills), fills[0].length
+    k, length = len(residuals), residuals[0].length
     lengths = np.unique(length).astype(float)
     scale = np.ones((len(lengths), k))
-    for i, fill in enumerate(fills):
-        overall = _log_scale(fill, [np.ones(len(length), dtype=bool)])
+    for i, part in enumerate(residuals):
+        overall = _log_scale(part, [np.ones(len(length), dtype=bool)])
         for j, n in enumerate(lengths):
-            share = _share(fill.gap[length == n], prior)
-            scale[j, i] = np.exp(share * _log_scale(fill, [length == n]) + (1 - share) * overall)
+            share = _share(part.gap[length == n], prior)
+            scale[j, i] = np.exp(share * _log_scale(part, [length == n]) + (1 - share) * overall)
 
     def mixture(x: Array) -> Mixture:
         offset, slope = np.concatenate([np.zeros((2, 1)), x.reshape(2, k - 1)], axis=1)
@@ -207,27 +201,16 @@ def _mixture(fills: Sequence[Fill], *, power: float, strength: float, prior: flo
         return Mixture(offset=offset, slope=slope, power=power, length=lengths, scale=scale, widen=ones)
 
     start = mixture(np.zeros(2 * k - 2))
-    miss = np.stack([f.miss_m for f in fills])
-    stated = np.stack([f.variance for f in fills]).mean(axis=2) * start.scaling(length) ** 2
+    error = np.stack([part.error_m for part in residuals])
+    stated = np.stack([part.variance for part in residuals]).mean(axis=2) * start.scaling(length) ** 2
 
     def cost(x: Array) -> float:
         weight = mixture(x).weights(stated, length)
-        squared = np.sum(np.einsum("kn,kni->ni", weight, miss) ** 2, axis=1)
+        squared = np.sum(np.einsum("kn,kni->ni", weight, error) ** 2, axis=1)
         level = np.mean([0.5 * np.log(squared[length == n].mean()) for n in lengths])
         return float(level + strength * np.sum(x**2))
 
     return mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
-
-
-def _some(fill: Fill, which: NDArray[np.bool_]) -> Fill:
-    """Some of the samples."""
-    return Fill(
-        miss_m=fill.miss_m[which],
-        variance=fill.variance[which],
-        noise=fill.noise[which],
-        gap=fill.gap[which],
-        length=fill.length[which],
-    )
 
 
 def _conformal(ratio: Array, gap: NDArray[np.int64]) -> float:

@@ -5,16 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from filters.delayed import DelaySettings
-from filters.fitting import Fitting, Kind, shares
-from filters.learn import PoseSettings
-from filters.learn_markers import MarkerSettings
-from filters.mixture import Mixture, gap_lengths, mixed_fill
+from filters.hide import gap_lengths
+from filters.mixture import Mixture, mixed_residuals
+from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
+from filters.models.delayed_poses import DelaySettings
+from filters.models.pose import PoseSettings
 from filters.observations import Observations
 from filters.poses import MarkerTrial
-from filters.several import Several
-from filters.track import Progress, Smoothed
-from filters.tune import USUAL_MARKER, Tuned, calibrated, mixed, search_on, tuned
+from filters.records import Estimate
+from filters.tune import USUAL_EFFORT, USUAL_MARKER, Effort, Search, Tuned, calibrated, mixed, search_on, tuned
 from mocap.errors import MocapError
 from mocap.skeleton import ends_among
 
@@ -31,7 +30,7 @@ class LearnedModel:
         trunk: Those of the body.
         bones: Markers of the skeleton's rigid bones.
         trials: What it learned from; none where a recording is to teach itself.
-        kinds: Its K kinds of models; the last is a motion model.
+        models: The K models that are mixed; the last is a filter, whose record of what was observed is kept.
         mixture: How they are mixed.
         scores: For each of them and the mixture, by length of gap: root mean square error in mm and the share of
             coordinates inside 95 % intervals, in gaps that were hidden while learning.
@@ -41,7 +40,7 @@ class LearnedModel:
     trunk: tuple[str, ...]
     bones: tuple[tuple[str, str], ...]
     trials: tuple[MarkerTrial, ...]
-    kinds: tuple[Kind, ...]
+    models: tuple[TrajectoryModel, ...]
     mixture: Mixture
     scores: dict[str, dict[str, list[float]]]
 
@@ -58,6 +57,8 @@ def learn_model(
     rng: np.random.Generator,
     *,
     bones: Sequence[tuple[str, str]] = (),
+    effort: Effort = USUAL_EFFORT,
+    choose: Callable[[Search], Tuned] = tuned,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
     """Choose motion models and their mixture on gaps hidden in the trials.
@@ -68,6 +69,8 @@ def learn_model(
         trials: What to learn from.
         rng: What to hide.
         bones: Markers of the skeleton's rigid bones.
+        effort: How much is hidden.
+        choose: Which models are mixed, and how their settings are chosen.
         tell: Called with a line for each candidate.
 
     Raises:
@@ -75,19 +78,19 @@ def learn_model(
     """
     check_rates(trials)
     body = [names.index(name) for name in trunk] or list(range(len(names)))
-    search = search_on(trials, body, rng, named=ends_among(names, bones), tell=tell)
+    search = search_on(trials, body, rng, named=ends_among(names, bones), effort=effort, tell=tell)
     if not search.hidden:
         raise MocapError(
             "no gap could be hidden in these trials: that needs a marker that is seen in three frames before and after "
             "ten others; give longer or more complete trials"
         )
-    found = tuned(search)
+    found = choose(search)
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
         bones=tuple(bones),
         trials=tuple(trials),
-        kinds=found.kinds,
+        models=found.models,
         mixture=found.mixture,
         scores=scores_of(found),
     )
@@ -102,7 +105,7 @@ def learn_from_itself(
     bones: Sequence[tuple[str, str]] = (),
     most_frames: int = 300,
 ) -> LearnedModel | None:
-    """A model of no other trials: how to mix three kinds is learned on gaps hidden in the recording to be tracked.
+    """A model of no other trials: how to mix three models is learned on gaps hidden in the recording to be tracked.
 
     Args:
         names: The M markers.
@@ -117,17 +120,17 @@ def learn_from_itself(
     """
     body = [names.index(name) for name in trunk if name in names] or list(range(len(names)))
     named, rng = ends_among(names, bones), np.random.default_rng(0)
-    search = search_on([recording], body, rng, named=named, most_frames=most_frames, times=1)
+    search = search_on([recording], body, rng, named=named, effort=Effort(most_frames=most_frames, times=1))
     if not search.hidden:
         return None
-    delay = DelaySettings(ranks=settings.ranks, body_hz=settings.body_hz, turns=settings.turns)
+    delay = DelaySettings(ranks=settings.ranks, body_hz=settings.body_hz, rotating=settings.rotating)
     found = mixed(search, (USUAL_MARKER, delay, settings))
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
         bones=tuple(bones),
         trials=(),
-        kinds=found.kinds,
+        models=found.models,
         mixture=found.mixture,
         scores=scores_of(found),
     )
@@ -146,38 +149,18 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
         raise MocapError(f"trials of one model need one frame rate, but have frames a second: {listed}")
 
 
-def kind_name(kind: Kind) -> str:
-    """A model in a few words."""
-    if isinstance(kind, MarkerSettings):
-        return "constant velocity of each marker"
-    if isinstance(kind, DelaySettings):
-        return f"Gaussian process of delayed poses, axes that {'turn' if kind.turns else 'do not turn'} with the body"
-    if isinstance(kind, Several):
-        return f"{kind_name(kind.members[0])}, mean of {len(kind.members)} ranks of the pose"
-    mechanics = {
-        "free": "constant velocity of the pose",
-        "linear": "linear mechanics",
-        "field": "learned forces",
-        "literal": "V_z as a force",
-    }
-    held = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
-    bones = " + bones" if kind.bones else ""
-    return mechanics[kind.mechanics] + held.get(kind.potential, f" + {kind.potential} potential") + bones
-
-
 def scores_of(found: Tuned) -> dict[str, dict[str, list[float]]]:
     """Errors and coverage of each model and of the mixture on what was hidden, by length of gap."""
-    mixed, length = mixed_fill(found.mixture, found.fills), found.fills[0].length
-    named = [(kind_name(kind), fill) for kind, fill in zip(found.kinds, found.fills, strict=True)]
+    mixed, length = mixed_residuals(found.mixture, found.residuals), found.residuals[0].length
+    named = [(model.description, part) for model, part in zip(found.models, found.residuals, strict=True)]
     out = {}
-    for name, fill in [*named, ("mixture", mixed)]:
+    for name, part in [*named, ("mixture", mixed)]:
         rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": []}
         for n in np.unique(length):
-            at = fill.length == n
-            inside = np.abs(fill.miss_m[at]) <= 1.959964 * np.sqrt(fill.apart[at])
+            value = part.some(part.length == n).score()
             rows["gap_frames"].append(int(n))
-            rows["rmse_mm"].append(float(1e3 * np.sqrt(np.mean(np.sum(fill.miss_m[at] ** 2, axis=1)))))
-            rows["coverage95"].append(float(100 * inside.mean()))
+            rows["rmse_mm"].append(value.rmse_mm)
+            rows["coverage95"].append(100 * value.coverage95)
         out[name] = rows
     return out
 
@@ -211,8 +194,8 @@ def for_recording(learned: LearnedModel, names: Sequence[str], recording: Marker
     return [trial for trial in out if not same_recording(trial, recording)]
 
 
-def fitting_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTrial) -> Fitting:
-    """The model's trials and a recording that is to be tracked, to fit the model's kinds to.
+def trials_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTrial) -> TrialSet:
+    """The model's trials and a recording that is to be tracked, to fit its models to.
 
     Args:
         learned: The model.
@@ -223,17 +206,17 @@ def fitting_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTr
         MocapError: another frame rate, or other markers.
     """
     check_rates([*learned.trials, recording])
-    return _fitting(learned, names, [*for_recording(learned, names, recording), recording])
+    return _trial_set(learned, names, [*for_recording(learned, names, recording), recording])
 
 
-def own_fitting(learned: LearnedModel) -> Fitting:
-    """The model's trials alone, to look at what its kinds learn from them."""
-    return _fitting(learned, learned.names, learned.trials)
+def own_trials(learned: LearnedModel) -> TrialSet:
+    """The model's trials alone, to look at what its models learn from them."""
+    return _trial_set(learned, learned.names, learned.trials)
 
 
-def _fitting(learned: LearnedModel, names: Sequence[str], trials: Sequence[MarkerTrial]) -> Fitting:
+def _trial_set(learned: LearnedModel, names: Sequence[str], trials: Sequence[MarkerTrial]) -> TrialSet:
     trunk = [names.index(name) for name in learned.trunk if name in names] or list(range(len(names)))
-    return Fitting(trials, trunk, ends_among(names, learned.bones))
+    return TrialSet(trials, trunk, ends_among(names, learned.bones))
 
 
 def track_with(
@@ -243,7 +226,7 @@ def track_with(
     observations: Observations,
     *,
     progress: Progress | None = None,
-) -> Smoothed:
+) -> Estimate:
     """Track a recording by all models of a learned one, and mix what they say.
 
     The mixture's intervals are widened or narrowed until they hold in gaps that are hidden in the recording itself.
@@ -256,13 +239,14 @@ def track_with(
         progress: Called with the share done.
 
     Returns:
-        Markers that were not seen are those of the mixture; all else is that of the last model, the one held by V_z.
+        Markers that were not seen are those of the mixture; all else is that of the last model, the pose model.
     """
-    fitting, tells = fitting_for(learned, names, recording), shares(progress, len(learned.kinds))
-    found = [fitting.fill(kind, observations, progress=tell) for kind, tell in zip(learned.kinds, tells, strict=True)]
+    trials, tells = trials_for(learned, names, recording), shares(progress, len(learned.models))
+    found = [
+        estimate(model, trials, observations, progress=tell) for model, tell in zip(learned.models, tells, strict=True)
+    ]
     length = gap_lengths(recording.seen)
-    mixture = calibrated(learned.mixture, learned.kinds, fitting) if learned.trials else learned.mixture
+    mixture = calibrated(learned.mixture, learned.models, trials) if learned.trials else learned.mixture
     xyz, cov = mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
     seen, last = recording.seen[..., None], found[-1]
-    assert isinstance(last, Smoothed)  # ``LearnedModel.kinds`` end with a motion model
     return replace(last, xyz_m=np.where(seen, last.xyz_m, xyz), cov_m2=np.where(seen[..., None], last.cov_m2, cov))

@@ -64,7 +64,7 @@ def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames) -> PoseTrial:
 
 
 def poses_of(
-    trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float, turns: bool = True
+    trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float, rotating: bool = True
 ) -> list[PoseTrial]:
     """Poses of trials about one body: its axes are those of the mean shape of all their trunks.
 
@@ -72,7 +72,7 @@ def poses_of(
         trials: Trials of the same markers.
         trunk: Indices of the trunk's markers; in a trial that shows none of them all markers are taken.
         body_hz: Faster motion of the trunk is left to the shape.
-        turns: Whether the axes follow the body's rotation, or only its mean in each trial.
+        rotating: Whether the axes follow the body's rotation, or only its mean in each trial.
     """
     chosen = list(trunk)
     if not all(trial.seen[:, chosen].any() for trial in trials):
@@ -80,7 +80,7 @@ def poses_of(
     shape = trunk_shape(np.concatenate([trial.xyz_m[:, chosen] for trial in trials]))
     out = []
     for trial in trials:
-        options = {"dt_s": trial.dt_s, "cutoff_hz": body_hz, "shape": shape, "turns": turns}
+        options = {"dt_s": trial.dt_s, "cutoff_hz": body_hz, "shape": shape, "turns": rotating}
         out.append(pose_trial(trial.t_s, trial.xyz_m, body_frames(trial.xyz_m[:, chosen], **options)))
     return out
 
@@ -130,7 +130,7 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int], cutoff_hz: f
     rate = [_derivative(part, dt_s) for part in smooth]
     left = np.where(np.isfinite(y), y - found.poses, np.nan)
     count = np.array([np.isfinite(trial.y).sum(axis=0) for trial in trials])
-    certainty = 0.1 * count / max(found.noise, 1e-14) + 1 / np.maximum(found.trial_sd, 1e-7) ** 2
+    precision = 0.1 * count / max(found.noise, 1e-14) + 1 / np.maximum(found.trial_sd, 1e-7) ** 2
     return Shapes(
         subspace=subspace,
         z=np.split(z, cuts),
@@ -138,7 +138,7 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int], cutoff_hz: f
         acceleration=[_derivative(part, dt_s) for part in rate],
         known=np.split(found.known, cuts),
         offset=found.trial_offset,
-        offset_sd=1 / np.sqrt(certainty),
+        offset_sd=1 / np.sqrt(precision),
         residual=np.split(left, cuts),
     )
 
@@ -173,7 +173,7 @@ def residual_rate(residual: Sequence[Array], dt_s: float) -> float:
     return 1.678 / (float(lags[-1]) * dt_s)
 
 
-def certain_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArray[np.bool_]]:
+def known_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArray[np.bool_]]:
     """(T,) masks of the poses that are known better than ``limit``; if there are too few, of the best known."""
     known = np.concatenate(shapes.known)
     if np.count_nonzero(known > limit) < least:

@@ -1,12 +1,34 @@
 """What a tracker returns."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.observe import Observed
 from mocap.arrays import Array, frozen
 from mocap.records import MarkerTracks
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Estimate:
+    """Where a motion model has the markers of a trial.
+
+    Attributes:
+        xyz_m: (T, M, 3) positions in the world; NaN where the model has no estimate.
+        cov_m2: (T, M, 3, 3) their covariance.
+        observed: What a filter saw in each frame, and how it was believed; empty where nothing was filtered.
+    """
+
+    xyz_m: Array
+    cov_m2: Array
+    observed: Sequence[Observed] = ()
+
+    @property
+    def log_likelihood(self) -> Array:
+        """(T,) log density of each frame's observations given those before."""
+        return np.array([seen.log_likelihood for seen in self.observed])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

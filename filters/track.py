@@ -11,30 +11,11 @@ from filters.ensemble import Gaussian, Prediction, ensemble, scale, spread
 from filters.motion.base import MotionModel, Step
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
+from filters.records import Estimate
 from filters.smoother import smooth_step
 from mocap.arrays import Array
 
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Smoothed:
-    """Markers as a tracker sees them with hindsight, and how surprised it was.
-
-    Attributes:
-        xyz_m: (T, M, 3) smoothed positions.
-        cov_m2: (T, M, 3, 3) their covariance.
-        observed: What was seen in each frame, and how it was believed.
-    """
-
-    xyz_m: Array
-    cov_m2: Array
-    observed: list[Observed]
-
-    @property
-    def log_likelihood(self) -> Array:
-        """(T,) log density of each frame's observations given those before."""
-        return np.array([seen.log_likelihood for seen in self.observed])
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,18 +118,6 @@ def filter_forward(
     return Filtered(states, predictions, observed, state)
 
 
-def log_likelihood(model: MotionModel, observations: Observations, t_s: Array, *, gate_sd: float = 6.0) -> float:
-    """Log density of all observations under a model: what its parameters are chosen by."""
-    total, before = 0.0, None
-    with threadpool_limits(1):
-        for start in range(0, observations.n_frames, 500):  # what was seen of each ray is not kept
-            block = range(start, min(start + 500, observations.n_frames))
-            part = filter_forward(model, observations, t_s, frames=block, before=before, gate_sd=gate_sd, keep=False)
-            total += sum(seen.log_likelihood for seen in part.observed)
-            before = part.last
-    return total
-
-
 def smooth(
     model: MotionModel,
     observations: Observations,
@@ -158,7 +127,7 @@ def smooth(
     most_bytes: float = 1e9,
     linearisations: int = 1,
     progress: Progress | None = None,
-) -> Smoothed:
+) -> Estimate:
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
 
     A recording whose states would take more than ``most_bytes`` is filtered in blocks of which only the state before
@@ -196,7 +165,7 @@ def smooth(
                 cov.append(covariance)
                 if progress is not None:
                     progress(1 - 0.5 * frame / n_frames)
-    return Smoothed(xyz_m=np.array(xyz[::-1]), cov_m2=np.array(cov[::-1]), observed=observed)
+    return Estimate(xyz_m=np.array(xyz[::-1]), cov_m2=np.array(cov[::-1]), observed=observed)
 
 
 def marker_deviations(model: MotionModel, state: Gaussian, frame: int) -> tuple[Array, Array]:

@@ -40,7 +40,7 @@ PLACES = {
 }
 """Libraries that only some folders may import (tests may import all of them)."""
 
-OUTSIDE = ("tests", "benchmarks", "design")
+OUTSIDE = ("tests", "benchmarks")
 """Folders of scripts; no package imports them."""
 
 

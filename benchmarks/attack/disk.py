@@ -120,8 +120,8 @@ def converting(files: Path) -> list[Case]:
 def tracking(files: Path) -> list[Case]:
     """Commands that write what was tracked, learned or drawn; it is made here, once."""
     from datasets.lizard import make_lizard
-    from filters.learn import PoseSettings
     from filters.model import learn_from_itself
+    from filters.models.pose import PoseSettings
     from mocap.pipeline.job import run_job
     from mocap.pipeline.prepare import prepare
     from mocap.pipeline.source import Source

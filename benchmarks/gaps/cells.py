@@ -1,7 +1,5 @@
 """One method on one fold, here or in another process."""
 
-import sys
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -47,7 +45,6 @@ class Extent:
 QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
 QUICK_SETS = ("bat", "mouse", "snake_glide")
-LATE = "out of time"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,9 +104,7 @@ def empty_rows(task: Task) -> list[dict]:
         shown = shown_trials(trials[left_out], seed, wanted, frames=task.extent.frames)
         held: dict[tuple[str, int], int] = {}
         for gap in (gap for copy in shown for gap in copy.gaps):
-            held[gap.scenario, gap.length] = (
-                held.get((gap.scenario, gap.length), 0) + int(gap.scored.sum()) * gap.length
-            )
+            held[gap.kind, gap.length] = held.get((gap.kind, gap.length), 0) + int(gap.scored.sum()) * gap.length
         for (scenario, length), samples in sorted(held.items()):
             values = {"scenario": scenario, "gap": length, "samples": samples} | nothing
             out.append(row(task, seed, trials[left_out].name, values))
@@ -121,25 +116,12 @@ def run_together(tasks: Sequence[Task]) -> list[tuple[list[dict], str | None]]:
     return [run(task) for task in tasks]
 
 
-def results(tasks: Sequence[Task], jobs: int, deadline: float) -> Iterator[tuple[Task, list[dict], str | None]]:
-    """Run tasks in order; folds by processes, if several are wanted (then there is no deadline).
-
-    After the deadline rows are empty. A set that would hardly be done by then, as the last one took, is not begun.
-    """
-    if jobs > 1:
-        folds = [list(group) for _, group in groupby(tasks, key=lambda task: (task.name, task.trial))]
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            for group, found in zip(folds, pool.map(run_together, folds), strict=True):
-                yield from ((task, rows, trouble) for task, (rows, trouble) in zip(group, found, strict=True))
+def results(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, list[dict], str | None]]:
+    """Run tasks in order; folds by processes, if several are wanted."""
+    if jobs == 1:
+        yield from ((task, *run(task)) for task in tasks)
         return
-    took = 0.0
-    for name, group in groupby(tasks, key=lambda task: task.name):
-        begin = time.perf_counter()
-        if took and begin + took > deadline:
-            print(f"{name}: left out: no time", file=sys.stderr)
-            continue
-        for task in group:
-            late = time.perf_counter() > deadline
-            rows, trouble = (empty_rows(task), LATE) if late else run(task)
-            yield task, rows, trouble
-        took = time.perf_counter() - begin
+    folds = [list(group) for _, group in groupby(tasks, key=lambda task: (task.name, task.trial))]
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        for group, found in zip(folds, pool.map(run_together, folds), strict=True):
+            yield from ((task, rows, trouble) for task, (rows, trouble) in zip(group, found, strict=True))

@@ -31,11 +31,11 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Filled:
-    """What a method says of every sample.
+class Estimate:
+    """What a method estimates of every sample.
 
     Attributes:
-        xyz_m: (T, M, 3) positions; NaN where it says nothing.
+        xyz_m: (T, M, 3) positions; NaN where it has no estimate.
         cov_m2: (T, M, 3, 3) covariance of a measurement there (its noise included); None: the method has no intervals.
     """
 
@@ -46,7 +46,7 @@ class Filled:
 class Filler(Protocol):
     """A method that has learned."""
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Fill a trial; its hidden samples are NaN and are not known in any other way."""
         ...
 

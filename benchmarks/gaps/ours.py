@@ -1,159 +1,132 @@
-"""Our tracker and its controls, as methods of the gap benchmark.
+"""Our tracker, as users run it: recordings with hidden samples are learned from and tracked by the product itself.
 
-All share one search on hidden gaps of the training trials, so that they differ in what they are named after alone.
+The controls differ in what ``learn_from`` is asked to choose and mix; all else is the same.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
-from filters.fitting import Fitting, Kind
-from filters.hidden import Fill
-from filters.learn import Potential
-from filters.mixture import Mixture, gap_lengths, learn_mixture
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
+from filters.models.base import TrajectoryModel
+from filters.models.pose import Potential
 from filters.tune import (
+    Effort,
     Search,
+    Tuned,
     bare_pose,
-    delay_kinds,
+    delay_models,
     free_pose,
     held_pose,
-    marker_kind,
+    marker_model,
+    mixed,
     of_two_ranks,
-    own_search,
-    search_on,
+    tuned,
 )
-from mocap.arrays import Array
+from mocap.pipeline.job import run_job
+from mocap.pipeline.learning import learn_from
+from mocap.pipeline.prepare import Prepared, prepare_tracks
+from mocap.records import MarkerTracks, Origin
+from mocap.skeleton import Skeleton
 
 LEAST_SD_M = 5e-5
 """Recordings that were smoothed before show less noise than their markers have."""
-
-
-def marker_trial(trial: Trial) -> MarkerTrial:
-    """A trial as the tracker takes it."""
-    sd = np.broadcast_to(np.maximum(trial.sd_m, LEAST_SD_M), trial.xyz_m.shape[:2])
-    return MarkerTrial(name=trial.name, t_s=trial.t_s, xyz_m=trial.xyz_m, sd_m=sd)
-
-
-@dataclass(frozen=True, eq=False)
-class Said:
-    """What one model says of a trial, and of gaps that were hidden in it besides (None: there is no room)."""
-
-    xyz_m: Array
-    cov_m2: Array
-    own: Fill | None
-
-
-@dataclass(eq=False)
-class Lesson:
-    """What all our methods learned from one set of training trials, and what each model said of trials.
-
-    A method that comes later finds there what it shares with those before; its time to fill lacks that.
-    """
-
-    search: Search
-    kinds: dict[str, Kind] = field(default_factory=dict)
-    _said: dict[tuple[bytes, str], Said] = field(default_factory=dict)
-    _fitting: tuple[bytes, Fitting, Search | None] | None = None
-
-    def kind(self, name: str) -> Kind:
-        """One of ``KINDS``, searched for when it is first asked for, or another that was put among ``kinds``."""
-        if name not in self.kinds:
-            self.kinds[name] = KINDS[name](self.search)
-        return self.kinds[name]
-
-    def said(self, name: str, trial: MarkerTrial) -> Said:
-        """By one model."""
-        key = trial.xyz_m.tobytes()
-        if (key, name) not in self._said:
-            if self._fitting is None or self._fitting[0] != key:
-                fitting = Fitting([*self.search.trials, trial], self.search.trunk)
-                self._fitting = key, fitting, own_search(fitting)
-            _, fitting, own = self._fitting
-            kind = self.kind(name)
-            found = fitting.fill(kind, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
-            self._said[key, name] = Said(found.xyz_m, found.cov_m2, own.fill(kind) if own else None)
-        return self._said[key, name]
-
-
 GAUSSIAN: tuple[Potential, ...] = ("quadratic motion", "quadratic")
 """The control of ``held_pose``'s own two."""
 
-KINDS: dict[str, Callable[[Search], Kind]] = {
-    "marker": marker_kind,
-    "delayed poses": lambda search: delay_kinds(search, free_pose(search))[0],
-    "delayed poses, turned": lambda search: delay_kinds(search, free_pose(search))[1],
-    "mechanics": lambda search: of_two_ranks(search, bare_pose(search, free_pose(search))),
-    "mechanics + V_z": lambda search: of_two_ranks(search, held_pose(search, free_pose(search))),
-    "mechanics + quadratic": lambda search: of_two_ranks(search, held_pose(search, free_pose(search), GAUSSIAN)),
-}
-"""Models by name; a search keeps what it tried, so that what they have in common is tried once."""
-
-_lessons: dict[tuple[str, ...], Lesson] = {}
+Choose = Callable[[Search], Tuned]
 
 
-def lesson(training: Sequence[Trial]) -> Lesson:
-    """The search on training trials, done once for all methods."""
-    key = tuple(trial.name for trial in training)
-    if key not in _lessons:
-        _lessons.clear()
-        trunk = [training[0].names.index(name) for name in training[0].trunk]
-        much = plan.get()
-        search = search_on(
-            [marker_trial(trial) for trial in training],
-            trunk,
-            np.random.default_rng(0),
-            validated=min(much.trials, 2),
-            most_frames=max(much.frames, 500) if much.trials > 1 else much.frames,
-            times=3 if much.trials > 1 else 1,
-        )
-        _lessons[key] = Lesson(search)
-    return _lessons[key]
+def tracks_of(trial: Trial) -> MarkerTracks:
+    """A trial as a file of positions would hold it, each with the noise that the set's markers have."""
+    sd = np.maximum(trial.sd_m, LEAST_SD_M)
+    seen = np.isfinite(trial.xyz_m[..., 0])
+    cov = np.where(seen[..., None, None], (sd**2)[:, None, None] * np.eye(3), np.nan)
+    origin = np.where(seen, Origin.MEASURED, Origin.MISSING)
+    return MarkerTracks(names=trial.names, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, origin=origin)
+
+
+def recording(trial: Trial) -> Prepared:
+    """A trial as the product prepares it: cleaned, with a skeleton of markers and trunk."""
+    skeleton = Skeleton(name="markers and trunk", markers=trial.names, trunk=trial.trunk)
+    return prepare_tracks(tracks_of(trial), skeleton, name=trial.name)
+
+
+def effort() -> Effort:
+    """What a user's search does; less with ``--quick``, as all methods do."""
+    much = plan.get()
+    return Effort() if much.trials > 1 else Effort(validated=1, most_frames=much.frames, times=1)
 
 
 @dataclass(frozen=True)
 class Ours:
-    """A mixture of some of our models; of one alone, its widths are learned."""
+    """The product with a choice of what is mixed; the default is its own."""
 
     name: str
-    members: tuple[str, ...]
+    choose: Choose = tuned
 
     def learn(self, training: Sequence[Trial]) -> Filler:
-        """Search, then learn the mixture's weights and widths on the same hidden gaps."""
-        learned = lesson(training)
-        mixture = learn_mixture([learned.search.both(learned.kind(member)) for member in self.members])
-        return _filler(learned, self.members, mixture)
+        """``learn_from`` the training trials; what is filled later is tracked by ``run_job``."""
+        learned = learn_from(
+            [recording(trial) for trial in training], effort=effort(), choose=remembering(self.choose, training)
+        )
+
+        def fill(trial: Trial) -> Estimate:
+            run, _ = run_job(recording(trial), learned=learned, validated=False)
+            markers, noise = run.tracked.markers, np.maximum(trial.sd_m, LEAST_SD_M) ** 2
+            return Estimate(markers.xyz_m, markers.cov_m2 + noise[:, None, None] * np.eye(3))
+
+        return fill
 
 
-def _filler(learned: Lesson, members: Sequence[str], mixture: Mixture) -> Callable[[Trial], Filled]:
-    def fill(trial: Trial) -> Filled:
-        own = marker_trial(trial)
-        said = [learned.said(member, own) for member in members]
-        hidden = [each.own for each in said if each.own is not None]
-        fitted = mixture.calibrated(hidden) if hidden else mixture
-        xyz, cov = fitted.combine([each.xyz_m for each in said], [each.cov_m2 for each in said], gap_lengths(own.seen))
-        return Filled(xyz, cov + (own.sd_m**2)[..., None, None] * np.eye(3))
-
-    return fill
+_tried: dict[tuple, list] = {}
 
 
-BESIDE = ("marker", "delayed poses", "delayed poses, turned")
-"""What is mixed with the mechanics."""
+def remembering(choose: Choose, training: Sequence[Trial]) -> Choose:
+    """The same choice, which finds what others tried on the same hidden gaps of the same trials."""
+
+    def chosen(search: Search) -> Tuned:
+        key = (plan.get(), *(trial.xyz_m.tobytes() for trial in training))
+        if key not in _tried:
+            _tried.clear()
+        search.tried = _tried.setdefault(key, search.tried)
+        return choose(search)
+
+    return chosen
+
+
+def _beside(search: Search, pose: Callable[[Search], TrajectoryModel]) -> Tuned:
+    """The default mixture with another model of poses."""
+    return mixed(search, (marker_model(search), *delay_models(search, free_pose(search)), pose(search)))
+
+
+def _held(search: Search) -> TrajectoryModel:
+    return of_two_ranks(search, held_pose(search, free_pose(search)))
+
+
+def _quadratic(search: Search) -> TrajectoryModel:
+    return of_two_ranks(search, held_pose(search, free_pose(search), GAUSSIAN))
+
+
+def _bare(search: Search) -> TrajectoryModel:
+    return of_two_ranks(search, bare_pose(search, free_pose(search)))
 
 
 def ours() -> list[Method]:
-    """The default, and the same with other potentials (controls)."""
+    """The product, and the same with other potentials (controls)."""
     return [
-        Ours("EAL", (*BESIDE, "mechanics + V_z")),
-        Ours("EAL, no potential", (*BESIDE, "mechanics")),
-        Ours("EAL, quadratic potential", (*BESIDE, "mechanics + quadratic")),
+        Ours("EAL"),
+        Ours("EAL, no potential", lambda search: _beside(search, _bare)),
+        Ours("EAL, quadratic potential", lambda search: _beside(search, _quadratic)),
     ]
 
 
 def alone() -> list[Method]:
     """The mechanics without what they are mixed with, held by each potential."""
-    return [Ours(f"{part} alone", (part,)) for part in ("mechanics + V_z", "mechanics + quadratic", "mechanics")]
+    return [
+        Ours("mechanics + V_z alone", lambda search: mixed(search, (_held(search),))),
+        Ours("mechanics + quadratic alone", lambda search: mixed(search, (_quadratic(search),))),
+        Ours("mechanics alone", lambda search: mixed(search, (_bare(search),))),
+    ]

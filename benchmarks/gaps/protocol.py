@@ -16,12 +16,12 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, Shown, cells, excerpt, hide
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
+from filters import score as one_score
 from mocap.arrays import Array
 
 TEST_FRAMES = 500
 """Longer trials are tested on an excerpt, another one for each seed."""
-_Z95 = 1.959964
 
 Candidate = TypeVar("Candidate")
 
@@ -48,24 +48,16 @@ plan: ContextVar[Plan] = ContextVar("plan", default=FULL)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class Score(one_score.Score):
     """How one method did in the gaps of one kind in one trial.
 
     Attributes:
         scenario: Of the gaps.
         gap: Their length in frames.
-        samples: Number of hidden samples that were compared.
-        rmse_mm: Root mean square of the distance to the measured sample.
-        coverage95: Share of coordinates inside 1.96 standard deviations; NaN without intervals.
-        nll: Mean negative log likelihood of a coordinate: of the three together, over three, lengths in mm.
     """
 
     scenario: str
     gap: int
-    samples: int
-    rmse_mm: float
-    coverage95: float
-    nll: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,56 +91,40 @@ def evaluate(filler: Filler, shown: Sequence[Shown]) -> Outcome:
     Raises:
         ValueError: the method leaves a hidden sample without a value, or gives other shapes.
     """
-    found: dict[Cell, list[tuple[Array, Array, Array]]] = {}
+    found: dict[Cell, list[tuple[Array, Array | None]]] = {}
     seconds = 0.0
     for copy in shown:
-        trial = copy.trial
         begin = time.process_time()
-        filled = filler(trial)
+        filled = filler(copy.shown)
         seconds += time.process_time() - begin
         for gap in copy.gaps:
-            found.setdefault((gap.scenario, gap.length), []).append(errors(filled, copy.truth, gap))
+            found.setdefault((gap.kind, gap.length), []).append(errors(filled, copy.trial, gap))
     scores = []
-    for (scenario, length), parts in sorted(found.items()):
-        square, inside, nll = (np.concatenate(column) for column in zip(*parts, strict=True))
-        scores.append(
-            Score(
-                scenario=scenario,
-                gap=length,
-                samples=len(square),
-                rmse_mm=float(1e3 * np.sqrt(square.mean())),
-                coverage95=float(inside.mean()),
-                nll=float(nll.mean()),
-            )
-        )
-    return Outcome(scores=tuple(scores), seconds=seconds, frames=sum(len(copy.truth.t_s) for copy in shown))
+    for (scenario, length), parts in sorted(found.items(), key=lambda item: item[0]):
+        covs = [cov for _, cov in parts if cov is not None]
+        value = one_score.score(np.concatenate([error for error, _ in parts]), np.concatenate(covs) if covs else None)
+        scores.append(Score(scenario=scenario, gap=length, **vars(value)))
+    return Outcome(scores=tuple(scores), seconds=seconds, frames=sum(len(copy.trial.t_s) for copy in shown))
 
 
-def errors(filled: Filled, truth: Trial, gap: Gap) -> tuple[Array, Array, Array]:
-    """Of the K scored samples of a gap: squared distances in m^2, shares of coordinates inside 95 %, NLL a coordinate.
+def errors(filled: Estimate, truth: Trial, gap: Gap) -> tuple[Array, Array | None]:
+    """Of the K scored samples of a gap: errors (K, 3) in metres, covariances (K, 3, 3) that were stated for them.
 
     Raises:
-        ValueError: a sample has no value, or shapes differ.
+        ValueError: a sample has no value, shapes differ, or a covariance is none.
     """
     if filled.xyz_m.shape != truth.xyz_m.shape:
         raise ValueError(f"filled positions have shape {filled.xyz_m.shape}, the trial {truth.xyz_m.shape}")
     error = (filled.xyz_m - truth.xyz_m)[gap.frames][:, gap.scored].reshape(-1, 3)
     if not np.isfinite(error).all():
         lost = int((~np.isfinite(error).all(axis=1)).sum())
-        raise ValueError(f"{lost} of {len(error)} samples of a gap ({gap.scenario}, {gap.length}) have no value")
-    unknown = np.full(len(error), np.nan)
+        raise ValueError(f"{lost} of {len(error)} samples of a gap ({gap.kind}, {gap.length}) have no value")
     if filled.cov_m2 is None:
-        return np.sum(error**2, axis=1), unknown, unknown
+        return error, None
     cov = filled.cov_m2[gap.frames][:, gap.scored].reshape(-1, 3, 3)
-    variance = np.diagonal(cov, axis1=1, axis2=2)
-    if not (np.isfinite(cov).all() and (variance > 0).all()):
-        raise ValueError(f"a covariance of a gap ({gap.scenario}, {gap.length}) is no covariance")
-    inside = (np.abs(error) <= _Z95 * np.sqrt(variance)).mean(axis=1)
-    sign, log_det = np.linalg.slogdet(cov * 1e6)
-    if not (sign > 0).all():
-        raise ValueError(f"a covariance of a gap ({gap.scenario}, {gap.length}) is indefinite")
-    mahalanobis = np.einsum("ki,ki->k", error, np.linalg.solve(cov, error[..., None])[..., 0])
-    return np.sum(error**2, axis=1), inside, (mahalanobis + log_det + 3 * np.log(2 * np.pi)) / 6
+    if len(error) and np.isnan(one_score.score(error, cov).nll):
+        raise ValueError(f"a covariance of a gap ({gap.kind}, {gap.length}) is not positive definite")
+    return error, cov
 
 
 def run_fold(
@@ -192,7 +168,7 @@ def validation(training: Sequence[Trial]) -> list[Validation]:
         shown = hide(excerpt(trial, now.frames, rng), wanted, rng)
         rest = [other for i, other in enumerate(training) if i != k]
         if not rest:
-            out += [Validation(rest=(copy.trial,), shown=(copy,)) for copy in shown]
+            out += [Validation(rest=(copy.shown,), shown=(copy,)) for copy in shown]
         elif shown:
             out.append(Validation(rest=tuple(rest), shown=tuple(shown)))
     return out
@@ -205,9 +181,10 @@ def validation_score(filler_of: Callable[[Sequence[Trial]], Filler], folds: Sequ
         for fold in folds:
             filler = filler_of(fold.rest)
             for copy in fold.shown:
-                filled = filler(copy.trial)
+                filled = filler(copy.shown)
                 for gap in copy.gaps:
-                    squares.setdefault(gap.length, []).append(errors(filled, copy.truth, gap)[0])
+                    error, _ = errors(filled, copy.trial, gap)
+                    squares.setdefault(gap.length, []).append(np.sum(error**2, axis=1))
     except (ValueError, ArithmeticError, np.linalg.LinAlgError):
         return float("inf")
     return float(np.mean([0.5 * np.log(1e6 * np.concatenate(parts).mean()) for parts in squares.values()]))

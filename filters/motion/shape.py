@@ -21,6 +21,10 @@ class ShapeMechanics(ABC):
 
     density: Array
 
+    def arrays(self) -> dict[str, Array]:
+        """What model files show of it, by name; here nothing."""
+        return {}
+
     @abstractmethod
     def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
         """Mean of [z, zdot] after a step, its transition matrix, and (2r, k) deviations that are not linear.
@@ -66,6 +70,10 @@ class LinearShape(ShapeMechanics):
     damping: Array
     force: Array
     density: Array
+
+    def arrays(self) -> dict[str, Array]:
+        """Stiffness and damping."""
+        return {"stiffness": self.stiffness, "damping": self.damping}
 
     def acceleration(self, states: Array) -> Array:
         """(S, 2r) states to (S, r) accelerations."""

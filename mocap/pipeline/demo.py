@@ -8,9 +8,11 @@ from typing import Literal
 import numpy as np
 
 from datasets import make_bat, make_lizard, write_recording
-from filters.learn_markers import learn_constant_velocity
+from filters.hide import interior_gaps
+from filters.interpolate import interpolated
+from filters.models.constant_velocity import learn_constant_velocity
+from filters.score import compared
 from mocap.arrays import Array
-from mocap.pipeline.gaps import interior_gaps, interpolated, score
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.report import readable
@@ -57,11 +59,12 @@ def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run
         model = learn_constant_velocity(prepared.xyz_m[part.frames][:, part.markers], dt_s=prepared.dt_s)
         other = tracked_motion(prepared, part, model.name, track(prepared, part, model, progress=progress))
         methods = {"mixture": run.tracked.markers, "constant_velocity": other.markers}
-        gaps = {name: score(m.xyz_m, m.cov_m2, truth, where) for name, m in methods.items()}
+        gaps = {name: compared(m.xyz_m, m.cov_m2, truth, where).as_json() for name, m in methods.items()}
         for kind in ("cubic", "linear"):
-            gaps[kind] = score(interpolated(prepared.xyz_m, prepared.t_s, kind=kind), None, truth, where)
-    measured = {name: score(m.xyz_m, m.cov_m2, truth, seen) for name, m in methods.items()}
-    measured["triangulation"] = score(prepared.xyz_m, prepared.cov_m2, truth, seen)
+            filled = interpolated(prepared.xyz_m, prepared.t_s, kind=kind)
+            gaps[kind] = compared(filled, None, truth, where).as_json()
+    measured = {name: compared(m.xyz_m, m.cov_m2, truth, seen).as_json() for name, m in methods.items()}
+    measured["triangulation"] = compared(prepared.xyz_m, prepared.cov_m2, truth, seen).as_json()
     report = {
         **run.report,
         "gap_samples": int(where.sum()),

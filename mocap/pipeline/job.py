@@ -6,20 +6,20 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from filters.learn import PoseSettings
 from filters.model import LearnedModel, for_recording
+from filters.models.pose import PoseSettings
 from filters.motion.base import MotionModel
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.joints import joint_tracks
-from mocap.pipeline.potentials import joint_potentials
+from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import (
     Part,
-    learn_models,
+    learn_motion,
     marker_trial,
     part_names,
     seen_part,
@@ -42,7 +42,7 @@ JOINT_HZ = 30.0
 
 
 def run_job(
-    source: Source,
+    source: Source | Prepared,
     *,
     model: Model = "auto",
     learned: LearnedModel | None = None,
@@ -55,7 +55,7 @@ def run_job(
     """Track a recording.
 
     Args:
-        source: Its files.
+        source: Its files, or what was prepared of them.
         model: ``constant_velocity``, ``eal``, a ``mixture`` of both and a regression, or (``auto``) the mixture, unless
             constant velocity fills hidden samples of this recording better.
         learned: A model of other trials to track with, in place of these.
@@ -76,7 +76,7 @@ def run_job(
 
 
 def _run_job(
-    source: Source,
+    source: Source | Prepared,
     model: Model,
     learned: LearnedModel | None,
     stages: Stages,
@@ -86,11 +86,11 @@ def _run_job(
     watch: Watch | None,
 ) -> tuple[Run, Prepared]:
     with stages.stage("read, triangulate, clean"):
-        prepared = prepare(source)
+        prepared = source if isinstance(source, Prepared) else prepare(source)
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
     if model in ("eal", "mixture") and reason is not None:
-        raise MocapError(f"{source.tracks.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
+        raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
     scores, hidden = {}, 0
     if validated:
         with stages.stage("validate on hidden samples") as progress:
@@ -109,16 +109,17 @@ def _run_job(
             smoothed = track_learned(prepared, part, learned, progress=progress)
     else:
         chosen, why = _choose(model, reason, scores)
-        with stages.stage("learn"):
-            own = learn_models(prepared, part, settings=settings)["eal" if chosen == "mixture" else chosen]
+        alone = "eal" if chosen == "mixture" else chosen
         if watch is not None:
             with stages.stage("filter live"):
-                watch(prepared, part, own)
+                watch(prepared, part, learn_motion(prepared, part, alone, settings=settings))
         name, smoothed = chosen, None
         if chosen == "mixture":
             with stages.stage("track by a mixture") as progress:
                 smoothed = track_mixed(prepared, part, settings=settings, progress=progress)
         if smoothed is None:
+            with stages.stage("learn"):
+                own = learn_motion(prepared, part, alone, settings=settings)
             name = own.name
             with stages.stage("track") as progress:
                 smoothed = track(prepared, part, own, progress=progress)
@@ -126,6 +127,7 @@ def _run_job(
     with stages.stage("joints and potentials"):
         joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
         potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)
+        spatial = joint_potentials(joints, tracked.markers, prepared.skeleton, frame=SPACE)
     report = make_report(
         prepared,
         part,
@@ -152,10 +154,11 @@ def _run_job(
         tracked=tracked,
         joints=joints,
         potentials=potentials,
+        spatial_potentials=spatial,
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),
-        file=source.tracks,
+        file=source.tracks if isinstance(source, Source) else None,
     )
     return run, prepared
 

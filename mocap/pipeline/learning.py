@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from filters.model import LearnedModel, learn_model, own_fitting
+from filters.model import LearnedModel, learn_model, own_trials
 from filters.poses import MarkerTrial
+from filters.tune import USUAL_EFFORT, Effort, Search, Tuned, tuned
 from mocap.errors import MocapError
 from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
@@ -15,13 +16,20 @@ from mocap.pipeline.tracking import marker_trial, seen_part
 
 
 def learn_from(
-    sources: Sequence[Source], *, seed: int = 0, tell: Callable[[str], None] = lambda _line: None
+    sources: Sequence[Source | Prepared],
+    *,
+    seed: int = 0,
+    effort: Effort = USUAL_EFFORT,
+    choose: Callable[[Search], Tuned] = tuned,
+    tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
     """Prepare recordings as ``track`` does, and learn from all of them.
 
     Args:
-        sources: Recordings of one frame rate; markers of the same name are the same.
+        sources: Recordings of one frame rate, or what was prepared of them; markers of the same name are the same.
         seed: Which samples are hidden to choose and to calibrate.
+        effort: How much is hidden.
+        choose: Which models are mixed, and how their settings are chosen.
         tell: Called with a line for each recording and each candidate.
 
     Raises:
@@ -29,7 +37,7 @@ def learn_from(
     """
     recordings = []
     for source in sources:
-        recordings.append(prepare(source))
+        recordings.append(source if isinstance(source, Prepared) else prepare(source))
         seen = np.isfinite(recordings[-1].xyz_m[..., 0])
         tell(f"{recordings[-1].name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
     names = list(dict.fromkeys(name for recording in recordings for name in recording.names))
@@ -41,7 +49,8 @@ def learn_from(
     kept = [name for name, ever in zip(names, seen, strict=True) if ever]
     trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
     trunk, bones = [name for name in trunk if name in kept], recordings[0].skeleton.rigid
-    return learn_model(kept, trunk, trials, np.random.default_rng(seed), bones=bones, tell=tell)
+    rng = np.random.default_rng(seed)
+    return learn_model(kept, trunk, trials, rng, bones=bones, effort=effort, choose=choose, tell=tell)
 
 
 def _with_markers(recording: Prepared, names: Sequence[str]) -> MarkerTrial:
@@ -70,7 +79,7 @@ def readable_scores(learned: LearnedModel) -> str:
     for name, rows in learned.scores.items():
         cells = [f"{e:.3g} ({c:.0f} %)" for e, c in zip(rows["rmse_mm"], rows["coverage95"], strict=True)]
         lines.append(f"| {plain(name)} | " + " | ".join(cells) + " |")
-    bones = own_fitting(learned).bones
+    bones = own_trials(learned).bones
     if len(bones.ends):
         lines += ["", "Distances that hold models with bones (of the skeleton, and pairs found to be as rigid):", ""]
         lines += ["| markers | mm, in the last recording | varies by |", "|---|---|---|"]

@@ -11,6 +11,9 @@ from mocap.records import JointTracks, MarkerTracks, Origin
 from mocap.skeleton import Skeleton
 
 FRAME = "limb"
+"""Frame of reference in which joints have two coordinates."""
+SPACE = "body"
+"""Frame of reference in which joints have three coordinates."""
 NAMES = ("along", "across", "third")
 FEWEST = 30
 """Samples below which a potential says more about their number than about the joint."""

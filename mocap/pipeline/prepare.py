@@ -21,6 +21,7 @@ from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError
 from mocap.pipeline.source import Filmed, Source, audit_points, by_pixels, load_filmed, load_points, load_skeleton
+from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton, ends_among
 from mocap.stated import contradiction
 
@@ -233,6 +234,19 @@ def _prepare_points(source: Source) -> Prepared:
     if not tracks.seen.any():
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
     skeleton, names = load_skeleton(source.skeleton, tracks.names)
+    return prepare_tracks(replace(tracks, names=names), skeleton, name=source.name, findings=source.frame_findings)
+
+
+def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = ()) -> Prepared:
+    """Positions that are in memory, cleaned as those of a file are.
+
+    Args:
+        tracks: Positions, named as the skeleton names them; their noise is estimated where no covariance states it.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+        findings: Sentences for the report.
+    """
+    names = tracks.names
     sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
@@ -242,7 +256,7 @@ def _prepare_points(source: Source) -> Prepared:
     cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
     shape = (0, *xyz.shape[:2])
     return Prepared(
-        name=source.name,
+        name=name,
         skeleton=skeleton,
         names=names,
         t_s=tracks.t_s,
@@ -264,7 +278,7 @@ def _prepare_points(source: Source) -> Prepared:
         max_speed_m_s=cleaning.max_speed_m_s,
         camera_factor=np.zeros((0, len(xyz))),
         findings=(
-            *source.frame_findings,
+            *findings,
             f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),

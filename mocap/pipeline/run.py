@@ -79,7 +79,8 @@ class Run:
         y_up: True where the pixel y axis of the file points up (lower-left origin).
         tracked: The result of the tracker.
         joints: Joint tracks by frame of reference.
-        potentials: One empirical potential a joint, by joint name.
+        potentials: One empirical potential a joint, by joint name, in the planes of its limb.
+        spatial_potentials: The same in three coordinates in the body.
         repaired: (T, M) True where a sample bore another marker's name in the file.
         report: The report as ``report.json`` holds it.
         report_text: The same as markdown.
@@ -95,6 +96,7 @@ class Run:
     tracked: TrackedMotion
     joints: Mapping[str, JointTracks]
     potentials: Mapping[str, JointPotential]
+    spatial_potentials: Mapping[str, JointPotential]
     repaired: NDArray[np.bool_]
     report: Mapping[str, object]
     report_text: str

@@ -1,31 +1,36 @@
 """Learn motion models from a prepared recording, track with them, and measure on hidden samples how they fill gaps."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.bones import rigid_bones
-from filters.learn import PoseSettings, learn_pose
-from filters.learn_markers import learn_constant_velocity
+from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
+from filters.interpolate import interpolated
 from filters.model import LearnedModel, learn_from_itself, track_with
+from filters.models.base import TrialSet
+from filters.models.constant_velocity import MarkerSettings
+from filters.models.pose import PoseSettings
 from filters.motion.base import MotionModel
 from filters.observations import WHOLE
-from filters.poses import MarkerTrial, pose_trial
-from filters.records import TrackedMotion
-from filters.track import Smoothed, smooth
+from filters.poses import MarkerTrial
+from filters.records import Estimate, TrackedMotion
+from filters.score import compared
+from filters.track import smooth
 from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
-from mocap.pipeline.gaps import hide_gaps, interpolated, score
 from mocap.pipeline.prepare import Prepared
 from mocap.records import MarkerTracks, Origin
-from mocap.skeleton import ends_among
+from mocap.skeleton import Skeleton, ends_among
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
+ALONE: tuple[Literal["constant_velocity", "eal"], ...] = ("constant_velocity", "eal")
+"""Models that are filtered by themselves."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,18 +83,21 @@ def _visible(prepared: Prepared, part: Part, hidden: Mask | None, markers: NDArr
     return xyz[part.frames][:, markers]
 
 
-def learn_models(
-    prepared: Prepared, part: Part, *, settings: PoseSettings, hidden: Mask | None = None
-) -> dict[str, MotionModel]:
-    """Motion models of a recording by name: ``constant_velocity``, and ``eal`` where a pose can be learned."""
-    xyz = _visible(prepared, part, hidden, part.markers)
-    models: dict[str, MotionModel] = {"constant_velocity": learn_constant_velocity(xyz, dt_s=prepared.dt_s)}
-    if why_no_pose(prepared, part) is None:
-        frames = trunk_frames(prepared, part, cutoff_hz=settings.body_hz, hidden=hidden)
-        named = ends_among(part_names(prepared, part), prepared.skeleton.rigid)
-        bones = rigid_bones([marker_trial(prepared, part, hidden=hidden)], named)
-        models["eal"] = learn_pose([pose_trial(prepared.t_s[part.frames], xyz, frames)], settings, bones=bones)
-    return models
+def learn_motion(
+    prepared: Prepared,
+    part: Part,
+    name: Literal["eal", "constant_velocity"],
+    *,
+    settings: PoseSettings,
+    hidden: Mask | None = None,
+) -> MotionModel:
+    """A motion model of a recording alone: of its poses, held by V_z, or constant velocity of each marker."""
+    names = part_names(prepared, part)
+    trunk = [names.index(m) for m in prepared.skeleton.trunk if m in names] or list(range(len(names)))
+    named = ends_among(names, prepared.skeleton.rigid)
+    model = settings if name == "eal" else MarkerSettings()
+    fitted = model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], trunk, named))
+    return fitted.motion
 
 
 def part_names(prepared: Prepared, part: Part) -> list[str]:
@@ -115,7 +123,7 @@ def track_mixed(
     settings: PoseSettings,
     hidden: Mask | None = None,
     progress: Progress | None = None,
-) -> Smoothed | None:
+) -> Estimate | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
     names, skeleton = part_names(prepared, part), prepared.skeleton
     own = marker_trial(prepared, part, hidden=hidden)
@@ -130,7 +138,7 @@ def track_learned(
     *,
     hidden: Mask | None = None,
     progress: Progress | None = None,
-) -> Smoothed:
+) -> Estimate:
     """Filter and smooth the seen part with a model that was learned from other trials."""
     names = part_names(prepared, part)
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
@@ -140,13 +148,13 @@ def track_learned(
 
 def track(
     prepared: Prepared, part: Part, model: MotionModel, *, hidden: Mask | None = None, progress: Progress | None = None
-) -> Smoothed:
+) -> Estimate:
     """Filter and smooth the seen part."""
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
     return smooth(model, observations, prepared.t_s[part.frames], progress=progress)
 
 
-def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Smoothed) -> TrackedMotion:
+def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:
     """The smoothed part in the frames and markers of the recording, every sample with its origin.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
@@ -251,10 +259,11 @@ def validate(
         Scores by method, ``linear`` and ``cubic`` interpolation among them, and the number of hidden samples.
     """
     seen = np.isfinite(prepared.xyz_m[..., 0])
-    window = _best_window(seen, part, most_frames)
+    inside = excerpt(seen[part.frames], most_frames)
+    window = slice(part.frames.start + inside.start, part.frames.start + inside.stop)
     part = Part(frames=window, markers=np.flatnonzero(seen[window].any(axis=0)))
     hidden = np.zeros_like(seen)
-    hidden[window] = hide_gaps(seen[window], prepared.skeleton, prepared.names, prepared.dt_s, rng)
+    hidden[window] = hide_like_own(seen[window], prepared.skeleton, prepared.names, prepared.dt_s, rng)
     hidden[:, ~(seen & ~hidden)[window].any(axis=0)] = False
     count = int(hidden.sum())
     if not count:
@@ -262,14 +271,16 @@ def validate(
     truth, where = prepared.xyz_m[window][:, part.markers], hidden[window][:, part.markers]
     left = _visible(prepared, part, hidden, part.markers)
     scores = {
-        name: score(interpolated(left, prepared.t_s[window], kind=name), None, truth, where)
+        name: compared(interpolated(left, prepared.t_s[window], kind=name), None, truth, where).as_json()
         for name in ("linear", "cubic")
     }
-    models = learn_models(prepared, part, settings=settings, hidden=hidden)
-    trackers: dict[str, Callable[..., Smoothed | None]] = {
-        name: partial(track, prepared, part, models[name], hidden=hidden) for name in models if methods.get(name, False)
-    }
-    if methods.get("mixture", False) and "eal" in models:
+    posed = why_no_pose(prepared, part) is None
+    trackers: dict[str, Callable[..., Estimate | None]] = {}
+    for name in ALONE:
+        if methods.get(name, False) and (posed or name != "eal"):
+            model = learn_motion(prepared, part, name, settings=settings, hidden=hidden)
+            trackers[name] = partial(track, prepared, part, model, hidden=hidden)
+    if methods.get("mixture", False) and posed:
         trackers["mixture"] = partial(track_mixed, prepared, part, settings=settings, hidden=hidden)
     if learned is not None:
         trackers["learned"] = partial(track_learned, prepared, part, learned, hidden=hidden)
@@ -278,7 +289,7 @@ def validate(
         smoothed = tracker(progress=step)
         if smoothed is None:
             continue
-        scores[name] = score(smoothed.xyz_m, smoothed.cov_m2 + _jitter(prepared, part), truth, where)
+        scores[name] = compared(smoothed.xyz_m, smoothed.cov_m2 + _jitter(prepared, part), truth, where).as_json()
     return scores, count
 
 
@@ -287,10 +298,45 @@ def _jitter(prepared: Prepared, part: Part) -> Array:
     return np.nan_to_num(prepared.cov_m2[part.frames][:, part.markers])
 
 
-def _best_window(seen: Mask, part: Part, most_frames: int) -> slice:
-    start, stop = part.frames.start, part.frames.stop
-    if stop - start <= most_frames:
-        return part.frames
-    total = np.concatenate([[0], np.cumsum(seen[part.frames].sum(axis=1))])
-    best = int(np.argmax(total[most_frames:] - total[:-most_frames]))
-    return slice(start + best, start + best + most_frames)
+def hide_like_own(
+    seen: Mask,
+    skeleton: Skeleton,
+    names: Sequence[str],
+    dt_s: float,
+    rng: np.random.Generator,
+    *,
+    share: float = 0.04,
+) -> Mask:
+    """Hide measured samples in gaps like the recording's own.
+
+    Lengths are drawn from its interior gaps of 3 to 60 frames (if it has fewer than five: 10 to 70 ms); half of the
+    gaps hide one marker, half also the markers that bones join to it. Gaps of different markers may overlap in time.
+
+    Args:
+        seen: (T, M) samples that were measured.
+        skeleton: Its bones.
+        names: The M marker names.
+        dt_s: Time step.
+        rng: Where to hide.
+        share: About this share of the measured samples is hidden.
+
+    Returns:
+        (T, M) hidden samples, all of them measured.
+    """
+    lengths = np.array([stop - start for _, start, stop in unseen_runs(~interior_gaps(seen))], dtype=np.int64)
+    lengths = lengths[(lengths >= 3) & (lengths <= 60)]
+    if len(lengths) < 5:
+        lengths = np.unique(np.linspace(max(3, 0.01 / dt_s), max(4, 0.07 / dt_s), 7).astype(int))
+    alone = np.eye(len(names), dtype=bool)
+    joined = alone.copy()
+    for a, b in ends_among(names, [(bone.a, bone.b) for bone in skeleton.bones]):
+        joined[[a, b], [b, a]] = True
+    one = np.ones(len(names), dtype=np.int64)
+    groups = [Group(name=name, sets=sets, least=one) for name, sets in (("one", alone), ("joined by bones", joined))]
+    usual = float(lengths.mean()) * 0.5 * (1 + float(joined.sum(axis=1).mean()))
+    count = int(np.ceil(share * seen.sum() / usual))
+    wanted = [(groups[int(rng.integers(2))], int(rng.choice(lengths))) for _ in range(count)]
+    hidden = np.zeros_like(seen)
+    for gap in next(iter(hide(seen, wanted, rng, Rules(apart_share=1.0, alone=False))), ()):
+        hidden[gap.frames, gap.scored] = True
+    return hidden & seen

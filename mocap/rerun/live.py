@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from filters.live import Estimate
+from filters.live import LiveEstimate
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import series_view
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
@@ -57,7 +57,7 @@ class LiveView:
         self._before: Single | None = None
         log_world(rec, scene, names=tuple(names), skeleton=skeleton)
         _log_looks(rec, len(names))
-        self._frames: queue.Queue[Estimate | None] = queue.Queue(maxsize=WAITING)
+        self._frames: queue.Queue[LiveEstimate | None] = queue.Queue(maxsize=WAITING)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
@@ -75,7 +75,7 @@ class LiveView:
         if self._thread.is_alive():
             self.trouble = self.trouble or "the viewer does not answer"
 
-    def show(self, estimate: Estimate) -> None:
+    def show(self, estimate: LiveEstimate) -> None:
         """Send a frame; at once, whatever the viewer does."""
         try:
             self._frames.put_nowait(estimate)
@@ -102,7 +102,7 @@ class LiveView:
                 time.sleep(_PAUSE_S)
         self._rec.disconnect()
 
-    def _send(self, frames: list[Estimate]) -> None:
+    def _send(self, frames: list[LiveEstimate]) -> None:
         rec, scene, n = self._rec, self._scene, len(frames)
         ns = np.round(np.array([f.t_s for f in frames]) * 1e9).astype("timedelta64[ns]")
         numbers = np.array([f.frame for f in frames]) + self._first + 1

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from mocap.pipeline.potentials import joint_potentials
 from mocap.pipeline.run import Run
 from mocap.rerun.blueprint import make_blueprint
 from mocap.rerun.columns import numbered_from
@@ -27,8 +26,6 @@ from mocap.rerun.stream import recording_into
 from mocap.rerun.volume import block
 
 APPLICATION = "mocap"
-SPACE = "body"
-"""Frame of reference in which joints have three coordinates and a potential in these."""
 
 
 def write_recording(run: Run, path: Path) -> None:
@@ -70,10 +67,11 @@ def make_layout(run: Run) -> Layout:
         for name, frame in frames.items()
         if name in run.potentials
     }
-    blocks = {}
-    if SPACE in run.joints and run.potentials:
-        spatial = joint_potentials(run.joints, run.tracked.markers, run.skeleton, frame=SPACE)
-        blocks = {name: block(p, run.joints[SPACE]) for name, p in spatial.items() if name in landscapes}
+    blocks = {
+        name: block(spatial, run.joints[spatial.frame])
+        for name, spatial in run.spatial_potentials.items()
+        if name in landscapes
+    }
     return run_layout(run, run_scene(run), landscapes=landscapes, blocks=blocks, joint_frames=frames)
 
 

@@ -4,9 +4,9 @@ from dataclasses import fields
 
 import numpy as np
 
-from filters.learn_markers import MarkerSettings
 from filters.mixture import Mixture
 from filters.model import LearnedModel
+from filters.models.constant_velocity import MarkerSettings
 from filters.poses import MarkerTrial
 
 
@@ -22,7 +22,7 @@ def small_model():
         trunk=(),
         bones=(("a", "b"),),
         trials=(trial,),
-        kinds=(MarkerSettings(),),
+        models=(MarkerSettings(),),
         mixture=mixture,
         scores={"mixture": {}},
     )

@@ -8,8 +8,8 @@ from scipy.optimize import minimize
 
 from filters.bones import learn_bones, rigid_bones
 from filters.ensemble import Gaussian
-from filters.fitting import Fitting
-from filters.learn import PoseSettings
+from filters.models.base import TrialSet, estimate
+from filters.models.pose import PoseSettings
 from filters.motion.bones import Bones, hold_bones
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
@@ -181,7 +181,7 @@ def test_a_hidden_elbow_keeps_its_distances():
 
     No potential: the difference is that of the bones alone. Root mean square 35 mm without them, 29 mm with them.
     """
-    settings = PoseSettings(ranks=(6,), potential="none", turns=False)
+    settings = PoseSettings(ranks=(6,), potential="none", rotating=False)
     squared: dict[float, list[float]] = {0.0: [], 1.0: []}
     hole, elbow = slice(60, 120), 4
     for seed in range(6):
@@ -189,9 +189,9 @@ def test_a_hidden_elbow_keeps_its_distances():
         xyz = own.xyz_m.copy()
         xyz[hole, elbow] = np.nan
         shown = replace(own, xyz_m=xyz)
-        fitting = Fitting([*(arm(10 * seed + k)[0] for k in (1, 2)), shown], [0, 1, 2, 3])
+        fitting = TrialSet([*(arm(10 * seed + k)[0] for k in (1, 2)), shown], [0, 1, 2, 3])
         for weight, misses in squared.items():
             kind = replace(settings, bones=weight)
-            found = fitting.fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
+            found = estimate(kind, fitting, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
             misses.append(np.mean(np.sum((found.xyz_m - truth)[hole, elbow] ** 2, axis=-1)))
     assert np.sqrt(np.mean(squared[1.0])) < 0.9 * np.sqrt(np.mean(squared[0.0]))

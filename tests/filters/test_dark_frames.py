@@ -3,7 +3,7 @@
 import numpy as np
 
 from filters.ensemble import Gaussian
-from filters.learn import PoseSettings, learn_pose
+from filters.models.pose import PoseSettings, learn_pose
 from filters.motion.enforce import informed
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial, poses_of

@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from filters.delayed import Delayed, DelaySettings, Filled, completed, fill_delayed, gaps_of
-from filters.fitting import Fitting
+from filters.models.base import TrialSet, estimate
+from filters.models.delayed_poses import Delayed, DelaySettings, completed, fill_delayed, gaps_of
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
+from filters.records import Estimate
 from tests.filters.test_tuning import trial_of
 
 SETTINGS = DelaySettings(ranks=(2,))
 TRUNK = [0, 1, 2, 3]
+BODY = {"ranks": SETTINGS.ranks, "body_hz": SETTINGS.body_hz, "rotating": SETTINGS.rotating}
 
 
 def lost(trial, marker, frames):
@@ -22,10 +24,10 @@ def lost(trial, marker, frames):
     return replace(trial, xyz_m=xyz)
 
 
-def filled(trial, *, others=(1, 2), settings=SETTINGS) -> Filled:
+def filled(trial, *, others=(1, 2), settings=SETTINGS) -> Estimate:
     """What the regression says of a trial, learned from others."""
-    fitting = Fitting([*(trial_of(seed) for seed in others), trial], TRUNK)
-    return fitting.fill(settings, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
+    fitting = TrialSet([*(trial_of(seed) for seed in others), trial], TRUNK)
+    return estimate(settings, fitting, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
 
 
 def test_it_speaks_of_gaps_alone():
@@ -112,8 +114,8 @@ def test_intervals_are_of_the_size_of_errors():
 def test_a_marker_that_nobody_saw_has_no_position():
     """Not in this trial, not in the others: nothing is said, rather than anything."""
     gone = [lost(trial_of(seed), 6, slice(None)) for seed in (1, 2, 3)]
-    fitting = Fitting(gone, TRUNK)
-    found = fitting.fill(SETTINGS, PositionObservations(xyz_m=gone[-1].xyz_m, sd_m=gone[-1].sd_m))
+    fitting = TrialSet(gone, TRUNK)
+    found = estimate(SETTINGS, fitting, PositionObservations(xyz_m=gone[-1].xyz_m, sd_m=gone[-1].sd_m))
     assert np.isnan(found.xyz_m).all()
 
 
@@ -139,7 +141,7 @@ def test_regressors_are_delayed_poses_whose_ends_are_held():
 
     From the neighbours all delays are in the frame of the row itself.
     """
-    poses, shapes = Fitting([trial_of(1), trial_of(2)], TRUNK).shapes(SETTINGS)
+    poses, shapes = TrialSet([trial_of(1), trial_of(2)], TRUNK).shapes(**BODY)
     known = Delayed(poses, shapes, SETTINGS)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
@@ -171,7 +173,7 @@ def test_gaps_are_found_with_their_edges():
 def test_poses_are_completed_where_they_are_not_seen():
     """Measured entries stay to the last bit; a hidden wing is put where the subspace has it, within 2 mm of 60."""
     trial = lost(trial_of(3), 5, slice(40, 70))
-    poses, shapes = Fitting([trial_of(1), trial], TRUNK).shapes(SETTINGS)
+    poses, shapes = TrialSet([trial_of(1), trial], TRUNK).shapes(**BODY)
     whole = completed(poses, shapes)[-1].reshape(*trial.seen.shape, 3)
     measured = poses[-1].y.reshape(whole.shape)
     np.testing.assert_array_equal(whole[trial.seen], measured[trial.seen])
@@ -185,6 +187,6 @@ def test_a_short_trial_alone_is_filled():
     xyz = rng.normal(0, 0.1, (5, 4, 3))
     xyz[2, 1] = np.nan
     trial = MarkerTrial(name="short", t_s=0.01 * np.arange(5), xyz_m=xyz, sd_m=np.full((5, 4), 1e-4))
-    poses, shapes = Fitting([trial], TRUNK).shapes(DelaySettings(ranks=(1,)))
+    poses, shapes = TrialSet([trial], TRUNK).shapes(**BODY | {"ranks": (1,)})
     found = fill_delayed(trial, poses, shapes, DelaySettings(ranks=(1,), lags=(-300.0, 0.0, 300.0)))
     assert np.isfinite(found.xyz_m[2, 1]).all()

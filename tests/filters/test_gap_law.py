@@ -5,8 +5,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from datasets import make_bat
-from filters.learn import PoseSettings, learn_pose
-from filters.learn_markers import learn_constant_velocity
+from filters.models.constant_velocity import learn_constant_velocity
+from filters.models.pose import PoseSettings, learn_pose
 from filters.observations import PixelObservations
 from filters.poses import pose_trial
 from filters.track import smooth

@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
 
-from filters.hidden import GAP_FRAMES, Fill, fill_of, hide_groups, joined_fills
+from filters.hide import GAP_FRAMES, excerpt, hide_neighbours, unseen_runs
 from filters.poses import MarkerTrial
+from filters.score import Residuals, joined, residuals_of, score
+from mocap.pipeline.tracking import hide_like_own
+from mocap.skeleton import Bone, Skeleton
 
 
 def recorded(rng, n_frames, n_markers, lost=0.0):
@@ -35,7 +39,7 @@ def test_hidden_samples_were_measured_and_have_their_flanks(seed, n_frames, n_ma
     """
     rng = np.random.default_rng(seed)
     trial = recorded(rng, n_frames, n_markers, lost)
-    hidden = hide_groups(trial, rng)
+    hidden = hide_neighbours(trial, rng)
     assert not (hidden.mask & ~trial.seen).any()
     np.testing.assert_array_equal(hidden.mask, hidden.gap >= 0)
     np.testing.assert_array_equal(hidden.mask, hidden.length > 0)
@@ -64,7 +68,7 @@ def test_neighbours_are_hidden_together():
     rng = np.random.default_rng(1)
     trial = recorded(rng, 400, 8)
     trial = replace(trial, xyz_m=0.1 * trial.xyz_m + np.repeat([0.0, 1.0], 4)[:, None])
-    hidden = hide_groups(trial, rng)
+    hidden = hide_neighbours(trial, rng)
     sizes = set()
     for number in np.unique(hidden.gap[hidden.mask]):
         group = np.unique(np.nonzero(hidden.gap == number)[1])
@@ -78,7 +82,7 @@ def test_what_is_shown_holds_the_rest_and_nothing_hidden():
     rng = np.random.default_rng(2)
     trial = recorded(rng, 120, 5, lost=0.2)
     before = trial.xyz_m.copy()
-    hidden = hide_groups(trial, rng)
+    hidden = hide_neighbours(trial, rng)
     assert hidden.mask.sum() > 50
     assert np.isnan(hidden.shown.xyz_m[hidden.mask]).all()
     np.testing.assert_array_equal(hidden.shown.xyz_m[~hidden.mask], trial.xyz_m[~hidden.mask])
@@ -88,7 +92,7 @@ def test_what_is_shown_holds_the_rest_and_nothing_hidden():
 def test_a_seed_says_where_to_hide():
     """The same seed hides the same; another seed hides something else."""
     trial = recorded(np.random.default_rng(3), 200, 6)
-    one, again, other = (hide_groups(trial, np.random.default_rng(seed)).mask for seed in (5, 5, 6))
+    one, again, other = (hide_neighbours(trial, np.random.default_rng(seed)).mask for seed in (5, 5, 6))
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
 
@@ -98,7 +102,7 @@ def test_a_seed_says_where_to_hide():
 def test_short_trials_hide_what_they_have_room_for(n_frames, n_markers):
     """Three frames on each side of a gap of a quarter of the trial: nothing below seven frames, then as before."""
     trial = recorded(np.random.default_rng(4), n_frames, n_markers)
-    mask = hide_groups(trial, np.random.default_rng(0)).mask
+    mask = hide_neighbours(trial, np.random.default_rng(0)).mask
     assert mask.any() == (n_frames >= 7)
     assert not mask[:3].any()
     assert not mask[-3:].any()
@@ -108,10 +112,10 @@ def test_a_trial_that_shows_nothing_hides_nothing():
     """All NaN, or a marker that is never seen: no gap there, and no warning."""
     trial = recorded(np.random.default_rng(5), 80, 5)
     none = replace(trial, xyz_m=np.full_like(trial.xyz_m, np.nan))
-    assert not hide_groups(none, np.random.default_rng(0)).mask.any()
+    assert not hide_neighbours(none, np.random.default_rng(0)).mask.any()
     xyz = trial.xyz_m.copy()
     xyz[:, 2] = np.nan
-    mask = hide_groups(replace(trial, xyz_m=xyz), np.random.default_rng(0)).mask
+    mask = hide_neighbours(replace(trial, xyz_m=xyz), np.random.default_rng(0)).mask
     assert mask.any()
     assert not mask[:, 2].any()
 
@@ -121,11 +125,11 @@ def filled():
     """Estimates of hidden samples that err by a known noise, and state it."""
     rng = np.random.default_rng(6)
     trial = recorded(rng, 600, 8)
-    hidden = hide_groups(trial, rng)
+    hidden = hide_neighbours(trial, rng)
     sd = np.where(hidden.length >= 50, 2e-2, 3e-3)
     truth = trial.xyz_m - trial.sd_m[..., None] * rng.normal(size=trial.xyz_m.shape)
     estimate = truth + sd[..., None] * rng.normal(size=truth.shape)
-    return hidden, fill_of(hidden, estimate, (sd**2)[..., None, None] * np.eye(3))
+    return hidden, residuals_of(hidden, estimate, (sd**2)[..., None, None] * np.eye(3))
 
 
 def test_stated_variances_hold_for_measurements(filled):
@@ -134,8 +138,8 @@ def test_stated_variances_hold_for_measurements(filled):
     Of n normal numbers the mean square is 1 within 4 sqrt(2 / n).
     """
     hidden, fill = filled
-    assert len(fill.miss_m) == hidden.mask.sum()
-    squared = fill.miss_m**2 / fill.apart
+    assert len(fill.error_m) == hidden.mask.sum()
+    squared = fill.error_m**2 / fill.expected
     assert abs(squared.mean() - 1) < 4 * np.sqrt(2 / squared.size)
 
 
@@ -147,7 +151,7 @@ def test_cost_is_what_it_says(filled):
     _, fill = filled
     log_rmse, density = [], []
     for n in np.unique(fill.length):
-        miss, variance = fill.miss_m[fill.length == n], fill.apart[fill.length == n]
+        miss, variance = fill.error_m[fill.length == n], fill.expected[fill.length == n]
         log_rmse.append(np.log(np.sqrt(np.mean(np.linalg.norm(miss, axis=1) ** 2))))
         widths = np.geomspace(0.3, 3, 4001)
         at = [0.5 * np.mean(np.log(2 * np.pi * w**2 * variance) + miss**2 / (w**2 * variance)) for w in widths]
@@ -161,7 +165,7 @@ def test_a_common_factor_on_what_is_stated_costs_nothing(filled):
     _, fill = filled
     wide = replace(fill, variance=9 * fill.variance, noise=9 * fill.noise)
     assert wide.cost == pytest.approx(fill.cost, abs=1e-12)
-    grown = replace(fill, miss_m=3 * fill.miss_m)
+    grown = replace(fill, error_m=3 * fill.error_m)
     assert grown.log_rmse == pytest.approx(fill.log_rmse + np.log(3), abs=1e-12)
     assert grown.cost == pytest.approx(fill.cost + np.log(3), abs=1e-12)
     shuffled = np.random.default_rng(7).permutation(fill.variance)
@@ -171,13 +175,63 @@ def test_a_common_factor_on_what_is_stated_costs_nothing(filled):
 def test_joined_gaps_stay_apart(filled):
     """Gaps of several trials keep their samples together and get numbers of their own."""
     _, fill = filled
-    empty = Fill(**{name: value[:0] for name, value in vars(fill).items()})
-    both = joined_fills([fill, empty, fill])
+    empty = Residuals(**{name: value[:0] for name, value in vars(fill).items()})
+    both = joined([fill, empty, fill])
     assert len(np.unique(both.gap)) == 2 * len(np.unique(fill.gap))
-    np.testing.assert_array_equal(both.miss_m, np.concatenate([fill.miss_m, fill.miss_m]))
+    np.testing.assert_array_equal(both.error_m, np.concatenate([fill.error_m, fill.error_m]))
     halves = np.split(both.gap, 2)
     assert not set(halves[0]) & set(halves[1])
     for half in halves:
         np.testing.assert_array_equal(
             np.unique(half, return_inverse=True)[1], np.unique(fill.gap, return_inverse=True)[1]
         )
+
+
+def test_one_score_is_numpy_s_own_and_scipy_s_likelihood():
+    """Of errors and covariances by loops: root mean square distance, share inside 1.96 deviations, scipy's density."""
+    rng = np.random.default_rng(8)
+    error = rng.normal(0, 2e-3, (40, 3))
+    factor = rng.normal(0, 2e-3, (40, 3, 3))
+    cov = factor @ np.swapaxes(factor, 1, 2) + 1e-6 * np.eye(3)
+    found = score(error, cov)
+    assert found.rmse_mm == pytest.approx(np.sqrt(np.mean([1e6 * e @ e for e in error])), rel=1e-12)
+    inside = [abs(e[i]) <= 1.959964 * np.sqrt(c[i, i]) for e, c in zip(error, cov, strict=True) for i in range(3)]
+    assert found.coverage95 == np.mean(inside)
+    density = [multivariate_normal(cov=1e6 * c).logpdf(1e3 * e) for e, c in zip(error, cov, strict=True)]
+    assert found.nll == pytest.approx(-np.mean(density) / 3, rel=1e-9)
+
+
+def test_what_cannot_be_scored_is_not_a_number():
+    """No samples, no intervals, a covariance that is none: NaN each, and None in reports; the rest is as it was."""
+    error, cov = np.full((2, 3), 1e-3), np.tile(1e-6 * np.eye(3), (2, 1, 1))
+    assert score(error[:0], None).as_json() == {"rmse_mm": None, "coverage95": None}
+    assert score(error, None).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": None}
+    assert np.isnan(score(error, cov - 2e-6).nll)
+    assert score(error, cov).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": 100.0}
+
+
+@pytest.mark.parametrize("frames", [1, 7, 30, 31])
+def test_an_excerpt_is_where_most_is_seen(frames):
+    """Against counting every stretch; the first of several; a short recording is whole."""
+    seen = np.random.default_rng(9).random((30, 4)) < 0.5
+    if frames >= 30:
+        assert excerpt(seen, frames) == slice(0, 30)
+        return
+    counts = [seen[s : s + frames].sum() for s in range(31 - frames)]
+    assert excerpt(seen, frames).start == int(np.argmax(counts))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_validation_hides_what_the_recording_loses(seed):
+    """Hidden samples were measured, about the share that is wanted, in lengths of the recording's own gaps."""
+    rng = np.random.default_rng(seed)
+    seen = np.ones((300, 10), dtype=bool)
+    for marker in range(8):
+        seen[40 + 20 * marker : 40 + 20 * marker + 5 + marker, marker] = False
+    names = tuple("abcdefghij")
+    skeleton = Skeleton(name="ten", markers=names, bones=(Bone(a="a", b="b"), Bone(a="b", b="c")))
+    hidden = hide_like_own(seen, skeleton, names, 0.01, rng)
+    assert not (hidden & ~seen).any()
+    assert 0.02 < hidden.sum() / seen.sum() < 0.07
+    runs = [stop - start for _, start, stop in unseen_runs(~hidden)]
+    assert all(5 <= length <= 12 for length in runs)

@@ -6,7 +6,7 @@ import pytest
 from filters.live import live, looks
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PixelObservations, PositionObservations, seen_from
-from filters.track import filter_forward, filter_frame, log_likelihood, marker_moments, smooth
+from filters.track import filter_forward, filter_frame, marker_moments, smooth
 from mocap.cameras.camera import project
 from tests.filters.filmed import hide, pixels, still
 
@@ -150,4 +150,3 @@ def test_live_and_all_at_once_agree():
     np.testing.assert_array_equal(alive, whole.xyz_m)
     once = smooth(model, seen, t_s)
     assert np.abs(whole.xyz_m - xyz).max() < np.abs(once.xyz_m - xyz).max()
-    assert log_likelihood(model, seen, t_s) == pytest.approx(once.log_likelihood.sum())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from filters.ensemble import Gaussian
-from filters.learn import PoseSettings, learn_mechanics, learn_pose, recorded_motion
+from filters.models.pose import PoseSettings, learn_mechanics, learn_pose, recorded_motion
 from filters.poses import pose_trial, residual_rate, shapes_of
 from mocap.body import BodyFrames
 from tests.filters.test_learned_models import DT_S, flapping
@@ -43,7 +43,7 @@ def test_learned_mechanics_carry_a_beat_on(two, mechanics):
     8 % of a radian in a beat, and as much again for the smoothing at 30 Hz.
     """
     trials, shapes = two
-    motion = recorded_motion(trials, shapes, certain=SETTINGS.certain)
+    motion = recorded_motion(trials, shapes, least_known=SETTINGS.least_known)
     states = np.column_stack([motion.z, motion.rate])
     misses = {}
     for name in ("free", mechanics):
@@ -82,7 +82,7 @@ def test_motion_is_recorded_where_poses_are_known(two):
     known = [part.copy() for part in shapes.known]
     known[0][:] = known[1][:] = 0.95
     known[0][100:120] = known[1][:5] = 0.5
-    motion = recorded_motion(trials, replace(shapes, known=known), certain=0.8)
+    motion = recorded_motion(trials, replace(shapes, known=known), least_known=0.8)
     np.testing.assert_array_equal(motion.trial, np.repeat([0, 1, 2], [100, 160, 275]))
     first, second = shapes.z
     np.testing.assert_array_equal(motion.z, np.concatenate([first[:100], first[120:], second[5:]]))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from datasets import make_bat
-from filters.hidden import hide_groups
-from filters.learn_markers import learn_constant_velocity
-from filters.model import LearnedModel, fitting_for, learn_model, track_with
+from filters.hide import hide_neighbours
+from filters.model import LearnedModel, learn_model, track_with, trials_for
 from filters.model_file import load_model, save_model
+from filters.models.constant_velocity import learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.track import smooth
@@ -99,9 +99,9 @@ def test_scores_are_of_every_model_and_the_mixture(learned, flights):
     That is what the penalty on its offsets costs where one is the best at all of them.
     """
     assert list(learned.scores)[-1] == "mixture"
-    assert len(learned.scores) == len(learned.kinds) + 1 == 5
+    assert len(learned.scores) == len(learned.models) + 1 == 5
     lengths = learned.scores["mixture"]["gap_frames"]
-    hidden = hide_groups(flights[0][0], np.random.default_rng(0))
+    hidden = hide_neighbours(flights[0][0], np.random.default_rng(0))
     assert {int(n) for n in np.unique(hidden.length[hidden.mask])} <= set(lengths) <= {10, 25, 50}
     level = {name: np.mean(np.log(rows["rmse_mm"])) for name, rows in learned.scores.items()}
     assert level["mixture"] <= min(level.values()) + 0.05
@@ -135,17 +135,17 @@ def test_other_rates_are_refused(small, name):
     trial = replace(small.trials[0], name=name)
     slow = replace(trial, t_s=2 * trial.t_s)
     with pytest.raises(MocapError, match=f"need one frame rate.*walk 100, {name} 50"):
-        fitting_for(small, small.names, slow)
+        trials_for(small, small.names, slow)
     with pytest.raises(MocapError, match="need one frame rate"):
         learn_model(small.names, (), [small.trials[0], slow], np.random.default_rng(0))
     elsewhere = replace(trial, t_s=1.005 * trial.t_s, xyz_m=trial.xyz_m + 0.1)
-    assert len(fitting_for(small, small.names, elsewhere).trials) == 1 + len(small.trials)
+    assert len(trials_for(small, small.names, elsewhere).trials) == 1 + len(small.trials)
 
 
 def test_other_markers_are_refused(small):
     """Fewer than four in common: both sets of names, and what to do."""
     with pytest.raises(MocapError, match=r"knows 3 of the recording's markers \(a, b, c, x, y, .*aliases"):
-        fitting_for(small, ("a", "b", "c", "x", "y"), small.trials[0])
+        trials_for(small, ("a", "b", "c", "x", "y"), small.trials[0])
 
 
 def test_trials_without_room_are_refused(small):
@@ -207,7 +207,7 @@ def test_a_recording_that_was_learned_from_is_not_its_own_teacher(flights):
     small = replace(small_model(), names=NAMES, bones=(), trials=(first, second))
     backwards = NAMES[::-1]
     cut = replace(first, t_s=first.t_s[20:90], xyz_m=first.xyz_m[20:90, ::-1], sd_m=first.sd_m[20:90, ::-1])
-    hidden = hide_groups(cut, np.random.default_rng(0)).shown
-    assert [trial.name for trial in fitting_for(small, backwards, hidden).trials] == [second.name, first.name]
+    hidden = hide_neighbours(cut, np.random.default_rng(0)).shown
+    assert [trial.name for trial in trials_for(small, backwards, hidden).trials] == [second.name, first.name]
     third = flights[2][0]
-    assert [t.name for t in fitting_for(small, NAMES, third).trials] == [first.name, second.name, third.name]
+    assert [t.name for t in trials_for(small, NAMES, third).trials] == [first.name, second.name, third.name]

@@ -5,8 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from filters.learn import PoseSettings, learn_pose, learn_potential, penalty, recorded_motion, with_potential
-from filters.learn_markers import acceleration_density, learn_constant_velocity
+from filters.models.constant_velocity import acceleration_density, learn_constant_velocity
+from filters.models.pose import PoseSettings, learn_pose, learn_potential, penalty, recorded_motion, with_potential
 from filters.poses import pose_trial, shapes_of
 from mocap.body import body_frames
 
@@ -111,7 +111,7 @@ def test_the_pose_model_holds_its_data(learned):
 def test_the_potential_is_added_and_nothing_else(learned, potential, name):
     """``with_potential`` changes gradient, what it reads, and name; unseen states are pulled, seen ones hardly."""
     _, settings, model, shapes, trial = learned
-    motion = recorded_motion([trial], shapes, certain=settings.certain)
+    motion = recorded_motion([trial], shapes, least_known=settings.least_known)
     held = with_potential(model, motion, replace(settings, potential=potential))
     states = np.column_stack([motion.z, motion.rate])[:, : held.held]
     assert held.held == (4 if "motion" in potential else 2)

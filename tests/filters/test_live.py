@@ -5,8 +5,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from filters.learn import PoseSettings, learn_pose
 from filters.live import live, looks
+from filters.models.pose import PoseSettings, learn_pose
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PositionObservations
 from filters.poses import pose_trial

@@ -85,9 +85,9 @@ def harmonic(amplitude, hz, n_frames=2400):
 
 @pytest.mark.parametrize(("amplitude", "hz"), [(0.02, 4.0), (1.0, 10.0)])
 def test_free_shapes_are_driven_as_fast_as_they_move(amplitude, hz):
-    """Of a sine of variance v at w the density is 2 v w^3; ``excess`` multiplies it."""
+    """Of a sine of variance v at w the density is 2 v w^3; ``process_noise`` multiplies it."""
     for excess in (1.0, 3.0):
-        found = free_shape(harmonic(amplitude, hz), excess=excess).density[0, 0] ** 2
+        found = free_shape(harmonic(amplitude, hz), process_noise=excess).density[0, 0] ** 2
         assert found == pytest.approx(excess * 2 * amplitude**2 * (2 * np.pi * hz) ** 3, rel=1e-6)
 
 
@@ -99,7 +99,7 @@ def test_what_is_unexplained_drives_what_is_explained():
     disturbed = Motion(
         z=motion.z, rate=motion.rate, acceleration=motion.acceleration + extra, trial=motion.trial, dt_s=DT_S
     )
-    found = linear_shape(disturbed, ridge=1e-9, excess=2.0).density[0, 0] ** 2
+    found = linear_shape(disturbed, ridge=1e-9, process_noise=2.0).density[0, 0] ** 2
     assert found == pytest.approx(2.0 * 2 * 5.0**2 / w, rel=0.01)
 
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filters.hidden import Fill
-from filters.mixture import Mixture, gap_lengths, learn_mixture
+from filters.hide import gap_lengths
+from filters.mixture import Mixture, learn_mixture
+from filters.score import Residuals
 
 LENGTHS = np.array([10.0, 25.0, 50.0, 100.0])
 
@@ -161,7 +162,7 @@ def fills(rng, sd, *, stated=None, per_gap=0.0, n_gaps=60, frames=LENGTHS, noise
         claim = (law if stated is None else stated[k])(length)
         variance = np.broadcast_to((claim**2)[:, None], unit.shape)
         own = {"variance": variance, "noise": np.full(len(length), noise_m**2), "gap": gap, "length": length}
-        out.append(Fill(miss_m=law(length)[:, None] * unit - noise, **own))
+        out.append(Residuals(error_m=law(length)[:, None] * unit - noise, **own))
     return out
 
 
@@ -169,8 +170,8 @@ def mixed_by_combine(mixed, parts):
     """The mixture's own fill, by ``combine``: each sample is a marker of one frame."""
     length = parts[0].length[None]
     covs = [f.variance[None, :, :, None] * np.eye(3) for f in parts]
-    mean, cov = mixed.combine([f.miss_m[None] for f in parts], covs, length)
-    return replace(parts[0], miss_m=mean[0], variance=np.diagonal(cov[0], axis1=-2, axis2=-1))
+    mean, cov = mixed.combine([f.error_m[None] for f in parts], covs, length)
+    return replace(parts[0], error_m=mean[0], variance=np.diagonal(cov[0], axis1=-2, axis2=-1))
 
 
 def short(n):
@@ -202,7 +203,7 @@ def test_the_best_of_both_on_fresh_data(stated):
     assert own.log_rmse < min(f.log_rmse for f in fresh) - 0.1
     for n in LENGTHS:
         at = fresh[0].length == n
-        each = [np.sqrt(np.mean(f.miss_m[at] ** 2)) for f in (*fresh, own)]
+        each = [np.sqrt(np.mean(f.error_m[at] ** 2)) for f in (*fresh, own)]
         assert each[2] < 1.03 * min(each[:2])
 
 
@@ -218,7 +219,7 @@ def test_widths_give_95_per_cent(models, wrong):
     stated = [lambda n, law=law: wrong * law(n) for law in models]
     mixed = learn_mixture(fills(rng, models, stated=stated, n_gaps=200))
     own = mixed_by_combine(mixed, fills(rng, models, stated=stated, n_gaps=200))
-    inside = np.abs(own.miss_m) <= 1.959964 * np.sqrt(own.variance)
+    inside = np.abs(own.error_m) <= 1.959964 * np.sqrt(own.variance)
     assert inside.mean() == pytest.approx(0.95, abs=0.006)
     for n in LENGTHS:
         assert inside[own.length == n].mean() == pytest.approx(0.95, abs=0.015)
@@ -233,7 +234,7 @@ def test_the_noise_of_measurements_is_kept_apart(wrong):
     rng, stated = np.random.default_rng(11), [lambda n: wrong * same(n)]
     mixed = learn_mixture(fills(rng, [same], stated=stated, n_gaps=400, noise_m=5 * 5e-3))
     truth = mixed_by_combine(mixed, fills(rng, [same], stated=stated, n_gaps=400))
-    inside = np.abs(truth.miss_m) <= 1.959964 * np.sqrt(truth.variance)
+    inside = np.abs(truth.error_m) <= 1.959964 * np.sqrt(truth.variance)
     assert inside.mean() == pytest.approx(0.95, abs=0.04)
 
 
@@ -245,9 +246,9 @@ def test_few_gaps_are_not_believed_alone():
     rng = np.random.default_rng(6)
     many = fills(rng, [same], n_gaps=60)[0]
     keep = (many.length < 100) | (many.gap == many.gap.max())
-    lucky = np.where((many.length == 100)[:, None], 0.1 * many.miss_m, many.miss_m)
+    lucky = np.where((many.length == 100)[:, None], 0.1 * many.error_m, many.error_m)
     kept = {name: getattr(many, name)[keep] for name in ("variance", "noise", "gap", "length")}
-    mixed = learn_mixture([Fill(miss_m=lucky[keep], **kept)])
+    mixed = learn_mixture([Residuals(error_m=lucky[keep], **kept)])
     factor = mixed.scale[:, 0] * mixed.widen
     assert factor[3] == pytest.approx(0.71, rel=0.1)
     np.testing.assert_allclose(factor[:3], 1, atol=0.1)
@@ -259,7 +260,7 @@ def test_models_that_say_the_same_share_alike():
     mixed = learn_mixture([one] * 3)
     np.testing.assert_allclose(mixed.offset, 0, atol=1e-4)
     np.testing.assert_allclose(mixed.slope, 0, atol=1e-4)
-    np.testing.assert_allclose(mixed_by_combine(mixed, [one] * 3).miss_m, one.miss_m, rtol=1e-9)
+    np.testing.assert_allclose(mixed_by_combine(mixed, [one] * 3).error_m, one.error_m, rtol=1e-9)
 
 
 def test_gaps_of_one_length():
@@ -280,10 +281,10 @@ def test_intervals_hold_in_another_recording(larger):
 
     def recording():
         parts = fills(rng, [short, long], n_gaps=60)
-        return [replace(part, miss_m=larger * part.miss_m) for part in parts]
+        return [replace(part, error_m=larger * part.error_m) for part in parts]
 
     own = mixed_by_combine(mixed.calibrated(recording()), recording())
-    inside = np.abs(own.miss_m) <= 1.959964 * np.sqrt(own.variance)
+    inside = np.abs(own.error_m) <= 1.959964 * np.sqrt(own.variance)
     assert inside.mean() == pytest.approx(0.95, abs=0.015)
 
 
@@ -292,7 +293,7 @@ def test_a_model_that_fails_in_a_recording_weighs_less_there():
     rng = np.random.default_rng(10)
     mixed = learn_mixture(fills(rng, [same, same], n_gaps=200))
     good, bad = fills(rng, [same, same], n_gaps=60)
-    own = mixed.calibrated([good, replace(bad, miss_m=4 * bad.miss_m)])
+    own = mixed.calibrated([good, replace(bad, error_m=4 * bad.error_m)])
     ratio = (own.scale / mixed.scale)[:, 1] / (own.scale / mixed.scale)[:, 0]
     np.testing.assert_allclose(ratio, 4.0, rtol=0.1)
     weight = own.weights((own.scale[0] ** 2)[:, None], np.array([10]))

@@ -7,10 +7,10 @@ from dataclasses import asdict, fields, replace
 import numpy as np
 import pytest
 
-from filters.learn import PoseSettings
-from filters.learn_markers import MarkerSettings
 from filters.model_file import load_model, save_model
-from filters.several import Several
+from filters.models.average import Average
+from filters.models.constant_velocity import MarkerSettings
+from filters.models.pose import PoseSettings
 from mocap.errors import FormatError
 from tests.filters.small_model import same, small_model
 
@@ -22,15 +22,15 @@ def small():
 
 def test_every_choice_is_kept(small, tmp_path):
     """Settings of all kinds come back as they were: numbers, ranks, names."""
-    kind = PoseSettings(ranks=(1, 7), turns=False, mechanics="free", potential="none", weight=1 / 3, lam=1e-7)
+    kind = PoseSettings(ranks=(1, 7), rotating=False, mechanics="free", potential="none", weight=1 / 3, lam=1e-7)
     three = small.mixture
     mixture = replace(three, offset=np.array([0.1, -1 / 3]), slope=np.array([0.0, 1e-300]), scale=np.ones((1, 2)))
     path = tmp_path / "m.npz"
-    several = Several((kind, replace(kind, ranks=(3,))))
-    save_model(replace(small, kinds=(MarkerSettings(acceleration=0.1), several), mixture=mixture), path)
+    several = Average((kind, replace(kind, ranks=(3,))))
+    save_model(replace(small, models=(MarkerSettings(acceleration=0.1), several), mixture=mixture), path)
     again = load_model(path)
-    assert again.kinds == (MarkerSettings(acceleration=0.1), several)
-    assert asdict(again.kinds[1]) == asdict(several)
+    assert again.models == (MarkerSettings(acceleration=0.1), several)
+    assert asdict(again.models[1]) == asdict(several)
     assert same(again.mixture, mixture)
 
 
@@ -68,7 +68,7 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 7"}')},
+        {"header": np.array('{"format": "eal-mocap model 8"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
@@ -95,7 +95,7 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     save_model(small, path)
     with np.load(path) as file:
         header = {**json.loads(str(file["header"])), "format": "eal-mocap model 9"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 7', but it says 'eal-mocap model 9': learn it"):
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 8', but it says 'eal-mocap model 9': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from filters.fitting import Fitting
-from filters.learn import PoseSettings
-from filters.learn_markers import MarkerSettings
 from filters.model import learn_from_itself, track_with
+from filters.models.base import TrialSet, estimate
+from filters.models.constant_velocity import MarkerSettings
+from filters.models.pose import PoseSettings
 from filters.observations import PositionObservations
 from tests.filters.test_tuning import trial_of
 
@@ -32,7 +32,7 @@ def test_a_lost_wing_is_found_by_the_mixture():
     assert learned.trials == ()
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     found = track_with(learned, NAMES, trial, seen)
-    plain = Fitting([trial], [0, 1, 2, 3]).fill(MarkerSettings(), seen)
+    plain = estimate(MarkerSettings(), TrialSet([trial], [0, 1, 2, 3]), seen)
     miss, plainly = (f.xyz_m[gap, 5] - trial_of(3).xyz_m[gap, 5] for f in (found, plain))
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < min(2e-3, np.sqrt(np.mean(np.sum(plainly**2, axis=1))))
     sd = np.sqrt(np.diagonal(found.cov_m2[gap, 5], axis1=1, axis2=2))
@@ -45,7 +45,7 @@ def test_what_is_seen_is_the_filter_s_own():
     learned = learn_from_itself(NAMES, NAMES[:4], trial, SETTINGS)
     assert learned is not None
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-    found, own = track_with(learned, NAMES, trial, seen), Fitting([trial], [0, 1, 2, 3]).fill(SETTINGS, seen)
+    found, own = track_with(learned, NAMES, trial, seen), estimate(SETTINGS, TrialSet([trial], [0, 1, 2, 3]), seen)
     np.testing.assert_array_equal(found.xyz_m[trial.seen], own.xyz_m[trial.seen])
     np.testing.assert_array_equal(found.cov_m2[trial.seen], own.cov_m2[trial.seen])
 

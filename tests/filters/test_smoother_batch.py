@@ -9,7 +9,7 @@ from filters.ensemble import Gaussian, default_points, predict, update
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PositionObservations
 from filters.smoother import smooth_step
-from filters.track import log_likelihood, smooth
+from filters.track import smooth
 from tests.reference import gaussian_filter as reference
 
 
@@ -110,7 +110,6 @@ def test_tracked_positions_are_the_posterior_of_the_trajectory(even):
         here = slice(3 * marker, 3 * marker + 3)
         np.testing.assert_allclose(found.cov_m2[:, marker], covs[:, here, here], atol=1e-9, rtol=1e-6)
     assert found.log_likelihood.sum() == pytest.approx(density, rel=1e-9)
-    assert log_likelihood(model, observations, t, gate_sd=np.inf) == pytest.approx(density, rel=1e-9)
     n_rows = np.array([seen.n_rows for seen in found.observed])
     np.testing.assert_array_equal(n_rows, [len(y) for _, y, _ in frames])
     np.testing.assert_array_equal(np.isnan([seen.nis for seen in found.observed]), n_rows == 0)

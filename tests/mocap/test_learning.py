@@ -9,11 +9,12 @@ import pandas as pd
 import pytest
 
 from datasets import make_bat
-from filters.hidden import Fill, fill_of, hide_groups, joined_fills
-from filters.learn_markers import learn_constant_velocity
+from filters.hide import hide_neighbours
 from filters.model import learn_model, track_with
 from filters.model_file import load_model
+from filters.models.constant_velocity import learn_constant_velocity
 from filters.observations import PositionObservations
+from filters.score import Residuals, joined, residuals_of
 from filters.track import smooth
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
@@ -159,7 +160,7 @@ def test_json_is_one_object_and_a_seed_the_same_model(mocap, flights, tmp_path):
     assert mocap(*arguments, "--force")[0] == 0
     again = load_model(path)
     assert again.scores == first.scores
-    assert again.kinds == first.kinds
+    assert again.models == first.models
     assert mocap("learn", short, "--fps", 240, "--out", short, "--force")[0] == 1
     assert {p.name for p in tmp_path.iterdir()} == {"s_xyzpts.csv", "m.npz", MANIFEST}
     assert folder.exists()
@@ -276,20 +277,20 @@ def test_real_flights_teach_a_third():
     names, own = flights["F5"]
     trials = [excerpt(flights["F2"][1], 80), excerpt(flights["F3"][1], 60)]
     learned = learn_model(names, (), trials, np.random.default_rng(0))
-    fills: dict[str, list[Fill]] = {"learned": [], "constant velocity": []}
+    fills: dict[str, list[Residuals]] = {"learned": [], "constant velocity": []}
     for seed in range(2):
-        hidden = hide_groups(own, np.random.default_rng(seed))
+        hidden = hide_neighbours(own, np.random.default_rng(seed))
         shown = hidden.shown
         seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
         plain = smooth(learn_constant_velocity(shown.xyz_m, dt_s=shown.dt_s), seen, shown.t_s)
         for method, found in (("learned", track_with(learned, names, shown, seen)), ("constant velocity", plain)):
-            fills[method].append(fill_of(hidden, found.xyz_m, found.cov_m2))
-    learned_fill, plain_fill = (joined_fills(parts) for parts in fills.values())
-    squared, plain_squared = (np.sum(fill.miss_m**2, axis=1) for fill in (learned_fill, plain_fill))
+            fills[method].append(residuals_of(hidden, found.xyz_m, found.cov_m2))
+    learned_fill, plain_fill = (joined(parts) for parts in fills.values())
+    squared, plain_squared = (np.sum(fill.error_m**2, axis=1) for fill in (learned_fill, plain_fill))
     for n, share in ((10, 1.1), (25, 1.1), (50, 0.5), (100, 0.5)):
         at = plain_fill.length == n
         assert np.sqrt(squared[at].mean()) < share * np.sqrt(plain_squared[at].mean())
-    inside = np.abs(learned_fill.miss_m) < 1.96 * np.sqrt(learned_fill.apart)
+    inside = np.abs(learned_fill.error_m) < 1.96 * np.sqrt(learned_fill.expected)
     assert 0.88 < inside.mean() < 0.99
 
 

@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 from datasets import make_bat, write_recording
-from filters.learn import PoseSettings
+from filters.models.pose import PoseSettings
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import table
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.source import Source
-from mocap.pipeline.tracking import learn_models, seen_part, track, tracked_motion
+from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
 
 HOSTILE = (
     "a|b", "`rm`", "<img src=x onerror=alert(1)>", "[red]x[/red]", "![x](http://x)", "*bold*", "_it_", "a\\|b", "&lt;",
@@ -76,7 +76,7 @@ def test_a_report_of_hostile_names(tmp_path):
     names = tuple(f"{HOSTILE[m % len(HOSTILE)]} {m}" for m in range(len(prepared.names)))
     prepared = replace(prepared, names=names, findings=(*HOSTILE, *prepared.findings))
     part = seen_part(prepared)
-    model = learn_models(prepared, part, settings=PoseSettings())["constant_velocity"]
+    model = learn_motion(prepared, part, "constant_velocity", settings=PoseSettings())
     tracked = tracked_motion(prepared, part, "constant_velocity", track(prepared, part, model))
     report = make_report(prepared, part, tracked, {}, why_model="a|b", validation={}, hidden=0, seconds={}, settings={})
     report["joints"] = {name: {"samples": 1, "effective_rank": 1.0, "v_at_samples_median": 1.0} for name in HOSTILE}

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.gaps.method import Filled, Trial
+from benchmarks.gaps.method import Estimate, Trial
 from mocap.arrays import Array
 from mocap.body import body_frames
 
@@ -34,12 +34,12 @@ class Placed:
         """(T, 3 M) rows of ``y``."""
         return self.y.reshape(len(self.y), -1)
 
-    def leave(self, y: Array, cov: Array | None = None) -> Filled:
+    def leave(self, y: Array, cov: Array | None = None) -> Estimate:
         """Back in the world; ``y`` (T, M, 3), ``cov`` (T, M, 3, 3) or None."""
         xyz = np.einsum("tij,tmj->tmi", self.rotation, y) + self.position_m[:, None]
         if cov is None:
-            return Filled(xyz, None)
-        return Filled(xyz, self.rotation[:, None] @ cov @ self.rotation[:, None].swapaxes(-1, -2))
+            return Estimate(xyz, None)
+        return Estimate(xyz, self.rotation[:, None] @ cov @ self.rotation[:, None].swapaxes(-1, -2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv  # type: ignore[attr-defined]  # made at run time
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, Placed, learn_body
 from benchmarks.gaps.peers.edges import Blend, Predict, fill_blended, refill
 from benchmarks.gaps.peers.intervals import tune_blended
@@ -148,7 +148,7 @@ class GaussianFiller:
     lags: tuple[int, ...]
     blend: Blend
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Condition every frame on what it shows; with lags, once more on that frame and its completed neighbours."""
         placed = self.coordinates.place(trial)
         width, centre = placed.poses.shape[1], self.lags.index(0)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, World, learn_body
 from benchmarks.gaps.peers.intervals import tune
 from mocap.arrays import Array
@@ -76,7 +76,7 @@ class InterpolationFiller:
     curve: str
     share: float | None
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Fill every marker on its own."""
         placed = self.coordinates.place(trial)
         curve, least = CURVES[self.curve]

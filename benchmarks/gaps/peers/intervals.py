@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.gaps.method import Filled, Filler, Trial
+from benchmarks.gaps.method import Estimate, Filler, Trial
 from benchmarks.gaps.peers.edges import BLENDS, Blend, gaps
 from benchmarks.gaps.protocol import choose, validation
 from mocap.arrays import Array
@@ -33,7 +33,7 @@ class Calibrated:
     lengths: Array
     factors: Array
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Fill, then scale the covariances of what is missing."""
         filled = self.filler(trial)
         if filled.cov_m2 is None:
@@ -42,7 +42,7 @@ class Calibrated:
         for gap in gaps(np.isfinite(trial.xyz_m[..., 0])):
             factor = np.interp(np.log(gap.stop - gap.start), np.log(self.lengths), self.factors)
             cov[gap.start : gap.stop, gap.marker] *= factor**2
-        return Filled(filled.xyz_m, cov)
+        return Estimate(filled.xyz_m, cov)
 
 
 def tune(
@@ -57,11 +57,11 @@ def tune(
     for fold in validation(training):
         trained = learn(best, fold.rest)
         for copy in fold.shown:
-            filled = trained(copy.trial)
+            filled = trained(copy.shown)
             if filled.cov_m2 is None:
                 return filler
             for gap in copy.gaps:
-                error = (filled.xyz_m - copy.truth.xyz_m)[gap.frames][:, gap.scored]
+                error = (filled.xyz_m - copy.trial.xyz_m)[gap.frames][:, gap.scored]
                 cov = filled.cov_m2[gap.frames][:, gap.scored]
                 sd = np.sqrt(np.maximum(np.diagonal(cov, axis1=-2, axis2=-1), 1e-18))
                 found.setdefault(gap.length, []).append((np.abs(error) / sd).ravel())

@@ -12,7 +12,7 @@ from math import factorial
 
 import numpy as np
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, World, learn_body
 from benchmarks.gaps.peers.intervals import tune
 from mocap.arrays import Array
@@ -158,7 +158,7 @@ class KalmanFiller:
     order: int
     density: Array
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Smooth every marker on its own."""
         placed = self.coordinates.place(trial)
         step, unit = transition(self.order)

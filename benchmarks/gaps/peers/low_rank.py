@@ -19,7 +19,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended
 from benchmarks.gaps.peers.intervals import tune_blended
@@ -104,7 +104,7 @@ class WalkFiller:
     left: Array
     blend: Blend
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Smooth the components and map them back."""
         placed = self.coordinates.place(trial)
         z, cov, _ = self.walk.smooth(placed.poses)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.manifold import Isomap, LocallyLinearEmbedding
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended
 from benchmarks.gaps.peers.intervals import tune_blended
@@ -39,7 +39,7 @@ class LatentFiller:
     model: LatentModel
     blend: Blend
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Follow the latent point and blend what it says into the gaps; the map's error is carried from the edges."""
         placed = self.coordinates.place(trial)
         poses, latent = follow(self.model, placed.poses)

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended, shown
 from benchmarks.gaps.peers.intervals import tune_blended
@@ -48,7 +48,7 @@ class NeighbourFiller:
     k: int
     blend: Blend
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Look up every frame."""
         placed = self.coordinates.place(trial)
         whole = np.isfinite(placed.poses).all(axis=1)

@@ -22,7 +22,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, learn_body
 from benchmarks.gaps.peers.edges import Blend, Predict, fill_blended, shown
 from benchmarks.gaps.peers.gaussian import Moments, moments
@@ -79,7 +79,7 @@ class PcaFiller:
     reach: float | None
     blend: Blend
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Rebuild every frame that misses a marker."""
         placed = self.coordinates.place(trial)
         own = placed.poses[np.isfinite(placed.poses).all(axis=1)]

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from benchmarks.gaps import protocol
-from benchmarks.gaps.method import Filled
+from benchmarks.gaps.method import Estimate
 from benchmarks.gaps.peers import gaussian, gpdm, interpolation, intervals, kalman, low_rank, manifold, neighbours, pca
 from benchmarks.gaps.peers.coordinates import learn_body
 from benchmarks.gaps.peers.edges import Blend, carry, gaps, matern
@@ -15,6 +15,7 @@ from benchmarks.gaps.peers.gaussian import Choice, ConditionalGaussian, moments
 from benchmarks.gaps.peers.low_rank import LowRank, RandomWalk
 from benchmarks.gaps.peers.neighbours import NearestNeighbours, nearest_mean
 from benchmarks.gaps.peers.pca import PcaReconstruction
+from filters.score import score
 from tests.benchmarks.gaps.peer_trials import LIMBS, hidden, in_subspace, make_trial
 
 GAP = np.arange(60, 100)
@@ -150,14 +151,14 @@ def test_intervals_that_are_too_narrow_are_widened():
     trials = [make_trial(0.01 * rng.normal(size=(300, 6, 3)), name=f"t{k}") for k in range(3)]
 
     def learn(_candidate, _trials):
-        return lambda trial: Filled(
+        return lambda trial: Estimate(
             np.where(np.isfinite(trial.xyz_m), trial.xyz_m, 0.0),
             np.tile((0.01 / 3) ** 2 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1)),
         )
 
     filler = intervals.tune([None], trials[:2], learn)
     (copy, *_) = protocol.shown_trials(trials[2], 0, protocol.cells())
-    inside = [protocol.errors(filler(copy.trial), copy.truth, gap)[1].mean() for gap in copy.gaps]
+    inside = [score(*protocol.errors(filler(copy.shown), copy.trial, gap)).coverage95 for gap in copy.gaps]
     assert 0.9 < np.mean(inside) < 0.99
 
 

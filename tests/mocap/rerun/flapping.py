@@ -9,6 +9,7 @@ from eal.potential import fit_potential
 from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
+from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.run import JointPotential, Run
 from mocap.records import JointTracks, MarkerTracks, Origin, PixelTracks
 from mocap.skeleton import Bone, Joint, Skeleton
@@ -129,6 +130,7 @@ def make_run(
         tracked=tracked,
         joints=joints,
         potentials=potentials,
+        spatial_potentials=joint_potentials(joints, markers, body, frame=SPACE) if joints else {},
         repaired=np.zeros((n_frames, n_markers), dtype=bool),
         report={},
         report_text=_REPORT,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.gaps.method import Filled, Filler, Method, Trial
+from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, World, learn_body
 from benchmarks.gaps.peers.interpolation import CURVES, through
 from benchmarks.gaps.peers.intervals import tune
@@ -28,7 +28,7 @@ class ToolFiller:
     options: dict[str, Any]
     guess: bool = False
 
-    def __call__(self, trial: Trial) -> Filled:
+    def __call__(self, trial: Trial) -> Estimate:
         """Run the tool."""
         placed = self.coordinates.place(trial)
         more = {}

@@ -10,29 +10,28 @@ from scipy.spatial.distance import pdist
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
+from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from filters.motion.bones import Bones
-from filters.motion.literal import LiteralShape
 from filters.motion.pose import PoseMotion, body_path
 from filters.motion.shape import ShapeMechanics
-from filters.poses import PoseTrial, Shapes, certain_shapes, residual_rate, shapes_of
+from filters.poses import PoseTrial, Shapes, known_shapes, residual_rate, shapes_of
 from mocap.arrays import Array
 
-Mechanics = Literal["free", "linear", "field", "literal"]
+Mechanics = Literal["free", "linear", "field"]
 Potential = Literal["shape", "motion", "quadratic", "quadratic motion", "none"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseSettings:
-    """Choices of the pose model; ``potential_stiffness`` and ``recording_alone`` in ``design/`` settled the defaults.
+class PoseSettings(TrajectoryModel):
+    """Choices of the pose model; the numbers that settled the defaults are in docs/decisions.md.
 
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
         body_hz: Faster motion of the trunk is left to the shape.
-        turns: Whether the body's axes follow its rotation.
-        mechanics: Forces that are known: none, linear ones, or a field; identified from the trials. Or "literal": none
-            but V_z's own as an explicit force, as the paper has it (``LiteralShape``), in place of ``potential``.
+        rotating: Whether the body's axes follow its rotation.
+        mechanics: Forces that are known: none, linear ones, or a field; identified from the trials.
         ridge: Penalty of that identification.
-        excess: Factor on the process noise that follows from it.
+        process_noise: Factor on the process noise that follows from it.
         residual: Factor on the deviation of what the subspace leaves, found on hidden samples.
         residual_rate: Factor on the rate at which that changes.
         body: Factor on the density of the body's accelerations.
@@ -41,7 +40,7 @@ class PoseSettings:
         beta: Kernel width: beta over the median squared distance of the samples.
         lam: Spectral filtering parameter lambda.
         centres: Most samples that the potential is learned from.
-        certain: Poses known better than this (``Components.known``) are samples of the potential.
+        least_known: Poses known better than this (``Components.known``) are samples of the potential.
         weight: Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units
             of the log density (``with_potential``).
         bones: The same of rigid bones: how often V_b (``filters.motion.bones``) is charged while the motion turns by a
@@ -50,10 +49,10 @@ class PoseSettings:
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
     body_hz: float = 3.0
-    turns: bool = True
+    rotating: bool = True
     mechanics: Mechanics = "free"
     ridge: float = 1e-3
-    excess: float = 1.0
+    process_noise: float = 1.0
     residual: float = 1.0
     residual_rate: float = 0.5
     body: float = 1.0
@@ -61,16 +60,64 @@ class PoseSettings:
     beta: float = 1.0
     lam: float = 1e-4
     centres: int = 400
-    certain: float = 0.8
+    least_known: float = 0.8
     weight: float = 4.0
     bones: float = 1.0
 
+    @property
+    def description(self) -> str:
+        """Its mechanics, and what holds it."""
+        bones = " + bones" if self.bones else ""
+        return _MECHANICS[self.mechanics] + _HELD.get(self.potential, f" + {self.potential} potential") + bones
 
-def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, certain: float) -> Motion:
+    @property
+    def details(self) -> str:
+        """Those that a search chooses."""
+        ranks = f"{self.ranks[0]} shapes" if len(self.ranks) == 1 else "as many shapes as fill best"
+        held = "no potential"
+        if self.potential != "none":
+            held = f"held by {_HELD.get(self.potential, self.potential).removeprefix(' + ')}, weight {self.weight:g}"
+        return (
+            f"pose model with {ranks}, axes that {'rotate' if self.rotating else 'do not rotate'} with the body, "
+            f"{_MECHANICS[self.mechanics]}, {held}, body noise x {self.body:g}, "
+            + (f"bones of weight {self.bones:g}" if self.bones else "no bones")
+        )
+
+    def fit(self, trials: TrialSet) -> FittedMotion:
+        """Learn subspace, mechanics and potential from all trials, for the last one."""
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        return FittedMotion(learn_pose(poses, self, shapes=shapes, bones=trials.bones), trials.trials[-1].t_s)
+
+    def learned_arrays(self, trials: TrialSet) -> dict[str, Array]:
+        """Mean pose, basis, shapes, noise; stiffness and damping where its mechanics are linear; bones."""
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones)
+        return {
+            "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
+            "pose_basis": shapes.subspace.basis.reshape(-1, 3, model.rank),
+            "pose_residual_sd_m": shapes.subspace.residual_sd.reshape(-1, 3),
+            "pose_shapes_m": np.concatenate(shapes.z),
+            "pose_acceleration_density": model.mechanics.density @ model.mechanics.density.T,
+            "bone_ends": trials.bones.ends,
+            "bone_length_m": trials.bones.length_m,
+            "bone_sd_m": trials.bones.sd_m,
+            **{f"pose_{name}": value for name, value in model.mechanics.arrays().items()},
+        }
+
+
+_MECHANICS: dict[Mechanics, str] = {
+    "free": "constant velocity of the pose",
+    "linear": "linear mechanics",
+    "field": "learned forces",
+}
+_HELD = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
+
+
+def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, least_known: float) -> Motion:
     """The motion of the shape where it is well known."""
     parts = []
     for z, rate, acceleration, keep in zip(
-        shapes.z, shapes.rate, shapes.acceleration, certain_shapes(shapes, certain), strict=True
+        shapes.z, shapes.rate, shapes.acceleration, known_shapes(shapes, least_known), strict=True
     ):
         edges = np.flatnonzero(np.diff(keep.astype(int))) + 1
         for stretch in np.split(np.arange(len(z)), edges):
@@ -82,13 +129,11 @@ def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, certain: flo
 def learn_mechanics(motion: Motion, settings: PoseSettings) -> ShapeMechanics:
     """The equation of motion that the settings name."""
     if settings.mechanics == "free":
-        return free_shape(motion, excess=settings.excess)
+        return free_shape(motion, process_noise=settings.process_noise)
     if settings.mechanics == "linear":
-        return linear_shape(motion, ridge=settings.ridge, excess=settings.excess)
-    if settings.mechanics == "literal":
-        return literal_shape(motion, settings)
+        return linear_shape(motion, ridge=settings.ridge, process_noise=settings.process_noise)
     return field_shape(
-        motion, ridge=settings.ridge, beta=settings.beta, centres=settings.centres, excess=settings.excess
+        motion, ridge=settings.ridge, beta=settings.beta, centres=settings.centres, process_noise=settings.process_noise
     )
 
 
@@ -110,7 +155,7 @@ def learn_pose(
         bones: Its bones.
     """
     shapes = shapes_of(trials, ranks=settings.ranks) if shapes is None else shapes
-    motion = recorded_motion(trials, shapes, certain=settings.certain)
+    motion = recorded_motion(trials, shapes, least_known=settings.least_known)
     trial, subspace = trials[target], shapes.subspace
     density = np.median([body_density(t) for t in trials], axis=0)
     left_sd = settings.residual * np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[target]))
@@ -163,20 +208,18 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     The stiffness 1/eps^2 of V_z follows from what the potential says of poses that it has not seen: learned without a
     fifth of the motion it has the mean value v there, and 1/eps^2 = weight w / v a second, w the rate sd(zdot) / sd(z)
     of the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
-    cycles it is soft. ``design/potential_stiffness.py`` has the numbers.
+    cycles it is soft. The numbers are in docs/decisions.md, "Stiffness of V_z".
     """
-    if settings.mechanics == "literal":
-        return replace(model, name="eal_literal")
     if settings.potential == "none":
         return model
     held = model.rank * (2 if "motion" in settings.potential else 1)
     scale = np.repeat([1 / motion.unit, motion.tau_s / motion.unit], model.rank)[:held]
     samples = np.column_stack([motion.z, motion.rate])[:, :held] * scale
-    turns = settings.weight / motion.tau_s
+    rate = settings.weight / motion.tau_s
     if "quadratic" in settings.potential:
         cov = np.cov(samples.T).reshape(held, held)
         information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / held * np.eye(held))
-        centre, stiffness = samples.mean(axis=0), 2 * turns / held  # its mean value is held / 2
+        centre, stiffness = samples.mean(axis=0), 2 * rate / held  # its mean value is held / 2
         return replace(
             model,
             gradient=lambda x: (x * scale - centre) @ information * (stiffness * scale),
@@ -185,25 +228,8 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
         )
     potential = learn_potential(samples, settings)
     charged = float(np.mean(unseen_potential(samples, settings)))
-    stiffness = turns / max(charged, 1e-9)
+    stiffness = rate / max(charged, 1e-9)
     return replace(model, gradient=penalty(potential, scale, stiffness), held=held, name="eal")
-
-
-def literal_shape(motion: Motion, settings: PoseSettings) -> LiteralShape:
-    """V_z of the shape as an explicit force, as stiff as ``with_potential`` has it.
-
-    There an unseen pose of mean potential v is charged the weight in units of the log density; here in units of the
-    mean kinetic energy T: 1/eps^2 = weight T / v, so that the motion's own energy carries it no higher than v / weight.
-    """
-    samples = motion.z / motion.unit
-    unseen = float(np.mean(-np.expm1(-unseen_potential(samples, settings))))
-    kinetic = 0.5 * float(np.sum(motion.rate.var(axis=0)))
-    return LiteralShape(
-        potential=learn_potential(samples, settings),
-        unit=motion.unit,
-        strength=settings.weight * kinetic / max(unseen, 1e-9),
-        density=free_shape(motion, excess=settings.excess).density,
-    )
 
 
 def learn_potential(samples: Array, settings: PoseSettings) -> EmpiricalPotential:

@@ -1,11 +1,11 @@
-"""Constant velocity and constant acceleration of single markers, learned from recordings."""
+"""Constant velocity of each marker by itself, with the acceleration that recordings show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from filters.motion.constant_acceleration import ConstantAcceleration
+from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.subspace import bridge
 from mocap.arrays import Array
@@ -13,7 +13,7 @@ from mocap.body import smooth_series
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarkerSettings:
+class MarkerSettings(TrajectoryModel):
     """Choices of constant velocity, each marker for itself.
 
     Attributes:
@@ -22,6 +22,26 @@ class MarkerSettings:
     """
 
     acceleration: float = 1.0
+
+    @property
+    def description(self) -> str:
+        """Its name."""
+        return "constant velocity of each marker"
+
+    @property
+    def details(self) -> str:
+        """Its one setting."""
+        return f"constant velocity of each marker, accelerations x {self.acceleration:g}"
+
+    def fit(self, trials: TrialSet) -> FittedMotion:
+        """Learn how each marker accelerates in all trials."""
+        *others, last = trials.trials
+        return FittedMotion(
+            learn_constant_velocity(
+                last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others], settings=self
+            ),
+            last.t_s,
+        )
 
 
 def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
@@ -65,7 +85,7 @@ def learn_constant_velocity(
         xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
         dt_s: Time step.
         others: Other recordings of the same markers and rate. Of each marker's densities in all the geometric mean is
-            taken: one short recording may show it at rest (``design/marker_noise.py``).
+            taken: one short recording may show it at rest (docs/decisions.md, "Noise of a marker").
         settings: Choices.
     """
     seen = np.isfinite(xyz_m[..., 0])
@@ -83,57 +103,4 @@ def learn_constant_velocity(
     density = np.maximum(settings.acceleration * density, 1e-9)  # m^2/s^3: one that never moves has a covariance, too
     return ConstantVelocity(
         start_m=start, start_sd_m=max(extent, 1e-3), speed_sd_m_s=2 * max(speed_sd, 1e-3), density=density
-    )
-
-
-def jerk_moments(y: Array, *, dt_s: float, cutoff_hz: float) -> tuple[Array, Array]:
-    """Standard deviation of the acceleration, and spectral density of a white jerk that moves like a series.
-
-    S = 2 sd(acceleration) sd(jerk): for an oscillation of variance a^2 at w this is 2 a^2 w^5, as its jerk has variance
-    a^2 w^6 and keeps its sign for about 1 / w.
-
-    Args:
-        y: (T, k) series.
-        dt_s: Time step.
-        cutoff_hz: Faster motion is taken for noise.
-
-    Returns:
-        (k,) deviations in unit/s^2, and (k,) densities in unit^2/s^5, positive.
-    """
-    smooth = smooth_series(y, np.ones(len(y)), dt_s=dt_s, cutoff_hz=cutoff_hz)
-    acceleration = np.gradient(np.gradient(smooth, dt_s, axis=0), dt_s, axis=0)
-    density = 2 * acceleration.std(axis=0) * np.gradient(acceleration, dt_s, axis=0).std(axis=0)
-    return acceleration.std(axis=0), np.maximum(density, 1e-6 * max(density.max(), 1e-12))
-
-
-def learn_constant_acceleration(xyz_m: Array, *, dt_s: float) -> ConstantAcceleration:
-    """Constant acceleration for each marker, with the jerk that the recording shows.
-
-    Markers that are seen too seldom take the median of the others; where all are, the jerk changes the acceleration by
-    itself within a frame.
-
-    Args:
-        xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
-        dt_s: Time step.
-    """
-    start = learn_constant_velocity(xyz_m, dt_s=dt_s)
-    seen = np.isfinite(xyz_m[..., 0])
-    sd, density = np.full((2, xyz_m.shape[1]), np.nan)
-    for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
-        frames = np.flatnonzero(seen[:, marker])
-        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])
-        each = jerk_moments(series, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
-        sd[marker], density[marker] = np.sqrt(np.mean(each[0] ** 2)), each[1].mean()
-    if np.isfinite(density).any():
-        known = np.isfinite(density)
-        sd, density = np.where(known, sd, np.median(sd[known])), np.where(known, density, np.median(density[known]))
-    else:
-        sd = np.full(len(sd), start.speed_sd_m_s / dt_s)
-        density = sd**2 / dt_s
-    return ConstantAcceleration(
-        start_m=start.start_m,
-        start_sd_m=start.start_sd_m,
-        speed_sd_m_s=start.speed_sd_m_s,
-        acceleration_sd_m_s2=2 * np.maximum(sd, 1e-3),
-        density=np.maximum(density, 1e-9),  # a marker that never moves still has a covariance
     )

@@ -1,10 +1,10 @@
-"""What does V_z add to a tracker, and on what does it depend? ``python -m design.what_vz_adds [--seeds N]``.
+"""What does V_z add to a tracker, and on what does it depend? ``python -m benchmarks.what_vz_adds [--seeds N]``.
 
 A synthetic animal of ten markers, four of them a rigid trunk. The other six move with two angles a and b, which swing
 at 3 to 5 and 1 to 2 Hz with wandering phases: along two directions, and by ``bend`` times (a^2, a b) along two others.
 With bend 0 the set of shapes is a plane, which a Gaussian holds; with more it is curved. A second gait has other
 directions and another mean: a Gaussian over both holds neither. Trials are of one gait each, the last of the first one;
-gaps are hidden in it (``filters.hidden``), and filled by the same pose model without a potential, with the quadratic
+gaps are hidden in it (``filters.hide``), and filled by the same pose model without a potential, with the quadratic
 one of a Gaussian, and with V_z, both of shapes and velocities, with and without identified linear mechanics, at the
 same stiffness.
 
@@ -30,11 +30,12 @@ from itertools import product
 
 import numpy as np
 
-from filters.fitting import Fitting
-from filters.hidden import Fill, fill_of, hide_groups
-from filters.learn import Mechanics, Potential
+from filters.hide import hide_neighbours
+from filters.models.base import TrialSet, estimate
+from filters.models.pose import Mechanics, Potential
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
+from filters.score import Residuals, residuals_of
 from filters.tune import SHARP
 from mocap.arrays import Array
 
@@ -54,25 +55,25 @@ def trial(seed: int, *, bend: float, gait: int) -> MarkerTrial:
     """A trial of a gait: the same directions in all its trials."""
     animal, rng = np.random.default_rng(100 + gait), np.random.default_rng(seed)
     trunk = np.random.default_rng(99).normal(0, 0.03, (4, 3))
-    mean, ways = animal.normal(0, 0.05, 18), np.linalg.qr(animal.normal(size=(18, 4)))[0].T
+    mean, directions = animal.normal(0, 0.05, 18), np.linalg.qr(animal.normal(size=(18, 4)))[0].T
     a, b = wandering(rng, 3, 5), wandering(rng, 1, 2)
-    shape = mean + 0.03 * np.column_stack([a, b, bend * a**2, bend * a * b]) @ ways
+    shape = mean + 0.03 * np.column_stack([a, b, bend * a**2, bend * a * b]) @ directions
     xyz = np.concatenate([np.tile(trunk.ravel(), (FRAMES, 1)), shape], axis=1).reshape(FRAMES, 10, 3)
     xyz = xyz + rng.normal(0, NOISE_M, xyz.shape)
     sd = np.full(xyz.shape[:2], NOISE_M)
     return MarkerTrial(name=f"gait{gait}_{seed}", t_s=np.arange(FRAMES) / FPS, xyz_m=xyz, sd_m=sd)
 
 
-def fills(seed: int, *, bend: float, gaits: int, trials: int) -> dict[tuple[Mechanics, Potential], Fill]:
+def fills(seed: int, *, bend: float, gaits: int, trials: int) -> dict[tuple[Mechanics, Potential], Residuals]:
     """How each model fills gaps of a trial of the first gait, learned from so many others of each gait."""
     others = [trial(1000 * seed + i, bend=bend, gait=i % gaits) for i in range(1, trials * gaits + 1)]
-    hidden = hide_groups(trial(1000 * seed, bend=bend, gait=0), np.random.default_rng(seed))
+    hidden = hide_neighbours(trial(1000 * seed, bend=bend, gait=0), np.random.default_rng(seed))
     shown = hidden.shown
-    fitting, out = Fitting([*others, shown], TRUNK), {}
+    trial_set, out = TrialSet([*others, shown], TRUNK), {}
     for mechanics, potential in product(MECHANICS, POTENTIALS):
-        kind = replace(SHARP, ranks=(8,), turns=False, mechanics=mechanics, potential=potential)
-        found = fitting.fill(kind, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
-        out[mechanics, potential] = fill_of(hidden, found.xyz_m, found.cov_m2)
+        model = replace(SHARP, ranks=(8,), rotating=False, mechanics=mechanics, potential=potential)
+        found = estimate(model, trial_set, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
+        out[mechanics, potential] = residuals_of(hidden, found.xyz_m, found.cov_m2)
     return out
 
 

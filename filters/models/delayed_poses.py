@@ -3,8 +3,9 @@
 Each marker's position in the body is regressed on the others by a Gaussian process (``filters/gaussian_process.py``).
 Its linear part is the standard imputation of missing markers by the covariance of all (Liu & McMillan 2006; Tits,
 Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
-the marker's neighbours (``filters/neighbours.py``), and what both say is averaged. It knows nothing of dynamics, and so
-errs differently from the motion models, which makes a mixture of both better than either (``design/mixture.py``).
+the marker's neighbours (``filters/neighbours.py``), and both estimates are averaged. It knows nothing of dynamics, and
+so errs differently from the motion models, which makes a mixture of both better than either (docs/decisions.md, "The
+mixture").
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from filters.gaussian_process import Covariance, Rows, fitted, predict
-from filters.hidden import unseen_runs
+from filters.hide import unseen_runs
+from filters.models.average import averaged
+from filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
 from filters.neighbours import Neighbours, body_itself
-from filters.poses import MarkerTrial, PoseTrial, Shapes, certain_shapes
-from filters.several import averaged
+from filters.observations import Observations
+from filters.poses import MarkerTrial, PoseTrial, Shapes, known_shapes
+from filters.records import Estimate
 from mocap.arrays import Array
 from mocap.body import BodyFrames, smooth_series
 
@@ -29,30 +33,66 @@ TOGETHER = 25
 
 
 @dataclass(frozen=True, kw_only=True)
-class DelaySettings:
+class DelaySettings(TrajectoryModel):
     """Choices of the regression; its poses are those of the pose models.
 
     Attributes:
         ranks: As in ``PoseSettings``, of the subspace that completes poses.
         body_hz: As there.
-        turns: As there.
+        rotating: As there.
         lags: Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot).
         cutoff: Faster motion in a gap is taken for noise, in radians a unit of the same time.
         rows: Frames of the other trials to learn from, at most.
         own: Frames of the trial itself, at most, besides those at the edges of gaps.
-        certain: Poses known better than this are learned from.
+        least_known: Poses known better than this are learned from.
         views: From where a marker is looked at: the body's frame, its neighbours', or both, averaged.
     """
 
     ranks: tuple[int, ...]
     body_hz: float = 3.0
-    turns: bool = True
+    rotating: bool = True
     lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
     cutoff: float = 4.0
     rows: int = 300
     own: int = 150
-    certain: float = 0.8
+    least_known: float = 0.8
     views: tuple[Literal["body", "neighbours"], ...] = ("body", "neighbours")
+
+    @property
+    def description(self) -> str:
+        """Its name, and about which axes."""
+        return f"Gaussian process of delayed poses, axes that {self._axes} with the body"
+
+    @property
+    def details(self) -> str:
+        """Those that a search chooses."""
+        return f"regression on delayed poses, axes that {self._axes} with the body, smoothed at {self.cutoff:g} rad"
+
+    @property
+    def _axes(self) -> str:
+        return "rotate" if self.rotating else "do not rotate"
+
+    def fit(self, trials: TrialSet) -> "FittedDelays":
+        """Poses and shapes of all trials; the regression itself is learned for each gap."""
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        return FittedDelays(trials.trials[-1], poses, shapes, self)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedDelays(Fitted):
+    """What the regression needs to fill the last trial."""
+
+    trial: MarkerTrial
+    poses: Sequence[PoseTrial]
+    shapes: Shapes
+    settings: DelaySettings
+
+    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:  # noqa: ARG002
+        """From the trial's own positions."""
+        found = fill_delayed(self.trial, self.poses, self.shapes, self.settings)
+        if progress is not None:
+            progress(1.0)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,20 +112,7 @@ class Gap:
     others: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, eq=False)
-class Filled:
-    """The gaps of a trial.
-
-    Attributes:
-        xyz_m: (T, M, 3) positions in the world; NaN where the trial has a measurement, and where nothing can be said.
-        cov_m2: (T, M, 3, 3) their covariances.
-    """
-
-    xyz_m: Array
-    cov_m2: Array
-
-
-def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings) -> Filled:
+def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings) -> Estimate:
     """Fill the gaps of a trial.
 
     Args:
@@ -93,6 +120,9 @@ def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes
         trials: Poses of all trials; the last is this one.
         shapes: Their shapes.
         settings: Choices.
+
+    Returns:
+        NaN where the trial has a measurement, and where there is nothing to estimate from.
     """
     known = Delayed(trials, shapes, settings)
     covariance, seen, frames = known.covariance(), trial.seen, trials[-1].frames
@@ -110,7 +140,7 @@ def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes
             path = np.where(seen[:, m, None], track[:, m], y[:, m])
             y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, settings.cutoff / known.tau)
     xyz = np.einsum("tij,tmj->tmi", frames.rotation, y) + frames.position_m[:, None]
-    return Filled(xyz, np.einsum("tij,tmjl,tkl->tmik", frames.rotation, spread, frames.rotation))
+    return Estimate(xyz_m=xyz, cov_m2=np.einsum("tij,tmjl,tkl->tmik", frames.rotation, spread, frames.rotation))
 
 
 class Delayed:
@@ -132,11 +162,11 @@ class Delayed:
         self.tau = _radian(shapes) / trials[-1].dt_s
         self._lags = np.unique(np.round(np.array(settings.lags) * self.tau).astype(int))
         self._seen = np.concatenate([np.isfinite(trial.y[:, ::3]) for trial in trials])
-        certain = certain_shapes(shapes, settings.certain)
-        rows = [(k, frame) for k, mask in enumerate(certain[:-1]) for frame in np.flatnonzero(mask)]
+        known = known_shapes(shapes, settings.least_known)
+        rows = [(k, frame) for k, mask in enumerate(known[:-1]) for frame in np.flatnonzero(mask)]
         self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), settings.rows)]
-        self._own = certain[-1]
-        self._apart = _apart(self.poses[np.concatenate(certain)])
+        self._own = known[-1]
+        self._apart = _apart(self.poses[np.concatenate(known)])
 
     def covariance(self) -> Covariance:
         """The covariance by which six sets of hidden markers are likeliest: one, a quarter, half of them; two each."""
@@ -169,11 +199,11 @@ class Delayed:
         for view in self._views(marker, others, frames):
             rows, values, centre, wanted = self._task(view, frames, asked)
             if others.any():
-                said, left = predict(covariance, rows, values, wanted)
+                mean, left = predict(covariance, rows, values, wanted)
             else:  # nothing to look at: the mean, as wide as the motion
-                said, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
+                mean, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
             at = view.frames(self._at(asked))
-            means.append(np.einsum("nij,nj->ni", at.rotation, said + centre) + at.position_m)
+            means.append(np.einsum("nij,nj->ni", at.rotation, mean + centre) + at.position_m)
             covs.append(np.einsum("nij,nj,nkj->nik", at.rotation, left, at.rotation))
         y[inside, marker], spread[inside, marker] = averaged(np.array(means), np.array(covs))
 

@@ -1,0 +1,128 @@
+"""What every motion model answers: it is settings that are fitted to trials, and then fill the last of these.
+
+A new model is a file with such a class, and a line in ``filters.models.registry``.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+from threadpoolctl import threadpool_limits
+
+from filters.bones import rigid_bones
+from filters.motion.base import MotionModel
+from filters.motion.bones import Bones
+from filters.observations import Observations
+from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
+from filters.records import Estimate
+from filters.track import smooth
+from mocap.arrays import Array
+
+Progress = Callable[[float], None]
+
+
+@dataclass(eq=False)
+class TrialSet:
+    """Trials that models are fitted to; poses and shapes that several models need are computed once.
+
+    Attributes:
+        trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
+        trunk: Indices of the trunk's markers.
+        named: Indices of the markers of the skeleton's rigid bones.
+    """
+
+    trials: Sequence[MarkerTrial]
+    trunk: Sequence[int]
+    named: Sequence[tuple[int, int]] = ()
+    _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
+    _shapes: dict[tuple, Shapes] = field(default_factory=dict)
+
+    def shapes(self, *, ranks: tuple[int, ...], body_hz: float, rotating: bool) -> tuple[list[PoseTrial], Shapes]:
+        """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
+        body = (body_hz, rotating)
+        if body not in self._poses:
+            self._poses[body] = poses_of(self.trials, self.trunk, body_hz=body_hz, rotating=rotating)
+        if (body, ranks) not in self._shapes:
+            self._shapes[body, ranks] = shapes_of(self._poses[body], ranks=ranks)
+        return self._poses[body], self._shapes[body, ranks]
+
+    @cached_property
+    def bones(self) -> Bones:
+        """Those of the last trial."""
+        return rigid_bones(self.trials, self.named)
+
+
+class Fitted(ABC):
+    """A model that was fitted to trials."""
+
+    @abstractmethod
+    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:
+        """Estimate the markers of the last trial.
+
+        Args:
+            observations: What each of its frames shows; a regression takes the trial's own positions instead.
+            progress: Called with the share done.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class FittedMotion(Fitted):
+    """A motion model in state space, which is filtered and smoothed.
+
+    Attributes:
+        motion: The model.
+        t_s: (T,) times of the last trial.
+    """
+
+    motion: MotionModel
+    t_s: Array
+
+    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:
+        """Filter forward, smooth backward."""
+        return smooth(self.motion, observations, self.t_s, progress=progress)
+
+
+class TrajectoryModel(ABC):
+    """Settings of a motion model: a frozen dataclass of numbers, strings, tuples of these, and other such models."""
+
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """The model in a few words."""
+
+    @property
+    @abstractmethod
+    def details(self) -> str:
+        """What settings a search may try others of, in a few words."""
+
+    @abstractmethod
+    def fit(self, trials: TrialSet) -> Fitted:
+        """Learn from trials, among them the one to fill."""
+
+    @property
+    def components(self) -> "tuple[TrajectoryModel, ...]":
+        """Models of which it gives the mean; a search fills by each of them once. None: it is no mean."""
+        return ()
+
+    def learned_arrays(self, trials: TrialSet) -> dict[str, Array]:  # noqa: ARG002
+        """What it learns from trials, by the names that model files have for it; here nothing."""
+        return {}
+
+
+def estimate(
+    model: TrajectoryModel, trials: TrialSet, observations: Observations, *, progress: Progress | None = None
+) -> Estimate:
+    """Fit a model to trials and fill the last one; on one BLAS thread, which is faster than two at these sizes."""
+    with threadpool_limits(1):
+        return model.fit(trials).fill(observations, progress=progress)
+
+
+def shares(progress: Progress | None, count: int) -> list[Progress | None]:
+    """What each of so many parts calls with its own share done."""
+
+    def tell(part: int, share: float) -> None:
+        if progress is not None:
+            progress((part + share) / count)
+
+    return [None if progress is None else partial(tell, part) for part in range(count)]

@@ -1,0 +1,110 @@
+"""What the gap benchmark measures of ours is what a user gets."""
+
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmarks.gaps.cells import QUICK_PLAN
+from benchmarks.gaps.hide import hide
+from benchmarks.gaps.method import Trial
+from benchmarks.gaps.ours import Ours, recording, tracks_of
+from benchmarks.gaps.protocol import plan
+from datasets import make_bat
+from filters.tune import Search, Tuned, marker_model, mixed
+from mocap.cli.main import main
+from mocap.io.dltdv import write_points
+
+NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l", "elbow_r", "wrist_r")
+LIMBS = (("elbow_l", "wrist_l"), ("elbow_r", "wrist_r"))
+SD_M = 3e-4
+
+
+def flight(seed, n_frames=48):
+    """Some markers of a twin with noise, in whole micrometres, which the file keeps to the last bit."""
+    truth = make_bat(seed=seed, n_frames=n_frames, n_cameras=2).truth
+    xyz = truth.xyz_m[:, [truth.names.index(name) for name in NAMES]]
+    xyz = np.round(xyz + np.random.default_rng(seed).normal(0, SD_M, xyz.shape), 6)
+    t_s = np.arange(n_frames) / 240
+    return Trial(
+        name=f"f{seed}",
+        names=NAMES,
+        t_s=t_s,
+        xyz_m=xyz,
+        sd_m=np.full(len(NAMES), SD_M),
+        trunk=NAMES[:4],
+        limbs=LIMBS,
+    )
+
+
+@pytest.fixture
+def mocap(monkeypatch, capsys):
+    """Runs a command; it must succeed."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        assert not stopped.value.code, capsys.readouterr().err
+
+    return run
+
+
+def test_what_is_measured_is_what_a_user_gets(mocap, tmp_path):
+    """Hidden recordings as files, learned from and tracked by the commands: every sample is that of the benchmark.
+
+    The command writes seven decimals of a metre: to half of the last one, which is a ten thousandth of the noise.
+    """
+    training = [flight(0)]
+    copy = hide(flight(2), [("limb", 10)], np.random.default_rng(0))[0]
+    found = Ours("EAL").learn(training)(copy.shown)
+    skeleton = tmp_path / "bat.toml"
+    quoted = ", ".join(f'"{name}"' for name in NAMES)
+    trunk = ", ".join(f'"{name}"' for name in NAMES[:4])
+    skeleton.write_text(f'name = "markers and trunk"\nmarkers = [{quoted}]\ntrunk = [{trunk}]\n')
+    files = []
+    for trial in (*training, copy.shown):
+        files.append(tmp_path / f"{trial.name}_xyzpts.csv")
+        write_points(files[-1], tracks_of(trial), sd=True)
+    options = ("--fps", 240, "--skeleton", skeleton)
+    mocap("learn", files[0], *options, "--out", tmp_path / "bat.npz")
+    out = tmp_path / "run"
+    mocap("track", files[1], *options, "--model", tmp_path / "bat.npz", "--no-validate", "--out", out)
+    markers = pd.read_csv(out / "markers.csv")
+    for m, name in enumerate(NAMES):
+        xyz = markers[[f"{name}_{axis}" for axis in "xyz"]].to_numpy()
+        np.testing.assert_allclose(xyz, found.xyz_m[:, m], rtol=0, atol=5.1e-8)
+    hidden = np.isnan(copy.shown.xyz_m[..., 0])
+    assert hidden.sum() >= 20
+    assert (markers[[f"{name}_origin" for name in NAMES]].to_numpy()[hidden] == "smoothed").all()
+
+
+def constant_velocity(search: Search) -> Tuned:
+    """The quickest choice."""
+    return mixed(search, (marker_model(search),))
+
+
+def test_cleaning_does_not_touch_clean_positions():
+    """Positions that hold no jump and no duplicate are prepared as they are, with the noise that is stated."""
+    trial = flight(0)
+    prepared = recording(trial)
+    np.testing.assert_array_equal(prepared.xyz_m, trial.xyz_m)
+    np.testing.assert_allclose(np.trace(prepared.cov_m2, axis1=-2, axis2=-1) / 3, SD_M**2)
+    assert prepared.skeleton.trunk == trial.trunk
+
+
+def test_hidden_samples_do_not_reach_the_product():
+    """Truth that lies a metre off in the gaps changes nothing of what is filled, to the last bit."""
+    training = [flight(0)]
+    copy = hide(flight(2), [("limb", 10)], np.random.default_rng(0))[0]
+    token = plan.set(QUICK_PLAN)
+    try:
+        filler = Ours("constant velocity", constant_velocity).learn(training)
+        one, again = filler(copy.shown), filler(copy.shown)
+    finally:
+        plan.reset(token)
+    np.testing.assert_array_equal(one.xyz_m, again.xyz_m)
+    assert np.isfinite(one.xyz_m).all()
+    for gap in copy.gaps:
+        assert np.isnan(copy.shown.xyz_m[gap.frames][:, gap.hidden]).all()

@@ -1,0 +1,77 @@
+"""The registry of motion models: each is written, read and told in plain words."""
+
+import json
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+
+from filters.models.average import Average
+from filters.models.base import TrialSet, estimate
+from filters.models.constant_velocity import MarkerSettings
+from filters.models.delayed_poses import DelaySettings
+from filters.models.pose import PoseSettings
+from filters.models.registry import MODELS, read, written
+from filters.observations import PositionObservations
+from filters.tune import MOST_CANDIDATES, Effort, search_on, tuned
+from tests.filters.test_tuning import trial_of
+
+POSE = PoseSettings(ranks=(2,), mechanics="linear", weight=1 / 3)
+EXAMPLES = {
+    "constant velocity": MarkerSettings(acceleration=0.1),
+    "delayed poses": DelaySettings(ranks=(2,), views=("body",)),
+    "pose": POSE,
+    "average": Average((POSE, replace(POSE, ranks=(3,)))),
+}
+
+
+def test_every_model_has_an_example_here():
+    """A model that is added to the registry is tested below."""
+    assert set(EXAMPLES) == set(MODELS)
+    assert all(is_dataclass(model) for model in MODELS.values())
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_what_is_written_is_read(name):
+    """Through JSON and back every setting is the same; the file has the model's name from the registry."""
+    again = json.loads(json.dumps(written(EXAMPLES[name])))
+    assert again["model"] == name
+    assert read(again) == EXAMPLES[name]
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_fills_what_is_missing(name):
+    """Fitted to two trials it fills the gap of the last with positions and covariances that are positive definite."""
+    trial = trial_of(3)
+    xyz = trial.xyz_m.copy()
+    xyz[40:60, 5] = np.nan
+    shown = replace(trial, xyz_m=xyz)
+    observations = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
+    shares = []
+    trials = TrialSet([trial_of(1), shown], [0, 1, 2, 3])
+    found = estimate(EXAMPLES[name], trials, observations, progress=shares.append)
+    assert np.isfinite(found.xyz_m[40:60, 5]).all()
+    assert (np.linalg.eigvalsh(found.cov_m2[40:60, 5]) > 0).all()
+    assert shares[-1] == pytest.approx(1.0)
+    assert (np.linalg.norm(found.xyz_m - trial.xyz_m, axis=-1)[40:60, 5] < 0.1).all()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_words_are_plain(name):
+    """Descriptions and progress name no class and no field that is not English."""
+    model = EXAMPLES[name]
+    for text in (model.description, model.details):
+        assert "Settings" not in text
+        assert "=" not in text
+        assert not any(f"{field.name}=" in text for field in fields(model))
+
+
+def test_a_search_tells_how_far_it_is():
+    """A line for each candidate with its number and the most that are tried; no more are."""
+    told = []
+    trials, rng = [trial_of(seed, 70) for seed in (1, 2)], np.random.default_rng(0)
+    tuned(search_on(trials, [0, 1, 2, 3], rng, effort=Effort(validated=1, times=1), tell=told.append))
+    lines = [line for line in told if line.startswith("candidate ")]
+    assert [int(line.split()[1]) for line in lines] == list(range(1, len(lines) + 1))
+    assert all(line.split()[2:5] == ["of", "at", "most"] for line in lines)
+    assert MOST_CANDIDATES - 5 <= len(lines) <= MOST_CANDIDATES

@@ -80,4 +80,8 @@ def skeleton(
     elif out is None:
         sys.stdout.buffer.write(found.text.encode("utf-8"))  # whatever the encoding of the terminal: it becomes a file
         sys.stdout.flush()
-    say(*source.frame_findings, f"proposed: {', '.join(f'{n} {what}' for what, n in counts.items())}; correct it")
+    say(
+        *source.frame_findings,
+        f"proposed: {counts['markers']} markers, {counts['bones']} bones, {counts['joints']} joints, a trunk of "
+        f"{counts['trunk'] or 'no'} markers; correct it",
+    )

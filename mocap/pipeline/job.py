@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from filters.learn import PoseSettings
-from filters.model import LearnedModel, for_recording
+from filters.model import LearnedModel, for_recording, renamed
 from filters.motion.base import MotionModel
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
@@ -113,6 +113,7 @@ def _run_job(
         prepared = prepare(source)
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
+        learned = None if learned is None else renamed(learned, prepared.skeleton)
     if model in ("eal", "mixture") and reason is not None:
         raise MocapError(f"{source.tracks.name}: no EAL model can be learned: {reason}; use --model constant_velocity")
     scores, hidden = {}, 0

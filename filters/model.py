@@ -15,7 +15,7 @@ from filters.poses import MarkerTrial
 from filters.records import Estimate
 from filters.tune import USUAL_EFFORT, USUAL_MARKER, Effort, Search, Tuned, calibrated, mixed, search_on, tuned
 from mocap.errors import MocapError
-from mocap.skeleton import ends_among
+from mocap.skeleton import Skeleton, ends_among
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,6 +169,30 @@ def same_recording(a: MarkerTrial, b: MarkerTrial) -> bool:
     """Whether at least half of the samples of the one that has fewer are in the other, to a micrometre."""
     sets = [{tuple(row) for row in np.rint(1e6 * trial.xyz_m[trial.seen]).astype(int).tolist()} for trial in (a, b)]
     return len(sets[0] & sets[1]) > 0.5 * min(map(len, sets))
+
+
+def renamed(learned: LearnedModel, skeleton: Skeleton) -> LearnedModel:
+    """The model with its markers named as in a skeleton, by that one's aliases.
+
+    A model of files that number their points (``pt1``) then tracks what a skeleton names. A marker keeps its name where
+    the model knows another by the new one.
+    """
+    known = {
+        old: new for old, new in zip(learned.names, skeleton.renamed(learned.names), strict=True)
+        if new not in learned.names
+    }  # fmt: skip
+    if len(set(known.values())) < len(known):  # two numbers that the aliases make one marker: of different files
+        known = {}
+
+    def name(old: str) -> str:
+        return known.get(old, old)
+
+    return replace(
+        learned,
+        names=tuple(map(name, learned.names)),
+        trunk=tuple(map(name, learned.trunk)),
+        bones=tuple((name(a), name(b)) for a, b in learned.bones),
+    )
 
 
 def for_recording(learned: LearnedModel, names: Sequence[str], recording: MarkerTrial) -> list[MarkerTrial]:

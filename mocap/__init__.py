@@ -13,11 +13,23 @@ if TYPE_CHECKING:
     from mocap.errors import MocapError
     from mocap.io.format import Hints
     from mocap.library.learning import Model, learn, load_model
-    from mocap.library.recording import read
+    from mocap.library.recording import propose_skeleton, read
     from mocap.library.tracked import Tracked, load, track
     from mocap.pipeline.source import Source
 
-__all__ = ["Hints", "MocapError", "Model", "Source", "Tracked", "learn", "load", "load_model", "read", "track"]
+__all__ = [
+    "Hints",
+    "MocapError",
+    "Model",
+    "Source",
+    "Tracked",
+    "learn",
+    "load",
+    "load_model",
+    "propose_skeleton",
+    "read",
+    "track",
+]
 
 _PLACES = {
     "Hints": "mocap.io.format",
@@ -28,6 +40,7 @@ _PLACES = {
     "learn": "mocap.library.learning",
     "load": "mocap.library.tracked",
     "load_model": "mocap.library.learning",
+    "propose_skeleton": "mocap.library.recording",
     "read": "mocap.library.recording",
     "track": "mocap.library.tracked",
 }

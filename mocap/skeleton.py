@@ -2,7 +2,7 @@
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -119,7 +119,9 @@ def read_skeleton(path: Path) -> Skeleton:
         SkeletonError: the file cannot be read as that.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = path.read_bytes()  # of PowerShell's > the encoding is UTF-16
+        text = data.decode("utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
+        table = tomllib.loads(text.replace("\r\n", "\n"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise SkeletonError(f"{path}: not a readable TOML file: {error}") from None
     unknown = set(table) - _KEYS
@@ -143,22 +145,48 @@ def read_skeleton(path: Path) -> Skeleton:
         raise SkeletonError(f"{path}: {error}") from None
 
 
-def write_skeleton(path: Path, skeleton: Skeleton) -> None:
-    """Write a skeleton as ``read_skeleton`` reads it."""
+def quoted(value: object) -> str:
+    """A string, or a list of strings, of TOML: those of JSON, but for a control that JSON lets stand."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
-    # JSON's strings and arrays are TOML's too
-    def text(value: object) -> str:
-        return json.dumps(value, ensure_ascii=False)
 
-    bones = ([b.a, b.b] if b.rigid else [b.a, b.b, "soft"] for b in skeleton.bones)
-    lines = [f"name = {text(skeleton.name)}", f"markers = {text(skeleton.markers)}"]
-    lines += ["bones = [", *(f"    {text(bone)}," for bone in bones), "]", f"trunk = {text(skeleton.trunk)}"]
+def skeleton_text(skeleton: Skeleton, *, comments: Mapping[str, Sequence[str]] | None = None) -> str:
+    """A skeleton as ``read_skeleton`` reads it.
+
+    Args:
+        skeleton: What to write.
+        comments: Lines by what they are said of: ``""`` the whole, ``bones``, ``trunk``, ``joints``, ``aliases`` (they
+            stand before it), ``bone A B`` and ``joint NAME`` (behind it).
+    """
+    said = comments or {}
+
+    def before(what: str) -> list[str]:
+        return [f"# {line}".rstrip() for line in said.get(what, ())]
+
+    def behind(what: str) -> str:
+        return "".join(f"  # {line}" for line in said.get(what, ()))
+
+    lines = [*before(""), f"name = {quoted(skeleton.name)}", f"markers = {quoted(skeleton.markers)}"]
+    lines += [*before("bones"), "bones = ["]
+    for bone in skeleton.bones:
+        ends = [bone.a, bone.b] if bone.rigid else [bone.a, bone.b, "soft"]
+        lines.append(f"    {quoted(ends)},{behind(f'bone {bone.a} {bone.b}')}")
+    lines += ["]", *before("trunk"), f"trunk = {quoted(skeleton.trunk)}"]
     if skeleton.max_speed_m_s is not None:
         lines += [f"max_speed_m_s = {float(skeleton.max_speed_m_s)!r}"]
-    lines += ["", "[joints]", *(f"{text(j.name)} = {text([j.parent, j.centre, j.child])}" for j in skeleton.joints)]
-    lines += ["", "[aliases]", *(f"{text(k)} = {text(v)}" for k, v in skeleton.aliases.items())]
+    lines += ["", *before("joints"), "[joints]"]
+    for joint in skeleton.joints:
+        ends = [joint.parent, joint.centre, joint.child]
+        lines.append(f"{quoted(joint.name)} = {quoted(ends)}{behind(f'joint {joint.name}')}")
+    lines += ["", *before("aliases"), "[aliases]"]
+    lines += [f"{quoted(k)} = {quoted(v)}" for k, v in skeleton.aliases.items()]
+    return "\n".join(lines) + "\n"
+
+
+def write_skeleton(path: Path, skeleton: Skeleton) -> None:
+    """Write a skeleton as ``read_skeleton`` reads it."""
     with path.open("w", encoding="utf-8", newline="") as stream:
-        stream.write("\n".join(lines) + "\n")
+        stream.write(skeleton_text(skeleton))
 
 
 def _markers(key: str, entry: Sequence[str]) -> tuple[str, ...]:

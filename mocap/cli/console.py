@@ -4,7 +4,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -101,9 +101,10 @@ def finish(report: object, text: str, out: Path, as_json: bool) -> None:
         print(json.dumps(report))  # noqa: T201
         return
     show(text)
+    learned = "potentials, " if isinstance(report, Mapping) and report.get("joints") else ""
     say(
         "",
-        f"Wrote {out}/: markers.csv and .nc, joints.csv, run.nc, report.json, report.md, potentials, recording.rrd",
+        f"Wrote {out}/: markers.csv and .nc, joints.csv, run.nc, report.json, report.md, {learned}recording.rrd",
         f"Look at it: {program()} view {out}   (in the browser: {program()} view {out} --web)",
     )
 

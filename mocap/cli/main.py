@@ -19,6 +19,7 @@ from mocap.cli.info import info
 from mocap.cli.learn import learn
 from mocap.cli.reproduce import reproduce
 from mocap.cli.share import share
+from mocap.cli.skeleton import skeleton
 from mocap.cli.track import track
 from mocap.cli.triangulate import triangulate
 from mocap.cli.view import view
@@ -58,7 +59,7 @@ app = typer.Typer(
     help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
     epilog=f"{DEBUG} anywhere, or {DEBUG_VARIABLE}=1: a fault of the program shows where it is, to be reported.",
 )
-for command in (info, convert, triangulate, track, learn, demo, view, share, reproduce, design_joint):
+for command in (info, convert, triangulate, track, learn, skeleton, demo, view, share, reproduce, design_joint):
     app.command()(command)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")

@@ -5,6 +5,9 @@ from pathlib import Path
 
 from mocap.cameras.origin import Origin
 from mocap.io.format import Hints
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.propose_skeleton import Proposal
+from mocap.pipeline.propose_skeleton import propose_skeleton as propose
 from mocap.pipeline.source import Source, load_skeleton
 
 PathText = str | PathLike[str]
@@ -73,3 +76,17 @@ def read(
     )
     load_skeleton(recording.skeleton, recording.recording.names)
     return recording
+
+
+def propose_skeleton(recording: Source) -> Proposal:
+    """Propose bones, trunk and joints: which markers keep their distance, and where the chains of them bend.
+
+    Write its ``text`` to a file, correct it, and read the recording with it.
+
+    Args:
+        recording: As ``read`` gives it.
+
+    Raises:
+        MocapError: it shows too little.
+    """
+    return propose(prepare(recording))

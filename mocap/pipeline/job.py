@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from filters.model import LearnedModel, for_recording
+from filters.model import LearnedModel, for_recording, renamed
 from filters.models.pose import PoseSettings
 from filters.motion.base import MotionModel
 from mocap.body import BodyFrames
@@ -89,6 +89,7 @@ def _run_job(
         prepared = source if isinstance(source, Prepared) else prepare(source)
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
+        learned = None if learned is None else renamed(learned, prepared.skeleton)
     if model in ("eal", "mixture") and reason is not None:
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
     scores, hidden = {}, 0

@@ -74,7 +74,7 @@ def make_report(
         "log_likelihood": float(tracked.log_likelihood.sum()),
         "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
         "joints": {name: _joint(p) for name, p in potentials.items()},
-        "findings": [*prepared.findings, *_too_narrow(tracked)],
+        "findings": [*prepared.findings, *_too_narrow(tracked), *_no_joints(prepared, potentials)],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
 
@@ -165,6 +165,19 @@ def _too_narrow(tracked: TrackedMotion) -> list[str]:
     if nis is None or nis < 2:
         return []
     return [f"innovations are {np.sqrt(nis):.1f} times as large as expected: intervals are too narrow by that"]
+
+
+def _no_joints(prepared: Prepared, potentials: Mapping[str, JointPotential]) -> list[str]:
+    """A finding where there are no joints: what is missing for that, and how to come by it."""
+    if potentials:
+        return []
+    if prepared.skeleton.joints:
+        return ["no joint is seen often enough to learn a potential from"]
+    return [
+        "no skeleton with joints was given: joints.csv holds none, no potentials were learned, and bones and trunk do "
+        "not help to tell markers apart and to follow the body. mocap skeleton FILE --out skeleton.toml proposes one "
+        "from the recording: correct it, and give it with --skeleton"
+    ]
 
 
 def _joint(potential: JointPotential) -> dict[str, object]:

@@ -10,8 +10,8 @@ import pytest
 
 from datasets import make_bat
 from filters.hide import hide_neighbours
-from filters.model import learn_model, track_with
-from filters.model_file import load_model
+from filters.model import learn_model, renamed, track_with
+from filters.model_file import load_model, save_model
 from filters.models.constant_velocity import learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.score import Residuals, joined, residuals_of
@@ -24,6 +24,7 @@ from mocap.pipeline.prepare import prepare
 from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Origin
+from mocap.skeleton import Skeleton, write_skeleton
 from tests.real_data import real
 
 NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l")
@@ -110,6 +111,47 @@ def test_learn_then_track(mocap, flights, model, tmp_path):
     straight = np.linalg.norm(line - truth[hole, 5], axis=1)
     assert np.sqrt(np.mean(off**2)) < 0.4 * np.sqrt(np.mean(straight**2))
     assert model.read_bytes() == before
+
+
+def test_a_model_of_numbered_points_tracks_what_a_skeleton_names(mocap, flights, model, tmp_path):
+    """Files that number their points, a skeleton that names them by aliases: sample by sample what named files give."""
+    numbers = {name: f"pt{i}" for i, name in enumerate(NAMES, start=1)}
+    learned = load_model(model)
+    save_model(
+        replace(
+            learned,
+            names=tuple(map(numbers.__getitem__, learned.names)),
+            trunk=tuple(map(numbers.__getitem__, learned.trunk)),
+            bones=tuple((numbers[a], numbers[b]) for a, b in learned.bones),
+        ),
+        tmp_path / "numbered.npz",
+    )
+    named = flights[0] / "f2_xyzpts.csv"
+    text = named.read_text()
+    for name, number in numbers.items():
+        text = text.replace(f"{name}_", f"{number}_")
+    (tmp_path / "f2_xyzpts.csv").write_text(text)
+    plain = Skeleton(name="bat", markers=NAMES)
+    write_skeleton(tmp_path / "named.toml", plain)
+    write_skeleton(tmp_path / "aliases.toml", replace(plain, aliases={n: name for name, n in numbers.items()}))
+    for out, tracks, skeleton, used in (
+        ("named", named, "named.toml", model),
+        ("numbered", tmp_path / "f2_xyzpts.csv", "aliases.toml", tmp_path / "numbered.npz"),
+    ):
+        code, _, err = mocap(
+            "track", tracks, "--fps", FPS, "--model", used, "--skeleton", tmp_path / skeleton, "--no-validate",
+            "--out", tmp_path / out,
+        )  # fmt: skip
+        assert code == 0, err
+    assert (tmp_path / "named" / "markers.csv").read_text() == (tmp_path / "numbered" / "markers.csv").read_text()
+
+
+def test_names_that_a_model_knows_are_not_taken(model):
+    """An alias does not give a marker the name of another that the model has; two are not made one."""
+    learned = load_model(model)
+    other = replace(learned, names=("pt1", *learned.names[1:]))
+    skeleton = Skeleton(name="s", markers=NAMES, aliases={"pt1": NAMES[1], NAMES[2]: NAMES[0], NAMES[3]: NAMES[0]})
+    assert renamed(other, skeleton).names == other.names
 
 
 def test_validation_measures_the_learned_model_too(mocap, flights, model, tmp_path):

@@ -1,0 +1,50 @@
+"""``mocap skeleton``."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap.cli.console import say
+from mocap.cli.options import AsJson, Force, RecordingOptions, Tracks
+from mocap.cli.records import with_records
+
+
+@with_records
+def skeleton(
+    tracks: Tracks,
+    stated: RecordingOptions,
+    out: Annotated[Path | None, typer.Option(help="Skeleton file to write; if not given, it is printed.")] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Propose a skeleton from a recording: its markers, rigid bones, trunk and joints, in a file to correct.
+
+    mocap skeleton trial.csv > bat.toml; then: mocap track trial.csv --skeleton bat.toml.
+    """
+    import mocap
+    from mocap.io.output import result_file
+
+    recording = stated.read(tracks)
+    found = mocap.propose_skeleton(recording)
+    if out is not None:
+        with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
+            file.write_text(found.text, encoding="utf-8", newline="")
+    counts = {
+        "markers": len(found.skeleton.markers),
+        "bones": len(found.skeleton.bones),
+        "trunk": len(found.skeleton.trunk),
+        "joints": len(found.skeleton.joints),
+    }
+    if as_json:
+        print(json.dumps({"out": None if out is None else str(out), **counts, "text": found.text}))  # noqa: T201
+    elif out is None:
+        sys.stdout.buffer.write(found.text.encode("utf-8"))  # whatever the encoding of the terminal: it becomes a file
+        sys.stdout.flush()
+    say(
+        *recording.frame_findings,
+        f"proposed: {counts['markers']} markers, {counts['bones']} bones, {counts['joints']} joints, a trunk of "
+        f"{counts['trunk'] or 'no'} markers; correct it",
+    )

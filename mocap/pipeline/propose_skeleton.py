@@ -1,0 +1,297 @@
+"""A first skeleton from a recording alone: which markers keep their distance, and where the chains of them bend."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.bones import learn_bones
+from filters.poses import MarkerTrial
+from mocap.arrays import Array
+from mocap.errors import MocapError
+from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.tracking import marker_trial, part_names, seen_part
+from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text
+
+RIGID = 0.05
+"""The largest share of its length by which a rigid bone varies, as where models look for bones (``filters.bones``)."""
+SOFT = 0.10
+"""The same of a bone that is proposed as soft."""
+TRUNK_MOST = 5
+"""Markers of the trunk at most: three fix its frame, two of five may be hidden, more bring in what moves."""
+WOBBLES_DEG = 5.0
+"""How far the frame of the trunk turns at most by what its markers move in it."""
+BENDS_DEG = 10.0
+"""A joint bends through at least that angle, from the 5th to the 95th percentile, and four times that of the noise."""
+_MOST_DISTANCES = 2e7
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Kept:
+    """How far each two of M markers keep their distance.
+
+    Attributes:
+        length_m: (M, M) distances; NaN where the two are hardly seen together.
+        varies: (M, M) by which share of its length each varies, the noise taken out.
+    """
+
+    length_m: Array
+    varies: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Proposal:
+    """A skeleton to correct.
+
+    Attributes:
+        skeleton: As ``text`` holds it.
+        text: A skeleton file with what was found said in comments.
+    """
+
+    skeleton: Skeleton
+    text: str
+
+
+def propose_skeleton(prepared: Prepared) -> Proposal:
+    """A skeleton of all markers that a recording shows.
+
+    Bones are the shortest connections among markers that keep their distance (a minimum spanning forest, in which a
+    varying distance counts as a longer one). The trunk grows from the most central marker by its nearest ones, as long
+    as all keep their distances. Joints are where two bones meet and bend, the parent on the side of the trunk.
+
+    Raises:
+        MocapError: fewer than two markers are seen.
+    """
+    part = seen_part(prepared)
+    return _proposal(part_names(prepared, part), marker_trial(prepared, part))
+
+
+def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
+    if len(names) < 2:
+        raise MocapError(f"{trial.name}: shows {len(names)} markers; a skeleton needs two, and joints three")
+    kept = kept_distances(trial)
+    bones = spanning_bones(kept)
+    trunk = trunk_of(trial, kept, bones)
+    joints, stiff = _joints(names, trial, kept, bones, trunk)
+    skeleton = Skeleton(
+        name=trial.name,
+        markers=tuple(names),
+        bones=tuple(Bone(a=names[a], b=names[b], rigid=bool(kept.varies[a, b] <= RIGID)) for a, b in bones),
+        joints=tuple(joint for joint, _ in joints),
+        trunk=tuple(names[m] for m in trunk),
+    )
+    alone = [names[m] for m in range(len(names)) if not any(m in bone for bone in bones)]
+    comments = {
+        "": _PREFACE.format(name=quoted(trial.name), frames=len(trial.t_s), markers=len(names)).splitlines(),
+        "bones": [*_BONES.splitlines(), *([f"Of no bone: {', '.join(map(quoted, alone))}"] if alone else [])],
+        "trunk": (_TRUNK if trunk else _NO_TRUNK).splitlines(),
+        "joints": [*_JOINTS.splitlines(), *(stiff or ())],
+        "aliases": _ALIASES.format(old=quoted(names[0])).splitlines(),
+        **{
+            f"bone {names[a]} {names[b]}": [
+                f"{1e3 * kept.length_m[a, b]:.3g} mm, varies by {100 * kept.varies[a, b]:.1f} %"
+            ]
+            for a, b in bones
+        },
+        **{f"joint {joint.name}": [f"bends from {low:.0f} to {high:.0f} degrees"] for joint, (low, high) in joints},
+    }
+    return Proposal(skeleton=skeleton, text=skeleton_text(skeleton, comments=comments))
+
+
+_PREFACE = """\
+A proposal from the recording {name} ({frames} frames, {markers} markers): read it, correct it, then
+  mocap track FILE --skeleton THIS_FILE
+Distances and angles were measured; names and anatomy were not: what is left and right, a wrist or a toe, you know."""
+_BONES = """\
+Two markers whose distance is one length: the shortest connections of markers that keep their distance.
+"soft": their distance changes by 5 to 10 %; leave out what is no bone, add what you know."""
+_TRUNK = "Markers that move as one body and define its frame: central ones that wobble little in it."
+_NO_TRUNK = """\
+No three markers move as one body: without a trunk all markers define the frame of the body.
+Name those that move as one body, if there are any."""
+_JOINTS = """\
+name = [parent, centre, child]: the shoulder, the elbow and the wrist describe the elbow. Each joint has its column
+in joints.csv and its potential. These are where two bones meet and the angle between them changes."""
+_ALIASES = """\
+Other names for the markers: name in the file = name here, for instance {old} = "shoulder_l".
+Then write the new name in all lists above."""
+
+
+def kept_distances(trial: MarkerTrial) -> Kept:
+    """How far markers keep their distances in a trial; of many markers and frames, in some of the frames."""
+    count = trial.xyz_m.shape[1]
+    step = max(1, int(len(trial.t_s) * count**2 / _MOST_DISTANCES))
+    some = MarkerTrial(name=trial.name, t_s=trial.t_s[::step], xyz_m=trial.xyz_m[::step], sd_m=trial.sd_m[::step])
+    found = learn_bones([some], np.array(np.triu_indices(count, 1)).T)
+    length, varies = np.full((2, count, count), np.nan)
+    a, b = found.ends.T
+    length[a, b] = length[b, a] = found.length_m
+    with np.errstate(divide="ignore", invalid="ignore"):
+        varies[a, b] = varies[b, a] = found.sd_m / found.length_m
+    return Kept(length_m=length, varies=varies)
+
+
+def spanning_bones(kept: Kept) -> list[tuple[int, int]]:
+    """The minimum spanning forest of pairs that vary by no more than ``SOFT`` (Kruskal 1956).
+
+    A pair weighs its length times 1 + (v / SOFT)^2, v being the share by which it varies: in a quarter of that too many
+    short bones of noisy markers are given up for long ones, with four times it ankles hang on tails.
+    """
+    a, b = np.triu_indices(len(kept.varies), 1)
+    varies = kept.varies[a, b]
+    weight = kept.length_m[a, b] * (1 + (varies / SOFT) ** 2)
+    tree, bones = np.arange(len(kept.varies)), []
+    for i in np.argsort(weight, kind="stable"):
+        if varies[i] <= SOFT and tree[a[i]] != tree[b[i]]:
+            tree[tree == tree[b[i]]] = tree[a[i]]
+            bones.append((int(a[i]), int(b[i])))
+    return sorted(bones)
+
+
+def trunk_of(trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]]) -> list[int]:
+    """Three to ``TRUNK_MOST`` markers that move as one body in the middle of the animal; none where no three do.
+
+    From each marker a body grows by the nearest ones that keep their distances. Of the bodies that wobble by less than
+    ``WOBBLES_DEG`` it is the one without which the bones fall apart into the smallest pieces; then the steadiest.
+    """
+    best: tuple[int, int, float, list[int]] | None = None
+    for start, length in enumerate(kept.length_m):
+        body = [start]
+        for marker in np.argsort(np.where(np.isnan(length), np.inf, length), kind="stable").tolist():
+            if len(body) == TRUNK_MOST:
+                break
+            if marker == start or not (kept.varies[marker, body] <= RIGID).all():
+                continue
+            body.append(marker)
+            wobbles = wobble_deg(trial.xyz_m[:, body]) if len(body) >= 3 else np.inf
+            if wobbles > WOBBLES_DEG:
+                if len(body) > 3:
+                    body.pop()
+                continue
+            found = (_largest_piece(len(kept.length_m), bones, body), -len(body), wobbles, sorted(body))
+            best = found if best is None else min(best, found)
+    return [] if best is None else best[3]
+
+
+def wobble_deg(xyz: Array, *, most: int = 200) -> float:
+    """How far a body of n markers turns by what its markers move in it: their residual over its second largest extent.
+
+    Residuals are those of rigid motions fitted to the mean shape (Kabsch 1976), in at most ``most`` frames.
+
+    Args:
+        xyz: (T, n, 3) positions.
+        most: Frames that are looked at.
+
+    Returns:
+        Degrees; infinite where the markers are seen together in fewer than 20 frames.
+    """
+    whole = xyz[np.isfinite(xyz).all(axis=(1, 2))]
+    if len(whole) < 20:
+        return np.inf
+    whole = whole[:: max(1, len(whole) // most)]
+    whole = whole - whole.mean(axis=1, keepdims=True)
+    shape = whole[0]
+    for _ in range(2):
+        u, _, v = np.linalg.svd(np.einsum("tni,nj->tij", whole, shape))
+        flip = np.ones((len(whole), 3))
+        flip[:, 2] = np.sign(np.linalg.det(u @ v))
+        turned = np.einsum("tni,tij->tnj", whole, (u * flip[:, None]) @ v)
+        shape = turned.mean(axis=0)
+    extent = np.linalg.svd(shape, compute_uv=False)[1] / np.sqrt(len(shape))
+    residual = np.sqrt(np.mean((turned - shape) ** 2))
+    return float(np.degrees(np.arctan2(residual, extent)))
+
+
+def _largest_piece(count: int, bones: Sequence[tuple[int, int]], without: Sequence[int]) -> int:
+    """Markers of the largest of the pieces that bones make of the others."""
+    piece = np.arange(count)
+    for a, b in bones:
+        if a not in without and b not in without:
+            piece[piece == piece[b]] = piece[a]
+    return int(np.bincount(np.delete(piece, list(without)), minlength=1).max(initial=0))
+
+
+def _joints(
+    names: Sequence[str], trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]], trunk: Sequence[int]
+) -> tuple[list[tuple[Joint, tuple[float, float]]], list[str]]:
+    """Joints with the angles that they bend from and to, and comments on where bones meet that do not bend."""
+    triples = joint_triples(kept, bones, trunk)
+    children = np.bincount([centre for _, centre, _ in triples], minlength=len(names)) if triples else []
+    joints, stiff, used = [], [], set()
+    for parent, centre, child in triples:
+        angle, noise = bend(trial, parent, centre, child)
+        if len(angle) < 2:
+            continue
+        low, high = np.quantile(angle, [0.05, 0.95])
+        if high - low < max(BENDS_DEG, 4 * noise):
+            shown = ", ".join(quoted(names[m]) for m in (parent, centre, child))
+            stiff.append(f"does not bend by more than {max(high - low, noise):.0f} degrees: {shown}")
+            continue
+        name = _file_name(names[centre] if children[centre] == 1 else f"{names[centre]}_{names[child]}", used)
+        joint = Joint(name=name, parent=names[parent], centre=names[centre], child=names[child])
+        joints.append((joint, (float(low), float(high))))
+    return joints, stiff
+
+
+def _file_name(name: str, used: set[str]) -> str:
+    """A name for a joint that can name a file, and that no other joint has."""
+    plain = "".join("_" if letter in "/\\:" or not letter.isprintable() else letter for letter in name).lstrip(".")
+    plain = plain or "joint"
+    found = next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, len(used) + 3))) if n not in used)
+    used.add(found)
+    return found
+
+
+def joint_triples(kept: Kept, bones: Sequence[tuple[int, int]], trunk: Sequence[int]) -> list[tuple[int, int, int]]:
+    """Parent, centre and child wherever two bones meet, walking outward from the trunk; none of the trunk's own.
+
+    The parent of a marker of the trunk is the nearest other one of it. Chains that do not reach the trunk start at
+    their marker that is nearest to it (without a trunk, to all markers).
+    """
+    beside: dict[int, list[int]] = {}
+    for a, b in bones:
+        beside.setdefault(a, []).append(b)
+        beside.setdefault(b, []).append(a)
+    length = np.where(np.isnan(kept.length_m), np.inf, kept.length_m)
+    np.fill_diagonal(length, np.inf)
+    near = np.median(length[:, list(trunk)] if trunk else length, axis=1)
+    starts = [*trunk, *(m for m in np.argsort(near, kind="stable").tolist() if m not in trunk)]
+    parents: dict[int, int | None] = {}
+    if trunk:
+        parents |= {m: min((t for t in trunk if t != m), key=lambda t: float(length[m, t])) for m in trunk}
+    triples, queue, walked = [], list(trunk), set(trunk)
+    for start in starts:
+        if start not in walked and start in beside:
+            parents[start] = None
+            walked.add(start)
+            queue.append(start)
+        while queue:
+            centre = queue.pop(0)
+            parent = parents[centre]
+            for child in beside.get(centre, []):
+                if child in walked:
+                    continue
+                walked.add(child)
+                parents[child] = centre
+                queue.append(child)
+                if parent is not None:
+                    triples.append((parent, centre, child))
+    return triples
+
+
+def bend(trial: MarkerTrial, parent: int, centre: int, child: int) -> tuple[Array, float]:
+    """(N,) angles at a joint in degrees, 180 straight, and what the noise alone makes of their 5 to 95 % range."""
+    along = trial.xyz_m[:, centre] - trial.xyz_m[:, parent]
+    out = trial.xyz_m[:, child] - trial.xyz_m[:, centre]
+    lengths = np.linalg.norm(along, axis=-1), np.linalg.norm(out, axis=-1)
+    ok: NDArray[np.bool_] = np.isfinite(lengths[0] * lengths[1]) & (lengths[0] * lengths[1] > 0)
+    cosine = (along * out).sum(axis=-1)[ok] / (lengths[0] * lengths[1])[ok]
+    angle = 180 - np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    if not len(angle):
+        return angle, 0.0
+    short = min(float(np.median(size[ok])) for size in lengths)
+    sd = float(np.median(trial.sd_m[ok][:, [parent, centre, child]]))
+    return angle, float(np.degrees(2 * sd / short)) if np.isfinite(sd) else 0.0

@@ -35,7 +35,7 @@ from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked
 from mocap.io.qualisys import read_mat
-from mocap.records import Origin
+from mocap.records import Status
 
 N_CAMERAS, N_MARKERS, SD_PX, FPS = 30, 34, 1.0, 240.0
 ROUNDS = 3
@@ -150,7 +150,7 @@ def apart(what: str, n_frames: int) -> float:
 def mouse() -> None:
     """10,500 frames of 11 positions: the time to learn a pose model from them, and to smooth them."""
     tracks = read_mat(MOUSE).points
-    xyz = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
+    xyz = np.where((tracks.status == Status.MEASURED)[..., None], tracks.xyz_m, np.nan)
     trunk = [tracks.names.index(n) for n in ("left_coord", "right_coord", "left_back", "right_back", "miniscope")]
     own = MarkerTrial(name="mouse", t_s=tracks.t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 1e-4))
     start = time.perf_counter()

@@ -26,7 +26,7 @@ from mocap.cameras.camera import decompose, record, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.io.dvproject import DvProject, read_project
 from mocap.io.registry import read
-from mocap.records import Origin
+from mocap.records import Status
 
 POINTS = {
     **{"t3L": "d3_tip_l", "wstL": "wrist_l", "t5L": "d5_tip_l", "elbL": "elbow_l", "shdL": "shoulder_l"},
@@ -129,7 +129,7 @@ def optical(seeds: Sequence[int]) -> None:
     data, groups = folder(), {}
     mouse = read(data / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat").points
     assert mouse is not None
-    groups["mouse, Qualisys, 300 Hz"] = [visibility((mouse.origin == Origin.MEASURED)[None], fps=300.0)]
+    groups["mouse, Qualisys, 300 Hz"] = [visibility((mouse.status == Status.MEASURED)[None], fps=300.0)]
     glides = [read(path).points for path in sorted((data / "snake_glide_qualisys").glob("*_[0-9][0-9].tsv"))]
     groups["snakes gliding, Qualisys, 179 Hz"] = [visibility(t.seen[None], fps=179.0) for t in glides if t is not None]
     gaps = [read(path).points for path in sorted((data / "snake_gap_vicon").glob("*.csv"))]

@@ -21,7 +21,7 @@ from filters.live import live, looks
 from filters.observations import PixelObservations
 from filters.records import TrackedMotion
 from mocap.pipeline.run import Run
-from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.rerun import paths
 from mocap.rerun.live import LiveView
 from mocap.rerun.record import run_scene, write_recording
@@ -38,7 +38,7 @@ def run_of(case: Case) -> Run:
     names = tuple(f"m{i}" for i in range(N_MARKERS))
     cameras = tuple(tunnel_cameras(N_CAMERAS))
     shape = seen.uv_px.shape[:3]
-    origin = np.full(shape[1:], Origin.MEASURED)
+    origin = np.full(shape[1:], Status.MEASURED)
     noise = np.random.default_rng(1).normal(size=seen.uv_px.shape)
     return Run(
         name="speed",
@@ -49,7 +49,7 @@ def run_of(case: Case) -> Run:
         y_up=False,
         tracked=TrackedMotion(
             model="none",
-            markers=MarkerTracks(names=names, t_s=t_s, xyz_m=seen.xyz_m, cov_m2=seen.cov_m2, origin=origin),
+            markers=MarkerTracks(names=names, t_s=t_s, xyz_m=seen.xyz_m, cov_m2=seen.cov_m2, status=origin),
             reprojected_px=seen.uv_px + noise,
             innovation_px=noise,
             used=np.ones(shape, dtype=bool),

@@ -18,7 +18,7 @@ from mocap.io.csv_table import write_table
 from mocap.io.dltdv import write_coefficients, write_pixels, write_points
 from mocap.io.profile import write_profile
 from mocap.io.recording import Recording
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import write_skeleton
 
 _KINDS = {
@@ -106,7 +106,7 @@ def _write_others(recording: SyntheticRecording, paths: Mapping[str, Path]) -> N
         t_s=t_s,
         xyz_m=xyz_m,
         cov_m2=np.full((*xyz_m.shape, 3), np.nan),
-        origin=np.where(np.isnan(xyz_m[..., 0]), Origin.MISSING, Origin.MEASURED),
+        status=np.where(np.isnan(xyz_m[..., 0]), Status.MISSING, Status.MEASURED),
     )
     write_points(paths["points"], points)
     frames = np.arange(1, len(t_s) + 1)
@@ -130,5 +130,5 @@ def read_truth(path: Path) -> MarkerTracks:
         t_s=t_s,
         xyz_m=xyz_m,
         cov_m2=np.zeros((*xyz_m.shape, 3)),
-        origin=np.full(xyz_m.shape[:2], Origin.MEASURED),
+        status=np.full(xyz_m.shape[:2], Status.MEASURED),
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from datasets.occlusion import Solid
 from mocap.arrays import Array, frozen
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 
 
@@ -53,7 +53,7 @@ class Scene:
             t_s=self.t_s,
             xyz_m=self.xyz_m,
             cov_m2=np.zeros((n_frames, n_markers, 3, 3)),
-            origin=np.full((n_frames, n_markers), Origin.MEASURED),
+            status=np.full((n_frames, n_markers), Status.MEASURED),
         )
 
 

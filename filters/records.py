@@ -57,7 +57,7 @@ class TrackedMotion:
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
-        n_frames, n_markers = self.markers.origin.shape
+        n_frames, n_markers = self.markers.status.shape
         n_cameras = len(self.used)
         pixels = (n_cameras, n_frames, n_markers, 2)
         object.__setattr__(self, "reprojected_px", frozen("reprojected_px", self.reprojected_px, pixels))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mocap.arrays import Array, frozen, increasing, unique
 
 
-class Origin(IntEnum):
+class Status(IntEnum):
     """Where the value of one sample of one marker comes from."""
 
     MISSING = 0  # no value
@@ -62,14 +62,14 @@ class MarkerTracks:
         t_s: (T,) times in seconds, increasing.
         xyz_m: (T, M, 3) positions in metres in the world frame; NaN where there is no value.
         cov_m2: (T, M, 3, 3) covariance of each position; NaN where not known.
-        origin: (T, M) one Origin code a sample.
+        status: (T, M) one Status code a sample.
     """
 
     names: tuple[str, ...]
     t_s: Array
     xyz_m: Array
     cov_m2: Array
-    origin: NDArray[np.int8]
+    status: NDArray[np.int8]
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -78,7 +78,7 @@ class MarkerTracks:
         n_frames, n_markers = len(self.t_s), len(self.names)
         object.__setattr__(self, "xyz_m", frozen("xyz_m", self.xyz_m, (n_frames, n_markers, 3)))
         object.__setattr__(self, "cov_m2", frozen("cov_m2", self.cov_m2, (n_frames, n_markers, 3, 3)))
-        object.__setattr__(self, "origin", frozen("origin", self.origin, (n_frames, n_markers), dtype=np.int8))
+        object.__setattr__(self, "status", frozen("status", self.status, (n_frames, n_markers), dtype=np.int8))
         increasing("t_s", self.t_s)
 
     @property

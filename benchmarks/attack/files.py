@@ -109,7 +109,7 @@ def values_of(recording: Recording) -> dict[str, np.ndarray]:
     found: dict[str, Any] = {"frames": recording.frames, **recording.tables}
     if recording.points is not None:
         points = recording.points
-        found |= {"xyz": points.xyz_m, "t_s": points.t_s, "origin": points.origin, "sd": points.sd_m}
+        found |= {"xyz": points.xyz_m, "t_s": points.t_s, "origin": points.status, "sd": points.sd_m}
     if recording.pixels is not None:
         found |= {"uv": np.moveaxis(recording.pixels.uv_px, 1, 0), "t_s": recording.pixels.t_s}
     if recording.score is not None:

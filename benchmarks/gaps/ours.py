@@ -28,7 +28,7 @@ from filters.tune import (
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.prepare import Prepared, prepare_tracks
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 
 LEAST_SD_M = 5e-5
@@ -44,8 +44,8 @@ def tracks_of(trial: Trial) -> MarkerTracks:
     sd = np.maximum(trial.sd_m, LEAST_SD_M)
     seen = np.isfinite(trial.xyz_m[..., 0])
     cov = np.where(seen[..., None, None], (sd**2)[:, None, None] * np.eye(3), np.nan)
-    origin = np.where(seen, Origin.MEASURED, Origin.MISSING)
-    return MarkerTracks(names=trial.names, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, origin=origin)
+    origin = np.where(seen, Status.MEASURED, Status.MISSING)
+    return MarkerTracks(names=trial.names, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, status=origin)
 
 
 def recording(trial: Trial) -> Prepared:

@@ -53,7 +53,7 @@ from mocap.io.c3d import read_c3d
 from mocap.io.dvproject import read_project
 from mocap.io.qualisys import read_mat, read_tsv
 from mocap.io.vicon import read_csv
-from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton
 
 DATA = Path(os.environ.get("MOCAP_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
@@ -116,7 +116,7 @@ def noise_sd(recordings: Sequence[tuple[Array, Array]], names: Sequence[str]) ->
         t_s=np.arange(len(xyz)) * 1.0,
         xyz_m=xyz,
         cov_m2=np.full((*xyz.shape, 3), np.nan),
-        origin=np.where(np.isnan(xyz[..., 0]), Origin.MISSING, Origin.MEASURED),
+        status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
     )
     return np.maximum(position_sd(tracks)[0], LEAST_SD_M)
 
@@ -189,7 +189,7 @@ def bat_wing() -> list[Trial]:
 def mouse() -> list[Trial]:
     """A mouse on a treadmill, from above and behind: hips, knees and ankles are the limbs."""
     tracks = read_mat(DATA / "mouse_mocap_qtm" / "MOS1aD_S15_M5_MC2_T2_TRM_15MMIN_B.mat").points
-    measured = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
+    measured = np.where((tracks.status == Status.MEASURED)[..., None], tracks.xyz_m, np.nan)
     measured = believed(tracks.t_s, measured, tracks.names)
     limbs = [tuple(f"{side}_{joint}" for joint in ("hip", "knee", "ankle")) for side in ("left", "right")]
     trunk = ("left_coord", "right_coord", "left_back", "right_back", "miniscope")
@@ -248,7 +248,7 @@ def snake_gap() -> list[Trial]:
 def gait() -> list[Trial]:
     """A walk; measured samples only, interpolated ones (residual 0) are not seen."""
     tracks = read_c3d(DATA / "c3d_samples" / "sample_01" / "Eb015pr.c3d").points
-    measured = np.where((tracks.origin == Origin.MEASURED)[..., None], tracks.xyz_m, np.nan)
+    measured = np.where((tracks.status == Status.MEASURED)[..., None], tracks.xyz_m, np.nan)
     measured = believed(tracks.t_s, measured, tracks.names)
     legs = [tuple(name for name in tracks.names if name[0] == side) for side in "LR"]
     trunk = tuple(name for name in tracks.names if name.upper().startswith("PV"))

@@ -16,8 +16,8 @@ from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 
-Origin = Literal["upper-left", "lower-left"]
-BOTH: tuple[Origin, Origin] = ("upper-left", "lower-left")
+PixelCorner = Literal["upper-left", "lower-left"]
+BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 CLEARLY = 1.2
 """A choice is clear where the next best leaves a residual so many times as large."""
 
@@ -27,8 +27,8 @@ class PixelOrigin:
     """The decision on where pixels are counted from, and what it rests on.
 
     Attributes:
-        pixels: Origin of the pixel file.
-        coefficients: Origin that the coefficients were calibrated with.
+        pixels: Corner of the pixel file.
+        coefficients: PixelCorner that the coefficients were calibrated with.
         stated: Whether the user stated the origin of the pixels.
         matters: Whether the points depend on the decision at all.
         height_px: Image height that flips use; None where nothing is flipped.
@@ -36,8 +36,8 @@ class PixelOrigin:
         next_px: That of the best choice that would have given other points; inf where there is none.
     """
 
-    pixels: Origin
-    coefficients: Origin
+    pixels: PixelCorner
+    coefficients: PixelCorner
     stated: bool
     matters: bool
     height_px: float | None
@@ -59,8 +59,8 @@ def ideal_pixels(
     cameras: Sequence[Camera],
     uv_px: Array,
     *,
-    pixels: Origin,
-    coefficients: Origin,
+    pixels: PixelCorner,
+    coefficients: PixelCorner,
     height_px: float | None,
     iterations: int | None,
 ) -> Array:
@@ -99,8 +99,8 @@ def decide_origin(
     cameras: Sequence[Camera],
     uv_px: Array,
     *,
-    origin: Origin | None = None,
-    coefficients: Origin | None = None,
+    origin: PixelCorner | None = None,
+    coefficients: PixelCorner | None = None,
     height_px: float | None = None,
     most_points: int = 4000,
 ) -> PixelOrigin:
@@ -112,8 +112,8 @@ def decide_origin(
     Args:
         cameras: The C cameras, lenses from the upper left.
         uv_px: (C, T, M, 2) pixels as recorded.
-        origin: Origin of the pixels, if stated.
-        coefficients: Origin of the coefficients, if stated.
+        origin: Corner of the pixels, if stated.
+        coefficients: Corner of the coefficients, if stated.
         height_px: Image height, if stated; else the profile's or twice its principal point.
         most_points: Points to judge by.
 
@@ -126,7 +126,7 @@ def decide_origin(
     uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)] if uv.size else uv
     lens = any(c.lens is not None for c in cameras)
     heights = [height_px] if height_px is not None else _heights(cameras)
-    tried: list[tuple[float, Origin, Origin, float | None, Array]] = []
+    tried: list[tuple[float, PixelCorner, PixelCorner, float | None, Array]] = []
     matrices = stacked(cameras)
     for pixels in BOTH:
         for calibrated in BOTH:

@@ -18,7 +18,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
 from mocap.io.recording import Recording, point_recording
-from mocap.records import Origin
+from mocap.records import Status
 
 _FIELDS = ("x", "y", "z", "error", "ncams", "score")
 _FRAME = [*(f"M_{i}{j}" for i in range(3) for j in range(3)), *(f"center_{i}" for i in range(3))]
@@ -163,7 +163,7 @@ def _points(path: Path, _hints: Hints) -> Recording:
         unit=None,
         frames=frame_numbers(path, frames, first_line=2),
         first=0,
-        origin=np.where(seen, np.where(filled, Origin.INTERPOLATED, Origin.MEASURED), Origin.MISSING),
+        status=np.where(seen, np.where(filled, Status.INTERPOLATED, Status.MEASURED), Status.MISSING),
         score=table[..., 5],
         tables={"residual_px": table[..., 3]},
         findings=tuple(findings),

@@ -10,7 +10,7 @@ from mocap.errors import FormatError
 from mocap.io.c3d_head import BLOCK, Head, damaged, read_head, reals, whole_numbers
 from mocap.io.optical import UNIT_M, metres, told_apart
 from mocap.io.recording import Recording, point_recording
-from mocap.records import Origin
+from mocap.records import Status
 
 _NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Groups of points (parameter POINT) that are modelled quantities, not places."""
@@ -59,8 +59,8 @@ def read_c3d(path: Path) -> Recording:
     if not seen.any() and (there & (xyz != 0).any(axis=-1)).any():
         findings.append("every sample is marked as not seen (residual -1), although there are coordinates")
     xyz[~seen] = np.nan
-    filled = Origin.INTERPOLATED if (residual > 0).any() else Origin.MEASURED
-    if filled == Origin.MEASURED and seen.any():
+    filled = Status.INTERPOLATED if (residual > 0).any() else Status.MEASURED
+    if filled == Status.MEASURED and seen.any():
         findings.append("the file records no residuals: all that has a position is called measured")
     scale = 1.0 if unit is None else metres(path, unit)
     return point_recording(
@@ -71,7 +71,7 @@ def read_c3d(path: Path) -> Recording:
         unit=unit,
         frames=head.first + np.arange(len(xyz)),
         fps=fps,
-        origin=np.where(seen, np.where(residual > 0, Origin.MEASURED, filled), Origin.MISSING),
+        status=np.where(seen, np.where(residual > 0, Status.MEASURED, filled), Status.MISSING),
         tables={"residual_m": np.where(seen & (residual > 0), residual * scale, np.nan)},
         findings=(*head.findings, *findings),
     )

@@ -41,7 +41,7 @@ def write_c3d(path: Path, recording: Recording) -> None:
     scale = metres(path, unit)
     size = recording.tables.get("residual_m", tracks.sd_m)
     counts = np.clip(np.round(np.nan_to_num(size, nan=0.0) / _RESIDUAL_M), 1, 255)
-    counts[np.isin(tracks.origin, FILLED)] = 0
+    counts[np.isin(tracks.status, FILLED)] = 0
     residual = np.where(tracks.seen, counts * _RESIDUAL_M / scale, -1.0)
     data = np.ones((4, len(tracks.names), len(tracks.t_s)))
     data[:3] = np.transpose(tracks.xyz_m / scale, (2, 1, 0))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.io.recording import Recording
-from mocap.records import Origin
+from mocap.records import Status
 
 
 def summary(recording: Recording) -> dict[str, Any]:
@@ -36,8 +36,8 @@ def summary(recording: Recording) -> dict[str, Any]:
     if recording.pixels is not None and recording.points is not None:
         found["missing_points"] = round(float(1 - recording.points.seen.mean()), 6)
     if recording.points is not None:
-        codes, counts = np.unique(recording.points.origin, return_counts=True)
-        found["samples"] = {Origin(code).name.lower(): int(n) for code, n in zip(codes, counts, strict=True)}
+        codes, counts = np.unique(recording.points.status, return_counts=True)
+        found["samples"] = {Status(code).name.lower(): int(n) for code, n in zip(codes, counts, strict=True)}
     animals = list(dict.fromkeys(animal for animal, _ in recording.animals))
     return found | ({"individuals": animals} if animals else {})
 

@@ -11,7 +11,7 @@ from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.errors import FormatError
 from mocap.io.csv_table import read_table, write_table
 from mocap.io.digits import decimals_in, decimals_of
-from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)_(?P<axis>[XYUVxyuv])")
 _AXIS = {"X": 0, "U": 0, "Y": 1, "V": 1, "Z": 2}
@@ -110,7 +110,7 @@ def read_points(path: Path, *, fps: float) -> MarkerTracks:
         t_s=np.arange(len(values)) / fps,
         xyz_m=xyz,
         cov_m2=sd[..., None, None] ** 2 * np.eye(3),
-        origin=np.where(np.isnan(xyz[..., 0]), Origin.MISSING, Origin.MEASURED),
+        status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
     )
 
 

@@ -14,7 +14,7 @@ from mocap.io.dvproject import read_project
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.recording import Recording
-from mocap.records import Origin
+from mocap.records import Status
 
 PIXEL = re.compile(r"(?P<name>.+)_cam\d+_[XYUV]")
 POINT = re.compile(r"(?P<name>.+)_([XYZ]|sd)")
@@ -62,7 +62,7 @@ def _points(path: Path, _hints: Hints) -> Recording:
     findings = (_NO_RATE, _NO_UNIT)
     if all(name.endswith("filt") for name in points.names):
         names = tuple(name.removesuffix("filt") for name in points.names)
-        points = replace(points, names=names, origin=np.where(points.seen, Origin.SMOOTHED, Origin.MISSING))
+        points = replace(points, names=names, status=np.where(points.seen, Status.SMOOTHED, Status.MISSING))
         findings += ("points are spline-filtered by DLTdv",)
     return Recording(
         format="dltdv-xyzpts",

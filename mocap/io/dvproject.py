@@ -13,7 +13,7 @@ from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.lines import one_line
 from mocap.io.optical import rate
-from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 
 _DATA = "udExport/data"
 
@@ -90,7 +90,7 @@ def _project(path: Path, file: Any, fps: float | None) -> DvProject:
             t_s=t_s,
             xyz_m=xyz,
             cov_m2=np.full((*xyz.shape, 3), np.nan),
-            origin=np.where(np.isnan(xyz[..., 0]), Origin.MISSING, Origin.MEASURED),
+            status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
         ),
         fps=fps,
         offset_frames=_sparse(path, data, "offset", cameras_n, missing=0.0),

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.recording import Recording
-from mocap.records import Origin
+from mocap.records import Status
 
 MOST = 50
 """A recording does not become longer than that many times itself."""
@@ -74,10 +74,10 @@ def every_frame(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
     if pixels is not None:
         pixels = replace(pixels, t_s=every, uv_px=spread(pixels.uv_px, 1))
     if points is not None:
-        origin = np.full((total, len(points.names)), int(Origin.MISSING), dtype=np.int8)
-        origin[place] = points.origin
+        origin = np.full((total, len(points.names)), int(Status.MISSING), dtype=np.int8)
+        origin[place] = points.status
         xyz, cov = spread(points.xyz_m, 0), spread(points.cov_m2, 0)
-        points = replace(points, t_s=every, xyz_m=xyz, cov_m2=cov, origin=origin)
+        points = replace(points, t_s=every, xyz_m=xyz, cov_m2=cov, status=origin)
     whole_recording = replace(
         recording,
         frames=frames,

@@ -13,7 +13,7 @@ from mocap.io.lines import frame_numbers, one_line
 from mocap.io.optical import UNIT_M, metres, rate_of_times
 from mocap.io.recording import Recording, pixel_recording, point_recording
 from mocap.io.tables import WORDS
-from mocap.records import Origin
+from mocap.records import Status
 
 _ONE = {"individual": "id_0", "view": "cam1"}
 """The only individual or camera of a file that names none."""
@@ -88,7 +88,7 @@ def _recording(path: Path, data: Any) -> Recording:
         xyz=values[0],
         unit=unit if unit in UNIT_M else None,
         t_s=frames / (fps or 1.0) if in_frames else times,
-        origin=None if origin is None else origin[0].astype(np.int8),
+        status=None if origin is None else origin[0].astype(np.int8),
         score=None if score is None else score[0],
         **common,
     )
@@ -135,8 +135,8 @@ def write_movement(path: Path, recording: Recording) -> None:
     flat = ("time", "keypoint", "individual", "view")
     table["confidence"] = (flat, np.transpose(spread(score, np.nan), (0, 2, 1, 3)))
     if recording.points is not None:
-        codes = np.transpose(spread(recording.points.origin.astype(np.float64), 0.0), (0, 2, 1, 3)).astype(np.int8)
-        flags = {"flag_values": np.array([int(o) for o in Origin], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
+        codes = np.transpose(spread(recording.points.status.astype(np.float64), 0.0), (0, 2, 1, 3)).astype(np.int8)
+        flags = {"flag_values": np.array([int(o) for o in Status], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
         table["origin"] = (flat, codes, flags)
     coords = {"space": list(axes), "keypoint": parts, "individual": animals, "view": views}
     frames = recording.frames - (int(recording.frames[0]) if recording.fps else 0) if len(recording.frames) else t_s

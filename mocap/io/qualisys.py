@@ -13,9 +13,9 @@ from mocap.io.lines import frame_numbers, numbers, points, read_lines
 from mocap.io.matlab import variables
 from mocap.io.optical import rate
 from mocap.io.recording import Recording, point_recording
-from mocap.records import Origin
+from mocap.records import Status
 
-_ORIGIN = np.array([Origin.MISSING, Origin.MEASURED, Origin.INTERPOLATED, Origin.INTERPOLATED, Origin.INTERPOLATED])
+_ORIGIN = np.array([Status.MISSING, Status.MEASURED, Status.INTERPOLATED, Status.INTERPOLATED, Status.INTERPOLATED])
 """By QTM's type of a sample: missing, measured, gap-filled, virtual, edited."""
 
 
@@ -84,7 +84,7 @@ def read_tsv(path: Path) -> Recording:
 def read_mat(path: Path) -> Recording:
     """Read the labelled trajectories of a MATLAB export.
 
-    A sample's type is missing, measured, or filled (also edited or virtual): Origin missing, measured, interpolated.
+    A sample's type is missing, measured, or filled (also edited or virtual): Status missing, measured, interpolated.
     Exports without types tell filled samples by a residual of exactly 0.
 
     Raises:
@@ -109,8 +109,8 @@ def read_mat(path: Path) -> Recording:
     xyz = np.transpose(data[:, :3], (2, 0, 1)).copy()
     xyz[~np.isfinite(xyz).all(axis=-1)] = np.nan
     kind = _kinds(path, labelled, data)
-    origin = np.where(np.isnan(xyz[..., 0]), Origin.MISSING, _ORIGIN[kind])
-    xyz[origin == Origin.MISSING] = np.nan
+    origin = np.where(np.isnan(xyz[..., 0]), Status.MISSING, _ORIGIN[kind])
+    xyz[origin == Status.MISSING] = np.nan
     unnamed = _count(measurement["Trajectories"].get("Unidentified"))
     return point_recording(
         path,
@@ -120,7 +120,7 @@ def read_mat(path: Path) -> Recording:
         unit="mm",
         frames=start + np.arange(frames),
         fps=rate(path, measurement.get("FrameRate")),
-        origin=origin,
+        status=origin,
         findings=(f"{unnamed} trajectories without a label are left out",) if unnamed else (),
     )
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from mocap.arrays import Array, frozen
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import Lens
-from mocap.cameras.origin import Origin as PixelCorner
+from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
 from mocap.io.optical import marker_tracks, metres, rate
-from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 
-FILLED = (Origin.INTERPOLATED, Origin.PREDICTED, Origin.SMOOTHED, Origin.REJECTED)
+FILLED = (Status.INTERPOLATED, Status.PREDICTED, Status.SMOOTHED, Status.REJECTED)
 """Origins of samples whose value was not measured."""
 
 
@@ -178,7 +178,7 @@ def point_recording(
     first: int = 1,
     fps: float | None = None,
     t_s: Array | None = None,
-    origin: NDArray | None = None,
+    status: NDArray | None = None,
     **parts: object,
 ) -> Recording:
     """A recording of positions.
@@ -193,7 +193,7 @@ def point_recording(
         first: Number of the frame at time 0.
         fps: Frames a second.
         t_s: (T,) times; None: from the frame numbers.
-        origin: (T, M) Origin codes; None: measured where there is a position.
+        status: (T, M) Status codes; None: measured where there is a position.
         **parts: Other fields of the recording.
 
     Raises:
@@ -203,7 +203,7 @@ def point_recording(
     xyz = xyz * metres(path, unit) if unit is not None else np.array(xyz, dtype=np.float64)
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
     times = (frames - first) / (fps or 1.0) if t_s is None else t_s
-    points = marker_tracks(path, names, times, xyz, origin)
+    points = marker_tracks(path, names, times, xyz, status)
     return Recording(
         format=format,
         paths=(path,),

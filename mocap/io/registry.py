@@ -33,7 +33,7 @@ from mocap.io.head import Head, head
 from mocap.io.plausible import plausible
 from mocap.io.recording import FILLED, Recording
 from mocap.io.transcribe import transcribed
-from mocap.records import Origin
+from mocap.records import Status
 
 FORMATS: tuple[Format, ...] = (
     *dltdv_files.FORMATS,
@@ -172,7 +172,7 @@ def parts(recording: Recording) -> dict[str, str]:
         found["points"] = "positions"
         if np.isfinite(recording.points.sd_m).any():
             found["sd"] = "standard deviations"
-        filled = int(np.isin(recording.points.origin, FILLED).sum())
+        filled = int(np.isin(recording.points.status, FILLED).sum())
         if filled:
             found["origin"] = f"that {filled} samples are filled, not measured"
     if recording.cameras:
@@ -231,12 +231,12 @@ def write(recording: Recording, path: Path, name: str | None = None, *, filled: 
     points = recording.points
     if points is not None and "points" in format.holds:
         if "origin" in held and "origin" not in format.holds:
-            mask = np.isin(points.origin, FILLED) & points.seen
+            mask = np.isin(points.status, FILLED) & points.seen
             if filled:
                 losses.append(f"{mask.sum()} filled samples look like measured ones")
             elif mask.any():
                 xyz = np.where(mask[..., None], np.nan, points.xyz_m)
-                points = replace(points, xyz_m=xyz, origin=np.where(mask, Origin.MISSING, points.origin))
+                points = replace(points, xyz_m=xyz, status=np.where(mask, Status.MISSING, points.status))
                 losses.append(f"{mask.sum()} filled samples are left as gaps; --filled writes them")
         zero = (points.xyz_m == 0).all(axis=-1)
         if format.zero_is_missing and zero.any():

@@ -15,16 +15,16 @@ from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.lines import LARGEST, number
 from mocap.io.recording import Recording
-from mocap.records import Origin
+from mocap.records import Status
 
-WORDS = np.array([origin.name.lower() for origin in Origin])
+WORDS = np.array([origin.name.lower() for origin in Status])
 REPAIRED = "repaired"
 """What a run calls a measured sample that bore another marker's name in its file."""
-_CODES = {str(word): code for code, word in enumerate(WORDS)} | {REPAIRED: Origin.MEASURED}
+_CODES = {str(word): code for code, word in enumerate(WORDS)} | {REPAIRED: Status.MEASURED}
 
 
 def codes(path: Path, words: Any) -> NDArray[np.int8]:
-    """Origin codes of their names.
+    """Status codes of their names.
 
     Raises:
         FormatError: a name is none of them, as where a row is cut.
@@ -114,7 +114,7 @@ def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
         FormatError: it is not so, as where a number was cut out.
     """
     empty = np.isnan(xyz).any(axis=-1)
-    wrong = np.where(empty, ~np.isin(origin, (Origin.MISSING, Origin.REJECTED)), origin == Origin.MISSING)
+    wrong = np.where(empty, ~np.isin(origin, (Status.MISSING, Status.REJECTED)), origin == Status.MISSING)
     if wrong.any():
         raise FormatError(f"{path.name}: {wrong.sum()} positions contradict their origin: the file is cut or edited")
 

@@ -47,7 +47,7 @@ def _long(path: Path, recording: Recording) -> pd.DataFrame:
     table |= {f"{axis}{end}": points.xyz_m[..., k].ravel() for k, axis in enumerate("xyz")}
     table |= {f"sd{end}": points.sd_m.ravel()} if np.isfinite(points.sd_m).any() else {}
     table |= {"score": recording.score.ravel()} if recording.score is not None else {}
-    return pd.DataFrame(table | {"origin": WORDS[points.origin].ravel()})
+    return pd.DataFrame(table | {"origin": WORDS[points.status].ravel()})
 
 
 def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) -> Recording:
@@ -114,7 +114,7 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
         first=int(frames[0]),
         fps=fps,
         t_s=times,
-        origin=origin,
+        status=origin,
         score=None if score is None else score[..., 0],
         findings=(*findings, *(() if _AXES[axes] else ("the unit of lengths is not in the file",))),
     )

@@ -52,7 +52,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
         frames=frame_numbers(path, table["frame"], first_line=2),
         fps=fps,
         t_s=times,
-        origin=origin,
+        status=origin,
         findings=tuple(findings),
     )
     return with_sd(recording, table[sd].to_numpy()) if sd else recording
@@ -66,7 +66,7 @@ def _write(path: Path, recording: Recording) -> None:
     for m, name in enumerate(points.names):
         own = {f"{name}_{axis}": points.xyz_m[:, m, k] for k, axis in enumerate("xyz")}
         own |= {f"{name}_sd": points.sd_m[:, m]} if deviations else {}
-        own[f"{name}_origin"] = WORDS[points.origin[:, m]]
+        own[f"{name}_origin"] = WORDS[points.status[:, m]]
         if own.keys() & columns.keys():
             raise FormatError(f"{path.name}: marker {name!r} would have a column of another marker: rename it")
         columns |= own

@@ -149,7 +149,7 @@ def _with(base: Recording, other: Recording) -> Recording:
             t_s=base.pixels.t_s if base.pixels is not None else points.t_s,
             xyz_m=points.xyz_m[:, pick],
             cov_m2=points.cov_m2[:, pick],
-            origin=points.origin[:, pick],
+            status=points.status[:, pick],
         )
         changes["unit"] = base.unit or other.unit
     elif other.tables:

@@ -17,7 +17,7 @@ from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current_files
 from mocap.joints import joint_tracks
 from mocap.pipeline.potentials import joint_potentials
-from mocap.records import JointTracks, MarkerTracks, Origin
+from mocap.records import JointTracks, MarkerTracks, Status
 from mocap.skeleton import Joint, Skeleton, read_skeleton
 
 FRAMES = ("limb", "plane", "body", "world")
@@ -173,5 +173,5 @@ def _markers(names: tuple[str, ...], t_s: Array, xyz_m: Array) -> MarkerTracks:
         t_s=t_s,
         xyz_m=xyz_m,
         cov_m2=np.full((*seen.shape, 3, 3), np.nan),
-        origin=np.where(seen, Origin.MEASURED, Origin.MISSING).astype(np.int8),
+        status=np.where(seen, Status.MEASURED, Status.MISSING).astype(np.int8),
     )

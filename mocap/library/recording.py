@@ -3,7 +3,7 @@
 from os import PathLike
 from pathlib import Path
 
-from mocap.cameras.origin import Origin
+from mocap.cameras.origin import PixelCorner
 from mocap.io.format import Hints
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.propose_skeleton import Proposal
@@ -21,8 +21,8 @@ def read(
     unit: str | None = None,
     skeleton: PathText | None = None,
     profile: PathText | None = None,
-    origin: Origin | None = None,
-    calibration_origin: Origin | None = None,
+    origin: PixelCorner | None = None,
+    calibration_origin: PixelCorner | None = None,
     image_height_px: float | None = None,
     pixel_sd: float | None = None,
     stored_points: PathText | None = None,

@@ -21,7 +21,7 @@ from mocap.pipeline.run import JointPotential, Run
 from mocap.pipeline.source import Source
 from mocap.plots.joint import plot_coordinates
 from mocap.plots.potential import plot_potential
-from mocap.records import Origin
+from mocap.records import Status
 from mocap.results.dataset import markers_dataset
 from mocap.results.stored import read_run
 from mocap.results.tables import write_run
@@ -156,7 +156,7 @@ class Tracked:
             t_s=world.t_s,
             q_m={frame: tracks.q_m[:, i] for frame, tracks in self.run.joints.items()},
             sd_m=world.sd_m[:, i],
-            filled=(markers.origin[:, three] != Origin.MEASURED).any(axis=1),
+            filled=(markers.status[:, three] != Status.MEASURED).any(axis=1),
             potential=self.run.potentials.get(name),
         )
 
@@ -251,7 +251,7 @@ class Tracked:
 
     def __repr__(self) -> str:
         """One line."""
-        n_frames, n_markers = self.run.tracked.markers.origin.shape
+        n_frames, n_markers = self.run.tracked.markers.status.shape
         joints = len(self.run.skeleton.joints)
         return f"<Tracked {self.name!r}: {n_frames} frames, {n_markers} markers, {joints} joints>"
 

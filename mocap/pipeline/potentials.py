@@ -7,7 +7,7 @@ import numpy as np
 from eal import fit_potential, usual_kernel
 from mocap.arrays import Array
 from mocap.pipeline.run import JointPotential
-from mocap.records import JointTracks, MarkerTracks, Origin
+from mocap.records import JointTracks, MarkerTracks, Status
 from mocap.skeleton import Skeleton
 
 FRAME = "limb"
@@ -47,7 +47,7 @@ def joint_potentials(
         Potentials by joint; joints with fewer than ``FEWEST`` samples are left out.
     """
     tracks = joints[frame]
-    measured = dict(zip(markers.names, (markers.origin == Origin.MEASURED).T, strict=True))
+    measured = dict(zip(markers.names, (markers.status == Status.MEASURED).T, strict=True))
     out = {}
     for joint in (j for j in skeleton.joints if j.name in tracks.names):
         i = tracks.names.index(joint.name)

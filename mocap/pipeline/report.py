@@ -13,7 +13,7 @@ from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.run import JointPotential
 from mocap.pipeline.tracking import Part
-from mocap.records import Origin
+from mocap.records import Status
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
@@ -31,9 +31,9 @@ def make_report(
     settings: Mapping[str, object],
 ) -> dict[str, object]:
     """The report of a run; plain numbers, strings, lists and dictionaries."""
-    origin = tracked.markers.origin
+    origin = tracked.markers.status
     total = origin.size
-    share = {o.name.lower(): float(np.mean(origin == o)) for o in Origin}
+    share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
     return {
         "name": prepared.name,
@@ -45,10 +45,10 @@ def make_report(
         "skeleton": prepared.skeleton.name,
         "model": {"name": tracked.model, "why": why_model, **settings},
         "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
-        "filled": int(np.isin(origin, [Origin.SMOOTHED, Origin.PREDICTED, Origin.INTERPOLATED]).sum()),
+        "filled": int(np.isin(origin, [Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED]).sum()),
         "sd_mm": {
-            "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Origin.MEASURED]),
-            "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Origin.SMOOTHED]),
+            "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.MEASURED]),
+            "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.SMOOTHED]),
         },
         "residual_px": _quantiles(prepared.residual_px),
         "pixel_noise_px": {"jitter": _number(prepared.jitter_px), "slow": prepared.bias_px},

@@ -51,8 +51,8 @@ class Source:
     coefficients: Path | None = None
     profile: Path | None = None
     skeleton: Path | None = None
-    pixel_origin: origin.Origin | None = None
-    coefficient_origin: origin.Origin | None = None
+    pixel_origin: origin.PixelCorner | None = None
+    coefficient_origin: origin.PixelCorner | None = None
     image_height_px: float | None = None
     stored_points: Path | None = None
     pixel_sd: float | None = None

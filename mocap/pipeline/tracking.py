@@ -24,7 +24,7 @@ from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
 from mocap.pipeline.prepare import Prepared
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, ends_among
 
 Progress = Callable[[float], None]
@@ -179,8 +179,8 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
     origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(prepared.xyz_m, axis=(0, 1)) - np.nanmin(prepared.xyz_m, axis=(0, 1))))
-    vague = (origin == Origin.PREDICTED) & ~(sd < 0.05 * extent)
-    xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Origin.MISSING
+    vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
+    xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Status.MISSING
     outside = np.full(n_frames, np.nan)
     nis, likelihood, rows_used = outside.copy(), np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
     nis[part.frames] = [seen.nis for seen in smoothed.observed]
@@ -191,7 +191,7 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
         reprojected = project(prepared.filmed.matrices, xyz)
     return TrackedMotion(
         model=name,
-        markers=MarkerTracks(names=prepared.names, t_s=prepared.t_s, xyz_m=xyz, cov_m2=cov, origin=origin),
+        markers=MarkerTracks(names=prepared.names, t_s=prepared.t_s, xyz_m=xyz, cov_m2=cov, status=origin),
         reprojected_px=reprojected,
         innovation_px=innovation,
         used=used,
@@ -208,11 +208,11 @@ def _origins(prepared: Prepared, believed: Mask, estimated: Mask) -> NDArray[np.
     first = np.where(ever, np.argmax(believed, axis=0), len(believed))
     last = np.where(ever, len(believed) - 1 - np.argmax(believed[::-1], axis=0), -1)
     between = (index > first) & (index < last)
-    origin = np.where(between, Origin.SMOOTHED, Origin.PREDICTED).astype(np.int8)
+    origin = np.where(between, Status.SMOOTHED, Status.PREDICTED).astype(np.int8)
     refused = np.any(list(prepared.rejected.values()), axis=0) | (np.isfinite(prepared.xyz_m[..., 0]) & ~believed)
-    origin[refused] = Origin.REJECTED
-    origin[believed] = Origin.MEASURED
-    origin[~estimated & (origin != Origin.REJECTED)] = Origin.MISSING
+    origin[refused] = Status.REJECTED
+    origin[believed] = Status.MEASURED
+    origin[~estimated & (origin != Status.REJECTED)] = Status.MISSING
     return origin
 
 

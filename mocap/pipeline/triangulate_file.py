@@ -10,7 +10,7 @@ from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
 from mocap.pipeline.source import Source, audit_points, by_pixels, load_filmed, load_skeleton
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.stated import contradiction
 
 
@@ -83,7 +83,7 @@ def triangulate_file(source: Source, out: Path, *, refine: bool) -> Triangulatio
         t_s=filmed.pixels.t_s,
         xyz_m=xyz,
         cov_m2=cov,
-        origin=np.where(seen, Origin.MEASURED, Origin.MISSING),
+        status=np.where(seen, Status.MEASURED, Status.MISSING),
     )
     _, findings = audit_points(source, filmed)
     dltdv.write_points(out, tracks, sd=refine)

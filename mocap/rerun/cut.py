@@ -20,7 +20,7 @@ def cut(run: Run, frames: slice) -> Run:
         return run
     t_s = markers.t_s[frames]
     part = replace(
-        markers, t_s=t_s, xyz_m=markers.xyz_m[frames], cov_m2=markers.cov_m2[frames], origin=markers.origin[frames]
+        markers, t_s=t_s, xyz_m=markers.xyz_m[frames], cov_m2=markers.cov_m2[frames], status=markers.status[frames]
     )
     return replace(
         run,

@@ -47,7 +47,7 @@ def log_gaps(rec: rr.RecordingStream, markers: MarkerTracks) -> None:
 def class_codes(markers: MarkerTracks) -> NDArray[np.int8]:
     """(T, M) class of each sample: 1 + its index in ``paths.ORIGINS``; 0 where there is no position."""
     masks = classes(markers)
-    codes = np.zeros(markers.origin.shape, dtype=np.int8)
+    codes = np.zeros(markers.status.shape, dtype=np.int8)
     for i, name in enumerate(paths.ORIGINS):
         codes[masks[name]] = i + 1
     return codes

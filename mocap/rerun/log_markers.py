@@ -7,7 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import changing, segments, single, time_columns
 from mocap.rerun.log_world import BODY_CLASS, SAMPLE_CLASS
@@ -24,11 +24,11 @@ _FILL_ALPHA = {"measured": 70, "filled": 90, "rejected": 90}
 def classes(markers: MarkerTracks) -> Mapping[str, NDArray[np.bool_]]:
     """(T, M) masks of the samples of each class of ``paths.ORIGINS``; samples without a position are in none."""
     codes = {
-        "measured": (Origin.MEASURED,),
-        "filled": (Origin.INTERPOLATED, Origin.PREDICTED, Origin.SMOOTHED),
-        "rejected": (Origin.REJECTED,),
+        "measured": (Status.MEASURED,),
+        "filled": (Status.INTERPOLATED, Status.PREDICTED, Status.SMOOTHED),
+        "rejected": (Status.REJECTED,),
     }
-    return {name: np.isin(markers.origin, codes[name]) & markers.seen for name in paths.ORIGINS}
+    return {name: np.isin(markers.status, codes[name]) & markers.seen for name in paths.ORIGINS}
 
 
 def log_markers(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks) -> None:

@@ -103,7 +103,7 @@ def recording_id(run: Run) -> str:
     """The run's name and a digest of its data: the same for the same run, on every machine."""
     digest = hashlib.blake2b(digest_size=6)
     markers = run.tracked.markers
-    arrays = [markers.t_s, markers.xyz_m, markers.origin, *(c.matrix for c in run.cameras)]
+    arrays = [markers.t_s, markers.xyz_m, markers.status, *(c.matrix for c in run.cameras)]
     if run.ideal_px is not None:
         arrays.append(run.ideal_px.uv_px)
     arrays += [footage.frames for footage in run.footage]

@@ -5,7 +5,7 @@ import xarray as xr
 
 from filters.records import TrackedMotion
 from mocap.io.tables import WORDS
-from mocap.records import Origin
+from mocap.records import Status
 
 INDIVIDUAL = "id_0"
 """The only animal of a recording, as movement names it."""
@@ -30,7 +30,7 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray, *, fps: float)
         fps: Frames a second.
     """
     markers = tracked.markers
-    flags = {"flag_values": np.array([int(o) for o in Origin], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
+    flags = {"flag_values": np.array([int(o) for o in Status], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
     sample = ("time", "keypoint", "individual")
     return xr.Dataset(
         {
@@ -39,13 +39,13 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray, *, fps: float)
                 np.moveaxis(markers.xyz_m, 1, 2)[..., None],
                 {"units": "m"},
             ),
-            "confidence": (sample, np.full((*markers.origin.shape, 1), np.nan)),
+            "confidence": (sample, np.full((*markers.status.shape, 1), np.nan)),
             "covariance": (
                 ("time", "space", "space_to", "keypoint", "individual"),
                 np.moveaxis(markers.cov_m2, 1, 3)[..., None],
                 {"units": "m2"},
             ),
-            "status": (sample, markers.origin[..., None], flags),
+            "status": (sample, markers.status[..., None], flags),
             "repaired": (sample, repaired[..., None].astype(np.int8)),
         },
         coords={

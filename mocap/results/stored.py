@@ -95,7 +95,7 @@ def read_run(folder: Path) -> Run:
         t_s=t_s,
         xyz_m=one["position"].transpose("time", "keypoint", "space").values,
         cov_m2=one["covariance"].transpose("time", "keypoint", "space", "space_to").values,
-        origin=one["status"].transpose("time", "keypoint").values,
+        status=one["status"].transpose("time", "keypoint").values,
     )
     tracked = TrackedMotion(
         model=header["model"],

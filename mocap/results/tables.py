@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
 from mocap.pipeline.run import Run
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.results.stored import write_arrays
 
 
@@ -41,8 +41,8 @@ def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path
     """
     header = ["frame", "t_s"]
     columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
-    words = np.array([o.name.lower() for o in Origin], dtype="U12")[markers.origin]
-    words[repaired & (markers.origin == Origin.MEASURED)] = "repaired"
+    words = np.array([o.name.lower() for o in Status], dtype="U12")[markers.status]
+    words[repaired & (markers.status == Status.MEASURED)] = "repaired"
     sd = markers.sd_m
     for i, name in enumerate(markers.names):
         header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]

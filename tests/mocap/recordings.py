@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from mocap.io.recording import Recording, pixel_recording, point_recording
-from mocap.records import Origin
+from mocap.records import Status
 
 NAMES = st.text(st.characters(exclude_categories=("C", "Z")) | st.sampled_from(" ,;.:'\"-_"), min_size=1, max_size=12)
 """Letters of any script, spaces, commas and quotes; no line ends or tabs."""
@@ -29,7 +29,7 @@ def point_recordings(draw: st.DrawFn, *, names: st.SearchStrategy[list[str]] | N
     origin = np.array(codes).reshape(n_frames, n_markers)
     zero = np.array(draw(st.lists(st.booleans(), min_size=size, max_size=size))).reshape(n_frames, n_markers)
     xyz[zero & draw(st.booleans())] = 0.0
-    xyz[origin == Origin.MISSING] = np.nan
+    xyz[origin == Status.MISSING] = np.nan
     return points(own, xyz, origin=origin, first=draw(st.sampled_from([1, 7, 1914])))
 
 
@@ -37,7 +37,7 @@ def points(names: list[str], xyz_m: np.ndarray, *, origin: np.ndarray | None = N
     """Positions in metres at 250 frames a second, the first frame called ``first``."""
     frames = first + np.arange(len(xyz_m))
     return point_recording(
-        Path("made.csv"), "made", names=names, xyz=xyz_m, unit="m", frames=frames, first=1, fps=250.0, origin=origin
+        Path("made.csv"), "made", names=names, xyz=xyz_m, unit="m", frames=frames, first=1, fps=250.0, status=origin
     )
 
 

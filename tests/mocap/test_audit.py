@@ -18,10 +18,9 @@ from mocap.audit import (
 from mocap.audit.geometry import camera_findings, fit_findings
 from mocap.audit.stored import _one_v_row
 from mocap.cameras.camera import Camera, record, stacked, undistorted
-from mocap.cameras.origin import Origin as PixelCorner
-from mocap.cameras.origin import decide_origin, flipped, ideal_pixels
+from mocap.cameras.origin import PixelCorner, decide_origin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear, residual_px
-from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 from tests.mocap.rigs import ring
 
 NOISE_PX = 0.5
@@ -68,7 +67,7 @@ def points_of(xyz_m, pixels):
         t_s=pixels.t_s,
         xyz_m=xyz_m,
         cov_m2=np.full((*xyz_m.shape, 3), np.nan),
-        origin=np.where(np.isfinite(xyz_m[..., 0]), Origin.MEASURED, Origin.MISSING),
+        status=np.where(np.isfinite(xyz_m[..., 0]), Status.MEASURED, Status.MISSING),
     )
 
 

@@ -11,7 +11,7 @@ from mocap.io.recording import point_recording
 from mocap.io.registry import read, write
 from mocap.pipeline.source import Source
 from mocap.pipeline.triangulate_file import triangulate_file
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.results.tables import write_markers
 
 
@@ -48,8 +48,8 @@ def tracks(scale_m: float, sd_m: np.ndarray) -> MarkerTracks:
     xyz = scale_m * np.random.default_rng(0).normal(size=(20, 2, 3))
     xyz[3, 0], xyz[4, 1] = 0.0, np.nan
     cov = sd_m[..., None, None] ** 2 * np.eye(3) * np.ones((20, 2, 1, 1))
-    origin = np.where(np.isnan(xyz[..., 0]), Origin.MISSING, Origin.MEASURED)
-    return MarkerTracks(names=("a", "b"), t_s=np.arange(20) / 100, xyz_m=xyz, cov_m2=cov, origin=origin)
+    origin = np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED)
+    return MarkerTracks(names=("a", "b"), t_s=np.arange(20) / 100, xyz_m=xyz, cov_m2=cov, status=origin)
 
 
 @pytest.mark.parametrize(("scale", "sd"), [(1.0, 3e-4), (1e-4, 2e-8), (1e-6, 1e-9), (1.0, 0.0)])

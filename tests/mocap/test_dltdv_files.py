@@ -20,7 +20,7 @@ from mocap.io.dltdv import (
     write_points,
     write_residuals,
 )
-from mocap.records import MarkerTracks, Origin, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 
 HALF_DIGIT = 0.5000001e-6
 """Files carry six decimals: a value comes back within half of the last."""
@@ -51,7 +51,7 @@ def make_points(names, xyz_m, sd_m=np.nan):
         t_s=np.arange(len(xyz_m)) / 100.0,
         xyz_m=xyz_m,
         cov_m2=np.broadcast_to(sd_m, xyz_m.shape[:2])[..., None, None] ** 2 * np.eye(3),
-        origin=np.where(np.isnan(xyz_m[..., 0]), Origin.MISSING, Origin.MEASURED),
+        status=np.where(np.isnan(xyz_m[..., 0]), Status.MISSING, Status.MEASURED),
     )
 
 
@@ -84,7 +84,7 @@ def test_points_come_back(scratch, data, names, n_frames):
     back = read_points(path, fps=100.0)
     assert back.names == tuple(names)
     np.testing.assert_allclose(back.xyz_m, xyz, rtol=0, atol=HALF_DIGIT)
-    np.testing.assert_array_equal(back.origin == Origin.MISSING, np.isnan(xyz[..., 0]))
+    np.testing.assert_array_equal(back.status == Status.MISSING, np.isnan(xyz[..., 0]))
 
 
 def test_the_origin_of_the_world_is_a_position(tmp_path):

@@ -13,7 +13,7 @@ from mocap.io.every_frame import MOST, every_frame, frame_steps
 from mocap.io.registry import write
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.source import Source
-from mocap.records import Origin
+from mocap.records import Status
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
 
 
@@ -82,8 +82,8 @@ def test_what_is_left_out_comes_back_unseen(recording, data):
     if recording.points is not None:
         np.testing.assert_array_equal(told.points.xyz_m[keep], recording.points.xyz_m[keep])
         assert np.isnan(told.points.xyz_m[~keep]).all()
-        assert (told.points.origin[~keep] == Origin.MISSING).all()
-        assert (told.points.origin[keep] == recording.points.origin[keep]).all()
+        assert (told.points.status[~keep] == Status.MISSING).all()
+        assert (told.points.status[keep] == recording.points.status[keep]).all()
     else:
         np.testing.assert_array_equal(told.pixels.uv_px[:, keep], recording.pixels.uv_px[:, keep])
         assert not told.pixels.seen[:, ~keep].any()

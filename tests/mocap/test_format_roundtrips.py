@@ -13,7 +13,7 @@ from mocap.errors import FormatError
 from mocap.io.c3d_files import MOST_FRAMES
 from mocap.io.recording import FILLED
 from mocap.io.registry import identify, read, write, written
-from mocap.records import Origin
+from mocap.records import Status
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
 
 NANOMETRE, MICROMETRE = 1e-9, 1e-6
@@ -57,15 +57,15 @@ def test_points_come_back(scratch, name, data):
         np.testing.assert_allclose(back.points.t_s, recording.points.t_s, rtol=0, atol=1e-9)
     expected = recording.points.xyz_m
     if name not in KEEPS_ORIGIN:
-        expected = np.where(np.isin(recording.points.origin, FILLED)[..., None], np.nan, expected)
+        expected = np.where(np.isin(recording.points.status, FILLED)[..., None], np.nan, expected)
     moved = NANOMETRE if name in ("trc", "c3d") else 0.0  # a point at (0, 0, 0) is set beside it
     np.testing.assert_allclose(back.points.xyz_m, expected, rtol=0, atol=FILES[name][1] + moved)
     if name == "c3d":  # its residuals know: not seen, filled, measured
-        kinds = np.where(np.isin(recording.points.origin, FILLED), Origin.INTERPOLATED, recording.points.origin)
-        if (kinds == Origin.MEASURED).any():  # without any, a file records no residuals
-            np.testing.assert_array_equal(back.points.origin, kinds)
+        kinds = np.where(np.isin(recording.points.status, FILLED), Status.INTERPOLATED, recording.points.status)
+        if (kinds == Status.MEASURED).any():  # without any, a file records no residuals
+            np.testing.assert_array_equal(back.points.status, kinds)
     elif name in KEEPS_ORIGIN:
-        np.testing.assert_array_equal(back.points.origin, recording.points.origin)
+        np.testing.assert_array_equal(back.points.status, recording.points.status)
 
 
 @pytest.mark.parametrize("name", ["csv-long", "parquet", "movement"])
@@ -165,7 +165,7 @@ def test_a_hundred_thousand_frames_come_back(tmp_path):
 def test_what_is_lost_is_listed(tmp_path):
     """A conversion names each part that the format cannot hold; filled samples are gaps unless asked for."""
     xyz = np.ones((4, 1, 3))
-    origin = np.array([[Origin.MEASURED], [Origin.SMOOTHED], [Origin.MEASURED], [Origin.MEASURED]])
+    origin = np.array([[Status.MEASURED], [Status.SMOOTHED], [Status.MEASURED], [Status.MEASURED]])
     recording = replace(points(["a"], xyz, origin=origin, first=30), score=np.full((4, 1), 0.5))
     losses = write(recording, tmp_path / "a.trc")
     assert any("scores" in text for text in losses)

@@ -10,7 +10,7 @@ from mocap.io.format import Hints
 from mocap.io.plain import parse_columns
 from mocap.io.profile import read_sba_profile
 from mocap.io.registry import FORMATS, identify, read
-from mocap.records import Origin
+from mocap.records import Status
 
 QTM = "NO_OF_FRAMES\t2\nNO_OF_MARKERS\t2\nFREQUENCY\t100\nMARKER_NAMES\ta\tb\nTRAJECTORY_TYPES\tMeasured\tMixed\n"
 SMALL = {
@@ -117,8 +117,8 @@ def test_values_of_small_files(tmp_path):
     np.testing.assert_array_equal(small("Argus intervals").tables["interval"][0, 0], [0.5, 1, 1.5])
     np.testing.assert_array_equal(small("XMALab offsets").pixels.uv_px[:, 0, 0], [[1, 2], [3, 4]])
     np.testing.assert_array_equal(small("XMALab frames").frames, [7, 8])
-    assert small("DLTdv filtered").points.origin[0, 0] == Origin.SMOOTHED
-    np.testing.assert_array_equal(small("Anipose").points.origin[:, 0], [Origin.MEASURED, Origin.INTERPOLATED])
+    assert small("DLTdv filtered").points.status[0, 0] == Status.SMOOTHED
+    np.testing.assert_array_equal(small("Anipose").points.status[:, 0], [Status.MEASURED, Status.INTERPOLATED])
     np.testing.assert_array_equal(small("Argus sparse").pixels.seen[0, :, 0], np.arange(9) == 1)
     assert small("plain").fps == 10.0
     for case, first in (("QTM without titles", 1), ("QTM with frames, without titles", 7)):

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from mocap.body import BodyFrames
 from mocap.joints import FRAMES, joint_tracks
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Joint, Skeleton
 
 SKELETON = Skeleton(
@@ -35,7 +35,7 @@ def tracked(body, rng, sd=1e-3):
         t_s=np.arange(len(body)) * 0.01,
         xyz_m=xyz,
         cov_m2=np.broadcast_to(sd**2 * np.eye(3), (*xyz.shape[:2], 3, 3)),
-        origin=np.where(np.isnan(xyz[..., 0]), Origin.MISSING, Origin.MEASURED),
+        status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
     )
     return tracks, BodyFrames(rotation=rotation, position_m=position)
 

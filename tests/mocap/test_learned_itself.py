@@ -13,7 +13,7 @@ from mocap.io.dltdv import write_points
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import marker_trial, seen_part
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from tests.filters.small_model import small_model
 
 
@@ -21,9 +21,9 @@ def test_the_report_says_that_it_was_left_out(tmp_path, monkeypatch, capsys):
     walk = small_model().trials[0]
     path, model, out = tmp_path / "walk_xyzpts.csv", tmp_path / "m.npz", tmp_path / "run"
     cov = np.broadcast_to(1e-6 * np.eye(3), (40, 5, 3, 3))
-    origin = np.full((40, 5), Origin.MEASURED)
+    origin = np.full((40, 5), Status.MEASURED)
     names = small_model().names
-    write_points(path, MarkerTracks(names=names, t_s=walk.t_s, xyz_m=walk.xyz_m, cov_m2=cov, origin=origin))
+    write_points(path, MarkerTracks(names=names, t_s=walk.t_s, xyz_m=walk.xyz_m, cov_m2=cov, status=origin))
     prepared = prepare(Source(tracks=path, fps=100.0))
     other = replace(walk, name="other", xyz_m=walk.xyz_m[::-1] + 0.1)
     save_model(replace(small_model(), trials=(marker_trial(prepared, seen_part(prepared)), other)), model)

@@ -23,7 +23,7 @@ from mocap.pipeline.learning import readable_scores
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import marker_trial, seen_part
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, write_skeleton
 from tests.real_data import real
 
@@ -52,9 +52,9 @@ def write_flight(path, seed, *, names=NAMES, n_frames=70, hole=None):
     xyz = truth + np.random.default_rng(seed).normal(0, SD_M, truth.shape)
     if hole is not None:
         xyz[hole] = np.nan
-    origin = np.where(np.isnan(xyz[..., 0]), Origin.MISSING, Origin.MEASURED)
+    origin = np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED)
     cov = np.where(np.isnan(xyz[..., 0])[..., None, None], np.nan, SD_M**2 * np.eye(3))
-    write_points(path, MarkerTracks(names=names, t_s=flight.t_s, xyz_m=xyz, cov_m2=cov, origin=origin))
+    write_points(path, MarkerTracks(names=names, t_s=flight.t_s, xyz_m=xyz, cov_m2=cov, status=origin))
     return truth
 
 

@@ -76,7 +76,7 @@ def test_markers_are_laid_out_as_the_tracker_has_them(tracked):
     one = data.sel(keypoint=name, individual="id_0").isel(time=t)
     np.testing.assert_array_equal(one["position"].sel(space=["x", "y", "z"]), markers.xyz_m[t, 7])
     np.testing.assert_array_equal(one["covariance"].transpose("space", "space_to"), markers.cov_m2[t, 7])
-    assert int(one["status"]) == markers.origin[t, 7]
+    assert int(one["status"]) == markers.status[t, 7]
     assert data["position"].dims == ("time", "space", "keypoint", "individual")
 
 
@@ -135,7 +135,7 @@ def test_our_own_reader_reads_what_was_saved(tracked, saved):
     found = read_file(saved.folder / "markers.nc")
     assert found.points is not None
     np.testing.assert_array_equal(found.points.xyz_m, tracked.run.tracked.markers.xyz_m)
-    np.testing.assert_array_equal(found.points.origin, tracked.run.tracked.markers.origin)
+    np.testing.assert_array_equal(found.points.status, tracked.run.tracked.markers.status)
     assert found.fps == pytest.approx(250.0)
     assert found.unit == "m"
 

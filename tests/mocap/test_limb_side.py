@@ -4,7 +4,7 @@ import numpy as np
 
 from mocap.body import BodyFrames
 from mocap.joints import joint_tracks
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Joint, Skeleton
 
 
@@ -20,7 +20,7 @@ def limb(bend_rad: np.ndarray, turn_rad: np.ndarray) -> np.ndarray:
         t_s=np.arange(n) / 100,
         xyz_m=xyz,
         cov_m2=np.zeros((n, 3, 3, 3)),
-        origin=np.full((n, 3), Origin.MEASURED),
+        status=np.full((n, 3), Status.MEASURED),
     )
     skeleton = Skeleton(
         name="arm", markers=("a", "b", "c"), joints=(Joint(name="b", parent="a", centre="b", child="c"),)

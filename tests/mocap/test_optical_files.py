@@ -9,7 +9,7 @@ from mocap.errors import FormatError
 from mocap.io.c3d import read_c3d
 from mocap.io.qualisys import read_mat, read_tsv
 from mocap.io.vicon import read_csv
-from mocap.records import Origin
+from mocap.records import Status
 from tests.real_data import real
 
 GLIDES = ["205_81", "412_86", "506_88", "628_95", "705_86", "706_81", "910_81", "918_30"]
@@ -32,9 +32,9 @@ def test_mouse_counts_are_the_exporters():
     assert tracks.xyz_m.shape == (10500, 11, 3)
     assert tracks.names[0] == "left_hip"
     assert tracks.names[-1] == "miniscope"
-    counts = [np.sum(tracks.origin == code) for code in (Origin.MISSING, Origin.MEASURED, Origin.INTERPOLATED)]
+    counts = [np.sum(tracks.status == code) for code in (Status.MISSING, Status.MEASURED, Status.INTERPOLATED)]
     assert counts == [29927, 83025, 2548]
-    np.testing.assert_array_equal(tracks.seen, tracks.origin != Origin.MISSING)
+    np.testing.assert_array_equal(tracks.seen, tracks.status != Status.MISSING)
     np.testing.assert_allclose(np.diff(tracks.t_s), 1 / 300, rtol=1e-9)
     # a mouse: its hips lie a centimetre or two apart
     assert 0.005 < np.nanmedian(np.linalg.norm(tracks.xyz_m[:, 0] - tracks.xyz_m[:, 1], axis=-1)) < 0.03
@@ -94,11 +94,11 @@ def test_variants_of_one_c3d_agree():
         for other in others:
             assert other.points.names == first.points.names
             assert (other.fps, other.unit) == (first.fps, first.unit)
-            np.testing.assert_array_equal(other.points.origin, first.points.origin)
+            np.testing.assert_array_equal(other.points.status, first.points.status)
             residuals = other.tables["residual_m"], first.tables["residual_m"]
             np.testing.assert_allclose(*residuals, rtol=0, atol=scale_mm * 1e-3)
             np.testing.assert_allclose(other.points.xyz_m, first.points.xyz_m, rtol=0, atol=scale_mm * 1e-3 + 1e-6)
-        assert (first.points.origin == Origin.INTERPOLATED).any()
+        assert (first.points.status == Status.INTERPOLATED).any()
 
 
 def test_c3d_counts_are_those_of_another_reader():
@@ -120,7 +120,7 @@ def test_modelled_quantities_are_no_markers():
     pig = read_c3d(real("c3d_samples", "sample_03", "gait-pig.c3d")).points
     assert len(pig.names) < 77
     assert not any("Angle" in name or "Moment" in name or "Power" in name for name in pig.names)
-    assert set(np.unique(pig.origin)) == {Origin.MISSING, Origin.MEASURED}
+    assert set(np.unique(pig.status)) == {Status.MISSING, Status.MEASURED}
 
 
 def test_small_qualisys_file(tmp_path):
@@ -133,7 +133,7 @@ def test_small_qualisys_file(tmp_path):
     np.testing.assert_allclose(tracks.xyz_m[:, 0], [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]])
     assert np.isnan(tracks.xyz_m[0, 1]).all()
     assert not tracks.xyz_m[1, 1].any()
-    np.testing.assert_array_equal(tracks.origin, [[Origin.MEASURED, Origin.MISSING], [Origin.MEASURED] * 2])
+    np.testing.assert_array_equal(tracks.status, [[Status.MEASURED, Status.MISSING], [Status.MEASURED] * 2])
 
 
 @pytest.mark.parametrize("before", ["", "Devices\r\n1000\r\nFrame,Sub Frame,V\r\n1,0,0.5\r\n\r\n"])

@@ -8,7 +8,7 @@ from mocap.cameras.camera import record
 from mocap.cameras.origin import decide_origin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
 
 HEIGHT = 1024.0
@@ -91,7 +91,7 @@ def test_stale_points_are_listed():
         t_s=np.arange(5.0),
         xyz_m=stored,
         cov_m2=np.full((5, 2, 3, 3), np.nan),
-        origin=np.full((5, 2), Origin.MEASURED),
+        status=np.full((5, 2), Status.MEASURED),
     )
     found = stale_points(xyz, tracks)
     assert [(p.frame, p.marker) for p in found] == [(3, "b"), (5, "a")]

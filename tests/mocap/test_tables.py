@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from mocap.records import MarkerTracks, Origin
+from mocap.records import MarkerTracks, Status
 from mocap.results.tables import write_markers
 
 
@@ -13,15 +13,15 @@ def test_every_sample_has_its_origin_and_repaired_ones_are_marked(tmp_path):
     A sample that was rejected, or filled, is not one that was put right.
     """
     rng = np.random.default_rng(0)
-    origin = rng.integers(0, len(Origin), (40, 3))
-    xyz = np.where((origin == Origin.MISSING)[..., None], np.nan, rng.normal(size=(40, 3, 3)))
+    origin = rng.integers(0, len(Status), (40, 3))
+    xyz = np.where((origin == Status.MISSING)[..., None], np.nan, rng.normal(size=(40, 3, 3)))
     repaired = rng.random((40, 3)) < 0.4
     cov = np.broadcast_to(1e-6 * np.eye(3), (40, 3, 3, 3))
-    tracks = MarkerTracks(names=("a b", "c,d", "é"), t_s=np.arange(40) / 240, xyz_m=xyz, cov_m2=cov, origin=origin)
+    tracks = MarkerTracks(names=("a b", "c,d", "é"), t_s=np.arange(40) / 240, xyz_m=xyz, cov_m2=cov, status=origin)
     write_markers(tracks, repaired, tmp_path / "markers.csv")
     table = pd.read_csv(tmp_path / "markers.csv")
     for m, name in enumerate(tracks.names):
         np.testing.assert_allclose(table[[f"{name}_{k}" for k in "xyz"]], xyz[:, m], rtol=0, atol=0.51e-7)
         for t, word in enumerate(table[f"{name}_origin"]):
-            true = Origin(origin[t, m])
-            assert word == ("repaired" if repaired[t, m] and true == Origin.MEASURED else true.name.lower())
+            true = Status(origin[t, m])
+            assert word == ("repaired" if repaired[t, m] and true == Status.MEASURED else true.name.lower())

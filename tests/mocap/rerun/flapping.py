@@ -11,7 +11,7 @@ from mocap.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.run import JointPotential, Run
-from mocap.records import JointTracks, MarkerTracks, Origin, PixelTracks
+from mocap.records import JointTracks, MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Bone, Joint, Skeleton
 
 SIZE_PX = (1280, 800)
@@ -112,13 +112,13 @@ def make_run(
         for start in rng.integers(0, n_frames, size=1 + m % 3):
             lost[start : start + rng.integers(6, 26), m] = True
     rejected = (rng.random((n_frames, n_markers)) < 0.006) & ~lost
-    origin = np.where(lost, Origin.SMOOTHED, np.where(rejected, Origin.REJECTED, Origin.MEASURED))
-    origin[: min(5, n_frames), -1] = Origin.MISSING
+    origin = np.where(lost, Status.SMOOTHED, np.where(rejected, Status.REJECTED, Status.MEASURED))
+    origin[: min(5, n_frames), -1] = Status.MISSING
     sd_m = np.where(lost, 0.006, 0.0012)[..., None] * (1.0, 0.7, 1.6)
     xyz = truth + rng.normal(size=truth.shape) * 0.3 * sd_m
-    xyz[origin == Origin.MISSING] = np.nan
+    xyz[origin == Status.MISSING] = np.nan
     cov = np.where(np.isnan(xyz[..., :1, None]), np.nan, sd_m[..., None] ** 2 * np.eye(3))
-    markers = MarkerTracks(names=body.markers, t_s=t_s, xyz_m=xyz, cov_m2=cov, origin=origin)
+    markers = MarkerTracks(names=body.markers, t_s=t_s, xyz_m=xyz, cov_m2=cov, status=origin)
     pixels, tracked = _pixels(cameras, truth, markers, lost, rejected, rng)
     joints, potentials = _joints(body, truth, t_s, n_joints, rng)
     return Run(
@@ -145,7 +145,7 @@ def _pixels(
     rejected: Array,
     rng: np.random.Generator,
 ) -> tuple[PixelTracks | None, TrackedMotion]:
-    shape = (len(cameras), *markers.origin.shape)
+    shape = (len(cameras), *markers.status.shape)
     seen = (rng.random(shape) < 0.9) & ~lost
     exact = project(stacked(cameras), truth) if cameras else np.empty((*shape, 2))
     smoothed = project(stacked(cameras), markers.xyz_m) if cameras else np.empty((*shape, 2))

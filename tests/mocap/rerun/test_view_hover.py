@@ -13,7 +13,7 @@ from test_view_pictures import loaded, tile
 from vulkan import need_vulkan
 
 from mocap.cameras.camera import project, stacked
-from mocap.records import Origin
+from mocap.records import Status
 from mocap.rerun import paths
 from mocap.rerun.headless import Headless
 
@@ -70,7 +70,7 @@ def test_pointing_at_a_marker_reads_its_name_and_position(tmp_path):
         f"{paths.image('cam1')}/reprojected": run.tracked.reprojected_px[0, FRAME],
     }
     apart = np.linalg.norm(uv[:, None] - uv, axis=-1) + 1e3 * np.eye(len(uv))
-    lonely = [m for m in np.argsort(-apart.min(axis=1)) if markers.origin[FRAME, m] == Origin.MEASURED][:2]
+    lonely = [m for m in np.argsort(-apart.min(axis=1)) if markers.status[FRAME, m] == Status.MEASURED][:2]
     with screen() as display, Headless(size=(1000, 700), display=display) as viewer:
         run = loaded(viewer, run, tmp_path)
         with Pointer(viewer.client.url.removeprefix("rerun+").removesuffix("/proxy")) as pointer:

@@ -16,7 +16,7 @@ from vulkan import need_vulkan
 from filters.live import Estimate
 from filters.observations import WHOLE
 from filters.observe import Observed
-from mocap.records import Origin
+from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.headless import Headless
 from mocap.rerun.live import WAITING, LiveView, live_blueprint
@@ -28,7 +28,7 @@ def estimates(run):
     """A run's frames as a filter that is still under way would hand them over."""
     tracked, markers = run.tracked, run.tracked.markers
     for k in range(len(markers.t_s)):
-        marker = np.flatnonzero(markers.origin[k] == Origin.MEASURED)
+        marker = np.flatnonzero(markers.status[k] == Status.MEASURED)
         n = len(marker)
         observed = Observed(
             where=np.column_stack([np.full(n, WHOLE), marker]),
@@ -69,7 +69,7 @@ def test_every_frame_arrives_as_it_was(run, tmp_path):
     np.testing.assert_array_equal(frames, 100 + np.arange(90))
     np.testing.assert_array_equal(xyz.reshape(90, -1, 3), markers.xyz_m.astype(np.float32))
     measured = column(path, paths.child(paths.MARKERS, "measured"), "Points3D:positions")[2]
-    np.testing.assert_array_equal(measured, markers.xyz_m[markers.origin == Origin.MEASURED].astype(np.float32))
+    np.testing.assert_array_equal(measured, markers.xyz_m[markers.status == Status.MEASURED].astype(np.float32))
     tracked = run.tracked
     np.testing.assert_array_equal(column(path, paths.NIS, "Scalars:scalars")[2], tracked.nis / tracked.n_rows)
     likelihood = column(path, paths.LOG_LIKELIHOOD, "Scalars:scalars")[2]

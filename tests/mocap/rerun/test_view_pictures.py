@@ -12,7 +12,7 @@ from vulkan import need_vulkan
 
 from mocap.cameras.camera import Camera, project, stacked
 from mocap.pipeline.run import Run
-from mocap.records import Origin
+from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import camera_view, gap_map_view, heat_map_view, make_blueprint, series_view, spectrum_view
 from mocap.rerun.headless import Headless
@@ -52,10 +52,10 @@ def tile(run: Run, name: str, *contents: str, hidden: tuple[str, ...] = ()) -> r
     )
 
 
-def expected_px(run: Run, c: int, frame: int, code: Origin) -> NDArray:
+def expected_px(run: Run, c: int, frame: int, code: Status) -> NDArray:
     """(N, 2) pixels where our camera model puts the markers of one origin, in the image as it is shown."""
     markers = run.tracked.markers
-    uv = project(stacked(run.cameras), markers.xyz_m[frame])[c][markers.origin[frame] == code]
+    uv = project(stacked(run.cameras), markers.xyz_m[frame])[c][markers.status[frame] == code]
     return uv * (1, -1) + (0, 800) if run.y_up else uv
 
 
@@ -92,7 +92,7 @@ def test_the_viewer_projects_markers_to_our_pixels(viewer, tmp_path, handed, y_u
     """
     run = loaded(viewer, make_run(n_frames=60, n_cameras=3, handed=handed, y_up=y_up, skew=skew), tmp_path)
     for c, frame in ((0, FRAME), (2, 50)):
-        for name, code in (("measured", Origin.MEASURED), ("filled", Origin.SMOOTHED)):
+        for name, code in (("measured", Status.MEASURED), ("filled", Status.SMOOTHED)):
             picture = viewer.picture(tile(run, f"cam{c + 1}", paths.child(paths.MARKERS, name)), frame=frame)
             uv_px = expected_px(run, c, frame, code)
             assert len(uv_px) > 0
@@ -114,8 +114,8 @@ def test_a_shift_of_twelve_pixels_is_seen(viewer, tmp_path, shifted):
         other = replace(run, tracked=replace(run.tracked, markers=moved))
     other = loaded(viewer, other, tmp_path)
     picture = viewer.picture(tile(other, "cam1", paths.child(paths.MARKERS, "measured")), frame=FRAME)
-    assert share_found(picture, expected_px(other, 0, FRAME, Origin.MEASURED), palette.SKY_BLUE) == 1.0
-    assert share_found(picture, expected_px(run, 0, FRAME, Origin.MEASURED), palette.SKY_BLUE) < 0.5
+    assert share_found(picture, expected_px(other, 0, FRAME, Status.MEASURED), palette.SKY_BLUE) == 1.0
+    assert share_found(picture, expected_px(run, 0, FRAME, Status.MEASURED), palette.SKY_BLUE) < 0.5
 
 
 def test_what_is_hidden_is_not_seen(viewer, tmp_path):

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from mocap.cameras.camera import project, stacked
 from mocap.pipeline.potentials import joint_potentials
-from mocap.records import Origin
+from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import make_blueprint
 from mocap.rerun.chart import SIZE as CHART_SIZE
@@ -23,7 +23,7 @@ from mocap.rerun.log_cameras import WHISKER_SCALE
 from mocap.rerun.log_markers import ELLIPSOID_SD
 from mocap.rerun.record import make_layout, recording_id, write_recording
 
-FILLED = (Origin.SMOOTHED, Origin.PREDICTED, Origin.INTERPOLATED)
+FILLED = (Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED)
 
 
 @pytest.fixture(scope="module")
@@ -55,12 +55,12 @@ def test_body_and_time_axes_are_exact(run, rrd):
 
 
 @pytest.mark.parametrize(
-    ("name", "codes"), [("measured", (Origin.MEASURED,)), ("filled", FILLED), ("rejected", (Origin.REJECTED,))]
+    ("name", "codes"), [("measured", (Status.MEASURED,)), ("filled", FILLED), ("rejected", (Status.REJECTED,))]
 )
 def test_each_sample_is_in_the_entity_of_its_origin(run, rrd, name, codes):
     """Positions and marker numbers of a class, frame by frame."""
     markers = run.tracked.markers
-    mask = np.isin(markers.origin, codes)
+    mask = np.isin(markers.status, codes)
     path = paths.child(paths.MARKERS, name)
     frames, lengths, positions = column(rrd, path, "Points3D:positions")
     np.testing.assert_array_equal(held(frames, lengths), mask.sum(axis=1))
@@ -72,7 +72,7 @@ def test_each_sample_is_in_the_entity_of_its_origin(run, rrd, name, codes):
 def test_ellipsoids_are_the_covariance(run, rrd):
     """Rotating the squared half axes back, over the squared number of deviations, is the covariance."""
     markers = run.tracked.markers
-    mask = np.isin(markers.origin, FILLED)
+    mask = np.isin(markers.status, FILLED)
     path = paths.child(paths.UNCERTAINTY, "filled")
     half = column(rrd, path, "Ellipsoids3D:half_sizes")[2].astype(np.float64)
     turn = Rotation.from_quat(column(rrd, path, "Ellipsoids3D:quaternions")[2]).as_matrix()
@@ -123,10 +123,10 @@ def test_logged_cameras_project_as_ours_do(run, rrd):
 def test_gap_lanes_unfold_to_the_origins(run, rrd):
     """Holding each entry of a lane until the next gives the class of every frame."""
     markers = run.tracked.markers
-    label = {Origin.MEASURED: "measured", Origin.SMOOTHED: "filled", Origin.REJECTED: "rejected", Origin.MISSING: ""}
+    label = {Status.MEASURED: "measured", Status.SMOOTHED: "filled", Status.REJECTED: "rejected", Status.MISSING: ""}
     for m, name in enumerate(markers.names):
         frames, _, states = column(rrd, paths.child(paths.GAPS, name), "StateChange:state")
-        assert held(frames, states).tolist() == [label[Origin(code)] for code in markers.origin[:, m]]
+        assert held(frames, states).tolist() == [label[Status(code)] for code in markers.status[:, m]]
 
 
 def test_health_series(run, rrd):
@@ -302,8 +302,8 @@ def test_gap_map_loses_no_class(tmp_path):
     n_markers = len(run.tracked.markers.names)
     picture = column(tmp_path / "r.rrd", f"{paths.GAP_MAP}/samples", "Image:buffer")[2].reshape(n_markers, -1, 3)
     frame_columns = (np.arange(1700) * picture.shape[1]) // 1700
-    rank = {Origin.MISSING: 0, Origin.MEASURED: 1, Origin.SMOOTHED: 2, Origin.REJECTED: 3}
-    codes = np.vectorize(rank.get)(run.tracked.markers.origin)
+    rank = {Status.MISSING: 0, Status.MEASURED: 1, Status.SMOOTHED: 2, Status.REJECTED: 3}
+    codes = np.vectorize(rank.get)(run.tracked.markers.status)
     for m in range(n_markers):
         for c in range(0, picture.shape[1], 13):
             assert tuple(picture[m, c]) == colors[codes[frame_columns == c, m].max()]
@@ -330,9 +330,9 @@ def test_frames_with_nothing_to_see_are_left_out(tmp_path):
     run = make_run(n_frames=60, n_cameras=2, n_joints=1)
     markers = run.tracked.markers
     dark = np.r_[0:17, 50:60]
-    xyz, cov, origin = markers.xyz_m.copy(), markers.cov_m2.copy(), markers.origin.copy()
-    xyz[dark], cov[dark], origin[dark] = np.nan, np.nan, Origin.MISSING
-    later = replace(run, tracked=replace(run.tracked, markers=replace(markers, xyz_m=xyz, cov_m2=cov, origin=origin)))
+    xyz, cov, origin = markers.xyz_m.copy(), markers.cov_m2.copy(), markers.status.copy()
+    xyz[dark], cov[dark], origin[dark] = np.nan, np.nan, Status.MISSING
+    later = replace(run, tracked=replace(run.tracked, markers=replace(markers, xyz_m=xyz, cov_m2=cov, status=origin)))
     write_recording(later, tmp_path / "r.rrd")
     for entity, component, values in (
         (paths.SKELETON, "Points3D:positions", xyz),
@@ -354,7 +354,7 @@ def test_nothing_known_is_a_recording_too(tmp_path):
         markers,
         xyz_m=np.full_like(markers.xyz_m, np.nan),
         cov_m2=np.full_like(markers.cov_m2, np.nan),
-        origin=np.zeros_like(markers.origin),
+        status=np.zeros_like(markers.status),
     )
     tracked = replace(run.tracked, markers=nothing, reprojected_px=np.full_like(run.tracked.reprojected_px, np.nan))
     write_recording(replace(run, tracked=tracked), tmp_path / "r.rrd")

@@ -36,7 +36,7 @@ def recordings(tmp_path_factory):
         markers,
         xyz_m=np.full_like(markers.xyz_m, np.nan),
         cov_m2=np.full_like(markers.cov_m2, np.nan),
-        origin=np.zeros_like(markers.origin),
+        status=np.zeros_like(markers.status),
     )
     tracked = replace(run.tracked, markers=nothing, used=np.zeros_like(run.tracked.used))
     write_recording(run, folder / "flight.rrd")

@@ -84,6 +84,18 @@ def in_metres(recording: Recording, unit: str | None = None) -> tuple[Recording,
     return recording, (f"no unit is stated: taken as metres, in which {what} is {_m(long)} long{doubt}",)
 
 
+def too_long(xyz_m: Array) -> tuple[str, ...]:
+    """What is to be said of an animal that cameras show longer than any is: the calibration is in another unit."""
+    long = length(xyz_m)
+    if not long > LONGEST_M:
+        return ()
+    others = ", ".join(f"{unit} if it is {_m(long * UNIT_M[unit])} long" for unit in _UNITS)
+    return (
+        f"THE ANIMAL IS {_m(long)} LONG by the calibration, whose lengths count as metres: all lengths below are wrong "
+        f"unless that is so; state the unit of the calibration: {others}",
+    )
+
+
 def _m(metres: float) -> str:
     """A length as people say it."""
     for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3)):

@@ -20,6 +20,7 @@ from mocap.cleaning.robust_rays import student_t
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError
+from mocap.io.unstated_unit import too_long
 from mocap.pipeline.source import Filmed, Source, audit_points, by_pixels, load_filmed, load_points, load_skeleton
 from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton, ends_among
@@ -214,6 +215,7 @@ def prepare(source: Source) -> Prepared:
         bad_cameras=health.bad,
         noise=noise,
         findings=(
+            *(too_long(xyz) if source.unit is None else ()),
             *source.frame_findings,
             *findings,
             *camera_findings(health, [c.name for c in filmed.cameras]),

@@ -3,14 +3,17 @@
 import json
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from datasets import make_bat
+from datasets import make_bat, write_recording
 from mocap.cli.main import main
+from mocap.io.dltdv import write_coefficients
 from mocap.io.registry import read
 from mocap.io.unstated_unit import guessed, in_metres, length
+from mocap.pipeline.prepare import prepare
 from mocap.pipeline.source import Source
 from tests.real_data import real
 
@@ -123,6 +126,26 @@ def test_real_recordings_whose_unit_is_known():
         assert len(said) == 1
         assert "taken as metres, in which the animal is" in said[0]
     assert in_metres(read(real("snake_gap_vicon", "040_Snake94_gap02_3.csv")))[1] == ()
+
+
+def test_a_calibration_in_millimetres(tmp_path):
+    """Coefficients whose unit nobody states are those of metres: a bat of a hundred metres is told of, first of all."""
+    bat = make_bat(seed=3, n_frames=40, n_cameras=3)
+    files = write_recording(bat, tmp_path)
+    calibration = read(files["coefficients"])
+    in_mm = [replace(c, matrix=c.matrix @ np.diag([1e-3, 1e-3, 1e-3, 1.0])) for c in calibration.cameras]
+    write_coefficients(tmp_path / "mm.csv", in_mm)
+    files |= {"coefficients": tmp_path / "mm.csv"}
+
+    def first(unit):
+        source = Source(
+            tracks=files["pixels"], fps=100, coefficients=files["coefficients"], profile=files["profile"], unit=unit
+        )
+        return prepare(source).findings[0]
+
+    assert first(None).startswith("THE ANIMAL IS ")
+    assert re.search(r"mm if it is \d+ mm long", first(None))
+    assert not first("mm").startswith("THE ANIMAL")
 
 
 def test_info_tells_it_too(tmp_path, monkeypatch, capsys):

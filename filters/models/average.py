@@ -6,8 +6,10 @@ either (docs/decisions.md, "Averaging models").
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet, shares
 from filters.observations import Observations
@@ -45,7 +47,7 @@ class Average(TrajectoryModel):
         """Fit each."""
         return FittedAverage(tuple(member.fit(trials) for member in self.members))
 
-    def learned_arrays(self, trials: TrialSet) -> dict[str, Array]:
+    def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Of the first."""
         return self.members[0].learned_arrays(trials)
 

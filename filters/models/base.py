@@ -7,7 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from typing import Any
 
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from filters.bones import rigid_bones
@@ -83,6 +85,7 @@ class FittedMotion(Fitted):
         return smooth(self.motion, observations, self.t_s, progress=progress)
 
 
+@dataclass(frozen=True)
 class TrajectoryModel(ABC):
     """Settings of a motion model: a frozen dataclass of numbers, strings, tuples of these, and other such models."""
 
@@ -105,7 +108,7 @@ class TrajectoryModel(ABC):
         """Models of which it gives the mean; a search fills by each of them once. None: it is no mean."""
         return ()
 
-    def learned_arrays(self, trials: TrialSet) -> dict[str, Array]:  # noqa: ARG002
+    def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:  # noqa: ARG002
         """What it learns from trials, by the names that model files have for it; here nothing."""
         return {}
 

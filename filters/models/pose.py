@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
@@ -88,7 +89,7 @@ class PoseSettings(TrajectoryModel):
         poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
         return FittedMotion(learn_pose(poses, self, shapes=shapes, bones=trials.bones), trials.trials[-1].t_s)
 
-    def learned_arrays(self, trials: TrialSet) -> dict[str, Array]:
+    def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping where its mechanics are linear; bones."""
         poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
         model = learn_pose(poses, self, shapes=shapes, bones=trials.bones)

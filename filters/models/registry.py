@@ -25,7 +25,7 @@ def written(model: TrajectoryModel) -> dict[str, Any]:
         KeyError: it is not in ``MODELS``.
     """
     names = {kind: name for name, kind in MODELS.items()}
-    settings = {f.name: getattr(model, f.name) for f in fields(model)}  # type: ignore[arg-type]  # dataclasses all
+    settings = {f.name: getattr(model, f.name) for f in fields(model)}
     return {"model": names[type(model)], **{key: _written(value) for key, value in settings.items()}}
 
 

@@ -6,13 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.gaps.cells import QUICK_PLAN
 from benchmarks.gaps.hide import hide
 from benchmarks.gaps.method import Trial
 from benchmarks.gaps.ours import Ours, recording, tracks_of
-from benchmarks.gaps.protocol import plan
 from datasets import make_bat
-from filters.tune import Search, Tuned, marker_model, mixed
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 
@@ -80,11 +77,6 @@ def test_what_is_measured_is_what_a_user_gets(mocap, tmp_path):
     assert (markers[[f"{name}_origin" for name in NAMES]].to_numpy()[hidden] == "smoothed").all()
 
 
-def constant_velocity(search: Search) -> Tuned:
-    """The quickest choice."""
-    return mixed(search, (marker_model(search),))
-
-
 def test_cleaning_does_not_touch_clean_positions():
     """Positions that hold no jump and no duplicate are prepared as they are, with the noise that is stated."""
     trial = flight(0)
@@ -92,19 +84,3 @@ def test_cleaning_does_not_touch_clean_positions():
     np.testing.assert_array_equal(prepared.xyz_m, trial.xyz_m)
     np.testing.assert_allclose(np.trace(prepared.cov_m2, axis1=-2, axis2=-1) / 3, SD_M**2)
     assert prepared.skeleton.trunk == trial.trunk
-
-
-def test_hidden_samples_do_not_reach_the_product():
-    """Truth that lies a metre off in the gaps changes nothing of what is filled, to the last bit."""
-    training = [flight(0)]
-    copy = hide(flight(2), [("limb", 10)], np.random.default_rng(0))[0]
-    token = plan.set(QUICK_PLAN)
-    try:
-        filler = Ours("constant velocity", constant_velocity).learn(training)
-        one, again = filler(copy.shown), filler(copy.shown)
-    finally:
-        plan.reset(token)
-    np.testing.assert_array_equal(one.xyz_m, again.xyz_m)
-    assert np.isfinite(one.xyz_m).all()
-    for gap in copy.gaps:
-        assert np.isnan(copy.shown.xyz_m[gap.frames][:, gap.hidden]).all()

@@ -25,8 +25,8 @@ from mocap.cameras.camera import Camera, decompose, record, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.io.anipose import read_calibration
 from mocap.pipeline.job import run_job
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import Run
-from mocap.pipeline.source import Source
 from mocap.stages import Stages
 
 CASES = {
@@ -97,8 +97,8 @@ def measure(name: str, seed: int) -> None:
         files = write_recording(recording, Path(scratch) / "recording", others=True)
         cases = {"calibrated": (toml, truth), "true": (files["calibration"], recording.truth.xyz_m)}
         for cameras, (coefficients, truth_m) in cases.items():
-            source = Source(
-                tracks=files["pixels"], fps=recording.fps, coefficients=coefficients, skeleton=files["skeleton"]
+            source = Recording(
+                tracks=files["pixels"], fps=recording.fps, calibration=coefficients, skeleton=files["skeleton"]
             )
             run, prepared = run_job(source, model="eal", stages=Stages(), validated=False)
             seen = np.isfinite(prepared.xyz_m[..., 0])

@@ -25,7 +25,7 @@ from filters.models.pose import PoseSettings
 from filters.subspace import bridge
 from mocap.arrays import Array
 from mocap.pipeline.prepare import Prepared, prepare
-from mocap.pipeline.source import Source
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import ALONE, learn_motion, seen_part, track, tracked_motion
 
 CUTOFF_HZ = 30.0
@@ -54,10 +54,10 @@ def prepared(recording: SyntheticRecording) -> Prepared:
     with TemporaryDirectory() as folder:
         files = write_recording(recording, Path(folder))
         return prepare(
-            Source(
+            Recording(
                 tracks=files["pixels"],
                 fps=recording.fps,
-                coefficients=files["coefficients"],
+                calibration=files["coefficients"],
                 profile=files["profile"],
                 skeleton=files["skeleton"],
             )

@@ -14,10 +14,10 @@ from mocap.cameras.triangulate import linear
 from mocap.errors import FormatError
 from mocap.io.anipose import write_calibration
 from mocap.io.c3d_files import write_c3d
+from mocap.io.contents import FileContents
 from mocap.io.csv_table import write_table
 from mocap.io.dltdv import write_coefficients, write_pixels, write_points
 from mocap.io.profile import write_profile
-from mocap.io.recording import Recording
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import write_skeleton
 
@@ -110,7 +110,7 @@ def _write_others(recording: SyntheticRecording, paths: Mapping[str, Path]) -> N
     )
     write_points(paths["points"], points)
     frames = np.arange(1, len(t_s) + 1)
-    file = Recording(format="c3d", paths=(), names=names, frames=frames, fps=recording.fps, unit="mm", points=points)
+    file = FileContents(format="c3d", paths=(), names=names, frames=frames, fps=recording.fps, unit="mm", points=points)
     write_c3d(paths["c3d"], file)
 
 

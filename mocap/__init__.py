@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from mocap.library.learning import Model, learn, load_model
     from mocap.library.recording import propose_skeleton, read
     from mocap.library.tracked import Tracked, load, track
-    from mocap.pipeline.source import Source
+    from mocap.pipeline.recording import Recording
 
 __all__ = [
     "Hints",
     "MocapError",
     "Model",
-    "Source",
+    "Recording",
     "Tracked",
     "learn",
     "load",
@@ -35,7 +35,7 @@ _PLACES = {
     "Hints": "mocap.io.format",
     "MocapError": "mocap.errors",
     "Model": "mocap.library.learning",
-    "Source": "mocap.pipeline.source",
+    "Recording": "mocap.pipeline.recording",
     "Tracked": "mocap.library.tracked",
     "learn": "mocap.library.learning",
     "load": "mocap.library.tracked",

@@ -94,7 +94,7 @@ def compiled(folder: Path) -> Path:
 def converting(files: Path) -> list[Case]:
     """Commands that read one recording and write another."""
     from datasets.lizard import make_lizard
-    from mocap.io.recording import point_recording
+    from mocap.io.contents import point_recording
     from mocap.io.registry import write
 
     xyz = np.random.default_rng(0).normal(size=(20, 2, 3))
@@ -124,14 +124,14 @@ def tracking(files: Path) -> list[Case]:
     from filters.models.pose import PoseSettings
     from mocap.pipeline.job import run_job
     from mocap.pipeline.prepare import prepare
-    from mocap.pipeline.source import Source
+    from mocap.pipeline.recording import Recording
     from mocap.pipeline.tracking import marker_trial, part_names, seen_part
     from mocap.reproduce.fig_penalty import figure_14a
 
     twin = make_lizard(seed=0, n_frames=150)
     paths = write_recording(twin, files / "twin")
-    source = Source(
-        tracks=paths["pixels"], coefficients=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
+    source = Recording(
+        tracks=paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
     )
     run, figure = run_job(source, model="constant_velocity", validated=False), figure_14a(quick=True)
     prepared = prepare(source)
@@ -165,15 +165,15 @@ def showing(files: Path) -> list[Case]:
 
     from datasets.lizard import make_lizard
     from mocap.pipeline.job import run_job
-    from mocap.pipeline.source import Source
+    from mocap.pipeline.recording import Recording
     from mocap.rerun.record import write_recording as write_rrd
     from mocap.rerun.viewer import open_viewer
     from mocap.results.tables import write_run
 
     folder, twin = files / "run", make_lizard(seed=0, n_frames=150)
     paths = write_recording(twin, files / "shown")
-    source = Source(
-        tracks=paths["pixels"], coefficients=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
+    source = Recording(
+        tracks=paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
     )
     folder.mkdir()
     write_run(run_job(source, model="constant_velocity", validated=False)[0], folder, write_recording=write_rrd)

@@ -31,11 +31,11 @@ from scipy.io import savemat
 from benchmarks.attack.mutants import damaged, kinds
 from mocap.audit.inspect import inspect
 from mocap.errors import FormatError, MocapError
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Hints
-from mocap.io.recording import Recording, pixel_recording, point_recording
 from mocap.io.registry import read, write
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.source import Source
+from mocap.pipeline.recording import Recording
 
 SECONDS = 60.0
 """A file of these sizes that takes longer hangs; readers that start a process give up after 20 s."""
@@ -104,7 +104,7 @@ class Outcome:
     text: str = ""
 
 
-def values_of(recording: Recording) -> dict[str, np.ndarray]:
+def values_of(recording: FileContents) -> dict[str, np.ndarray]:
     """All numbers of a recording by name; rows are the first axis of those of a marker or frame."""
     found: dict[str, Any] = {"frames": recording.frames, **recording.tables}
     if recording.points is not None:
@@ -237,7 +237,7 @@ def judge(seed: Seed, case: int, folder: Path, *, track: bool = False) -> Outcom
         if "report this" in found.get("error", "") or any("came to no end" in f for f in found["findings"]):
             return outcome("traceback", changed, found["findings"][-1])
         if track or rng.integers(PREPARED) == 0:
-            prepare(Source(tracks=path, fps=recording.fps or 100.0))
+            prepare(Recording(tracks=path, fps=recording.fps or 100.0))
     except MocapError:
         pass
     except Exception as error:

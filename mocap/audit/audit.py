@@ -12,7 +12,7 @@ from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.origin import PixelOrigin, decide_origin, ideal_pixels
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
-from mocap.io.recording import Recording
+from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelTracks
 
 
@@ -62,7 +62,7 @@ def audit_filmed(
     return sorted(found, key=lambda f: not f.alarm)
 
 
-def audit_recording(recording: Recording) -> list[Finding]:
+def audit_recording(recording: FileContents) -> list[Finding]:
     """Everything that a file, or files that belong together, tell of themselves; alarms first.
 
     Lengths are judged only where their unit is known.

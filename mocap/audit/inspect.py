@@ -10,9 +10,9 @@ import numpy as np
 from mocap.audit import audit_recording
 from mocap.cameras.camera import check_cameras
 from mocap.errors import CalibrationError, FormatError
+from mocap.io.contents import FileContents
 from mocap.io.describe import summary
 from mocap.io.format import Hints
-from mocap.io.recording import Recording
 from mocap.io.registry import identify, read_as
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
@@ -54,7 +54,7 @@ def inspect(
     return found
 
 
-def _audited(found: dict[str, Any], recording: Recording) -> dict[str, Any]:
+def _audited(found: dict[str, Any], recording: FileContents) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
     try:
         check_cameras(recording.cameras, recording.paths[0].name)
@@ -71,7 +71,7 @@ def _audited(found: dict[str, Any], recording: Recording) -> dict[str, Any]:
     return found
 
 
-def _together(found: dict[str, Any], recordings: Sequence[Recording]) -> None:
+def _together(found: dict[str, Any], recordings: Sequence[FileContents]) -> None:
     try:
         whole = joined(recordings)
     except FormatError as error:

@@ -8,7 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     from mocap.io.format import Hints
-    from mocap.pipeline.source import Source
+    from mocap.pipeline.recording import Recording
 
 PixelOrigin = Literal["upper-left", "lower-left"]
 """Where pixel rows are counted from."""
@@ -103,7 +103,7 @@ class RecordingOptions(CameraOptions):
         own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
         return super().stated() | own
 
-    def read(self, tracks: Path, **more: Any) -> "Source":
+    def read(self, tracks: Path, **more: Any) -> "Recording":
         """The recording in a file, with what is stated about it."""
         import mocap
 

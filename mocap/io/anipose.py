@@ -12,12 +12,12 @@ from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, point_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv_files import calibration_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
-from mocap.io.recording import Recording, point_recording
 from mocap.records import Status
 
 _FIELDS = ("x", "y", "z", "error", "ncams", "score")
@@ -128,7 +128,7 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
         stream.write("\n".join([*lines, "[metadata]", ""]))
 
 
-def _points(path: Path, _hints: Hints) -> Recording:
+def _points(path: Path, _hints: Hints) -> FileContents:
     """Points in the frame of the cameras: (p + center) M, where the file holds a rotated frame."""
     header, values = read_table(path)
     where = {title: column for column, title in enumerate(header)}

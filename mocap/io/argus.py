@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv_files import names_of, offset_recording, table_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.recording import Recording, pixel_recording, point_recording
 
 PIXEL = re.compile(r"(?P<name>.+)_cam_(?P<camera>\d+)_(?P<axis>[xy])")
 POINT = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])")
@@ -18,7 +18,7 @@ _ENDS = ("_x_lower", "_x_upper", "_y_lower", "_y_upper", "_z_lower", "_z_upper")
 _NO_RATE = "the file does not hold the frame rate"
 
 
-def _pixels(path: Path, _hints: Hints) -> Recording:
+def _pixels(path: Path, _hints: Hints) -> FileContents:
     header, values = read_table(path)
     where: dict[tuple[str, int, str], int] = {}
     for column, title in enumerate(header):
@@ -47,7 +47,7 @@ def _pixels(path: Path, _hints: Hints) -> Recording:
     )
 
 
-def _points(path: Path, _hints: Hints) -> Recording:
+def _points(path: Path, _hints: Hints) -> FileContents:
     names, xyz = xyz_columns(path, *read_table(path), ends=("_x", "_y", "_z"))
     return point_recording(
         path,
@@ -83,9 +83,9 @@ def xyz_columns(
     return list(names), values[:, order].reshape(len(values), len(names), len(ends))
 
 
-def _intervals(path: Path, _hints: Hints) -> Recording:
+def _intervals(path: Path, _hints: Hints) -> FileContents:
     names, ends = xyz_columns(path, *read_table(path), ends=_ENDS)
-    return Recording(
+    return FileContents(
         format="argus-xyz-cis",
         paths=(path,),
         names=tuple(names),
@@ -99,7 +99,7 @@ def _intervals(path: Path, _hints: Hints) -> Recording:
     )
 
 
-def _residuals(path: Path, _hints: Hints) -> Recording:
+def _residuals(path: Path, _hints: Hints) -> FileContents:
     recording = table_recording(path, "argus-xyzres", "residual_px", ("",))
     return recording
 

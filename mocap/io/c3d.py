@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.c3d_head import BLOCK, Head, damaged, read_head, reals, whole_numbers
+from mocap.io.contents import FileContents, point_recording
 from mocap.io.optical import UNIT_M, metres, told_apart
-from mocap.io.recording import Recording, point_recording
 from mocap.records import Status
 
 _NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
@@ -20,7 +20,7 @@ _MOST_FRAMES = 0xFFFF
 """The head counts with 16 bits: longer recordings state that number or their own without its upper bits."""
 
 
-def read_c3d(path: Path) -> Recording:
+def read_c3d(path: Path) -> FileContents:
     """Read the points of a C3D file that are positions.
 
     A residual below 0 is a sample that was not seen, 0 an interpolated or filtered one, above 0 a measured one. A file

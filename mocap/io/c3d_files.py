@@ -8,9 +8,9 @@ import numpy as np
 
 from mocap.errors import FormatError
 from mocap.io.c3d import read_c3d
+from mocap.io.contents import FILLED, FileContents, points_of
 from mocap.io.format import Format
 from mocap.io.optical import metres
-from mocap.io.recording import FILLED, Recording, points_of
 from mocap.records import MarkerTracks
 
 MOST_FRAMES = 65535
@@ -21,7 +21,7 @@ _GROUP = 255
 """Labels in one parameter; further ones go to LABELS2, LABELS3, ..."""
 
 
-def write_c3d(path: Path, recording: Recording) -> None:
+def write_c3d(path: Path, recording: FileContents) -> None:
     """Write positions as 32-bit numbers in the unit of the recording.
 
     The residual says where a sample comes from: -1 not seen (or rejected), 0 filled, above 0 measured: the residual

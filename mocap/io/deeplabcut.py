@@ -13,10 +13,10 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, number, numbers, one_line, read_lines
-from mocap.io.recording import Recording, pixel_recording
 
 _KEY = "df_with_missing"
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
@@ -56,7 +56,7 @@ def _is_csv(head: Head) -> bool:
     return head.first.startswith("scorer,") and any(line.startswith("coords,") for line in head.lines[2:4])
 
 
-def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: Array, frames: Array) -> Recording:
+def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: Array, frames: Array) -> FileContents:
     """Pixels of one camera from columns (individual, body part, x | y | likelihood)."""
     where: dict[tuple[str, ...], int] = {}
     for column, key in enumerate(columns):

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.io.recording import Recording
+from mocap.io.contents import FileContents
 from mocap.records import Status
 
 
-def summary(recording: Recording) -> dict[str, Any]:
+def summary(recording: FileContents) -> dict[str, Any]:
     """Figures of a recording, ready for JSON.
 
     ``points`` and ``cameras`` are numbers, ``missing`` the share of samples (marker x frame x camera) without a value,
@@ -42,14 +42,14 @@ def summary(recording: Recording) -> dict[str, Any]:
     return found | ({"individuals": animals} if animals else {})
 
 
-def _units(recording: Recording) -> str | None:
+def _units(recording: FileContents) -> str | None:
     """Unit of what the file holds first: pixels, or lengths as stated."""
     if recording.pixels is not None or (recording.lenses and not recording.cameras):
         return "px"
     return "px" if set(recording.tables) == {"residual_px"} else recording.unit
 
 
-def _holds(recording: Recording) -> list[str]:
+def _holds(recording: FileContents) -> list[str]:
     """The parts that are there."""
     there = {
         "pixels": recording.pixels is not None,

@@ -8,12 +8,12 @@ import numpy as np
 
 from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.dvproject import read_project
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.recording import Recording
 from mocap.records import Status
 
 PIXEL = re.compile(r"(?P<name>.+)_cam\d+_[XYUV]")
@@ -39,9 +39,9 @@ def _is_pixels(head: Head) -> bool:
     return bool(names) and (new or _numbered(names) or "xypts" in head.name)
 
 
-def _pixels(path: Path, _hints: Hints) -> Recording:
+def _pixels(path: Path, _hints: Hints) -> FileContents:
     pixels = read_pixels(path, fps=1.0)
-    return Recording(
+    return FileContents(
         format="dltdv-xypts",
         paths=(path,),
         names=pixels.names,
@@ -57,14 +57,14 @@ def _is_points(head: Head) -> bool:
     return bool(names) and (_numbered(names) or "xyzpts" in head.name or "xyzfilt" in head.name)
 
 
-def _points(path: Path, _hints: Hints) -> Recording:
+def _points(path: Path, _hints: Hints) -> FileContents:
     points = read_points(path, fps=1.0)
     findings = (_NO_RATE, _NO_UNIT)
     if all(name.endswith("filt") for name in points.names):
         names = tuple(name.removesuffix("filt") for name in points.names)
         points = replace(points, names=names, status=np.where(points.seen, Status.SMOOTHED, Status.MISSING))
         findings += ("points are spline-filtered by DLTdv",)
-    return Recording(
+    return FileContents(
         format="dltdv-xyzpts",
         paths=(path,),
         names=points.names,
@@ -74,7 +74,7 @@ def _points(path: Path, _hints: Hints) -> Recording:
     )
 
 
-def table_recording(path: Path, format: str, table: str, suffixes: tuple[str, ...]) -> Recording:
+def table_recording(path: Path, format: str, table: str, suffixes: tuple[str, ...]) -> FileContents:
     """A table with a column for each marker and suffix: residuals or half widths of intervals.
 
     Raises:
@@ -90,7 +90,7 @@ def table_recording(path: Path, format: str, table: str, suffixes: tuple[str, ..
             f"{f', but {lacking[0]} is missing' if lacking else ', each once'}: export it again"
         )
     values = values[:, [where[name + s] for name in names for s in suffixes]].reshape(len(values), len(names), -1)
-    return Recording(
+    return FileContents(
         format=format,
         paths=(path,),
         names=tuple(names),
@@ -100,7 +100,7 @@ def table_recording(path: Path, format: str, table: str, suffixes: tuple[str, ..
     )
 
 
-def offset_recording(path: Path, format: str, pattern: str) -> Recording:
+def offset_recording(path: Path, format: str, pattern: str) -> FileContents:
     """Frames by which each camera is ahead; columns as ``pattern`` has them, with the camera's number as its group.
 
     Raises:
@@ -111,7 +111,7 @@ def offset_recording(path: Path, format: str, pattern: str) -> Recording:
     if not all(numbers) or len({match[1] for match in numbers if match}) != len(header):
         raise FormatError(f"{path.name}: columns {', '.join(header[:4])}; expected one a camera: export it again")
     offsets = np.unique(values[np.isfinite(values)])
-    return Recording(
+    return FileContents(
         format=format,
         paths=(path,),
         frames=1 + np.arange(len(values)),
@@ -139,15 +139,15 @@ def _is_coefficients(head: Head) -> bool:
     return len(rows) in (8, 11) and is_number_row(head.cells()) and len(head.cells()) <= 100
 
 
-def _coefficients(path: Path, _hints: Hints) -> Recording:
+def _coefficients(path: Path, _hints: Hints) -> FileContents:
     return calibration_recording(path, "dltdv-coefficients", read_coefficients(path), findings=(_NO_UNIT,))
 
 
 def calibration_recording(
     path: Path, format: str, cameras: tuple[Camera, ...], *, findings: tuple[str, ...] = (), unit: str | None = None
-) -> Recording:
+) -> FileContents:
     """Cameras alone."""
-    return Recording(
+    return FileContents(
         format=format,
         paths=(path,),
         camera_names=tuple(camera.name for camera in cameras),
@@ -157,7 +157,7 @@ def calibration_recording(
     )
 
 
-def _project(path: Path, _hints: Hints) -> Recording:
+def _project(path: Path, _hints: Hints) -> FileContents:
     project = read_project(path, fps=1.0)
     try:
         told = read_project(path).fps
@@ -170,7 +170,7 @@ def _project(path: Path, _hints: Hints) -> Recording:
         findings.append(
             f"cameras are offset by {project.offset_frames.min():g} to {project.offset_frames.max():g} frames"
         )
-    recording = Recording(
+    recording = FileContents(
         format="dltdv-project",
         paths=(path,),
         names=project.pixels.names,

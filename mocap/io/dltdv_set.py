@@ -8,18 +8,18 @@ import numpy as np
 from mocap.cameras.camera import dlt_coefficients
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents
 from mocap.io.csv_table import write_table
 from mocap.io.dltdv import write_coefficients, write_pixels, write_points, write_residuals
 from mocap.io.format import Format
 from mocap.io.profile import write_profile
-from mocap.io.recording import Recording
 
 _ENDS = ("xypts.csv", "xyzpts.csv", "dltCoefs.csv")
 _SMALLEST = 1e-6
 """The last digit that is written; DLTdv takes 0 as missing."""
 
 
-def set_files(path: Path, recording: Recording) -> dict[str, Path]:
+def set_files(path: Path, recording: FileContents) -> dict[str, Path]:
     """The files that ``write_set`` writes, by what they hold."""
     name = next((path.name[: -len(end)] for end in _ENDS if path.name.lower().endswith(end.lower())), None)
     prefix = f"{path.stem}_" if name is None else name
@@ -35,14 +35,14 @@ def set_files(path: Path, recording: Recording) -> dict[str, Path]:
     return {kind: path.with_name(prefix + end) for kind, end in kinds.items()}
 
 
-def _profile(recording: Recording) -> bool:
+def _profile(recording: FileContents) -> bool:
     """Whether a camera profile can say the lenses."""
     lenses = [camera.lens for camera in recording.cameras]
     known = all(camera.size_px is not None for camera in recording.cameras)
     return known and bool(lenses) and all(isinstance(lens, BrownLens) for lens in lenses)
 
 
-def write_set(path: Path, recording: Recording) -> list[str]:
+def write_set(path: Path, recording: FileContents) -> list[str]:
     """Write all files of the set beside each other; lengths in metres, or in the recording's unknown unit.
 
     Raises:
@@ -96,5 +96,5 @@ FORMATS = (
 )
 
 
-def _not_one(path: Path) -> Recording:
+def _not_one(path: Path) -> FileContents:
     raise FormatError(f"{path.name}: dltdv is a set of files: name its files (dltdv-xypts, dltdv-xyzpts, ...)")

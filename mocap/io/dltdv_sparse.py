@@ -9,10 +9,10 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import numbers, read_lines
-from mocap.io.recording import Recording, pixel_recording, point_recording
 
 POINT_NAMES = "PointNames_to_go_with_DLTdv8a_sparsesave_arrays"
 _TITLES = {
@@ -115,7 +115,7 @@ def _cameras(path: Path, columns: int, hints: Hints) -> tuple[int, list[str]]:
     return told, []
 
 
-def _read(path: Path, hints: Hints, *, argus: bool) -> Recording:
+def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
     from mocap.io.head import head
 
     kind, table = _kind(head(path)), read_sparse(path)
@@ -134,7 +134,7 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> Recording:
             findings=(*findings, *told),
         )
     if kind == "offsets":
-        return Recording(
+        return FileContents(
             format=f"{maker}-sparse",
             paths=(path,),
             frames=1 + np.arange(len(table)),
@@ -155,7 +155,7 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> Recording:
             findings=(*findings, "the unit of lengths is not in the file"),
         )
     values = table.reshape(len(table), -1, 3) if kind == "xyzci" else table
-    return Recording(
+    return FileContents(
         format=f"{maker}-sparse",
         paths=(path,),
         names=tuple(_names(path, kind or "", values.shape[1])),
@@ -182,6 +182,6 @@ FORMATS = (
         name="dltdv-point-names",
         title="point names of DLTdv's sparse files",
         knows=lambda head: head.first.strip() == POINT_NAMES,
-        read=lambda path, _: Recording(format="dltdv-point-names", paths=(path,), names=tuple(read_names(path))),
+        read=lambda path, _: FileContents(format="dltdv-point-names", paths=(path,), names=tuple(read_names(path))),
     ),
 )

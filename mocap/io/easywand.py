@@ -14,9 +14,9 @@ from mocap.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Hints
 from mocap.io.matlab import variables
-from mocap.io.recording import Recording, pixel_recording
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,7 +126,7 @@ def _cameras(
     return tuple(cameras)
 
 
-def _easywand(path: Path, _hints: Hints) -> Recording:
+def _easywand(path: Path, _hints: Hints) -> FileContents:
     wand = read_easywand(path)
     findings = [
         f"wand of length {wand.wand_length:g}, in the unit of the coefficients, which the file does not state; "
@@ -166,9 +166,9 @@ def read_tform(path: Path) -> tuple[BrownLens, int]:
     return BrownLens.of(tuple(tdata[:2]), tuple(tdata[2:4]), tuple(tdata[4:9])), int(tdata[9])
 
 
-def _tform(path: Path, _hints: Hints) -> Recording:
+def _tform(path: Path, _hints: Hints) -> FileContents:
     lens, iterations = read_tform(path)
-    return Recording(
+    return FileContents(
         format="easywand-tforms",
         paths=(path,),
         camera_names=("cam1",),

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.recording import Recording
+from mocap.io.contents import FileContents
 from mocap.records import Status
 
 MOST = 50
@@ -30,7 +30,7 @@ def frame_steps(t_s: Array) -> NDArray[np.int64]:
     return whole.astype(np.int64) if fits.all() else np.zeros(0, dtype=np.int64)
 
 
-def every_frame(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
+def every_frame(recording: FileContents) -> tuple[FileContents, tuple[str, ...]]:
     """The recording with all frames from first to last, and sentences on what was missing.
 
     Speeds, delays and lengths of gaps count frames. Where times have no common step they stay as they are.

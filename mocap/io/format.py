@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mocap.io.contents import FileContents
 from mocap.io.head import Head
-from mocap.io.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +47,8 @@ class Format:
     name: str
     title: str
     knows: Callable[[Head], bool]
-    read: Callable[[Path, Hints], Recording]
-    write: Callable[[Path, Recording], list[str] | None] | None = None
+    read: Callable[[Path, Hints], FileContents]
+    write: Callable[[Path, FileContents], list[str] | None] | None = None
     holds: frozenset[str] = frozenset()
     both: bool = False
     needs: frozenset[str] = frozenset()

@@ -8,10 +8,10 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers, one_line
 from mocap.io.optical import UNIT_M, metres, rate_of_times
-from mocap.io.recording import Recording, pixel_recording, point_recording
 from mocap.io.tables import WORDS
 from mocap.records import Status
 
@@ -19,7 +19,7 @@ _ONE = {"individual": "id_0", "view": "cam1"}
 """The only individual or camera of a file that names none."""
 
 
-def _read(path: Path, _hints: Hints) -> Recording:
+def _read(path: Path, _hints: Hints) -> FileContents:
     import xarray
 
     try:
@@ -46,7 +46,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
         raise FormatError(f"{path.name}: {one_line(error)}; expected what movement saves") from None
 
 
-def _recording(path: Path, data: Any) -> Recording:
+def _recording(path: Path, data: Any) -> FileContents:
     order = ("view", "time", "individual", "keypoint")
     position = data["position"].transpose(*order, "space")
     parts, animals, views = ([str(v) for v in data[name].values] for name in ("keypoint", "individual", "view"))
@@ -103,7 +103,7 @@ def _array(data: Any, name: str, order: tuple[str, ...]) -> Array | None:
     return None if np.isnan(values).all() else values
 
 
-def write_movement(path: Path, recording: Recording) -> None:
+def write_movement(path: Path, recording: FileContents) -> None:
     """Write poses: ``position``, ``confidence``, ``origin`` of points with CF flags; cameras are a dimension ``view``.
 
     Raises:
@@ -158,7 +158,7 @@ def write_movement(path: Path, recording: Recording) -> None:
     path.write_bytes(dataset.to_netcdf(engine="h5netcdf"))
 
 
-def _grid(recording: Recording) -> tuple[list[str], list[str], list[int]]:
+def _grid(recording: FileContents) -> tuple[list[str], list[str], list[int]]:
     """Individuals, keypoints, and the place of each marker among individual x keypoint."""
     pairs = list(recording.animals) or [("id_0", name) for name in recording.names]
     animals = list(dict.fromkeys(a or "id_0" for a, _ in pairs))

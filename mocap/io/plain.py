@@ -8,13 +8,13 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv_files import is_number_row
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head, head
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
-from mocap.io.recording import Recording, pixel_recording, point_recording
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
 _UNIT = re.compile(rf"(?P<title>.*[xyzXYZ])(?:\s*[\[(]\s*(?P<a>{_UNITS})\s*[\])]|[ _](?P<b>mm|cm))", re.DOTALL)
@@ -39,7 +39,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def _read(path: Path, hints: Hints) -> Recording:
+def _read(path: Path, hints: Hints) -> FileContents:
     """Three columns a marker are positions, two are pixels of one camera.
 
     Raises:
@@ -93,7 +93,7 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
 
 def _mapped(
     path: Path, header: list[str], values: Array, columns: Mapping[str, tuple[str, ...]], *, unit: str | None = None
-) -> Recording:
+) -> FileContents:
     def column(title: str) -> Array:
         if title in header:
             return values[:, header.index(title)]

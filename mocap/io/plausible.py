@@ -6,7 +6,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.recording import Recording
+from mocap.io.contents import FileContents
 
 _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
@@ -18,7 +18,7 @@ _MOST_SCORE = 2.0
 """Scores are between 0 and 1; some networks exceed 1 a little."""
 
 
-def plausible(recording: Recording) -> Recording:
+def plausible(recording: FileContents) -> FileContents:
     """The recording, with findings on what is unusual in its numbers.
 
     Raises:
@@ -54,7 +54,7 @@ def plausible(recording: Recording) -> Recording:
     return replace(recording, findings=(*recording.findings, *findings, *_frame_findings(recording)))
 
 
-def _check_size(recording: Recording, which: str, values: Array, most: float, unit: str) -> None:
+def _check_size(recording: FileContents, which: str, values: Array, most: float, unit: str) -> None:
     """(T, M, ...) values are not larger than that.
 
     Raises:
@@ -70,7 +70,7 @@ def _check_size(recording: Recording, which: str, values: Array, most: float, un
     )
 
 
-def _check_covariances(recording: Recording, cov: Array) -> None:
+def _check_covariances(recording: FileContents, cov: Array) -> None:
     """(T, M, 3, 3) covariances, where they are known, are symmetric and have no negative variance in any direction.
 
     Their determinants of order 1, 2 and 3 are not below 0 (Sylvester), to the rounding of the numbers.
@@ -99,7 +99,7 @@ def _check_covariances(recording: Recording, cov: Array) -> None:
         )  # fmt: skip
 
 
-def _frame_findings(recording: Recording) -> list[str]:
+def _frame_findings(recording: FileContents) -> list[str]:
     frames = recording.frames
     steps = np.diff(frames)
     found = []

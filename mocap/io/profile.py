@@ -14,10 +14,10 @@ from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError, FormatError
 from mocap.io import lines
+from mocap.io.contents import FileContents
 from mocap.io.dltdv_files import calibration_recording, is_number_row
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.recording import Recording
 
 _OTHERS = {13: "an omnidirectional (CMei) camera", 17: "an Argus bundle-adjustment profile", 19: "a Scaramuzza camera"}
 
@@ -159,10 +159,10 @@ def _knows(columns: Sequence[int]) -> Callable[[Head], bool]:
     return lambda head: len(head.first.split()) in columns and is_number_row(tuple(head.first.split()))
 
 
-def _profile(path: Path, _hints: Hints) -> Recording:
+def _profile(path: Path, _hints: Hints) -> FileContents:
     lenses = read_profile(path)
     odd = [c + 1 for c, (lens, (_, height)) in enumerate(lenses) if not 0.25 < lens.centre_px[1] / height < 0.75]
-    return Recording(
+    return FileContents(
         format="camera-profile",
         paths=(path,),
         camera_names=tuple(f"cam{c + 1}" for c in range(len(lenses))),

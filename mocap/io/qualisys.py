@@ -7,19 +7,19 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, points, read_lines
 from mocap.io.matlab import variables
 from mocap.io.optical import rate
-from mocap.io.recording import Recording, point_recording
 from mocap.records import Status
 
 _ORIGIN = np.array([Status.MISSING, Status.MEASURED, Status.INTERPOLATED, Status.INTERPOLATED, Status.INTERPOLATED])
 """By QTM's type of a sample: missing, measured, gap-filled, virtual, edited."""
 
 
-def read_tsv(path: Path) -> Recording:
+def read_tsv(path: Path) -> FileContents:
     """Read a 3D text export: head lines from ``NO_OF_FRAMES`` to ``MARKER_NAMES``, column titles, a row a frame.
 
     Titles, and the columns Frame and Time, may be left out: then the first row is frame 1. QTM's frame n is at
@@ -81,7 +81,7 @@ def read_tsv(path: Path) -> Recording:
     )
 
 
-def read_mat(path: Path) -> Recording:
+def read_mat(path: Path) -> FileContents:
     """Read the labelled trajectories of a MATLAB export.
 
     A sample's type is missing, measured, or filled (also edited or virtual): Status missing, measured, interpolated.

@@ -28,10 +28,10 @@ from mocap.io import (
     vicon,
     xmalab,
 )
+from mocap.io.contents import FILLED, FileContents
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head, head
 from mocap.io.plausible import plausible
-from mocap.io.recording import FILLED, Recording
 from mocap.io.transcribe import transcribed
 from mocap.records import Status
 
@@ -102,7 +102,7 @@ def _identify(path: Path, hints: Hints) -> Format:
     raise FormatError(f"{path.name}: {what}: of no known format. Looked for: {looked}")
 
 
-def read(path: Path, hints: Hints | None = None) -> Recording:
+def read(path: Path, hints: Hints | None = None) -> FileContents:
     """Read a file of any format.
 
     Raises:
@@ -113,7 +113,7 @@ def read(path: Path, hints: Hints | None = None) -> Recording:
         return _of(path, told, _read_as(_identify(file, hints), file, hints))
 
 
-def read_as(format: Format, path: Path, hints: Hints) -> Recording:
+def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     """Read a file of a known format; a text whose last line has no end is told to be so.
 
     Raises:
@@ -123,12 +123,12 @@ def read_as(format: Format, path: Path, hints: Hints) -> Recording:
         return _of(path, told, _read_as(format, file, hints))
 
 
-def _of(path: Path, told: Sequence[str], recording: Recording) -> Recording:
+def _of(path: Path, told: Sequence[str], recording: FileContents) -> FileContents:
     """A recording as of the file that the user named, with what is to be said of its text before all else."""
     return replace(recording, paths=(path,), findings=(*told, *recording.findings), assumed=(*told, *recording.assumed))
 
 
-def _read_as(format: Format, path: Path, hints: Hints) -> Recording:
+def _read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
     recording = plausible(format.read(path, hints))
     with path.open("rb") as stream:
@@ -161,7 +161,7 @@ def writer(path: Path, name: str | None) -> Format:
     return format
 
 
-def parts(recording: Recording) -> dict[str, str]:
+def parts(recording: FileContents) -> dict[str, str]:
     """What a recording holds, and how to call it."""
     found = {}
     if recording.pixels is not None:
@@ -198,7 +198,7 @@ def parts(recording: Recording) -> dict[str, str]:
     return found
 
 
-def write(recording: Recording, path: Path, name: str | None = None, *, filled: bool = False) -> list[str]:
+def write(recording: FileContents, path: Path, name: str | None = None, *, filled: bool = False) -> list[str]:
     """Write a recording.
 
     Filled samples go to formats that can say that they are filled; to others only where ``filled`` asks for them.

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import one_line
-from mocap.io.recording import Recording, pixel_recording, point_recording
 
 _NO_RATE = "the file does not hold the frame rate"
 
@@ -49,7 +49,7 @@ def _words(path: Path, table: dict[str, Any], name: str, count: int, plain: str)
     return words
 
 
-def _analysis(path: Path, _hints: Hints) -> Recording:
+def _analysis(path: Path, _hints: Hints) -> FileContents:
     table = _read(path, ("tracks", "node_names", "track_names", "point_scores"))
     tracks, nodes = table["tracks"], np.ravel(table["node_names"])
     if tracks.ndim != 4 or tracks.dtype.kind != "f" or not tracks.size:
@@ -94,7 +94,7 @@ def _camera_name(path: Path) -> str:
     return path.absolute().parent.name if path.absolute().parent.name in path.name else path.name.split(".")[0]
 
 
-def _points(path: Path, _hints: Hints) -> Recording:
+def _points(path: Path, _hints: Hints) -> FileContents:
     tracks = _read(path, ("tracks",))["tracks"]
     if tracks.ndim != 4 or tracks.shape[3] != 3 or tracks.dtype.kind != "f" or not tracks.size:
         raise FormatError(

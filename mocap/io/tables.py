@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents
 from mocap.io.lines import LARGEST, number
-from mocap.io.recording import Recording
 from mocap.records import Status
 
 WORDS = np.array([origin.name.lower() for origin in Status])
@@ -119,7 +119,7 @@ def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
         raise FormatError(f"{path.name}: {wrong.sum()} positions contradict their origin: the file is cut or edited")
 
 
-def with_sd(recording: Recording, sd: Array) -> Recording:
+def with_sd(recording: FileContents, sd: Array) -> FileContents:
     """The recording with isotropic covariances of (T, M) standard deviations.
 
     Raises:

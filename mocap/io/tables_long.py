@@ -14,10 +14,10 @@ import pandas as pd
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.cells import as_cell, from_cell
+from mocap.io.contents import FileContents, pixel_recording, point_recording, points_of
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
-from mocap.io.recording import Recording, pixel_recording, point_recording, points_of
 from mocap.io.tables import WORDS, check_origins, codes, read_rows, titles, with_sd
 
 _META = b"eal-mocap"
@@ -26,7 +26,7 @@ _TEXT = (*_NAMES, "origin", "seen")
 _AXES = {("u_px", "v_px"): "px", ("x_m", "y_m", "z_m"): "m", ("x", "y", "z"): None}
 
 
-def _long(path: Path, recording: Recording) -> pd.DataFrame:
+def _long(path: Path, recording: FileContents) -> pd.DataFrame:
     """The rows of a recording: its points, or its pixels where it has no points."""
     pixels = recording.pixels if recording.points is None else None
     tracks = pixels if pixels is not None else points_of(path, recording)
@@ -50,7 +50,7 @@ def _long(path: Path, recording: Recording) -> pd.DataFrame:
     return pd.DataFrame(table | {"origin": WORDS[points.status].ravel()})
 
 
-def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) -> Recording:
+def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) -> FileContents:
     """A recording from rows, which must be the whole grid of frames, markers and cameras, sorted.
 
     Raises:
@@ -124,7 +124,7 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
     return with_sd(recording, table[sd].to_numpy(dtype=np.float64).reshape(-1, len(names)))
 
 
-def _read_csv(path: Path, _hints: Hints) -> Recording:
+def _read_csv(path: Path, _hints: Hints) -> FileContents:
     kinds = {title: str if title in _TEXT else float for title in titles(path)}
     table = read_rows(path, kinds)
     for column in table.columns.intersection(_NAMES):
@@ -132,14 +132,14 @@ def _read_csv(path: Path, _hints: Hints) -> Recording:
     return _recording(path, "csv-long", table, None)
 
 
-def _write_csv(path: Path, recording: Recording) -> None:
+def _write_csv(path: Path, recording: FileContents) -> None:
     table = _long(path, recording)
     for column in table.columns.intersection(_NAMES):
         table[column] = table[column].map(as_cell)
     table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
 
 
-def _read_parquet(path: Path, _hints: Hints) -> Recording:
+def _read_parquet(path: Path, _hints: Hints) -> FileContents:
     import pyarrow.parquet as parquet
 
     try:
@@ -168,7 +168,7 @@ def _read_parquet(path: Path, _hints: Hints) -> Recording:
         raise FormatError(f"{path.name}: a column holds something else ({error}): export it again") from None
 
 
-def _write_parquet(path: Path, recording: Recording) -> None:
+def _write_parquet(path: Path, recording: FileContents) -> None:
     import pyarrow
     import pyarrow.parquet as parquet
 

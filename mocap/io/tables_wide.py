@@ -8,16 +8,16 @@ import pandas as pd
 
 from mocap.errors import FormatError
 from mocap.io.cells import as_cell, from_cell
+from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
-from mocap.io.recording import Recording, point_recording, points_of
 from mocap.io.tables import REPAIRED, WORDS, check_origins, codes, read_rows, titles, with_sd
 
 _ENDS = ("x", "y", "z", "sd", "origin")
 
 
-def _read(path: Path, _hints: Hints) -> Recording:
+def _read(path: Path, _hints: Hints) -> FileContents:
     written = titles(path)
     header = [from_cell(title) for title in written]
     names = [title.removesuffix("_origin") for title in header if title.endswith("_origin")]
@@ -58,7 +58,7 @@ def _read(path: Path, _hints: Hints) -> Recording:
     return with_sd(recording, table[sd].to_numpy()) if sd else recording
 
 
-def _write(path: Path, recording: Recording) -> None:
+def _write(path: Path, recording: FileContents) -> None:
     points = points_of(path, recording)
     columns: dict[str, Any] = {"frame": recording.frames}
     columns |= {"t_s": points.t_s} if recording.fps else {}

@@ -9,10 +9,10 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.recording import Recording, pixel_recording
+from mocap.io.contents import FileContents, pixel_recording
 
 
-def joined(recordings: Sequence[Recording]) -> Recording:
+def joined(recordings: Sequence[FileContents]) -> FileContents:
     """One recording from all of them.
 
     Pixel files of one camera each become one recording with a camera a file, in the order given (or in that of the
@@ -35,7 +35,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     return base
 
 
-def _one_set_of_lenses(recordings: Sequence[Recording]) -> list[Recording]:
+def _one_set_of_lenses(recordings: Sequence[FileContents]) -> list[FileContents]:
     """The recordings with Tforms files, which hold a lens each, put together."""
     single = [r for r in recordings if r.lenses and not r.cameras and r.pixels is None and len(r.lenses) == 1]
     if len(single) < 2:
@@ -54,7 +54,7 @@ def _one_set_of_lenses(recordings: Sequence[Recording]) -> list[Recording]:
     return [*(r for r in recordings if r not in single), whole]
 
 
-def _views(pixels: Sequence[Recording], recordings: Sequence[Recording]) -> Recording:
+def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -> FileContents:
     """The pixel files as one."""
     if len(pixels) == 1:
         return pixels[0]
@@ -107,7 +107,7 @@ def _views(pixels: Sequence[Recording], recordings: Sequence[Recording]) -> Reco
     )
 
 
-def _view_name(recording: Recording, calibrated: Sequence[str]) -> str:
+def _view_name(recording: FileContents, calibrated: Sequence[str]) -> str:
     """Name of a view: that of the calibrated camera which the path names, else as the file says."""
     path: Path = recording.paths[0].absolute()
     named = [name for name in calibrated if name in (recording.camera_names[0], path.parent.name)]
@@ -115,7 +115,7 @@ def _view_name(recording: Recording, calibrated: Sequence[str]) -> str:
     return named[0] if len(named) == 1 else recording.camera_names[0]
 
 
-def _with(base: Recording, other: Recording) -> Recording:
+def _with(base: FileContents, other: FileContents) -> FileContents:
     """The base with what the other file holds."""
     where = f"{other.paths[0].name} beside {base.paths[0].name}"
     changes: dict[str, object] = {"paths": base.paths + other.paths}
@@ -160,7 +160,7 @@ def _with(base: Recording, other: Recording) -> Recording:
     return _with_lenses(merged) if merged.cameras and merged.lenses and not base.lenses else merged
 
 
-def _tables(base: Recording, other: Recording, where: str) -> dict[str, Array]:
+def _tables(base: FileContents, other: FileContents, where: str) -> dict[str, Array]:
     if len(other.frames) != len(base.frames) or (other.names and set(other.names) != set(base.names)):
         raise FormatError(
             f"{where}: {len(other.frames)} rows of {len(other.names)} points beside {len(base.frames)} of "
@@ -170,14 +170,14 @@ def _tables(base: Recording, other: Recording, where: str) -> dict[str, Array]:
     return {name: table if name == "offset_frames" else table[:, pick] for name, table in other.tables.items()}
 
 
-def _renamed(base: Recording, names: tuple[str, ...], changes: dict[str, object]) -> Recording:
+def _renamed(base: FileContents, names: tuple[str, ...], changes: dict[str, object]) -> FileContents:
     """Names of another file, in their order."""
     pixels = None if base.pixels is None else replace(base.pixels, names=names)
     points = None if base.points is None else replace(base.points, names=names)
     return replace(base, **(changes | {"names": names, "pixels": pixels, "points": points}))  # type: ignore[arg-type]
 
 
-def _with_lenses(recording: Recording) -> Recording:
+def _with_lenses(recording: FileContents) -> FileContents:
     cameras = [
         replace(camera, lens=None if lens.is_identity else lens, size_px=size or camera.size_px)
         for camera, (lens, size) in zip(recording.cameras, recording.lenses, strict=True)

@@ -8,17 +8,17 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.cells import as_cell, from_cell
+from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers, number, numbers, points, read_lines
 from mocap.io.optical import UNIT_M, metres, rate_of_times
-from mocap.io.recording import Recording, point_recording, points_of
 
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
 _SAME_RATE = 0.01
 """Times and DataRate may differ by so large a share before that is a finding."""
 
 
-def _read(path: Path, _hints: Hints) -> Recording:
+def _read(path: Path, _hints: Hints) -> FileContents:
     """Positions at the times of the column Time; empty, ``NaN`` and (0, 0, 0) mean not seen.
 
     Raises:
@@ -87,7 +87,7 @@ def _rate(path: Path, times: Array, told: str) -> tuple[float | None, list[str]]
     ]
 
 
-def _write(path: Path, recording: Recording) -> None:
+def _write(path: Path, recording: FileContents) -> None:
     """Write positions in the unit of the recording, at their times; what is not seen is ``NaN``.
 
     OpenSim of all versions reads that (before 4.2 an empty cell shifts the row); it takes column Time.

@@ -10,6 +10,7 @@ import numpy as np
 
 from mocap.errors import FormatError
 from mocap.io.argus import PIXEL as ARGUS
+from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv_files import PIXEL, names_of
 from mocap.io.format import Format, Hints
@@ -17,7 +18,6 @@ from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
 from mocap.io.plain import FRAMES, TIMES
-from mocap.io.recording import Recording, pixel_recording
 
 _CAMERA = r"(?:camera|cam|view|kamera|c|v)[ _.#-]*(?P<camera>\d+)"
 _TITLES = (
@@ -61,7 +61,7 @@ def _is_typed(head: Head) -> bool:
     return bool(columns_of(head.cells())) and not (names_of(head, PIXEL) or names_of(head, ARGUS))
 
 
-def _read(path: Path, _hints: Hints) -> Recording:
+def _read(path: Path, _hints: Hints) -> FileContents:
     header, values = read_table(path)
     where = columns_of(tuple(header))
     if not where:

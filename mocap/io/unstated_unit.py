@@ -3,8 +3,8 @@
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.io.contents import FileContents
 from mocap.io.optical import UNIT_M
-from mocap.io.recording import Recording
 
 LONGEST_M = 20.0
 """No animal is longer: what is, is no animal in metres."""
@@ -49,7 +49,7 @@ def guessed(long: float) -> str:
     return usual[0] if long > LONGEST_M and len(usual) == 1 else "m"
 
 
-def in_metres(recording: Recording, unit: str | None = None) -> tuple[Recording, tuple[str, ...]]:
+def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[str, ...]]:
     """A recording with positions in metres, and what is to be said of that where nobody states the unit.
 
     Args:

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from mocap.errors import FormatError
+from mocap.io.contents import FileContents, point_recording
 from mocap.io.format import Format
 from mocap.io.lines import frame_numbers, number, numbers, points, read_lines
 from mocap.io.optical import rate
-from mocap.io.recording import Recording, point_recording
 
 
-def read_csv(path: Path) -> Recording:
+def read_csv(path: Path) -> FileContents:
     """Read the section ``Trajectories``: rate, names, ``Frame,Sub Frame,X,Y,Z,...``, units, a row a frame.
 
     Other sections (devices, model outputs) may come before or after it. Frame n is at (n - 1) / rate seconds. An empty

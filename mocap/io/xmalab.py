@@ -11,13 +11,13 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.argus import xyz_columns
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv import read_pixels
 from mocap.io.dltdv_files import PIXEL, names_of
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, read_lines
-from mocap.io.recording import Recording, pixel_recording, point_recording
 
 _OFFSETS = re.compile(r"(?:cam\d+_offset)+")
 _BODY = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
@@ -29,7 +29,7 @@ def _is_pixels(head: Head) -> bool:
     return bool(names_of(head, PIXEL)) or (_OFFSETS.match(head.first) is not None and "_X" in head.first)
 
 
-def _pixels(path: Path, _hints: Hints) -> Recording:
+def _pixels(path: Path, _hints: Hints) -> FileContents:
     lines = read_lines(path)
     glued = _OFFSETS.match(lines[0])
     if glued is None:
@@ -74,7 +74,7 @@ def _is_points(head: Head) -> bool:
     return bool(cells) and all(re.fullmatch(r".+_[XYZ]", cell) for cell in cells)
 
 
-def _points(path: Path, _hints: Hints) -> Recording:
+def _points(path: Path, _hints: Hints) -> FileContents:
     header, values = read_table(path)
     frames, header, values = _frames(path, header, values)
     names, xyz = xyz_columns(path, header, values, ends=("_X", "_Y", "_Z"))
@@ -104,7 +104,7 @@ def _is_bodies(head: Head) -> bool:
     return bool(cells) and len(cells) % 16 == 0 and all(map(_body_pattern, cells)) and cells[0].count("_R11") == 1
 
 
-def _bodies(path: Path, _hints: Hints) -> Recording:
+def _bodies(path: Path, _hints: Hints) -> FileContents:
     """A row holds the transposed 4 x 4 matrix of each body: its first column, ..., its translation."""
     header, values = read_table(path)
     frames, header, values = _frames(path, header, values)
@@ -123,7 +123,7 @@ def _bodies(path: Path, _hints: Hints) -> Recording:
     if off > 1e-3:
         findings.append(f"matrices are no rotations: entries of R R^T are off by up to {off:.2g}")
     findings += [f"transforms were low-pass filtered at {f[1:-2]} Hz by XMALab" for f in sorted(filters - {None})]
-    return Recording(
+    return FileContents(
         format="xmalab-rigid-bodies",
         paths=(path,),
         names=tuple(names),

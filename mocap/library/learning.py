@@ -10,7 +10,7 @@ from filters.model_file import load_model as read_model_file
 from filters.model_file import save_model
 from mocap.io.output import result_file
 from mocap.pipeline.learning import learn_from, readable_scores
-from mocap.pipeline.source import Source
+from mocap.pipeline.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Model:
 
 
 def learn(
-    recordings: Sequence[Source], *, seed: int = 0, progress: Callable[[str], None] = lambda _line: None
+    recordings: Sequence[Recording], *, seed: int = 0, progress: Callable[[str], None] = lambda _line: None
 ) -> Model:
     """Learn a motion model of one kind of animal from several recordings, to track others with.
 

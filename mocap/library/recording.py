@@ -8,7 +8,7 @@ from mocap.io.format import Hints
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.propose_skeleton import Proposal
 from mocap.pipeline.propose_skeleton import propose_skeleton as propose
-from mocap.pipeline.source import Source, load_skeleton
+from mocap.pipeline.recording import Recording, load_skeleton
 
 PathText = str | PathLike[str]
 
@@ -28,7 +28,7 @@ def read(
     stored_points: PathText | None = None,
     correct_lag: bool = False,
     hints: Hints | None = None,
-) -> Source:
+) -> Recording:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
 
     The same options as ``mocap track`` takes. The result shows as a table in a notebook; ``mocap.track`` and
@@ -59,26 +59,26 @@ def read(
     def path(given: PathText | None) -> Path | None:
         return None if given is None else Path(given)
 
-    recording = Source(
+    recording = Recording(
         tracks=Path(tracks),
-        coefficients=path(calibration),
+        calibration=path(calibration),
         fps=fps,
         unit=unit,
         skeleton=path(skeleton),
         profile=path(profile),
         pixel_origin=origin,
-        coefficient_origin=calibration_origin,
+        calibration_origin=calibration_origin,
         image_height_px=image_height_px,
         pixel_sd=pixel_sd,
         stored_points=path(stored_points),
-        in_step=correct_lag,
+        correct_lag=correct_lag,
         hints=hints or Hints(),
     )
-    load_skeleton(recording.skeleton, recording.recording.names)
+    load_skeleton(recording.skeleton, recording.contents.names)
     return recording
 
 
-def propose_skeleton(recording: Source) -> Proposal:
+def propose_skeleton(recording: Recording) -> Proposal:
     """Propose bones, trunk and joints: which markers keep their distance, and where the chains of them bend.
 
     Write its ``text`` to a file, correct it, and read the recording with it.

@@ -17,8 +17,8 @@ from mocap.io.output import result_folder
 from mocap.library.learning import Model, load_model
 from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.job import Watch, run_job
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
-from mocap.pipeline.source import Source
 from mocap.plots.joint import plot_coordinates
 from mocap.plots.potential import plot_potential
 from mocap.records import Status
@@ -260,7 +260,7 @@ class Tracked:
 
 
 def track(
-    recording: Source,
+    recording: Recording,
     *,
     model: ModelName | Model | str | PathLike[str] = "auto",
     validate: bool = True,

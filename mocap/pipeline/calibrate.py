@@ -24,7 +24,7 @@ from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
-from mocap.pipeline.source import Source, load_filmed
+from mocap.pipeline.recording import Recording, load_filmed
 
 Told = Callable[[str], None]
 
@@ -235,7 +235,9 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
     return tuple(f.camera for f in fits), CalibrationReport(numbers=numbers, lines=lines)
 
 
-def from_tracks(source: Source, *, bones: Sequence[str], focal: bool) -> tuple[tuple[Camera, ...], CalibrationReport]:
+def from_tracks(
+    source: Recording, *, bones: Sequence[str], focal: bool
+) -> tuple[tuple[Camera, ...], CalibrationReport]:
     """Marker tracks and their calibration to a better one.
 
     Raises:

@@ -15,9 +15,9 @@ from filters.score import compared
 from mocap.arrays import Array
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
 from mocap.pipeline.run import Run
-from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import seen_part, track, tracked_motion
 from mocap.stages import Stages
 
@@ -43,10 +43,10 @@ def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run
     with TemporaryDirectory() as folder:
         with stages.stage("make the recording"):
             files = write_recording(recording, Path(folder))
-        source = Source(
+        source = Recording(
             tracks=files["pixels"],
             fps=recording.fps,
-            coefficients=files["coefficients"],
+            calibration=files["coefficients"],
             profile=files["profile"],
             skeleton=files["skeleton"],
         )

@@ -14,9 +14,9 @@ from mocap.errors import MocapError
 from mocap.joints import joint_tracks
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
-from mocap.pipeline.source import Source
 from mocap.pipeline.tracking import (
     Part,
     learn_motion,
@@ -42,7 +42,7 @@ JOINT_HZ = 30.0
 
 
 def run_job(
-    source: Source | Prepared,
+    source: Recording | Prepared,
     *,
     model: Model = "auto",
     learned: LearnedModel | None = None,
@@ -76,7 +76,7 @@ def run_job(
 
 
 def _run_job(
-    source: Source | Prepared,
+    source: Recording | Prepared,
     model: Model,
     learned: LearnedModel | None,
     stages: Stages,
@@ -159,7 +159,7 @@ def _run_job(
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),
-        file=source.tracks if isinstance(source, Source) else None,
+        file=source.tracks if isinstance(source, Recording) else None,
     )
     return run, prepared
 

@@ -11,12 +11,12 @@ from filters.tune import USUAL_EFFORT, Effort, Search, Tuned, tuned
 from mocap.errors import MocapError
 from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
-from mocap.pipeline.source import Source
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 
 
 def learn_from(
-    sources: Sequence[Source | Prepared],
+    sources: Sequence[Recording | Prepared],
     *,
     seed: int = 0,
     effort: Effort = USUAL_EFFORT,

@@ -21,7 +21,7 @@ from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.unstated_unit import too_long
-from mocap.pipeline.source import Filmed, Source, audit_points, by_pixels, load_filmed, load_points, load_skeleton
+from mocap.pipeline.recording import Filmed, Recording, audit_points, by_pixels, load_filmed, load_points, load_skeleton
 from mocap.records import MarkerTracks
 from mocap.skeleton import Skeleton, ends_among
 from mocap.stated import contradiction
@@ -145,7 +145,7 @@ def _middle(xyz_m: Array) -> Array:
     return np.nanmedian(xyz_m.reshape(-1, 3), axis=0)
 
 
-def prepare(source: Source) -> Prepared:
+def prepare(source: Recording) -> Prepared:
     """Read and clean a recording; see the module.
 
     Raises:
@@ -231,7 +231,7 @@ def prepare(source: Source) -> Prepared:
     )
 
 
-def _prepare_points(source: Source) -> Prepared:
+def _prepare_points(source: Recording) -> Prepared:
     tracks = load_points(source)
     if not tracks.seen.any():
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")

@@ -9,7 +9,7 @@ from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
-from mocap.pipeline.source import Source, audit_points, by_pixels, load_filmed, load_skeleton
+from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_filmed, load_skeleton
 from mocap.records import MarkerTracks, Status
 from mocap.stated import contradiction
 
@@ -51,7 +51,7 @@ def linear_in_blocks(matrices: Array, uv_px: Array, *, frames: int = 2000) -> tu
     return xyz, residual
 
 
-def triangulate_file(source: Source, out: Path, *, refine: bool) -> TriangulationSummary:
+def triangulate_file(source: Recording, out: Path, *, refine: bool) -> TriangulationSummary:
     """Write a DLTdv xyzpts file.
 
     Args:

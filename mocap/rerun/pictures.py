@@ -10,8 +10,8 @@ from datasets import make_bat
 from datasets import write_recording as write_files
 from mocap.pipeline.demo import Animal, run_demo
 from mocap.pipeline.job import run_job
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import Run
-from mocap.pipeline.source import Source
 from mocap.rerun.blueprint import make_blueprint
 from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
@@ -59,10 +59,10 @@ def picture_comparison(folder: Path) -> Path:
     with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
         recordings = [Path(temporary) / f"{name}.rrd" for name in ("eal", "constant_velocity")]
         files = write_files(make_bat(), Path(temporary))
-        source = Source(
+        source = Recording(
             tracks=files["pixels"],
             fps=make_bat().fps,
-            coefficients=files["coefficients"],
+            calibration=files["coefficients"],
             profile=files["profile"],
             skeleton=files["skeleton"],
         )

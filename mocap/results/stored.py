@@ -1,6 +1,7 @@
 """A run as files that hold all of it, to the last bit: ``markers.nc``, ``run.nc``, ``skeleton.toml``, potentials."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,14 @@ from mocap.results.dataset import INDIVIDUAL, markers_dataset
 from mocap.skeleton import read_skeleton, write_skeleton
 
 FORMAT = "eal-mocap run 1"
-MARKERS, REST, SKELETON, POTENTIALS = "markers.nc", "run.nc", "skeleton.toml", "potentials"
+MARKERS, REST, SKELETON = "markers.nc", "run.nc", "skeleton.toml"
+PLANAR, SPATIAL = "potentials", "spatial_potentials"
+"""Folders of potentials in the planes of limbs, and in the three coordinates of the body."""
 _PACKED = {"zlib": True, "complevel": 1, "shuffle": True}
 
 
 def write_arrays(run: Run, folder: Path) -> None:
-    """Write what ``read_run`` needs beside ``report.json``, ``report.md`` and the potentials.
+    """Write what ``read_run`` needs beside ``report.json`` and ``report.md``.
 
     Of cameras the projection and the picture's size are kept: the pixels that are kept are ideal ones.
 
@@ -34,6 +37,14 @@ def write_arrays(run: Run, folder: Path) -> None:
     _write(markers_dataset(run.tracked, run.repaired, fps=fps), folder / MARKERS)
     _write(_rest(run), folder / REST)
     write_skeleton(folder / SKELETON, run.skeleton)
+    for kind, potentials in _potentials(run).items():
+        for name, potential in potentials.items():
+            (folder / kind).mkdir(exist_ok=True)
+            potential.potential.save(folder / kind / f"{name}.npz")
+
+
+def _potentials(run: Run) -> dict[str, Mapping[str, JointPotential]]:
+    return {PLANAR: run.potentials, SPATIAL: run.spatial_potentials}
 
 
 def _write(dataset: xr.Dataset, path: Path) -> None:
@@ -59,8 +70,10 @@ def _rest(run: Run) -> xr.Dataset:
     for frame, joints in run.joints.items():
         table[f"joint_{frame}_m"] = (("time", "joint", f"axis_{joints.q_m.shape[2]}"), joints.q_m)
         table[f"joint_{frame}_sd_m"] = (("time", "joint"), joints.sd_m)
-    for i, potential in enumerate(run.potentials.values()):
-        table[f"samples_{i}_m"] = ((f"sample_{i}", f"axis_{potential.samples_m.shape[1]}"), potential.samples_m)
+    for kind, potentials in _potentials(run).items():
+        for i, potential in enumerate(potentials.values()):
+            dims = (f"{kind}_sample_{i}", f"axis_{potential.samples_m.shape[1]}")
+            table[f"{kind}_samples_{i}_m"] = (dims, potential.samples_m)
     header = {
         "format": FORMAT,
         "name": run.name,
@@ -69,7 +82,10 @@ def _rest(run: Run) -> xr.Dataset:
         "cameras": [{"name": c.name, "size_px": c.size_px} for c in run.cameras],
         "frames": list(run.joints),
         "joints": [joint.name for joint in run.skeleton.joints],
-        "potentials": {name: {"frame": p.frame, "scale_m": p.scale_m} for name, p in run.potentials.items()},
+        "potentials": {
+            kind: {name: {"frame": p.frame, "scale_m": p.scale_m} for name, p in potentials.items()}
+            for kind, potentials in _potentials(run).items()
+        },
     }
     return xr.Dataset(table, attrs={"header": json.dumps(header)})
 
@@ -121,13 +137,16 @@ def read_run(folder: Path) -> Run:
         for frame in header["frames"]
     }
     potentials = {
-        name: JointPotential(
-            joint=name,
-            samples_m=rest[f"samples_{i}_m"].values,
-            potential=load_potential(folder / POTENTIALS / f"{name}.npz"),
-            **settings,
-        )
-        for i, (name, settings) in enumerate(header["potentials"].items())
+        kind: {
+            name: JointPotential(
+                joint=name,
+                samples_m=rest[f"{kind}_samples_{i}_m"].values,
+                potential=load_potential(folder / kind / f"{name}.npz"),
+                **settings,
+            )
+            for i, (name, settings) in enumerate(found.items())
+        }
+        for kind, found in header["potentials"].items()
     }
     return Run(
         name=header["name"],
@@ -137,7 +156,8 @@ def read_run(folder: Path) -> Run:
         y_up=header["y_up"],
         tracked=tracked,
         joints=joints,
-        potentials=potentials,
+        potentials=potentials[PLANAR],
+        spatial_potentials=potentials[SPATIAL],
         repaired=one["repaired"].transpose("time", "keypoint").values.astype(bool),
         report=json.loads((folder / "report.json").read_text(encoding="utf-8")),
         report_text=(folder / "report.md").read_text(encoding="utf-8"),

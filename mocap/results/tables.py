@@ -28,9 +28,6 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
     write_joints(run, folder / "joints.csv")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")
-    for name, potential in run.potentials.items():
-        (folder / "potentials").mkdir(exist_ok=True)
-        potential.potential.save(folder / "potentials" / f"{name}.npz")
     write_recording(run, folder / "recording.rrd")
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from mocap.io.recording import Recording, pixel_recording, point_recording
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.records import Status
 
 NAMES = st.text(st.characters(exclude_categories=("C", "Z")) | st.sampled_from(" ,;.:'\"-_"), min_size=1, max_size=12)
@@ -19,7 +19,7 @@ def names_of(count: int) -> st.SearchStrategy[list[str]]:
 
 
 @st.composite
-def point_recordings(draw: st.DrawFn, *, names: st.SearchStrategy[list[str]] | None = None) -> Recording:
+def point_recordings(draw: st.DrawFn, *, names: st.SearchStrategy[list[str]] | None = None) -> FileContents:
     """Positions in metres, some at exactly (0, 0, 0), some missing, maybe all, of any origin."""
     n_markers, n_frames = draw(st.integers(1, 4)), draw(st.integers(1, 5))
     own = draw(names if names is not None else names_of(n_markers))
@@ -33,7 +33,7 @@ def point_recordings(draw: st.DrawFn, *, names: st.SearchStrategy[list[str]] | N
     return points(own, xyz, origin=origin, first=draw(st.sampled_from([1, 7, 1914])))
 
 
-def points(names: list[str], xyz_m: np.ndarray, *, origin: np.ndarray | None = None, first: int = 1) -> Recording:
+def points(names: list[str], xyz_m: np.ndarray, *, origin: np.ndarray | None = None, first: int = 1) -> FileContents:
     """Positions in metres at 250 frames a second, the first frame called ``first``."""
     frames = first + np.arange(len(xyz_m))
     return point_recording(
@@ -42,7 +42,7 @@ def points(names: list[str], xyz_m: np.ndarray, *, origin: np.ndarray | None = N
 
 
 @st.composite
-def pixel_recordings(draw: st.DrawFn) -> Recording:
+def pixel_recordings(draw: st.DrawFn) -> FileContents:
     """Pixels of one to three cameras, with and without scores."""
     n_markers, n_frames, n_cameras = draw(st.integers(1, 4)), draw(st.integers(1, 5)), draw(st.integers(1, 3))
     size = n_frames * n_markers * n_cameras

@@ -18,9 +18,9 @@ from filters.model_file import load_model
 from mocap.errors import FormatError
 from mocap.io import apart
 from mocap.io.bounds import LEAST, most_bytes
+from mocap.io.contents import point_recording
 from mocap.io.lines import frame_numbers, number
 from mocap.io.plausible import plausible
-from mocap.io.recording import point_recording
 from mocap.io.registry import read, write
 from mocap.records import MarkerTracks
 

@@ -51,7 +51,7 @@ def test_track_writes_all_that_scripts_rely_on(mocap, files, tmp_path):
     assert code == 0, err
     assert {p.name for p in out.iterdir()} == {
         "markers.csv", "markers.nc", "joints.csv", "run.nc", "report.json", "report.md", "skeleton.toml",
-        "recording.rrd", "potentials", MANIFEST,
+        "recording.rrd", "potentials", "spatial_potentials", MANIFEST,
     }  # fmt: skip
     markers = pd.read_csv(out / "markers.csv")
     pixels = pd.read_csv(files["pixels"])

@@ -12,7 +12,7 @@ from mocap.errors import CalibrationError, MocapError
 from mocap.io.manifest import MANIFEST
 from mocap.io.registry import read, write
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.source import Source
+from mocap.pipeline.recording import Recording
 from tests.mocap.recordings import points
 from tests.real_data import real
 
@@ -90,21 +90,24 @@ def test_any_format_can_be_tracked(tmp_path, name):
     """Prepared from any file that holds its rate, a recording is what it is from DLTdv's with --fps."""
     write(swing(), tmp_path / name)
     write(swing(), tmp_path / "a_xyzpts.csv")
-    ours, dltdv = prepare(Source(tracks=tmp_path / name)), prepare(Source(tracks=tmp_path / "a_xyzpts.csv", fps=250))
+    ours, dltdv = (
+        prepare(Recording(tracks=tmp_path / name)),
+        prepare(Recording(tracks=tmp_path / "a_xyzpts.csv", fps=250)),
+    )
     assert ours.dt_s == pytest.approx(1 / 250)
     np.testing.assert_allclose(ours.xyz_m, dltdv.xyz_m, atol=1e-6)
     with pytest.raises(MocapError, match="give `fps`"):
-        prepare(Source(tracks=tmp_path / "a_xyzpts.csv"))
+        prepare(Recording(tracks=tmp_path / "a_xyzpts.csv"))
 
 
 def test_a_unit_that_is_stated_scales(tmp_path):
     """Points of a file without a unit are taken in the unit that its user states, else in metres."""
     write(swing(), tmp_path / "a_xyzpts.csv")
-    plain, scaled = (prepare(Source(tracks=tmp_path / "a_xyzpts.csv", fps=250, unit=unit)) for unit in (None, "cm"))
+    plain, scaled = (prepare(Recording(tracks=tmp_path / "a_xyzpts.csv", fps=250, unit=unit)) for unit in (None, "cm"))
     np.testing.assert_allclose(scaled.xyz_m, plain.xyz_m / 100, atol=1e-12)
     write(swing(), tmp_path / "a.trc")
     with pytest.raises(MocapError, match="states that lengths are in m, not in mm"):
-        prepare(Source(tracks=tmp_path / "a.trc", unit="mm"))
+        prepare(Recording(tracks=tmp_path / "a.trc", unit="mm"))
 
 
 def test_files_without_tracks_or_cameras_are_named(tmp_path):
@@ -117,8 +120,8 @@ def test_files_without_tracks_or_cameras_are_named(tmp_path):
         ("px.csv", CalibrationError, "without a calibration: calibrate, or give `calibration`"),
     ):
         with pytest.raises(error, match=message):
-            prepare(Source(tracks=tmp_path / file, fps=100))
+            prepare(Recording(tracks=tmp_path / file, fps=100))
     with pytest.raises(MocapError, match=r"a\.trc: holds positions"):
-        prepare(Source(tracks=tmp_path / "a.trc", coefficients=tmp_path / "px.csv"))
+        prepare(Recording(tracks=tmp_path / "a.trc", calibration=tmp_path / "px.csv"))
     with pytest.raises(MocapError, match=r"a\.trc: holds no cameras"):
-        prepare(Source(tracks=tmp_path / "px.csv", coefficients=tmp_path / "a.trc", fps=100))
+        prepare(Recording(tracks=tmp_path / "px.csv", calibration=tmp_path / "a.trc", fps=100))

@@ -11,7 +11,7 @@ from mocap.cameras.camera import Camera, dlt_camera, pinhole_camera, project, st
 from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from mocap.errors import FormatError
 from mocap.io.c3d_files import MOST_FRAMES
-from mocap.io.recording import FILLED
+from mocap.io.contents import FILLED
 from mocap.io.registry import identify, read, write, written
 from mocap.records import Status
 from tests.mocap.recordings import pixel_recordings, point_recordings, points

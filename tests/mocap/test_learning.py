@@ -21,7 +21,7 @@ from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST
 from mocap.pipeline.learning import readable_scores
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.source import Source
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, write_skeleton
@@ -314,7 +314,7 @@ def test_real_flights_teach_a_third():
     """
     flights = {}
     for name, file in PROJECTS.items():
-        prepared = prepare(Source(tracks=real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
+        prepared = prepare(Recording(tracks=real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
         flights[name] = prepared.names, marker_trial(prepared, seen_part(prepared))
     names, own = flights["F5"]
     trials = [excerpt(flights["F2"][1], 80), excerpt(flights["F3"][1], 60)]

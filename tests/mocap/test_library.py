@@ -108,6 +108,9 @@ def test_what_was_saved_is_loaded_to_the_last_bit(tracked, saved):
     for name, potential in tracked.run.potentials.items():
         q = potential.samples_m[::7] * 1.1
         np.testing.assert_array_equal(again.potential(name).value(q), tracked.potential(name).value(q))
+    for name, potential in tracked.run.spatial_potentials.items():
+        q = potential.samples_m[::7] * 1.1
+        np.testing.assert_array_equal(again.run.spatial_potentials[name].value(q), potential.value(q))
     assert again.run.tracked.model == tracked.run.tracked.model
     for name in ("reprojected_px", "innovation_px", "used", "nis", "n_rows", "log_likelihood"):
         np.testing.assert_array_equal(getattr(again.run.tracked, name), getattr(tracked.run.tracked, name))

@@ -14,7 +14,7 @@ from mocap.io.dltdv import write_coefficients
 from mocap.io.registry import read
 from mocap.io.unstated_unit import guessed, in_metres, length
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.source import Source
+from mocap.pipeline.recording import Recording
 from tests.real_data import real
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -62,9 +62,9 @@ def test_what_can_be_millimetres_only_is_read_so(tmp_path, size_m):
     """A person in millimetres would be 1.8 km in metres and 18 m in centimetres: a guess, stated before all else."""
     bat = make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m
     xyz = bat * size_m / length(bat)
-    source = Source(tracks=table(tmp_path / "x.csv", 1e3 * xyz), fps=100)
+    source = Recording(tracks=table(tmp_path / "x.csv", 1e3 * xyz), fps=100)
     assert source.frame_findings[0].startswith("NO UNIT IS STATED: guessed to be mm, in which the animal is ")
-    np.testing.assert_allclose(source.recording.points.xyz_m, xyz, rtol=1e-12)
+    np.testing.assert_allclose(source.contents.points.xyz_m, xyz, rtol=1e-12)
 
 
 def test_what_no_metres_can_be_is_told_loudly(tmp_path):
@@ -72,21 +72,21 @@ def test_what_no_metres_can_be_is_told_loudly(tmp_path):
     bat = make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m
     long = f"{1e3 * length(bat):.3g}"
     path = table(tmp_path / "x.csv", 1e3 * bat)
-    source = Source(tracks=path, fps=100)
+    source = Recording(tracks=path, fps=100)
     said = source.frame_findings[0]
     assert said.startswith(f"NO UNIT IS STATED: taken as metres, in which the animal would be {long} m long")
     assert f"mm if it is {long} mm long" in said
-    np.testing.assert_allclose(source.recording.points.xyz_m, 1e3 * bat, rtol=1e-12)
-    stated = Source(tracks=path, fps=100, unit="mm")
+    np.testing.assert_allclose(source.contents.points.xyz_m, 1e3 * bat, rtol=1e-12)
+    stated = Recording(tracks=path, fps=100, unit="mm")
     assert not any("unit" in finding.lower() for finding in stated.frame_findings)
-    np.testing.assert_allclose(stated.recording.points.xyz_m, bat, rtol=1e-12)
+    np.testing.assert_allclose(stated.contents.points.xyz_m, bat, rtol=1e-12)
 
 
 def test_noise_that_no_cameras_have(tmp_path, rng):
     """A bee in millimetres is as long as a lorry in metres; what jitters by decimetres is in no metres."""
     bee = 0.012 * rng.normal(size=(1, 5, 3)) / 3 + np.linspace(0, 0.5, 200)[:, None, None]
     path = table(tmp_path / "x.csv", 1e3 * (bee + rng.normal(size=bee.shape) * 2e-4))
-    said = Source(tracks=path, fps=100).frame_findings[0]
+    said = Recording(tracks=path, fps=100).frame_findings[0]
     assert said.startswith("NO UNIT IS STATED: taken as metres")
     told = re.search(r"jitters by (\d+) mm", said)
     assert told is not None
@@ -96,7 +96,7 @@ def test_noise_that_no_cameras_have(tmp_path, rng):
 def test_metres_are_told_once_and_quietly(tmp_path):
     """An animal of usual length in metres: its length, and no alarm."""
     bat = make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m
-    source = Source(tracks=table(tmp_path / "x.csv", bat), fps=100)
+    source = Recording(tracks=table(tmp_path / "x.csv", bat), fps=100)
     assert source.frame_findings[0] == (
         f"no unit is stated: taken as metres, in which the animal is {1e3 * length(bat):.3g} mm long"
     )
@@ -138,8 +138,8 @@ def test_a_calibration_in_millimetres(tmp_path):
     files |= {"coefficients": tmp_path / "mm.csv"}
 
     def first(unit):
-        source = Source(
-            tracks=files["pixels"], fps=100, coefficients=files["coefficients"], profile=files["profile"], unit=unit
+        source = Recording(
+            tracks=files["pixels"], fps=100, calibration=files["coefficients"], profile=files["profile"], unit=unit
         )
         return prepare(source).findings[0]
 
@@ -162,5 +162,5 @@ def test_how_a_text_was_read_begins_the_report(tmp_path):
     """Decimal commas and semicolons are told where the recording is tracked, not only by ``mocap info``."""
     path = tmp_path / "x.csv"
     path.write_text("a_x;a_y;a_z\n0,1;0,2;0,3\n0,2;0,2;0,3\n")
-    said = Source(tracks=path, fps=10).frame_findings
+    said = Recording(tracks=path, fps=10).frame_findings
     assert any("numbers have decimal commas: 0,1 is read as 0.1" in finding for finding in said[:2])

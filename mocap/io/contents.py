@@ -20,7 +20,7 @@ FILLED = (Status.INTERPOLATED, Status.PREDICTED, Status.SMOOTHED, Status.REJECTE
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Recording:
+class FileContents:
     """What a file holds, or several that belong together.
 
     Attributes:
@@ -84,7 +84,7 @@ class Recording:
             return np.zeros(shape, dtype=bool)
         return ~np.isnan(tables[0].reshape(*shape, -1)).any(axis=-1)  # type: ignore[return-value]
 
-    def with_rate(self, fps: float) -> "Recording":
+    def with_rate(self, fps: float) -> "FileContents":
         """Times in seconds, where the file does not hold the rate; a rate that it holds is replaced.
 
         Raises:
@@ -95,7 +95,7 @@ class Recording:
         points = None if self.points is None else replace(self.points, t_s=self.points.t_s * factor)
         return replace(self, fps=float(fps), pixels=pixels, points=points)
 
-    def with_unit(self, unit: str) -> "Recording":
+    def with_unit(self, unit: str) -> "FileContents":
         """Lengths of the points and the cameras in metres, where the file does not state their unit.
 
         Raises:
@@ -129,7 +129,7 @@ def pixel_recording(
     fps: float | None = None,
     calibration: tuple[Camera, ...] = (),
     **parts: object,
-) -> Recording:
+) -> FileContents:
     """A recording of pixel tracks.
 
     Args:
@@ -154,7 +154,7 @@ def pixel_recording(
         )
     except ValueError as error:
         raise FormatError(f"{path.name}: {error}; correct it and export again") from None
-    return Recording(
+    return FileContents(
         format=format,
         paths=(path,),
         names=pixels.names,
@@ -180,7 +180,7 @@ def point_recording(
     t_s: Array | None = None,
     status: NDArray | None = None,
     **parts: object,
-) -> Recording:
+) -> FileContents:
     """A recording of positions.
 
     Args:
@@ -204,7 +204,7 @@ def point_recording(
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
     times = (frames - first) / (fps or 1.0) if t_s is None else t_s
     points = marker_tracks(path, names, times, xyz, status)
-    return Recording(
+    return FileContents(
         format=format,
         paths=(path,),
         names=points.names,
@@ -216,7 +216,7 @@ def point_recording(
     )
 
 
-def points_of(path: Path, recording: Recording) -> MarkerTracks:
+def points_of(path: Path, recording: FileContents) -> MarkerTracks:
     """The positions of a recording that is to be written.
 
     Raises:

@@ -14,10 +14,10 @@ from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, check_cameras, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.io import dltdv
+from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
 from mocap.io.profile import with_profile
-from mocap.io.recording import Recording
 from mocap.io.registry import read
 from mocap.io.unstated_unit import in_metres
 from mocap.records import MarkerTracks, PixelTracks
@@ -27,37 +27,37 @@ from mocap.text import as_text
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Source:
+class Recording:
     """The files of one recording, and what their user states about them.
 
     Attributes:
         tracks: Pixels or positions, of any format; a project of DLTdv8 holds its cameras too.
         fps: Frames a second; None: as the file says.
-        coefficients: Calibration, of any format; None: ``tracks`` holds it, or positions.
+        calibration: Calibration, of any format; None: ``tracks`` holds it, or positions.
         profile: Camera profile.
         skeleton: Skeleton TOML.
         pixel_origin: Where pixel rows are counted from.
-        coefficient_origin: The same for the coefficients.
+        calibration_origin: The same for the coefficients.
         image_height_px: Image height for flips.
         stored_points: xyzpts to audit; None: the file beside ``tracks`` that is named so.
         pixel_sd: Standard deviation of a pixel; None: estimated.
         unit: Unit of lengths, where the files do not state it; None: metres.
-        in_step: Whether cameras that run late by the audit are read between their frames.
+        correct_lag: Whether cameras that run late by the audit are read between their frames.
         hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
     """
 
     tracks: Path
     fps: float | None = None
-    coefficients: Path | None = None
+    calibration: Path | None = None
     profile: Path | None = None
     skeleton: Path | None = None
     pixel_origin: origin.PixelCorner | None = None
-    coefficient_origin: origin.PixelCorner | None = None
+    calibration_origin: origin.PixelCorner | None = None
     image_height_px: float | None = None
     stored_points: Path | None = None
     pixel_sd: float | None = None
     unit: str | None = None
-    in_step: bool = False
+    correct_lag: bool = False
     hints: Hints = field(default_factory=Hints)
 
     def __post_init__(self) -> None:
@@ -65,15 +65,15 @@ class Source:
         stated = {"fps": self.fps, "pixel_sd": self.pixel_sd, "image_height_px": self.image_height_px}
         for name, value in stated.items():
             check_stated(name, value)
-        cameras = {"profile": self.profile, "origin": self.pixel_origin, "calibration_origin": self.coefficient_origin}
+        cameras = {"profile": self.profile, "origin": self.pixel_origin, "calibration_origin": self.calibration_origin}
         for name, value in cameras.items():
-            if value is not None and self.coefficients is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
+            if value is not None and self.calibration is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
                 raise MocapError(
                     f"`{name}` says something of cameras, but there are no coefficients: give `calibration`"
                 )
 
     @cached_property
-    def _read(self) -> tuple[Recording, tuple[str, ...]]:
+    def _read(self) -> tuple[FileContents, tuple[str, ...]]:
         recording = read(self.tracks, self.hints)
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
@@ -84,7 +84,7 @@ class Source:
         return recording, (*told, *recording.assumed, *left_out)
 
     @property
-    def recording(self) -> Recording:
+    def contents(self) -> FileContents:
         """What the file of the tracks holds, with every frame from first to last.
 
         Raises:
@@ -101,20 +101,20 @@ class Source:
     @property
     def filmed(self) -> bool:
         """Whether there are cameras, calibrated or not."""
-        return self.coefficients is not None or self.recording.pixels is not None
+        return self.calibration is not None or self.contents.pixels is not None
 
-    def without_needless_calibration(self) -> "Source":
+    def without_needless_calibration(self) -> "Recording":
         """The same, without the calibration where the file holds positions and no pixels."""
-        return self if self.recording.pixels is not None else replace(self, coefficients=None)
+        return self if self.contents.pixels is not None else replace(self, calibration=None)
 
     @property
     def inputs(self) -> tuple[Path | None, ...]:
         """The files that the user named."""
-        return (self.tracks, self.coefficients, self.profile, self.skeleton, self.stored_points)
+        return (self.tracks, self.calibration, self.profile, self.skeleton, self.stored_points)
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
-        found = self.recording
+        found = self.contents
         n_frames, seen = len(found.frames), found.seen
         rate = found.fps or 0.0
         there = {
@@ -125,7 +125,7 @@ class Source:
             "seen": f"{100 * seen.mean():.1f} % of samples" if seen.size else "nothing",
             "unit": self.unit or found.unit or "not stated",
         }
-        for title, path in (("calibration", self.coefficients), ("skeleton", self.skeleton), ("profile", self.profile)):
+        for title, path in (("calibration", self.calibration), ("skeleton", self.skeleton), ("profile", self.profile)):
             if path is not None:
                 there[title] = path.name
         stated = {"the file does not hold the frame rate"} if self.fps else set()
@@ -190,22 +190,20 @@ def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tu
     return skeleton.for_markers(renamed, source="the recording"), renamed
 
 
-def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...], str]:
+def _pixels_and_cameras(source: Recording) -> tuple[PixelTracks, tuple[Camera, ...], str]:
     """Pixels, cameras, and where these are from; a calibration that is given goes before that of a project."""
-    recording = source.recording
+    recording = source.contents
     if recording.pixels is None:
         raise FormatError(
             f"{source.tracks.name}: holds positions ({recording.format}), not pixels: leave the calibration out; is "
             "this the 2D file?"
         )
-    if source.coefficients is not None:
-        calibration = _calibration(source.coefficients)
+    if source.calibration is not None:
+        calibration = _calibration(source.calibration)
         calibration = calibration if source.unit is None else calibration.with_unit(source.unit)
         if not calibration.cameras:
-            raise FormatError(
-                f"{source.coefficients.name}: holds no cameras ({calibration.format}): give a calibration"
-            )
-        return recording.pixels, calibration.cameras, source.coefficients.name
+            raise FormatError(f"{source.calibration.name}: holds no cameras ({calibration.format}): give a calibration")
+        return recording.pixels, calibration.cameras, source.calibration.name
     if not recording.cameras:
         project = recording.format == "dltdv-project"
         what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
@@ -213,7 +211,7 @@ def _pixels_and_cameras(source: Source) -> tuple[PixelTracks, tuple[Camera, ...]
     return recording.pixels, recording.cameras, source.tracks.name
 
 
-def _calibration(path: Path) -> Recording:
+def _calibration(path: Path) -> FileContents:
     try:
         return read(path)
     except FormatError:
@@ -222,19 +220,19 @@ def _calibration(path: Path) -> Recording:
         raise
 
 
-def load_points(source: Source) -> MarkerTracks:
+def load_points(source: Recording) -> MarkerTracks:
     """The positions of a source without cameras.
 
     Raises:
         FormatError: it holds none.
     """
-    recording = source.recording
+    recording = source.contents
     if recording.points is None:
         raise FormatError(f"{source.tracks.name}: holds no tracks ({recording.format}): give pixels or positions")
     return recording.points
 
 
-def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
+def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
     """Read pixels and cameras, decide the pixel origin, undistort.
 
     Args:
@@ -268,7 +266,7 @@ def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
         cameras,
         pixels.uv_px,
         origin=source.pixel_origin,
-        coefficients=source.coefficient_origin,
+        coefficients=source.calibration_origin,
         height_px=source.image_height_px,
     )
     ideal = origin.ideal_pixels(
@@ -280,7 +278,7 @@ def load_filmed(source: Source, *, iterations: int | None) -> Filmed:
         iterations=iterations,
     )
     late = None
-    if source.in_step and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
+    if source.correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
     return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late)
@@ -300,7 +298,7 @@ def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float =
     return shown, max(stated_px, shown)
 
 
-def stored_points(source: Source) -> Path | None:
+def stored_points(source: Recording) -> Path | None:
     """The xyzpts file to audit: the one given, or the sibling of the xypts file, if it is not our own refined one."""
     if source.stored_points is not None or "xypts" not in source.tracks.name:
         return source.stored_points
@@ -309,12 +307,12 @@ def stored_points(source: Source) -> Path | None:
     return sibling if sibling.is_file() and not dltdv.holds_deviations(sibling) else None
 
 
-def audit_points(source: Source, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
+def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
-    path = source.tracks if source.recording.points is not None else stored_points(source)
+    path = source.tracks if source.contents.points is not None else stored_points(source)
     if path is None:
         return None, []
-    beside = source.recording if path is source.tracks else read(path)
+    beside = source.contents if path is source.tracks else read(path)
     stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
     if stored is None:
         return None, [f"{path.name} was not compared: it holds no positions ({beside.format})"]

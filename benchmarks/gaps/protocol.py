@@ -2,13 +2,8 @@
 
 Truth are the measured samples of the trial that was left out; intervals are judged as intervals of measurements. All
 methods meet the same gaps (seeded by trial and seed). ``tune`` gives all peers the same validation: gaps in training
-<<<<<<< HEAD
 trials only. Ours is what users run (``benchmarks.gaps.ours``): its search hides no more gaps there to choose by, as
 many again to learn weights and widths of a mixture, and some in what the trial that is filled shows.
-=======
-trials only. Ours is what users run (``benchmarks.gaps.ours``): its search hides no more gaps there to choose by,
-as many again to learn weights and widths of a mixture, and some in what the trial that is filled shows.
->>>>>>> hB
 """
 
 import time

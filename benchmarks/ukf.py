@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from filterpy.kalman import UnscentedKalmanFilter
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from scipy.linalg.blas import dgemm  # type: ignore[attr-defined]  # made at run time
 from threadpoolctl import threadpool_limits
 
@@ -20,6 +20,7 @@ from datasets.rig import tunnel_cameras
 from filters.ensemble import Gaussian, Update, default_points, predict, update
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.smoother import smooth_step
+from filters.unscented import UnscentedKalmanFilter as OurFilter
 from mocap.arrays import Array
 from mocap.cameras.camera import project, stacked
 
@@ -78,6 +79,36 @@ def main() -> None:
                     f"{row.n:>4} {row.m:>5}  {row.what:<18}{row.ours_ms:>12.3f}{row.peer_ms:>12.2f}"
                     f"{row.peer_ms / row.ours_ms:>12.0f}{floor}{row.off_mean:>12.0e}{row.off_cov:>12.0e}"
                 )
+    own_models(repeats=3 if quick else 11, budget_s=1 if quick else 8)
+
+
+def own_models(*, repeats: int, budget_s: float) -> None:
+    """Print what ``filters.UnscentedKalmanFilter`` takes for a model that is not ours, beside filterpy's."""
+    columns = "".join(f"{c:>14}" for c in ("ours ms", "filterpy ms", "ratio"))
+    print(f"\n{'n':>4} {'m':>5}  {'a model of your own':<20}{columns}")
+    for n, m in ((4, 2), (12, 8), (60, 120), (204, 600)):
+        rng = np.random.default_rng(0)
+        moves, sees = np.eye(n) + 0.01 * rng.normal(size=(n, n)), rng.normal(size=(m, n)) / n
+        z = rng.normal(size=m)
+        for kind, vectorised in (("one by one", False), ("all at once", True)):
+            model = {
+                "dim_x": n,
+                "dim_z": m,
+                "dt": DT_S,
+                "fx": lambda x, _dt, moves=moves: x @ moves.T + 0.01 * np.sin(x),
+                "hx": lambda x, sees=sees: np.tanh(x @ sees.T),
+                "points": MerweScaledSigmaPoints(n, alpha=0.5, beta=2.0, kappa=1.0),
+            }
+            filters = (OurFilter(**model, vectorised=vectorised), UnscentedKalmanFilter(**model))
+            for one in filters:
+                one.Q, one.R = 0.01 * np.eye(n), 0.1 * np.eye(m)
+            steps = {
+                name: (lambda one=one, z=z: (one.predict(), one.update(z)))
+                for name, one in zip(("ours", "peer"), filters, strict=True)
+            }
+            times = interleaved(steps, repeats=repeats, budget_s=budget_s)
+            ours, peer = (1e3 * times[name].median_s for name in ("ours", "peer"))
+            print(f"{n:>4} {m:>5}  {kind:<20}{ours:>14.2f}{peer:>14.2f}{peer / ours:>14.1f}")
 
 
 def problem(n: int, m: int, *, affine: bool, seed: int = 0) -> Problem:

@@ -1,1 +1,23 @@
-"""Tracking: cameras and a motion model in, motion with covariance out (of eal-mocap)."""
+"""Tracking: cameras and a motion model in, motion with covariance out (of eal-mocap).
+
+``UnscentedKalmanFilter`` takes a person's own model, under filterpy's names.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from filterpy.kalman import MerweScaledSigmaPoints
+
+    from filters.unscented import UnscentedKalmanFilter
+
+__all__ = ["MerweScaledSigmaPoints", "UnscentedKalmanFilter"]
+
+_PLACES = {"MerweScaledSigmaPoints": "filterpy.kalman", "UnscentedKalmanFilter": "filters.unscented"}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported when it is first asked for."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'filters' has no attribute {name!r}")
+    return getattr(import_module(_PLACES[name]), name)

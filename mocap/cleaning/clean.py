@@ -13,7 +13,7 @@ Mask = NDArray[np.bool_]
 REASONS = {
     "rays_miss": "rays of the cameras do not meet",
     "jump": "moves faster than the marker can",
-    "duplicate": "lies on another marker",
+    "duplicate": "coincides with another marker",
     "bone_length": "stretches a rigid bone",
 }
 """Why a sample was rejected, by the key that reports use."""

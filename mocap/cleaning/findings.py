@@ -14,7 +14,7 @@ from mocap.cleaning.swaps import DOUBTFUL, Swap
 def exchange_findings(
     swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str]
 ) -> list[str]:
-    """A sentence for every run of exchanged names, and one for all that are shorter than three frames."""
+    """A sentence for every identity switch, and one for all that are shorter than three frames."""
     out, short = [], 0
     for swap in swaps:
         if len(swap.frames) < 3:
@@ -22,11 +22,11 @@ def exchange_findings(
             continue
         where = "" if swap.camera is None else f" in camera {cameras[swap.camera]}"
         out.append(
-            f"{names[swap.a]} and {names[swap.b]} bear each other's names{where} from frame {swap.frames[0] + 1} to "
-            f"{swap.frames[-1] + 1}: exchanged back in {len(swap.frames)} frames"
+            f"identity switch: {names[swap.a]} and {names[swap.b]} have each other's names{where} from frame "
+            f"{swap.frames[0] + 1} to {swap.frames[-1] + 1}: swapped back in {len(swap.frames)} frames"
         )
     if short:
-        out.append(f"{short} times two markers bear each other's names for one or two frames: exchanged back")
+        out.append(f"{short} identity switches of one or two frames: the names were swapped back")
     if doubtful.any():
         out.append(f"{doubtful.sum()} samples rejected, {DOUBTFUL['doubtful_name']}")
     return out

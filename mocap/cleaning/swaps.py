@@ -30,11 +30,11 @@ Bones = NDArray[np.int64]
 Pair = tuple[int, int]
 
 REPAIRS = {
-    "exchanged_ray": "bore another marker's name in one camera",
-    "exchanged_marker": "bore another marker's name",
+    "exchanged_ray": "identity switch in one camera: the names of two markers were swapped back",
+    "exchanged_marker": "identity switch: the names of two markers were swapped back",
 }
 """How a sample was repaired, by the key that reports use."""
-DOUBTFUL = {"doubtful_name": "beside a run of exchanged names, or alone on the way of another marker: may be of either"}
+DOUBTFUL = {"doubtful_name": "next to an identity switch, or isolated on another marker's path: identity ambiguous"}
 """Why a sample was rejected here, by the key that reports use."""
 UNBROKEN = 30.0
 """Negative log probability that two markers change names while one of them goes on straight in full view."""

@@ -79,6 +79,13 @@ def make_report(
     }
 
 
+_RAYS = {
+    "rays": "rays left out of points that the other cameras still fix",
+    "gated_rays": "rays too far from where the filter predicted them",
+}
+"""Rays that were not used, by the key of their number among the rejected."""
+
+
 def _quantiles(values: Array) -> dict[str, float | None]:
     known = values[np.isfinite(values)]
     return {f"{100 * q:g}%": float(np.quantile(known, q)) if known.size else None for q in QUANTILES}
@@ -238,19 +245,22 @@ def readable(report: Mapping, *, title: str) -> str:
         dof = report["cameras_and_markers"]["dof"]
         worst = sorted(report["cameras_and_markers"]["marker_scale"].items(), key=lambda item: -item[1])[:3]
         lines.append(
-            "- a ray is worth, in px (degrees of freedom): "
+            "- digitising noise by camera, in px (degrees of freedom of Student's t; few: many large errors): "
             + ", ".join(f"{plain(name)} {sd:.2f} ({dof[name]:.1f})" for name, sd in by_camera.items())
-            + "; markers worst to digitise: "
-            + ", ".join(f"{plain(name)} x {scale:.2f}" for name, scale in worst)
+            + "; markers with the largest noise, relative to a typical one: "
+            + ", ".join(f"{plain(name)} {scale:.2f}" for name, scale in worst)
         )
     nis = report["innovation"]
     if nis["nis_per_row"] is not None:
-        lines.append(f"- innovations: NIS {nis['nis_per_row']:.2f} a row (1 is expected)")
-    counts = ", ".join(f"{reason} {count}" for reason, count in rejected.items() if count) or "none"
-    repaired = (
-        ", ".join(f"{reason} {count}" for reason, count in report["repaired"]["counts"].items() if count) or "none"
-    )
-    lines += [f"- rejected: {counts}", f"- repaired: {repaired}"]
+        lines.append(
+            f"- prediction errors (squared) are {nis['nis_per_row']:.2f} of what the filter expects: 1 is right, more "
+            "means intervals that are too narrow"
+        )
+    reasons = report["rejected"]["reasons"]
+    lines += [
+        f"- rejected samples: {_counted(rejected, {**reasons, **_RAYS})}",
+        f"- repaired samples: {_counted(report['repaired']['counts'], report['repaired']['reasons'])}",
+    ]
     lines += ["", "## Findings", "", *(f"- {plain(finding)}" for finding in report["findings"])]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
@@ -260,7 +270,7 @@ def readable(report: Mapping, *, title: str) -> str:
             "",
             "## Joints",
             "",
-            "| joint | samples | effective rank of V_z | V_z at samples (median) |",
+            "| joint | samples | independent directions (effective rank of V_z) | V_z at samples (median) |",
             "|---|---|---|---|",
         ]
         lines += [
@@ -269,6 +279,11 @@ def readable(report: Mapping, *, title: str) -> str:
         ]
     seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())
     return "\n".join([*lines, "", f"Time: {seconds}.", ""])
+
+
+def _counted(counts: Mapping[str, int], reasons: Mapping[str, str]) -> str:
+    """How many samples for which reason, in words."""
+    return "; ".join(f"{count}: {reasons[key]}" for key, count in counts.items() if count) or "none"
 
 
 def _stale(point: Mapping) -> str:

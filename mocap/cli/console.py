@@ -2,15 +2,18 @@
 
 import json
 import re
+import shlex
 import shutil
+import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
 from rich.markdown import Markdown
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 
 from mocap.text import as_text
@@ -82,17 +85,40 @@ def talk_in_any_encoding(streams: Iterable[object] = ()) -> None:
 
 @contextmanager
 def progress() -> Iterator[Callable[[str, float], None]]:
-    """A bar a stage, on stderr, where that is a terminal: told of a stage and the share of it that is done."""
+    """Told of a stage and the share of it that is done: a bar a stage on a terminal, else a line now and then."""
+    if not errors.is_terminal:
+        yield _Lines(say)
+        return
     columns = (TextColumn("{task.description:28}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
-    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
-        tasks: dict[str, int] = {}
+    with Progress(*columns, TimeRemainingColumn(compact=True), console=errors) as bars:
+        tasks: dict[str, TaskID] = {}
 
         def tell(stage: str, share: float) -> None:
             if stage not in tasks:
                 tasks[stage] = bars.add_task(visible(stage), total=1.0)
-            bars.update(tasks[stage], completed=share)  # type: ignore[arg-type]
+            bars.update(tasks[stage], completed=share)
 
         yield tell
+
+
+class _Lines:
+    """Progress where there is no terminal, as in a log: nothing in the first seconds, then a line every so often."""
+
+    def __init__(self, say_line: Callable[[str], None], *, every_s: float = 10.0) -> None:
+        self.say_line, self.every_s = say_line, every_s
+        self.begun = self.said = time.monotonic()
+        self.stage, self.stage_begun = "", self.begun
+
+    def __call__(self, stage: str, share: float) -> None:
+        now = time.monotonic()
+        if stage != self.stage:
+            self.stage, self.stage_begun = stage, now
+        if now - self.said < self.every_s or share >= 1:
+            return
+        self.said = now
+        spent = now - self.stage_begun
+        left = f", about {spent * (1 / share - 1):.0f} s left" if share > 0.05 and spent > 2 else ""
+        self.say_line(f"{now - self.begun:.0f} s: {stage}, {share:.0%} done{left}")
 
 
 def finish(report: object, text: str, out: Path, as_json: bool) -> None:
@@ -105,8 +131,14 @@ def finish(report: object, text: str, out: Path, as_json: bool) -> None:
     say(
         "",
         f"Wrote {out}/: markers.csv and .nc, joints.csv, run.nc, report.json, report.md, {learned}recording.rrd",
-        f"Look at it: {program()} view {out}   (in the browser: {program()} view {out} --web)",
+        f"Look at it: {typed(program(), 'view', out)}   (in the browser: add --web)",
     )
+
+
+def typed(*words: object) -> str:
+    """A command as it can be typed or pasted, with quotes where spaces need them."""
+    texts = [str(word) for word in words]
+    return subprocess.list2cmdline(texts) if sys.platform == "win32" else shlex.join(texts)
 
 
 def program() -> str:

@@ -6,7 +6,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
-from mocap.cli.console import program, progress, say, show
+from mocap.cli.console import program, progress, say, show, typed
 from mocap.cli.options import AsJson, Force, Out
 from mocap.errors import MocapError
 
@@ -109,5 +109,5 @@ def design_joint(
     say(
         "",
         f"Wrote {out}/: report, drawing, pictures{', parts/*.stl, assembly.3mf' if solid else ''}, recording.rrd",
-        f"Look at it: {program()} view {out}",
+        f"Look at it: {typed(program(), 'view', out)}",
     )

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.console import program, say, show
+from mocap.cli.console import program, say, show, typed
 from mocap.cli.options import AsJson, Force, RecordingOptions
 from mocap.cli.records import with_records
 
@@ -37,4 +37,7 @@ def learn(
         print(json.dumps({"out": str(out), "scores": model.scores}))  # noqa: T201
         return
     show(model.report_text)
-    say("", f"Wrote {out}. Track another recording with it: {program()} track FILE ... --model {out}")
+    say(
+        "",
+        f"Wrote {out}. Track another recording with it: {typed(program(), 'track', 'FILE')} ... --model {typed(out)}",
+    )

@@ -18,7 +18,7 @@ from benchmarks.gaps.method import Trial
 from benchmarks.gaps.sets import SETS, WIND_TUNNEL_POINTS, noise_sd, positions
 from benchmarks.gaps.table import FOLDS, by_cell, pooled
 from benchmarks.twins import POINTS
-from datasets.bat import make_bat_wind_tunnel
+from datasets.bats import make_bat_wind_tunnel
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
 

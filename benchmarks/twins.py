@@ -15,10 +15,10 @@ from scipy.stats import wasserstein_distance
 
 from benchmarks import twins_published
 from datasets import PERFECT, Digitiser, make_bat, make_lizard
-from datasets.bat import make_bat_wind_tunnel
+from datasets.bats import make_bat_wind_tunnel
 from datasets.bat_flight import laps
 from datasets.linkage import turn
-from datasets.lizard import SLOPE_RAD
+from datasets.lizards import SLOPE_RAD
 from datasets.real import folder
 from datasets.visibility import Visibility, distances, merged, pooled, visibility
 from mocap.arrays import Array

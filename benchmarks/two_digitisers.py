@@ -18,9 +18,9 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from datasets import Digitiser, SyntheticRecording, make_bat, make_lizard, write_recording
-from datasets.bat import bat_motion
+from datasets.bats import bat_motion
 from datasets.film import film
-from datasets.lizard import lizard_motion
+from datasets.lizards import lizard_motion
 from filters.models.pose import PoseSettings
 from filters.subspace import bridge
 from mocap.arrays import Array

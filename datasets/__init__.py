@@ -1,9 +1,24 @@
-"""Recordings whose truth is known, made from a seed (of eal-mocap)."""
+"""Recordings whose truth is known, made from a seed (of eal-mocap).
 
-from datasets.bat import make_bat
+``datasets.bat(seed=0)`` flies and ``datasets.lizard(seed=0)`` walks: markers with their truth, cameras, pixels.
+"""
+
+from datasets.bats import make_bat
 from datasets.folder import read_truth, write_recording
-from datasets.lizard import make_lizard
+from datasets.lizards import make_lizard
 from datasets.observe import PERFECT, Digitiser
 from datasets.recording import SyntheticRecording
 
-__all__ = ["PERFECT", "Digitiser", "SyntheticRecording", "make_bat", "make_lizard", "read_truth", "write_recording"]
+bat, lizard = make_bat, make_lizard
+
+__all__ = [
+    "PERFECT",
+    "Digitiser",
+    "SyntheticRecording",
+    "bat",
+    "lizard",
+    "make_bat",
+    "make_lizard",
+    "read_truth",
+    "write_recording",
+]

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from datasets.bat import bat_motion, make_bat, make_bat_wind_tunnel
+from datasets.bats import bat_motion, make_bat, make_bat_wind_tunnel
 from datasets.boards import Board
 from datasets.calibration_session import board_session, write_board_session
 from datasets.folder import write_recording
-from datasets.lizard import SLOPE_RAD, lizard_motion, make_lizard
+from datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard
 from datasets.movie import write_movies
 from datasets.pendulums import Pendulum, make_pendulum, write_pendulum
 from datasets.recording import SyntheticRecording

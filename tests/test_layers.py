@@ -116,7 +116,7 @@ def test_every_package_is_in_the_table():
         ("eal/integrators/a.py", "from ... import mocap"),
         ("datasets/a.py", "import numpy, eal.kernels as k"),
         ("filters/a.py", "import mocap.pipeline.run"),
-        ("filters/a.py", "import importlib\nimportlib.import_module('datasets.bat')"),
+        ("filters/a.py", "import importlib\nimportlib.import_module('datasets.bats')"),
         ("filters/a.py", "import cv2"),
         ("mocap/cli/a.py", "import rerun as rr"),
         ("mocap/a.py", "from filterpy.kalman import KalmanFilter"),

@@ -93,7 +93,7 @@ def compiled(folder: Path) -> Path:
 
 def converting(files: Path) -> list[Case]:
     """Commands that read one recording and write another."""
-    from datasets.lizard import make_lizard
+    from datasets.lizards import make_lizard
     from mocap.io.contents import point_recording
     from mocap.io.registry import write
 
@@ -119,7 +119,7 @@ def converting(files: Path) -> list[Case]:
 
 def tracking(files: Path) -> list[Case]:
     """Commands that write what was tracked, learned or drawn; it is made here, once."""
-    from datasets.lizard import make_lizard
+    from datasets.lizards import make_lizard
     from filters.model import learn_from_itself
     from filters.models.pose import PoseSettings
     from mocap.pipeline.job import run_job
@@ -163,7 +163,7 @@ def showing(files: Path) -> list[Case]:
     """Joint design, and the folder for a web server: with the viewer's own files."""
     import urllib.request
 
-    from datasets.lizard import make_lizard
+    from datasets.lizards import make_lizard
     from mocap.pipeline.job import run_job
     from mocap.pipeline.recording import Recording
     from mocap.rerun.record import write_recording as write_rrd

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.bat import make_bat
-from datasets.lizard import make_lizard
+from datasets.bats import make_bat
+from datasets.lizards import make_lizard
 from eal.arrays import Array
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.recording import Recording

@@ -8,7 +8,7 @@ import pytest
 
 from datasets.boards import Board, photograph, viewfinder
 from datasets.calibration_session import board_session, write_board_session
-from datasets.lizard import SLOPE_RAD
+from datasets.lizards import SLOPE_RAD
 from datasets.rig import tank_cameras, tunnel_cameras
 from datasets.wand import wand_sweep, write_wand_sweep
 from mocap.cameras.camera import decompose, record

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
-from datasets.bat import bat_motion
+from datasets.bats import bat_motion
 from datasets.film import view
-from datasets.lizard import SLOPE_RAD, lizard_motion
+from datasets.lizards import SLOPE_RAD, lizard_motion
 from datasets.movie import FIRST_PIXEL, picture, write_movies
 from datasets.rig import tank_cameras, tunnel_cameras
 from mocap.io.movies import open_movie

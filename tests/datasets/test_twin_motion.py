@@ -6,7 +6,7 @@ import pytest
 from datasets import make_bat, make_lizard
 from datasets.gait import Gait
 from datasets.linkage import turn
-from datasets.lizard import SLOPE_RAD
+from datasets.lizards import SLOPE_RAD
 
 
 def lengths_m(recording):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.twins import ANGLES, FLIGHTS, triangulated, wing_angles
-from datasets.bat import make_bat_wind_tunnel
+from datasets.bats import make_bat_wind_tunnel
 from mocap.io.dvproject import read_project
 from tests.real_data import real
 

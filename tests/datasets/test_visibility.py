@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets import PERFECT
-from datasets.bat import make_bat_wind_tunnel
+from datasets.bats import make_bat_wind_tunnel
 from datasets.visibility import distances, merged, pooled, visibility
 
 

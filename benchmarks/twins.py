@@ -15,8 +15,8 @@ from scipy.stats import wasserstein_distance
 
 from benchmarks import twins_published
 from datasets import PERFECT, Digitiser, make_bat, make_lizard
-from datasets.bats import make_bat_wind_tunnel
 from datasets.bat_flight import laps
+from datasets.bats import make_bat_wind_tunnel
 from datasets.linkage import turn
 from datasets.lizards import SLOPE_RAD
 from datasets.real import folder

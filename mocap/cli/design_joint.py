@@ -1,99 +1,150 @@
 """``mocap design-joint``."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, cast, get_args
+from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
 from mocap.cli.console import program, progress, say, show, typed
 from mocap.cli.options import AsJson, Force, Out
+from mocap.cli.records import with_records
 from mocap.errors import MocapError
+
+if TYPE_CHECKING:
+    from eal.joint_design import Limits, Tolerance
+    from mocap.joint_design.flexure import Printing
 
 MM = 1e-3
 
 
+@dataclass(frozen=True, kw_only=True)
+class TrussOptions:
+    """Which members a truss may have."""
+
+    level: Annotated[float, typer.Option(help="The region is where V_z is below this.")] = 0.9
+    members: Annotated[int, typer.Option(min=2, help="Most members.")] = 12
+    laws: Annotated[str, typer.Option(help="Of members: linear, cable, strut, neo_hookean, tape.")] = (
+        "linear,cable,strut"
+    )
+    internal: Annotated[int, typer.Option(min=0, help="Internal nodes; such trusses are not printed.")] = 0
+    symmetric: Annotated[bool, typer.Option("--symmetric", help="Members in mirrored pairs.")] = False
+    crossing: Annotated[bool, typer.Option(help="Whether members that share no node may cross.")] = True
+    starts: Annotated[int, typer.Option(min=1, help="Ground structures tried.")] = 4
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same truss.")] = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SizeOptions:
+    """How large it is printed, and what its members bear."""
+
+    size_mm: Annotated[float, typer.Option(help="Printed distance from the joint to its farthest sample.")] = 80.0
+    shortest_mm: Annotated[float, typer.Option(help="Least length of a member, as printed.")] = 20.0
+    longest_mm: Annotated[float | None, typer.Option(help="Greatest; if not given, 2.2 sizes.")] = None
+    reach_mm: Annotated[float | None, typer.Option(help="Posts within this of the joint; 1.25 sizes.")] = None
+    contraction: Annotated[float, typer.Option(help="Most that a spring shortens, over its rest length.")] = 0.65
+    extension: Annotated[float, typer.Option(help="Most that a member stretches, over its rest length.")] = 1.5
+
+    def limits(self, truss: TrussOptions) -> "Limits":
+        """Of members, in metres.
+
+        Raises:
+            MocapError: they contradict each other.
+        """
+        from eal.joint_design import DesignError, Law, Limits
+
+        asked = tuple(part.strip() for part in truss.laws.split(","))
+        if not set(asked) <= set(get_args(Law)):
+            raise MocapError(f"`laws` {truss.laws}: give some of {', '.join(get_args(Law))}, with commas between")
+        try:
+            return Limits(
+                members=truss.members,
+                shortest=self.shortest_mm * MM,
+                longest=(self.longest_mm or 2.2 * self.size_mm) * MM,
+                reach=(self.reach_mm or 1.25 * self.size_mm) * MM,
+                spacing=14.0 * MM,
+                contraction=self.contraction,
+                extension=self.extension,
+                laws=cast(tuple[Law, ...], asked),
+            )
+        except DesignError as error:
+            raise MocapError(str(error)) from None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartOptions:
+    """What its parts are made of, and how well."""
+
+    solid: Annotated[bool, typer.Option(help="Shape parts to print.")] = True
+    material: Annotated[str, typer.Option(help="pa12, petg, pla or tpu95a.")] = "pa12"
+    young_mpa: Annotated[float | None, typer.Option(help="Young's modulus, if it is another.")] = None
+    strain: Annotated[float | None, typer.Option(help="Allowable strain, if it is another.")] = None
+    wall_mm: Annotated[float, typer.Option(help="Least wall.")] = 0.8
+    width_mm: Annotated[float, typer.Option(help="Widest spring.")] = 20.0
+    energy_mj: Annotated[float | None, typer.Option(help="Energy at V = 1; if not given, amid what fits.")] = None
+    error_mm: Annotated[float, typer.Option(help="Deviation of posts and lengths as built.")] = 0.1
+    error_stiffness: Annotated[float, typer.Option(help="The same of stiffnesses, relative.")] = 0.1
+
+    def printing(self) -> "Printing":
+        """Material and walls, in metres.
+
+        Raises:
+            MakeError: there is no such material.
+        """
+        from mocap.joint_design.flexure import Printing
+        from mocap.joint_design.material import material
+
+        found = material(self.material, young_mpa=self.young_mpa, strain=self.strain)
+        return Printing(material=found, wall_m=self.wall_mm * MM, width_m=self.width_mm * MM)
+
+    def tolerance(self) -> "Tolerance":
+        """Errors of manufacture, in metres."""
+        from eal.joint_design import Tolerance
+
+        return Tolerance(position=self.error_mm * MM, length=self.error_mm * MM, stiffness=self.error_stiffness)
+
+
+@with_records
 def design_joint(
     source: Annotated[Path, typer.Argument(help="Run folder, potential of a joint (.npz), or model of mocap learn.")],
     out: Out,
+    truss: TrussOptions,
+    size: SizeOptions,
+    parts: PartOptions,
     joint: Annotated[
         str | None, typer.Option(help="Joint; with a model and no skeleton its markers parent,centre,child.")
     ] = None,
     skeleton: Annotated[Path | None, typer.Option(help="With a model: the skeleton that names the joint.")] = None,
-    level: Annotated[float, typer.Option(help="The region is where V_z is below this.")] = 0.9,
-    members: Annotated[int, typer.Option(min=2, help="Most members.")] = 12,
-    laws: Annotated[
-        str, typer.Option(help="Of members: linear, cable, strut, neo_hookean, tape.")
-    ] = "linear,cable,strut",
-    internal: Annotated[int, typer.Option(min=0, help="Internal nodes; such trusses are not printed.")] = 0,
-    symmetric: Annotated[bool, typer.Option("--symmetric", help="Members in mirrored pairs.")] = False,
-    crossing: Annotated[bool, typer.Option(help="Whether members that share no node may cross.")] = True,
-    size_mm: Annotated[float, typer.Option(help="Printed distance from the joint to its farthest sample.")] = 80.0,
-    shortest_mm: Annotated[float, typer.Option(help="Least length of a member, as printed.")] = 20.0,
-    longest_mm: Annotated[float | None, typer.Option(help="Greatest; if not given, 2.2 sizes.")] = None,
-    reach_mm: Annotated[float | None, typer.Option(help="Posts within this of the joint; 1.25 sizes.")] = None,
-    contraction: Annotated[float, typer.Option(help="Most that a spring shortens, over its rest length.")] = 0.65,
-    extension: Annotated[float, typer.Option(help="Most that a member stretches, over its rest length.")] = 1.5,
-    solid: Annotated[bool, typer.Option(help="Shape parts to print.")] = True,
-    material: Annotated[str, typer.Option(help="pa12, petg, pla or tpu95a.")] = "pa12",
-    young_mpa: Annotated[float | None, typer.Option(help="Young's modulus, if it is another.")] = None,
-    strain: Annotated[float | None, typer.Option(help="Allowable strain, if it is another.")] = None,
-    wall_mm: Annotated[float, typer.Option(help="Least wall.")] = 0.8,
-    width_mm: Annotated[float, typer.Option(help="Widest spring.")] = 20.0,
-    energy_mj: Annotated[float | None, typer.Option(help="Energy at V = 1; if not given, amid what fits.")] = None,
-    error_mm: Annotated[float, typer.Option(help="Deviation of posts and lengths as built.")] = 0.1,
-    error_stiffness: Annotated[float, typer.Option(help="The same of stiffnesses, relative.")] = 0.1,
-    starts: Annotated[int, typer.Option(min=1, help="Ground structures tried.")] = 4,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same truss.")] = 0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Shape a truss whose strain energy is a joint's empirical potential; check it, draw it, make parts to print."""
-    from eal.joint_design import DesignError, Law, Limits, Tolerance
     from mocap.io.output import result_folder
     from mocap.joint_design.design import Wish
     from mocap.joint_design.design import design_joint as shape_joint
-    from mocap.joint_design.flexure import Printing
-    from mocap.joint_design.material import material as material_of
     from mocap.joint_design.report import readable, report
     from mocap.joint_design.source import read_source
     from mocap.joint_design.write import write_design
     from mocap.rerun.log_truss import write_truss_recording
     from mocap.stages import Stages
 
-    asked = tuple(part.strip() for part in laws.split(","))
-    if not set(asked) <= set(get_args(Law)):
-        raise MocapError(f"--laws {laws}: give some of {', '.join(get_args(Law))}, with commas between")
+    limits = size.limits(truss)
     found = read_source(source, joint, skeleton)
-    solid = solid and not internal and found.potential.dimension == 2
-    try:
-        limits = Limits(
-            members=members,
-            shortest=shortest_mm * MM,
-            longest=(longest_mm or 2.2 * size_mm) * MM,
-            reach=(reach_mm or 1.25 * size_mm) * MM,
-            spacing=14.0 * MM,
-            contraction=contraction,
-            extension=extension,
-            laws=cast(tuple[Law, ...], asked),
-        )
-    except DesignError as error:
-        raise MocapError(str(error)) from None
-    printing = Printing(
-        material=material_of(material, young_mpa=young_mpa, strain=strain), wall_m=wall_mm * MM, width_m=width_mm * MM
-    )
+    solid = parts.solid and not truss.internal and found.potential.dimension == 2
+    printing = parts.printing()
     wish = Wish(
-        size_m=size_mm * MM,
-        level=level,
+        size_m=size.size_mm * MM,
+        level=truss.level,
         limits=limits,
-        starts=starts,
-        internal=internal,
-        symmetric=symmetric,
-        may_cross=crossing,
-        seed=seed,
+        starts=truss.starts,
+        internal=truss.internal,
+        symmetric=truss.symmetric,
+        may_cross=truss.crossing,
+        seed=truss.seed,
         printing=printing if solid else None,
-        energy_j=None if energy_mj is None else energy_mj * MM,
-        tolerance=Tolerance(position=error_mm * MM, length=error_mm * MM, stiffness=error_stiffness),
+        energy_j=None if parts.energy_mj is None else parts.energy_mj * MM,
+        tolerance=parts.tolerance(),
     )
     with (
         result_folder(out, "design-joint", replace=force, inputs=[source, skeleton], tell=say) as folder,

@@ -39,7 +39,7 @@ def learn_from(
     for source in sources:
         recordings.append(source if isinstance(source, Prepared) else prepare(source))
         seen = np.isfinite(recordings[-1].xyz_m[..., 0])
-        for finding in source.frame_findings:
+        for finding in () if isinstance(source, Prepared) else source.frame_findings:
             tell(f"{recordings[-1].name}: {finding}")
         tell(f"{recordings[-1].name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
     names = list(dict.fromkeys(name for recording in recordings for name in recording.names))

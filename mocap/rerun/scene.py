@@ -120,7 +120,7 @@ def image_size_px(camera: Camera, uv_px: Array | None) -> Array:
     seen = np.zeros((0, 2)) if uv_px is None else uv_px[np.isfinite(uv_px).all(axis=-1)]
     largest = np.quantile(seen, 0.995, axis=0) * 1.05 if len(seen) else np.zeros(2)
     size = np.where((size > 0) & ((largest <= 0) | (size < 5 * largest)), np.maximum(size, largest), largest)
-    return np.ceil(np.maximum(size, 1.0))
+    return np.ceil(np.maximum(size, 1.0) - 1e-6)  # a whole number stays one after rounding
 
 
 def _facing(camera: Camera, points: Array) -> Camera:

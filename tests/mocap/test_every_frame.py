@@ -27,7 +27,7 @@ def some_frames(recording, keep):
     if pixels is not None:
         pixels = replace(pixels, t_s=pixels.t_s[keep], uv_px=tracks(pixels.uv_px, 1))
     if found is not None:
-        parts = {name: getattr(found, name)[keep] for name in ("t_s", "xyz_m", "cov_m2", "origin")}
+        parts = {name: getattr(found, name)[keep] for name in ("t_s", "xyz_m", "cov_m2", "status")}
         found = replace(found, **parts)
     score = recording.score
     return replace(

@@ -95,7 +95,7 @@ def test_known_skeletons_are_found(tmp_path, make, kind):
     recording = make(seed=3)
     truth = recording.skeleton
     files = write_recording(recording, tmp_path, others=True)
-    cameras = {"coefficients": files["coefficients"], "profile": files["profile"]} if kind == "pixels" else {}
+    cameras = {"calibration": files["coefficients"], "profile": files["profile"]} if kind == "pixels" else {}
     found = propose_skeleton(prepare(Recording(tracks=files[kind], fps=recording.fps, **cameras))).skeleton
     true_bones = {frozenset((bone.a, bone.b)) for bone in truth.bones}
     bones = {frozenset((bone.a, bone.b)) for bone in found.bones}

@@ -13,7 +13,7 @@ from readback import column
 from test_view_pictures import amount
 from vulkan import need_vulkan
 
-from filters.live import Estimate
+from filters.live import LiveEstimate
 from filters.observations import WHOLE
 from filters.observe import Observed
 from mocap.records import Status
@@ -38,7 +38,7 @@ def estimates(run):
             n_rows=int(tracked.n_rows[k]),
             log_likelihood=tracked.log_likelihood[k],
         )
-        yield Estimate(
+        yield LiveEstimate(
             frame=k,
             t_s=markers.t_s[k],
             ahead=0,

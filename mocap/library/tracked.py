@@ -52,7 +52,7 @@ class Joint:
         t_s: (T,) times.
         q_m: Coordinates (T, d) in metres by frame of reference: world, body (d = 3), plane, limb (d = 2).
         sd_m: (T,) standard deviation of a coordinate.
-        filled: (T,) frames in which one of its three markers was not measured.
+        filled: (T,) frames with coordinates in which one of its three markers was not measured.
         potential: Its empirical potential; None where too few samples were measured.
     """
 
@@ -151,12 +151,13 @@ class Tracked:
         i = world.names.index(name)
         joint = next(j for j in self.run.skeleton.joints if j.name == name)
         three = [markers.names.index(m) for m in (joint.parent, joint.centre, joint.child)]
+        there = np.isfinite(world.q_m[:, i, 0])
         return Joint(
             name=name,
             t_s=world.t_s,
             q_m={frame: tracks.q_m[:, i] for frame, tracks in self.run.joints.items()},
             sd_m=world.sd_m[:, i],
-            filled=(markers.status[:, three] != Status.MEASURED).any(axis=1),
+            filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
             potential=self.run.potentials.get(name),
         )
 

@@ -1,5 +1,6 @@
 """What a run has to say for itself, as ``report.json`` and as readable text."""
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -261,7 +262,7 @@ def readable(report: Mapping, *, title: str) -> str:
         f"- rejected samples: {_counted(rejected, {**reasons, **_RAYS})}",
         f"- repaired samples: {_counted(report['repaired']['counts'], report['repaired']['reasons'])}",
     ]
-    lines += ["", "## Findings", "", *(f"- {plain(finding)}" for finding in report["findings"])]
+    lines += ["", "## Findings", "", *(f"- {_said(finding)}" for finding in report["findings"])]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
         lines += ["", f"Stale stored points (frame, marker, distance): {stale}"]
@@ -279,6 +280,11 @@ def readable(report: Mapping, *, title: str) -> str:
         ]
     seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())
     return "\n".join([*lines, "", f"Time: {seconds}.", ""])
+
+
+def _said(finding: str) -> str:
+    """A finding, in which arguments stay between backquotes."""
+    return re.sub(r"\\`(\w+)\\`", r"`\1`", plain(finding))
 
 
 def _counted(counts: Mapping[str, int], reasons: Mapping[str, str]) -> str:

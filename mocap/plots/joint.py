@@ -48,6 +48,10 @@ def plot_coordinates(
         ax.fill_between(
             t_s, 0, 0.02, where=filled.tolist(), transform=ax.get_xaxis_transform(), color="0.45", label="filled"
         )
+    there = np.flatnonzero(np.isfinite(q_m).any(axis=1))
+    if len(there) > 1:
+        margin = 0.03 * (t_s[there[-1]] - t_s[there[0]])
+        ax.set_xlim(t_s[there[0]] - margin, t_s[there[-1]] + margin)
     ax.set_xlabel("time (s)")
     ax.set_ylabel("mm")
     ax.set_title(title, fontsize=10)

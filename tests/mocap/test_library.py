@@ -173,6 +173,7 @@ def test_plots_show_the_samples_they_are_of(tracked):
     lines = joint.plot().get_lines()
     np.testing.assert_allclose(lines[0].get_ydata(), 1e3 * joint.q_m["limb"][:, 0])
     np.testing.assert_allclose(joint.plot("body").get_lines()[2].get_ydata(), 1e3 * joint.q_m["body"][:, 2])
+    assert np.isfinite(joint.q_m["world"][joint.filled]).all()
     points = tracked.potential(name).plot().get_lines()[0]
     np.testing.assert_allclose(points.get_xdata(), 1e3 * joint.potential.samples_m[:, 0])
     with pytest.raises(mocap.MocapError, match="give world, body, plane, limb"):

@@ -10,11 +10,12 @@ import rerun.blueprint as rrb
 from mocap.arrays import Array
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
+from mocap.rerun.camera_errors import usual_limit
 from mocap.rerun.columns import numbered_from, segments, single, time_columns
 from mocap.rerun.compare_layout import compare_blueprint
 from mocap.rerun.landscape import MM_PER_M
-from mocap.rerun.log_health import log_line, usual_limit
 from mocap.rerun.row_map import amounts, log_row_map, rms
+from mocap.rerun.series import log_line
 from mocap.rerun.stored import Stored, read_recording, recording_file
 from mocap.rerun.stream import recording_into
 

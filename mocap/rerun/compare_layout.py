@@ -6,11 +6,11 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import series_view
 from mocap.rerun.columns import FRAME
 from mocap.rerun.layout import trail_length
 from mocap.rerun.row_map import row_map_view
 from mocap.rerun.scene_views import eye, last_frames, world_view
+from mocap.rerun.series import series_view
 from mocap.rerun.stored import Stored
 
 _TILES = 2

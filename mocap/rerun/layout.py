@@ -7,8 +7,8 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.pipeline.run import Run
+from mocap.rerun.camera_errors import CameraErrors, camera_errors
 from mocap.rerun.landscape import Landscape
-from mocap.rerun.log_health import CameraErrors, camera_errors
 from mocap.rerun.scene import Scene, ViewCamera
 from mocap.rerun.volume import Block
 

@@ -11,12 +11,12 @@ import rerun.blueprint as rrb
 
 from filters.live import LiveEstimate
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import series_view
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
 from mocap.rerun.log_markers import ellipsoids
 from mocap.rerun.log_world import BODY_CLASS, SAMPLE_CLASS, log_world
 from mocap.rerun.scene import Scene
 from mocap.rerun.scene_views import eye, world_view
+from mocap.rerun.series import series_view
 from mocap.skeleton import Skeleton
 
 WAITING = 256

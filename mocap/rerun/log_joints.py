@@ -10,8 +10,8 @@ from mocap.rerun.chart import log_chart
 from mocap.rerun.columns import segments, single, time_columns
 from mocap.rerun.energy import JointEnergy
 from mocap.rerun.landscape import MM_PER_M, RANGE, Landscape, normals, triangles
-from mocap.rerun.log_health import log_line
 from mocap.rerun.log_moving import log_moving
+from mocap.rerun.series import log_line
 
 COORDINATES = ("q1", "q2", "q3")
 _DECADES = 8

@@ -12,7 +12,7 @@ from mocap.joint_design.design import JointDesign
 from mocap.rerun import palette
 from mocap.rerun.columns import FRAME, segments, single, time_columns
 from mocap.rerun.landscape import MM_PER_M, triangles
-from mocap.rerun.log_health import log_line
+from mocap.rerun.series import log_line
 from mocap.rerun.stream import recording_into
 
 APPLICATION = "mocap"

@@ -12,17 +12,9 @@ from mocap.rerun.columns import numbered_from
 from mocap.rerun.cut import cut, known_part
 from mocap.rerun.landscape import landscape
 from mocap.rerun.layout import Layout, joint_frames, run_layout
-from mocap.rerun.log_cameras import log_cameras, log_pixels
-from mocap.rerun.log_gaps import log_gap_map, log_gaps
-from mocap.rerun.log_health import log_health
-from mocap.rerun.log_joints import log_coordinates, log_potential
-from mocap.rerun.log_markers import log_markers, log_trails, log_uncertainty
-from mocap.rerun.log_report import log_report
-from mocap.rerun.log_video import log_video
-from mocap.rerun.log_volume import log_volume
-from mocap.rerun.log_world import log_world
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.stream import recording_into
+from mocap.rerun.tabs.registry import TABS
 from mocap.rerun.volume import block
 
 APPLICATION = "mocap"
@@ -77,26 +69,8 @@ def make_layout(run: Run) -> Layout:
 
 def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
     """Everything that a run has to show."""
-    scene, markers = layout.scene, run.tracked.markers
-    log_world(rec, scene, names=markers.names, skeleton=run.skeleton)
-    log_markers(rec, scene, markers)
-    log_uncertainty(rec, scene, markers)
-    log_trails(rec, scene, markers, trunk=run.skeleton.trunk)
-    log_gap_map(rec, markers)
-    log_gaps(rec, markers)
-    log_cameras(rec, scene)
-    if run.ideal_px is not None:
-        log_pixels(rec, scene, run.ideal_px, run.tracked)
-    for view, camera, footage in zip(scene.cameras, run.cameras, run.footage, strict=False):
-        log_video(rec, view, camera, footage, markers.t_s)
-    log_health(rec, run.tracked, layout.errors)
-    for name, frame in layout.joint_frames.items():
-        log_coordinates(rec, run.joints[frame], name)
-    for name, land in layout.landscapes.items():
-        log_potential(rec, name, markers.t_s, land)
-    for name, cloud in layout.blocks.items():
-        log_volume(rec, name, markers.t_s, cloud)
-    log_report(rec, run.report_text)
+    for tab in TABS:
+        tab.log(rec, run, layout)
 
 
 def recording_id(run: Run) -> str:

@@ -10,7 +10,11 @@ from mocap.arrays import Array
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import FRAME
 from mocap.rerun.layout import Layout
+from mocap.rerun.log_cameras import WHISKER_SCALE
 from mocap.rerun.log_markers import ELLIPSOID_SD
+
+_WIDE_TILES = 9
+"""More cameras have too little room for a title of their scale."""
 
 
 def scene_view(layout: Layout) -> rrb.View:
@@ -141,3 +145,20 @@ def world_view(
             **{camera: rr.Pinhole.from_fields().visualizer() for camera in frusta},
         },
     )
+
+
+def camera_view(layout: Layout, name: str) -> rrb.View:
+    """One camera: its pixels, and the body as the viewer itself projects it; framed on what it saw."""
+    (left, top), (right, bottom) = layout.bounds_px[name]
+    return rrb.Spatial2DView(
+        origin=paths.image(name),
+        name=f"{name} (px, residuals {WHISKER_SCALE:g}x)" if len(layout.bounds_px) <= _WIDE_TILES else f"{name} (px)",
+        contents=["$origin/**", paths.SKELETON, f"{paths.MARKERS}/filled"],
+        background=palette.GROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
+    )
+
+
+def camera_order(layout: Layout) -> list[str]:
+    """Cameras with pixels in the order of the recording."""
+    return [c.name for c in layout.scene.cameras if c.name in layout.bounds_px]

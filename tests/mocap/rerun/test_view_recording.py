@@ -376,7 +376,7 @@ def test_whole_or_not_at_all(run, tmp_path, monkeypatch):
     def fail(*_: object) -> None:
         raise ValueError("in the middle")
 
-    monkeypatch.setattr("mocap.rerun.record.log_report", fail)
+    monkeypatch.setattr("mocap.rerun.tabs.health.log_gaps", fail)
     with pytest.raises(ValueError, match="in the middle"):
         write_recording(run, tmp_path / "r.rrd")
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("r.rrd", "old")]

@@ -2,13 +2,14 @@
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mocap.records import MarkerTracks
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import time_columns
 from mocap.rerun.log_markers import classes
-from mocap.rerun.row_map import columns_of, log_row_map
+from mocap.rerun.row_map import columns_of, log_row_map, row_map_view
 
 _STATES = np.array(["", *paths.ORIGINS])
 
@@ -51,3 +52,17 @@ def class_codes(markers: MarkerTracks) -> NDArray[np.int8]:
     for i, name in enumerate(paths.ORIGINS):
         codes[masks[name]] = i + 1
     return codes
+
+
+def gap_map_view() -> rrb.View:
+    """Who was seen when, at a glance."""
+    return row_map_view(paths.GAP_MAP, "Gaps over frames: measured blue, filled yellow, rejected red")
+
+
+def gap_lanes_view() -> rrb.View:
+    """When each marker was seen, a lane each."""
+    return rrb.StateTimelineView(
+        origin=paths.GAPS,
+        name="Gaps of each marker (frames)",
+        time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+    )

@@ -1,0 +1,48 @@
+"""Lines over time: how they are logged, and the view that shows them."""
+
+from collections.abc import Sequence
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mocap.arrays import Array
+from mocap.rerun import palette
+from mocap.rerun.columns import time_columns
+
+
+def log_line(
+    rec: rr.RecordingStream,
+    path: str,
+    t_s: Array,
+    values: Array,
+    *,
+    name: str | Sequence[str],
+    color: palette.Rgb | Sequence[palette.Rgb],
+) -> None:
+    """One line, or several of one entity, over time.
+
+    Args:
+        rec: Where to.
+        path: Entity.
+        t_s: (T,) times.
+        values: (T,) or (T, lines) numbers; NaN breaks the line.
+        name: What the legend says, a line.
+        color: Of all lines, or a line.
+    """
+    n_lines = 1 if values.ndim == 1 else values.shape[1]
+    colors = [color] * n_lines if isinstance(color[0], int) else list(color)
+    names = [name] if isinstance(name, str) else list(name)
+    rec.log(path, rr.SeriesLines(names=names, colors=colors, widths=[1.5] * n_lines), static=True)
+    rec.send_columns(path, indexes=time_columns(t_s), columns=rr.Scalars.columns(scalars=values))
+
+
+def series_view(origin: str, name: str, *, y_range: tuple[float, float] | None = None, legend: bool = True) -> rrb.View:
+    """Lines over frames; all such views share their time axis."""
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=name,
+        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        axis_y=rrb.ScalarAxis(range=y_range) if y_range else None,
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend),
+        background=rrb.archetypes.PlotBackground(color=palette.GROUND, show_grid=True),
+    )

@@ -1,0 +1,93 @@
+"""Tab: how well the filter agrees with what was seen, over time."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from mocap.arrays import Array
+from mocap.pipeline.run import Run
+from mocap.rerun import palette, paths
+from mocap.rerun.camera_errors import usual_limit
+from mocap.rerun.gaps import gap_lanes_view, log_gaps
+from mocap.rerun.layout import Layout
+from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view
+from mocap.rerun.series import log_line, series_view
+
+BAND = (0.025, 0.975)
+"""Quantiles of chi-square between which the normalised innovation of a consistent filter lies in 95 % of frames."""
+_LINES = 4
+"""More cameras are rows of a map."""
+
+
+def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+    """Innovations and residuals of each camera, normalised innovation with its band, likelihood, rows; lanes of gaps.
+
+    Cameras are lines, and rows of a map, in which more than a few can be told apart.
+    """
+    tracked, errors = run.tracked, layout.errors
+    t_s = tracked.markers.t_s
+    log_gaps(rec, tracked.markers)
+    if errors is not None:
+        colors = [palette.of_series(c) for c in range(len(errors.cameras))]
+        for lines, rows, values in (
+            (paths.INNOVATION, paths.INNOVATION_MAP, errors.innovation_px),
+            (paths.RESIDUAL, paths.RESIDUAL_MAP, errors.residual_px),
+        ):
+            log_line(rec, lines, t_s, values.T, name=errors.cameras, color=colors)
+            picture = amounts(values, usual_limit(values))
+            log_row_map(rec, rows, picture, names=errors.cameras, t_s=t_s, size=WIDE)
+    low, high = nis_band(tracked.n_rows)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        nis = np.where(tracked.n_rows > 0, tracked.nis / tracked.n_rows, np.nan)
+    band = np.column_stack([low, high])
+    log_line(rec, f"{paths.NIS}/band", t_s, band, name=("2.5 %", "97.5 %"), color=palette.GREY)
+    log_line(rec, f"{paths.NIS}/value", t_s, nis, name="NIS / rows", color=palette.SKY_BLUE)
+    log_line(rec, paths.LOG_LIKELIHOOD, t_s, tracked.log_likelihood, name="log-likelihood", color=palette.GREEN)
+    log_line(rec, paths.ROWS, t_s, tracked.n_rows.astype(np.float64), name="rows", color=palette.ORANGE)
+
+
+def tab(layout: Layout) -> rrb.Container:
+    """Is the filter consistent, frame by frame?"""
+    limit = (0.0, layout.nis_limit)
+    views = [series_view(paths.NIS, "Normalised innovation squared per row, 95 % band (expected 1)", y_range=limit)]
+    errors = layout.errors
+    if errors is not None:
+        innovation, residual = (
+            "Innovation before the update, rms",
+            "Residual after smoothing, rms",
+        )
+        if len(errors.cameras) <= _LINES:
+            views += [
+                series_view(paths.INNOVATION, f"{innovation} of each camera (px)"),
+                series_view(paths.RESIDUAL, f"{residual} of each camera (px)"),
+            ]
+        else:
+            views += [
+                row_map_view(
+                    paths.INNOVATION_MAP, f"{innovation} of each camera: {_scale(errors.innovation_px)}", WIDE
+                ),
+                row_map_view(paths.RESIDUAL_MAP, f"{residual} of each camera: {_scale(errors.residual_px)}", WIDE),
+            ]
+    views += [
+        series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
+        series_view(paths.ROWS, "Observations used in each frame (rows)", legend=False),
+        gap_lanes_view(),
+    ]
+    return rrb.Grid(*views, grid_columns=2, name="Filter health")
+
+
+def nis_band(n_rows: NDArray[np.int64]) -> Array:
+    """(2, T) quantiles ``BAND`` of chi-square with ``n_rows`` degrees of freedom, a row; NaN without rows.
+
+    Bar-Shalom, Li & Kirubarajan 2001, section 5.4.
+    """
+    rows, where = np.unique(n_rows, return_inverse=True)
+    freedom = np.where(rows > 0, rows, 1)
+    quantiles = np.array([chdtri(freedom, 1 - p) / freedom for p in BAND])
+    return np.where(rows > 0, quantiles, np.nan)[:, where]
+
+
+def _scale(values_px: Array) -> str:
+    return f"dark 0 to yellow {usual_limit(values_px):.3g} px"

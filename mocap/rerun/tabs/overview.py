@@ -1,0 +1,34 @@
+"""Tab: the scene, the cameras that saw most, and who was seen when."""
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mocap.pipeline.run import Run
+from mocap.rerun.gaps import gap_map_view, log_gap_map
+from mocap.rerun.layout import Layout
+from mocap.rerun.log_markers import log_markers, log_trails, log_uncertainty
+from mocap.rerun.log_world import log_world
+from mocap.rerun.scene_views import camera_order, camera_view, scene_view
+
+_TILES = 4
+
+
+def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+    """World, markers with their uncertainty and trails, and the map of gaps."""
+    scene, markers = layout.scene, run.tracked.markers
+    log_world(rec, scene, names=markers.names, skeleton=run.skeleton)
+    log_markers(rec, scene, markers)
+    log_uncertainty(rec, scene, markers)
+    log_trails(rec, scene, markers, trunk=run.skeleton.trunk)
+    log_gap_map(rec, markers)
+
+
+def tab(layout: Layout) -> rrb.Container:
+    """The scene, the cameras that saw most, and who was seen when."""
+    right: list[rrb.Container | rrb.View] = []
+    if layout.bounds_px:
+        names = list(layout.bounds_px)[:_TILES]
+        tiles = (camera_view(layout, name) for name in sorted(names, key=camera_order(layout).index))
+        right.append(rrb.Grid(*tiles, grid_columns=min(2, len(names))))
+    right.append(gap_map_view())
+    return rrb.Horizontal(scene_view(layout), rrb.Vertical(*right), column_shares=[3, 2], name="Overview")

@@ -1,0 +1,25 @@
+"""Which tabs there are, in their order. A new one is a file beside this one and a line here."""
+
+from typing import Protocol
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mocap.pipeline.run import Run
+from mocap.rerun.layout import Layout
+from mocap.rerun.tabs import cameras, health, joints, overview, report
+
+
+class Tab(Protocol):
+    """What the file of a tab holds."""
+
+    def log(self, rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+        """Log what the tab shows."""
+        ...
+
+    def tab(self, layout: Layout) -> rrb.Container | rrb.View | None:
+        """Lay it out; None: this run has nothing for it."""
+        ...
+
+
+TABS: tuple[Tab, ...] = (overview, cameras, joints, health, report)

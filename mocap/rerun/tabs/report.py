@@ -1,0 +1,18 @@
+"""Tab: the report, to read beside the pictures."""
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mocap.pipeline.run import Run
+from mocap.rerun import paths
+from mocap.rerun.layout import Layout
+
+
+def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:  # noqa: ARG001 - as every tab
+    """The text as a document."""
+    rec.log(paths.REPORT, rr.TextDocument(run.report_text, media_type=rr.MediaType.MARKDOWN), static=True)
+
+
+def tab(layout: Layout) -> rrb.View:  # noqa: ARG001 - as every tab
+    """The report."""
+    return rrb.TextDocumentView(origin=paths.REPORT, name="Report")

@@ -99,4 +99,6 @@ def load_model(path: Path) -> LearnedModel:
     except FormatError:
         raise
     except _DAMAGE as error:
-        raise FormatError(f"{path}: not a model that mocap learn wrote ({error}): give its --out") from None
+        raise FormatError(
+            f"{path}: not a model that mocap learn wrote ({error}): give the file that it wrote"
+        ) from None

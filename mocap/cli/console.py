@@ -16,6 +16,7 @@ from rich.markdown import Markdown
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 
+from mocap.cli.words import option_names, with_options
 from mocap.text import as_text
 
 _ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -60,19 +61,32 @@ output = _console(stderr=False)
 """The two streams; neither reads markup or emoji codes in what it is given."""
 
 
+_commands: list[Callable[[], object]] = []
+
+
+def in_words_of(command: Callable[[], object]) -> None:
+    """From now on arguments that messages name are said as options of this command and those below it."""
+    _commands[:] = [command]
+
+
+def _with_options(text: str) -> str:
+    """A message with options in place of arguments; the commands are looked at only where there is one."""
+    return with_options(text, option_names(_commands[0]())) if _commands and "`" in text else text
+
+
 def say(*lines: str) -> None:
     """Lines on stderr, none broken."""
-    errors.print(visible("\n".join(lines)), soft_wrap=True)
+    errors.print(visible(_with_options("\n".join(lines))), soft_wrap=True)
 
 
 def say_error(text: str) -> None:
     """One line on stderr that tells what went wrong."""
-    errors.print(visible("error: " + " ".join(text.split("\n"))), style="red", soft_wrap=True)
+    errors.print(visible(_with_options("error: " + " ".join(text.split("\n")))), style="red", soft_wrap=True)
 
 
 def show(markdown: str) -> None:
     """Markdown on stdout."""
-    output.print(Markdown(visible(markdown), hyperlinks=False))
+    output.print(Markdown(visible(_with_options(markdown)), hyperlinks=False))
 
 
 def talk_in_any_encoding(streams: Iterable[object] = ()) -> None:

@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from mocap.cli.calibrate import calibrate
-from mocap.cli.console import say, say_error, talk_in_any_encoding, visible
+from mocap.cli.console import in_words_of, say, say_error, talk_in_any_encoding, visible
 from mocap.cli.convert import convert
 from mocap.cli.data import data
 from mocap.cli.demo import demo
@@ -23,7 +23,6 @@ from mocap.cli.skeleton import skeleton
 from mocap.cli.track import track
 from mocap.cli.triangulate import triangulate
 from mocap.cli.view import view
-from mocap.cli.words import option_names, with_options
 from mocap.errors import MocapError
 from mocap.neighbours import check_neighbours
 
@@ -73,6 +72,7 @@ def main() -> None:
     if DEBUG in sys.argv[1:]:
         sys.argv.remove(DEBUG)
         debug = True
+    in_words_of(lambda: typer.main.get_command(app))
     try:
         check_neighbours()
         app(standalone_mode=True)
@@ -114,7 +114,7 @@ def explain(error: BaseException) -> int:
         say_error(f"{error}{ending}")
         return TROUBLE
     if isinstance(error, MocapError):
-        say_error(with_options(f"{error}{ending}", option_names(typer.main.get_command(app))))
+        say_error(f"{error}{ending}")
         return TROUBLE
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object[max(0, error.start - 30) : error.end + 30]

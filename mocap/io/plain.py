@@ -34,7 +34,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, ...]]:
         name, equals, columns = part.partition("=")
         cells = tuple(cell.strip() for cell in columns.split(","))
         if not equals or not name.strip() or not all(cells) or name.strip() in found:
-            raise FormatError(f"--columns {part!r}: expected marker=column,column,column, each marker once")
+            raise FormatError(f"`columns` {part!r}: expected marker=column,column,column, each marker once")
         found[name.strip()] = cells
     return found
 
@@ -57,7 +57,7 @@ def _read(path: Path, hints: Hints) -> FileContents:
         raise FormatError(
             f"{path.name}: a plain table of {len(header)} columns ({shown}), of no known format (DLTdv, Argus, "
             "XMALab, Anipose, DeepLabCut, Vicon, TRC, ours): state which columns hold what: "
-            '--columns "tip=x1,y1,z1;root=x2,y2,z2;time=t" (titles, or numbers from 1)'
+            '`columns` "tip=x1,y1,z1;root=x2,y2,z2;time=t" (titles, or numbers from 1)'
         )
     return _mapped(path, header, values, columns, unit=None if hints.columns else unit)
 

@@ -153,7 +153,7 @@ def writer(path: Path, name: str | None) -> Format:
         ends = [(len(end), f) for f in FORMATS for end in f.suffixes if path.name.lower().endswith(end.lower())]
         if not ends:
             known = ", ".join(dict.fromkeys(end for f in FORMATS for end in f.suffixes))
-            raise FormatError(f"{path.name}: the end of the name means no format that is written ({known}): give --to")
+            raise FormatError(f"{path.name}: the end of the name means no format that is written ({known}): give `to`")
         format = max(ends, key=lambda pair: pair[0])[1]
     if format.write is None:
         names = ", ".join(f.name for f in FORMATS if f.write is not None)
@@ -224,7 +224,7 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
             + (": triangulate first: mocap triangulate" if "pixels" in held and "points" in format.holds else "")
         )
     for need in sorted(format.needs - held.keys()):
-        option = {"fps": "the frame rate: give --fps", "unit": "the unit of lengths: give --unit"}[need]
+        option = {"fps": "the frame rate: give `fps`", "unit": "the unit of lengths: give `unit`"}[need]
         raise FormatError(f"{path.name}: {format.title} states {option}, as {recording.paths[0].name} does not")
     kept = format.holds - {"pixels"} if {"points", "pixels"} <= held.keys() and not format.both else format.holds
     losses = [f"not held: {text}" for part, text in held.items() if part not in kept]
@@ -237,7 +237,7 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
             elif mask.any():
                 xyz = np.where(mask[..., None], np.nan, points.xyz_m)
                 points = replace(points, xyz_m=xyz, status=np.where(mask, Status.MISSING, points.status))
-                losses.append(f"{mask.sum()} filled samples are left as gaps; --filled writes them")
+                losses.append(f"{mask.sum()} filled samples are left as gaps; `filled` writes them")
         zero = (points.xyz_m == 0).all(axis=-1)
         if format.zero_is_missing and zero.any():
             points = replace(points, xyz_m=np.where(zero[..., None], NANOMETRE, points.xyz_m))

@@ -183,8 +183,8 @@ def _no_joints(prepared: Prepared, potentials: Mapping[str, JointPotential]) -> 
         return ["no joint is seen often enough to learn a potential from"]
     return [
         "no skeleton with joints was given: joints.csv holds none, no potentials were learned, and bones and trunk do "
-        "not help to tell markers apart and to follow the body. mocap skeleton FILE --out skeleton.toml proposes one "
-        "from the recording: correct it, and give it with --skeleton"
+        "not help to tell markers apart and to follow the body. mocap skeleton proposes one from "
+        "the recording: correct it, and give it as `skeleton`"
     ]
 
 

@@ -186,8 +186,8 @@ def test_what_a_format_cannot_hold_at_all_is_refused(tmp_path):
     cases = [
         (recording, "a.toml", "cannot hold what made.csv holds"),
         (pixels, "a.c3d", "cannot hold what made.csv holds"),
-        (replace(recording, fps=None), "a.trc", "states the frame rate: give --fps"),
-        (replace(recording, unit=None), "a.c3d", "states the unit of lengths: give --unit"),
+        (replace(recording, fps=None), "a.trc", "states the frame rate: give `fps`"),
+        (replace(recording, unit=None), "a.c3d", "states the unit of lengths: give `unit`"),
         (recording, "a.xyz", "means no format that is written"),
         (points(["a\tb"], np.ones((2, 1, 3))), "a.trc", "holds a tab"),
         (points(["x" * 121], np.ones((2, 1, 3))), "a.c3d", "longer than 120 bytes"),

@@ -195,7 +195,7 @@ def test_track_takes_the_proposal_of_a_real_bat(mocap, tmp_path):
     assert "potentials" not in err
     assert not (tmp_path / "without" / "potentials").exists()
     findings = json.loads((tmp_path / "without" / "report.json").read_text())["findings"]
-    assert any("mocap skeleton FILE" in finding and "--skeleton" in finding for finding in findings)
+    assert any("mocap skeleton" in finding and "give it as `skeleton`" in finding for finding in findings)
 
 
 def test_a_skeleton_is_written_where_it_is_wanted(mocap, tmp_path):

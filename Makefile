@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: setup demo test check bench pictures lock clean
+.PHONY: setup demo test quick check bench pictures lock clean
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 RUN_STAMP := .venv/.installed-to-run
@@ -29,7 +29,7 @@ test: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup
 
 quick: setup
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup -m "not slow" $(QUICK)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup -m "not slow"
 
 check: test
 	$(BIN)/ruff check .

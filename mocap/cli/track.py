@@ -73,10 +73,12 @@ def track(
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
     import mocap
     from mocap.io.output import result_folder
+    from mocap.rerun.footage import open_movies
     from mocap.rerun.watch import session
 
     recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag)
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
+    opened = open_movies(movies.video or [])
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     inputs = [*recording.inputs, None if learned is None else Path(model)]
@@ -90,9 +92,9 @@ def track(
                 watch=None if watched is None else watched[0].watch,
             )
             result = result.with_report(f"\n## The same again\n\n    {again()}\n")
-            if movies.video:
+            if opened:
                 result = result.with_video(
-                    movies.video, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
+                    opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
                 )
             result.write(folder, progress=tell)
         finish(result.report, result.run.report_text, out, as_json)

@@ -13,6 +13,7 @@ import xarray as xr
 
 from mocap.arrays import Array
 from mocap.errors import MocapError
+from mocap.io.movies import Movie
 from mocap.io.output import result_folder
 from mocap.library.learning import Model, load_model
 from mocap.pipeline.job import Model as ModelName
@@ -210,7 +211,7 @@ class Tracked:
 
     def with_video(
         self,
-        movies: Sequence[str | PathLike[str]],
+        movies: Sequence[str | PathLike[str] | Movie],
         *,
         offset_frames: Sequence[int] | None = None,
         undistorted: bool = False,
@@ -219,7 +220,7 @@ class Tracked:
 
         Args:
             movies: A movie or a folder of pictures a camera, in the order of the cameras; or one folder that holds
-                them, sorted by name.
+                them, sorted by name; or movies that are open.
             offset_frames: Frame of the movie minus frame of the tracks: one for all, or one a camera; None: as the
                 project, or the offsets file beside the tracks, says.
             undistorted: Whether the movies are free of the lens' distortion already.
@@ -230,7 +231,8 @@ class Tracked:
         from mocap.rerun.footage import offsets_of, open_movies, with_footage
 
         offsets = offsets_of(self.run.file, offset_frames)
-        opened = open_movies([Path(movie) for movie in movies])
+        opened = [movie for movie in movies if isinstance(movie, Movie)]
+        opened += open_movies([Path(movie) for movie in movies if not isinstance(movie, Movie)])
         return Tracked(with_footage(self.run, opened, offsets=offsets, straight=undistorted), self.folder)
 
     def view(self, *, web: bool = False) -> "Viewer":

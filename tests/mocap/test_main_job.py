@@ -2,6 +2,7 @@
 
 import json
 import sys
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -65,9 +66,14 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
     assert [r.application_id for r in RrdReader(str(out / "recording.rrd")).recordings()] == ["mocap"]
 
 
-@pytest.fixture(scope="module", params=["bat", "lizard"])
+@cache
+def demo_of(animal):
+    return run_demo(animal, stages=Stages())
+
+
+@pytest.fixture(params=["bat", "lizard"])
 def demo(request):
-    return request.param, run_demo(request.param, stages=Stages())
+    return request.param, demo_of(request.param)
 
 
 def test_demo_beats_what_people_use(demo):

@@ -20,4 +20,5 @@ def __getattr__(name: str) -> Any:
     """A public name, imported when it is first asked for."""
     if name not in _PLACES:
         raise AttributeError(f"module 'filters' has no attribute {name!r}")
-    return getattr(import_module(_PLACES[name]), name)
+    found = globals()[name] = getattr(import_module(_PLACES[name]), name)
+    return found

@@ -8,18 +8,22 @@ MARK = "eal-mocap"
 PACKAGES = ("eal", "filters", "datasets")
 
 
+class NeighbourError(ImportError):
+    """Another distribution's package stands where ours should."""
+
+
 def check_neighbours(packages: tuple[str, ...] = PACKAGES) -> None:
     """Make sure that Python finds our packages and not another distribution's of the same name.
 
     Raises:
-        ImportError: it does not; with what to do.
+        NeighbourError: it does not; with what to do.
     """
     for name in packages:
         spec = find_spec(name)
         origin = None if spec is None else spec.origin
         if origin is None or not Path(origin).is_file() or MARK not in Path(origin).read_text(encoding="utf-8")[:200]:
-            raise ImportError(
+            raise NeighbourError(
                 f"Python finds {origin or 'nothing'} as the package {name!r}, which is not that of eal-mocap: another "
-                "distribution uses that name, or a folder of that name lies in the current folder; run "
-                "pip install 'eal-mocap[...]' in an environment of its own (python -m venv), or start in another folder"
+                "distribution uses that name, or a folder of that name lies in the current folder; install eal-mocap "
+                "in an environment of its own (python -m venv), or start in another folder"
             )

@@ -96,3 +96,18 @@ def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
         item.add_marker(pytest.mark.xdist_group(group))
         if item.path.relative_to(ROOT / "tests").as_posix() in SLOW:
             item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture
+def mocap(monkeypatch, capsys):
+    """Exit code, stdout and stderr of a command in this process."""
+    from mocap.cli.main import main
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        out, err = capsys.readouterr()
+        return int(stopped.value.code or 0), out, err
+
+    return run

@@ -132,7 +132,8 @@ class _Lines:
         self.said = now
         spent = now - self.stage_begun
         left = f", about {spent * (1 / share - 1):.0f} s left" if share > 0.05 and spent > 2 else ""
-        self.say_line(f"{now - self.begun:.0f} s: {stage}, {share:.0%} done{left}")
+        done = f", {share:.0%} done" if share > 0 else ""
+        self.say_line(f"{now - self.begun:.0f} s: {stage}{done}{left}")
 
 
 def finish(report: object, text: str, out: Path, as_json: bool) -> None:

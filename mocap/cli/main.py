@@ -24,7 +24,7 @@ from mocap.cli.track import track
 from mocap.cli.triangulate import triangulate
 from mocap.cli.view import view
 from mocap.errors import MocapError
-from mocap.neighbours import check_neighbours
+from mocap.neighbours import NeighbourError, check_neighbours
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED = 1, 70, 130
@@ -110,7 +110,7 @@ def explain(error: BaseException) -> int:
         place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
         say_error(f"the disk is full, or your share of it{place}: free some space, or give another --out{ending}")
         return TROUBLE
-    if isinstance(error, ImportError) and "pip install 'eal-mocap[" in str(error):
+    if isinstance(error, ImportError) and _is_told(error):
         say_error(f"{error}{ending}")
         return TROUBLE
     if isinstance(error, MocapError):
@@ -138,6 +138,15 @@ def explain(error: BaseException) -> int:
         f"of your data: please report this line to its authors, with what the same command prints with {DEBUG}{ending}"
     )
     return FAULT
+
+
+def _is_told(error: ImportError) -> bool:
+    """Whether an import failed for what its message says how to mend: an extra, or a package of the same name."""
+    if isinstance(error, NeighbourError):
+        return True
+    from eal.needs import MissingPackageError  # ours, as no neighbour is wrong
+
+    return isinstance(error, MissingPackageError)
 
 
 def _disk_is_full(error: BaseException) -> bool:

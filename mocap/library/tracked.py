@@ -21,7 +21,6 @@ from mocap.pipeline.job import Watch, run_job
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
-from mocap.plots.potential import plot_potential
 from mocap.records import Status
 from mocap.results.dataset import markers_dataset
 from mocap.results.stored import read_run
@@ -34,14 +33,12 @@ if TYPE_CHECKING:
     from mocap.rerun.viewer import Viewer
 
 Tell = Callable[[str, float], None]
+LIMB = "limb"
+"""Frame of reference of a plot: the plane of the limb, its joint at the origin."""
 
 
 def silent(_stage: str, _share: float) -> None:
     """Tell nobody."""
-
-
-LIMB = "limb"
-"""Frame of reference of a plot: the plane of the limb, its joint at the origin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +51,6 @@ class Joint:
         q_m: Coordinates (T, d) in metres by frame of reference: world, body (d = 3), plane, limb (d = 2).
         sd_m: (T,) standard deviation of a coordinate.
         filled: (T,) frames with coordinates in which one of its three markers was not measured.
-        potential: Its empirical potential; None where too few samples were measured.
     """
 
     name: str
@@ -62,7 +58,6 @@ class Joint:
     q_m: Mapping[str, Array]
     sd_m: Array
     filled: np.ndarray
-    potential: JointPotential | None
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row a frame, by time in seconds: ``<frame>_x_m``, ..., ``sd_m``, and ``filled``."""
@@ -84,33 +79,6 @@ class Joint:
         labels = ("along", "across") if q.shape[1] == 2 else ("x", "y", "z")
         title = f"{self.name}, {frame}"
         return plot_coordinates(self.t_s, q, self.sd_m, self.filled, labels=labels, title=title, ax=ax)
-
-
-@dataclass(frozen=True, eq=False)
-class Potential:
-    """The empirical potential V_z of a joint: 0 where it was seen, 1 far from there (EAL paper, equation 14).
-
-    Attributes:
-        learned: Its samples and settings.
-    """
-
-    learned: JointPotential
-
-    def value(self, q_m: Array) -> Array:
-        """(...) V_z at (..., d) coordinates in metres."""
-        return self.learned.value(q_m)
-
-    def gradient(self, q_m: Array) -> Array:
-        """(..., d) gradient in 1/m at (..., d) coordinates in metres."""
-        return self.learned.gradient(q_m)
-
-    def hessian(self, q_m: Array) -> Array:
-        """(..., d, d) Hessian in 1/m^2 at (..., d) coordinates in metres."""
-        return self.learned.hessian(q_m)
-
-    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
-        """Map of V_z with the samples that it was learned from."""
-        return plot_potential(self.learned, ax=ax)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +106,7 @@ class Tracked:
     @cached_property
     def markers(self) -> xr.Dataset:
         """Markers with covariance and status, laid out as the package movement does (``mocap.results.dataset``)."""
-        t_s = self.run.tracked.markers.t_s
-        fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0
-        return markers_dataset(self.run.tracked, self.run.repaired, fps=fps)
+        return markers_dataset(self.run.tracked, self.run.repaired)
 
     @cached_property
     def joints(self) -> Mapping[str, Joint]:
@@ -159,11 +125,10 @@ class Tracked:
             q_m={frame: tracks.q_m[:, i] for frame, tracks in self.run.joints.items()},
             sd_m=world.sd_m[:, i],
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
-            potential=self.run.potentials.get(name),
         )
 
-    def potential(self, joint: str) -> Potential:
-        """The empirical potential of a joint.
+    def potential(self, joint: str) -> JointPotential:
+        """The empirical potential of a joint, with ``value``, ``gradient``, ``hessian`` and ``plot``.
 
         Raises:
             MocapError: there is none of that name, or too few samples were measured.
@@ -172,7 +137,7 @@ class Tracked:
         if found is None:
             known = ", ".join(self.run.potentials) or "none: give a skeleton with joints"
             raise MocapError(f"there is no potential of a joint {joint!r}: there are {known}")
-        return Potential(found)
+        return found
 
     def save(self, folder: str | PathLike[str], *, overwrite: bool = False) -> "Tracked":
         """Write all of it into a folder: tables, datasets, report, potentials, and a recording for rerun.
@@ -241,16 +206,19 @@ class Tracked:
         Args:
             web: In the browser, at the ``url`` of what is returned, instead of a window.
         """
-        from tempfile import mkdtemp
+        from tempfile import TemporaryDirectory
+        from weakref import finalize
 
         from mocap.rerun.record import write_recording
         from mocap.rerun.viewer import open_viewer
 
-        file = None if self.folder is None else self.folder / "recording.rrd"
-        if file is None or not file.is_file():
-            file = Path(mkdtemp(prefix="mocap-")) / "recording.rrd"
-            write_recording(self.run, file)
-        return open_viewer(file, web=web)
+        if self.folder is not None and (self.folder / "recording.rrd").is_file():
+            return open_viewer(self.folder / "recording.rrd", web=web)
+        folder = TemporaryDirectory(prefix="mocap-")
+        write_recording(self.run, Path(folder.name) / "recording.rrd")
+        viewer = open_viewer(Path(folder.name) / "recording.rrd", web=web)
+        finalize(viewer, folder.cleanup)
+        return viewer
 
     def __repr__(self) -> str:
         """One line."""

@@ -3,10 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
 from filters.records import TrackedMotion
 from mocap.arrays import Array
@@ -18,7 +20,7 @@ from mocap.skeleton import Skeleton
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointPotential:
-    """The empirical potential of one joint, with the samples that it was learned from.
+    """The empirical potential V_z of one joint: 0 where it was seen, 1 far from there (EAL paper, equation 14).
 
     Attributes:
         joint: Joint name.
@@ -45,6 +47,17 @@ class JointPotential:
     def hessian(self, q_m: ArrayLike) -> Array:
         """Hessian of V_z in 1/m^2, (..., d, d), at (..., d) coordinates in metres."""
         return self.potential.hessian(np.asarray(q_m) / self.scale_m) / self.scale_m**2
+
+    def plot(self, ax: Any = None) -> Any:
+        """Map of V_z in the plane of the limb, in mm, with its samples; on matplotlib axes, which it returns.
+
+        Raises:
+            ValueError: it has more than two coordinates.
+        """
+        labels = ("along the limb (mm)", "across (mm)", "third (mm)")[: self.samples_m.shape[1]]
+        ax = plot_potential(self.potential, ax, scale=1e3 * self.scale_m, labels=labels)
+        ax.set_title(f"V_z of {self.joint}", fontsize=10)
+        return ax
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

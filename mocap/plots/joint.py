@@ -50,8 +50,8 @@ def plot_coordinates(
         )
     there = np.flatnonzero(np.isfinite(q_m).any(axis=1))
     if len(there) > 1:
-        margin = 0.03 * (t_s[there[-1]] - t_s[there[0]])
-        ax.set_xlim(t_s[there[0]] - margin, t_s[there[-1]] + margin)
+        first, last = float(t_s[there[0]]), float(t_s[there[-1]])
+        ax.set_xlim(first - 0.03 * (last - first), last + 0.03 * (last - first))
     ax.set_xlabel("time (s)")
     ax.set_ylabel("mm")
     ax.set_title(title, fontsize=10)

@@ -11,7 +11,7 @@ INDIVIDUAL = "id_0"
 """The only animal of a recording, as movement names it."""
 
 
-def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray, *, fps: float) -> xr.Dataset:
+def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray) -> xr.Dataset:
     """Positions of all markers with their uncertainty and where each comes from.
 
     Variables, with the dimensions ``time`` (s), ``space`` (x, y, z), ``keypoint`` (markers) and ``individual``, as in
@@ -27,9 +27,9 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray, *, fps: float)
     Args:
         tracked: What the tracker returned.
         repaired: (T, M) samples whose name was put right.
-        fps: Frames a second.
     """
-    markers = tracked.markers
+    markers, t_s = tracked.markers, tracked.markers.t_s
+    fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0
     flags = {"flag_values": np.array([int(o) for o in Status], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
     sample = ("time", "keypoint", "individual")
     return xr.Dataset(
@@ -49,8 +49,8 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray, *, fps: float)
             "repaired": (sample, repaired[..., None].astype(np.int8)),
         },
         coords={
-            "time": ("time", markers.t_s, {"units": "s"}),
-            "frame": ("time", np.arange(1, len(markers.t_s) + 1)),
+            "time": ("time", t_s, {"units": "s"}),
+            "frame": ("time", np.arange(1, len(t_s) + 1)),
             "space": ["x", "y", "z"],
             "space_to": ["x", "y", "z"],
             "keypoint": list(markers.names),

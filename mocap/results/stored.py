@@ -32,9 +32,7 @@ def write_arrays(run: Run, folder: Path) -> None:
         run: What to write.
         folder: Where to, as ``mocap.io.output.result_folder`` gives it.
     """
-    markers = run.tracked.markers
-    fps = (len(markers.t_s) - 1) / float(markers.t_s[-1] - markers.t_s[0]) if len(markers.t_s) > 1 else 1.0
-    _write(markers_dataset(run.tracked, run.repaired, fps=fps), folder / MARKERS)
+    _write(markers_dataset(run.tracked, run.repaired), folder / MARKERS)
     _write(_rest(run), folder / REST)
     write_skeleton(folder / SKELETON, run.skeleton)
     for kind, potentials in _potentials(run).items():

@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 from datasets import make_bat, write_recording
-from mocap.cli.main import main
 from mocap.io.dltdv import read_points
 from mocap.io.manifest import MANIFEST
 from tests.real_data import real
@@ -21,20 +20,6 @@ FPS = 240.0
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     return write_recording(make_bat(seed=3, n_frames=60, n_cameras=4), tmp_path_factory.mktemp("bat"))
-
-
-def run(monkeypatch, capsys, *arguments: object) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr of a command in this process."""
-    monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])
-    with pytest.raises(SystemExit) as stopped:
-        main()
-    out, err = capsys.readouterr()
-    return int(stopped.value.code or 0), out, err
-
-
-@pytest.fixture
-def mocap(monkeypatch, capsys):
-    return lambda *arguments: run(monkeypatch, capsys, *arguments)
 
 
 def track_arguments(files, out, **changed) -> list:

@@ -10,7 +10,7 @@ from datasets.movie import write_movies
 from mocap.io.film import FilmError
 from mocap.io.movies import open_movie
 from mocap.rerun.log_video import av1
-from tests.mocap.test_cli import files, mocap, track_arguments  # noqa: F401 - fixtures
+from tests.mocap.test_cli import files, track_arguments  # noqa: F401 - fixtures
 
 EXTRA = r"pip install 'eal-mocap\[film\]'"
 
@@ -37,7 +37,7 @@ def test_nothing_but_films_needs_it():
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
-def test_a_recording_is_tracked_without_it(mocap, tmp_path, no_av):  # noqa: F811, ARG001
+def test_a_recording_is_tracked_without_it(mocap, tmp_path, no_av):  # noqa: ARG001
     """Table, report and recording are written."""
     rows = [f"{i},{i / 100},{np.sin(i / 5)},{i / 50},0,measured" for i in range(1, 30)]
     (tmp_path / "a.csv").write_text("\n".join(["frame,t_s,a_x,a_y,a_z,a_origin", *rows]) + "\n")

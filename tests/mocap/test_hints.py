@@ -2,7 +2,6 @@
 
 import inspect
 import json
-import sys
 
 import numpy as np
 import pandas as pd
@@ -12,7 +11,6 @@ from datasets import make_bat, write_recording
 from mocap.cli.convert import convert
 from mocap.cli.info import info
 from mocap.cli.learn import learn
-from mocap.cli.main import main
 from mocap.cli.track import track
 from mocap.cli.triangulate import triangulate
 from mocap.io.dltdv import read_points
@@ -21,18 +19,6 @@ from mocap.io.dltdv import read_points
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     return write_recording(make_bat(seed=3, n_frames=60, n_cameras=4), tmp_path_factory.mktemp("bat"), others=True)
-
-
-@pytest.fixture
-def mocap(monkeypatch, capsys):
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        out, err = capsys.readouterr()
-        return int(stopped.value.code or 0), out, err
-
-    return run
 
 
 @pytest.mark.parametrize("command", [info, convert, triangulate, track, learn])

@@ -31,20 +31,6 @@ NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l")
 FPS, SD_M = 240.0, 3e-4
 
 
-@pytest.fixture
-def mocap(monkeypatch, capsys):
-    """Exit code, stdout and stderr of a command in this process."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        out, err = capsys.readouterr()
-        return int(stopped.value.code or 0), out, err
-
-    return run
-
-
 def write_flight(path, seed, *, names=NAMES, n_frames=70, hole=None):
     """A few markers of a flight as an xyzpts file; the truth."""
     flight = make_bat(seed=seed, n_frames=n_frames, n_cameras=2).truth

@@ -154,7 +154,7 @@ def test_the_gradient_of_a_joints_potential_is_its_slope(tracked):
     """Central differences of the value in metres; their error is of second order in a step of 1e-6 of the range."""
     name = next(iter(tracked.run.potentials))
     potential = tracked.potential(name)
-    samples = potential.learned.samples_m
+    samples = potential.samples_m
     q = samples.mean(axis=0) + 0.4 * (samples.max(axis=0) - samples.min(axis=0))
     step = 1e-6 * float(np.ptp(samples))
     along = np.eye(2) * step
@@ -175,7 +175,7 @@ def test_plots_show_the_samples_they_are_of(tracked):
     np.testing.assert_allclose(joint.plot("body").get_lines()[2].get_ydata(), 1e3 * joint.q_m["body"][:, 2])
     assert np.isfinite(joint.q_m["world"][joint.filled]).all()
     points = tracked.potential(name).plot().get_lines()[0]
-    np.testing.assert_allclose(points.get_xdata(), 1e3 * joint.potential.samples_m[:, 0])
+    np.testing.assert_allclose(points.get_xdata(), 1e3 * tracked.potential(name).samples_m[:, 0])
     with pytest.raises(mocap.MocapError, match="give world, body, plane, limb"):
         joint.plot("room")
     with pytest.raises(mocap.MocapError, match="no potential of a joint 'ear'"):

@@ -1,14 +1,12 @@
 """DLTdv8 projects as a source: pixels, cameras and stored points in one file."""
 
 import json
-import sys
 
 import h5py
 import numpy as np
 import pytest
 
 from datasets import PERFECT, make_bat, write_recording
-from mocap.cli.main import main
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import with_profile
@@ -67,20 +65,6 @@ def files(tmp_path_factory):
     write_project(folder / "bat_dvProject.mat", pixels, cameras)
     write_project(folder / "raw_dvProject.mat", pixels, cameras, calibrated=False)
     return {**paths, "project": folder / "bat_dvProject.mat", "raw": folder / "raw_dvProject.mat"}
-
-
-@pytest.fixture
-def mocap(monkeypatch, capsys):
-    """Exit code, stdout and stderr of a command in this process."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        out, err = capsys.readouterr()
-        return int(stopped.value.code or 0), out, err
-
-    return run
 
 
 def test_a_project_is_what_its_tables_are(files):

@@ -10,7 +10,7 @@ import pytest
 
 from datasets import make_bat, write_recording
 from mocap.cli.console import visible
-from mocap.cli.main import FAULT, STOPPED, TROUBLE, main
+from mocap.cli.main import FAULT, STOPPED, TROUBLE
 from mocap.errors import MocapError
 
 FPS = 240.0
@@ -19,20 +19,6 @@ FPS = 240.0
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     return write_recording(make_bat(seed=3, n_frames=40, n_cameras=4), tmp_path_factory.mktemp("bat"))
-
-
-@pytest.fixture
-def mocap(monkeypatch, capsys):
-    """Exit code, stdout and stderr of a command in this process."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["mocap", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            main()
-        out, err = capsys.readouterr()
-        return int(stopped.value.code or 0), out, err
-
-    return run
 
 
 @pytest.fixture

@@ -11,8 +11,7 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from eal import GaussianKernel, fit_potential
-from eal.choice import median_beta
+from eal import fit_potential, usual_kernel
 from eal.joint_design import Limits, Target, Truss, design_truss, make_target, measure
 from eal.joint_design.ground import candidates, fixed_nodes, sparse
 from eal.joint_design.refine import refine
@@ -25,7 +24,7 @@ def elbow(samples_m: np.ndarray) -> tuple[Target, Target, Limits]:
     """The potential as mocap track learns it, on the grid of the fit and on a finer one, and the command's limits."""
     samples_m = samples_m[np.linspace(0, len(samples_m) - 1, min(len(samples_m), 500)).astype(int)]
     z = samples_m / np.sqrt(samples_m.var(axis=0).sum())
-    potential = fit_potential(z, kernel=GaussianKernel(4.0 * median_beta(z)), lam=1e-3)
+    potential = fit_potential(z, kernel=usual_kernel(z), lam=1e-3)
     mm = float(np.linalg.norm(z, axis=1).max()) / 80.0
     limits = Limits(
         shortest=20 * mm, longest=176 * mm, reach=100 * mm, spacing=14 * mm, contraction=0.65, extension=1.5

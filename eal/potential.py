@@ -277,7 +277,7 @@ def fit_potential(
     return replace(potential, findings=sentences)
 
 
-def usual_kernel(samples: ArrayLike, *, width: float = 4.0, most: int = 500) -> Kernel:
+def usual_kernel(samples: ArrayLike, *, width: float = 4.0, most: int = 500) -> GaussianKernel:
     """The Gaussian kernel exp(-width |x - y|^2 / m), m the median squared distance of the samples.
 
     Blind to the unit of the coordinates. Joint potentials of animals are learned with it (width 4, lambda 1e-3), and

@@ -199,17 +199,12 @@ def _closed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:
-    """By how much misses (T, M) of the same markers rise within ``EDGE`` frames at a frame, the median marker's.
+    """By how much (T, M) misses in one camera rise within ``EDGE`` frames at a frame, the median marker's.
 
     A marker counts while the cameras that see it stay the same (but for one in five): cameras contradict each other by
     place, so that a point moves when one joins.
     Levels of five frames feel a change two frames ahead: those between are left out. 0 where fewer than ``MARKERS``
     count on both sides.
-
-    Args:
-        miss_px: (T, M) misses in one camera.
-        seen: (C, T, M) which camera sees a marker.
-        at: The frame.
     """
     if at < 1:
         return 0.0

@@ -127,11 +127,6 @@ def write_residuals(path: Path, names: Sequence[str], residual_px: Array) -> Non
     write_table(path, [f"{name}_dltres" for name in names], residual_px)
 
 
-def read_residuals(path: Path) -> Array:
-    """Read ``xyzres.csv``: (T, M) pixels, NaN where there is no point."""
-    return read_table(path)[1]
-
-
 def read_coefficients(path: Path) -> tuple[Camera, ...]:
     """Read DLT coefficients: 11 rows, a column a camera, no header.
 

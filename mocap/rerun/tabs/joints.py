@@ -132,14 +132,7 @@ def _log_coordinates(rec: rr.RecordingStream, tracks: JointTracks, name: str) ->
 
 
 def _log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landscape) -> None:
-    """A joint's potential with its samples, its range and preferred configurations, and the joint moving over it.
-
-    Args:
-        rec: Where to.
-        name: Joint name.
-        t_s: (T,) times.
-        land: Potential, samples and path.
-    """
+    """A joint's potential with its samples, its range and preferred configurations, and the joint moving over it."""
     _log_surface(rec, paths.surface(name), t_s, land)
     _log_heat_map(rec, paths.heat_map(name), t_s, land)
     _log_energy(rec, paths.joint_series(name), t_s, land.path_value, land.energy)
@@ -288,14 +281,7 @@ def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
 
 
 def _log_volume(rec: rr.RecordingStream, name: str, t_s: Array, cloud: Block) -> None:
-    """1 - V_z as a volume, the samples in it, and the limb from the joint's centre to where it is.
-
-    Args:
-        rec: Where to.
-        name: Joint name.
-        t_s: (T,) times.
-        cloud: Potential, samples and path.
-    """
+    """1 - V_z as a volume, the samples in it, and the limb from the joint's centre to where it is."""
     path = paths.volume(name)
     volume = rr.Volume3D(
         (1 - cloud.value).astype(np.float16),

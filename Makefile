@@ -37,8 +37,8 @@ check: test
 	$(BIN)/pyright
 
 bench: setup
-	for name in triangulation ukf tracker_speed main_job robustness dropouts two_digitisers eal_potential eal_trajectories \
-	    calibration importers attack twins twin_ranking full_pass view_speed joint_design; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+	for name in triangulation ukf tracker_speed main_job robustness calibration importers \
+	    attack full_pass; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
 	$(BIN)/python -m mocap.rerun.pictures docs/pictures

@@ -29,8 +29,6 @@ SLOW = {
     "eal/joint_design/test_design_truss.py",
     "eal/joint_design/test_snap_through.py",
     "eal/joint_design/test_truss_equilibrium.py",
-    "eal/test_certificate.py",
-    "eal/test_choice.py",
     "eal/test_errata.py",
     "eal/test_integrators.py",
     "eal/test_reproduce.py",

@@ -244,8 +244,3 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
             losses.append(f"{zero.sum()} samples at exactly (0, 0, 0) are written a nanometre beside: 0 means missing")
         recording = replace(recording, points=points)
     return losses + ((format.write(path, recording) if format.write else None) or [])
-
-
-def written() -> Sequence[Format]:
-    """Formats that can be written."""
-    return [format for format in FORMATS if format.write is not None]

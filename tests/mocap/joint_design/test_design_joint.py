@@ -8,8 +8,7 @@ import pytest
 import trimesh
 from typer.testing import CliRunner
 
-from eal import GaussianKernel, fit_potential, load_potential
-from eal.choice import median_beta
+from eal import fit_potential, load_potential, usual_kernel
 from eal.joint_design import Truss, equilibria
 from mocap.cli.main import app
 from mocap.errors import MocapError
@@ -131,7 +130,7 @@ def test_a_real_elbow_is_designed_as_asked(tmp_path):
     scale = float(np.sqrt(samples.var(axis=0).sum()))
     potential = fit_potential(
         samples / scale,
-        kernel=GaussianKernel(4.0 * median_beta(samples / scale)),
+        kernel=usual_kernel(samples / scale),
         lam=1e-3,
         units=(f"{scale:.6g} m",) * 2,
     )

@@ -91,5 +91,5 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         points=int(seen.sum()),
         samples=seen.size,
         residual_px=float(np.median(residual[seen])),
-        findings=(*contradicted, *source.frame_findings, filmed.pixel_origin.describe(), *findings),
+        findings=(*contradicted, *source.frame_findings, *filmed.told, filmed.pixel_origin.describe(), *findings),
     )

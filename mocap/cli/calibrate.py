@@ -140,12 +140,12 @@ def dlt(
 ) -> None:
     """11 DLT coefficients a camera from points whose places are known."""
     from mocap.io.output import result_folder
-    from mocap.pipeline.calibrate import from_points
+    from mocap.pipeline.calibrate import UNITS_M, from_points
     from mocap.pipeline.calibration_files import write_calibration_folder
 
-    scale = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}.get(unit)
+    scale = UNITS_M.get(unit)
     if scale is None:
-        raise CalibrationError(f"--unit {unit!r}: m, cm or mm")
+        raise CalibrationError(f"--unit {unit!r}: expected m, cm or mm")
     inputs = [points, pixels]
     with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
         cameras, report = from_points(points, pixels, unit_m=scale)

@@ -4,6 +4,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,18 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
     if names and not names[-1] and np.isnan(values[:, -1]).all():  # every line ends in a comma
         return names[:-1], values[:, :-1]
     return names, values
+
+
+def first_cells(path: Path) -> list[str]:
+    """The cells of the first line; none of a file that cannot be read."""
+    with suppress(OSError, UnicodeDecodeError, csv.Error), path.open(encoding="utf-8-sig", newline="") as stream:
+        return [cell.strip() for cell in next(csv.reader([stream.readline().strip()]), [])]
+    return []
+
+
+def has_titles(path: Path) -> bool:
+    """Whether a cell of the first line is neither a number nor one of the words for a missing one."""
+    return any(cell not in MISSING_WORDS and not _NUMBER.fullmatch(cell) for cell in first_cells(path))
 
 
 def _blocks(path: Path) -> Iterator[tuple[bytes, bool]]:

@@ -9,7 +9,7 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.errors import FormatError
-from mocap.io.csv_table import read_table, write_table
+from mocap.io.csv_table import first_cells, read_table, write_table
 from mocap.io.digits import decimals_in, decimals_of
 from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
@@ -127,20 +127,28 @@ def write_residuals(path: Path, names: Sequence[str], residual_px: Array) -> Non
     write_table(path, [f"{name}_dltres" for name in names], residual_px)
 
 
+def names_cameras(titles: Sequence[str]) -> bool:
+    """Whether a line of titles numbers the cameras from 1: ``cam1, cam2, ...`` or ``Camera 1, Camera 2, ...``."""
+    return bool(titles) and all(
+        re.fullmatch(rf"(camera|cam|view)[ _.#-]*0*{i}", title.strip(), re.IGNORECASE)
+        for i, title in enumerate(titles, start=1)
+    )
+
+
 def read_coefficients(path: Path) -> tuple[Camera, ...]:
-    """Read DLT coefficients: 11 rows, a column a camera, no header.
+    """Read DLT coefficients: 11 rows, one column for each camera, with or without a line of camera titles.
 
     Raises:
-        FormatError: the table has another shape or holds no number somewhere.
+        FormatError: the table has another shape, or a cell is not a number.
     """
-    _, values = read_table(path, header=False)
+    _, values = read_table(path, header=names_cameras(first_cells(path)))
     if values.shape[0] != 11:
         reason = {8: "8 rows are a 2D DLT, which gives no 3D"}.get(values.shape[0])
         if values.shape[1] == 11:
             reason = "it seems to be transposed"
         raise FormatError(
             f"{path.name}: {values.shape[0]} rows x {values.shape[1]} columns; expected DLT coefficients: 11 rows, "
-            f"a column a camera, no header{f' ({reason})' if reason else ''}"
+            f"one column for each camera{f' ({reason})' if reason else ''}"
         )
     if np.isnan(values).any():
         row, column = np.argwhere(np.isnan(values))[0]

@@ -10,7 +10,7 @@ from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 from mocap.io.csv_table import read_table
-from mocap.io.dltdv import read_coefficients, read_pixels, read_points
+from mocap.io.dltdv import names_cameras, read_coefficients, read_pixels, read_points
 from mocap.io.dvproject import read_project
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
@@ -136,7 +136,8 @@ def is_number_row(cells: tuple[str, ...]) -> bool:
 
 def _is_coefficients(head: Head) -> bool:
     rows = [line for line in head.lines if line.strip()]
-    return len(rows) in (8, 11) and is_number_row(head.cells()) and len(head.cells()) <= 100
+    titled = names_cameras(head.cells())
+    return len(rows) - titled in (8, 11) and (titled or is_number_row(head.cells())) and len(head.cells()) <= 100
 
 
 def _coefficients(path: Path, _hints: Hints) -> FileContents:

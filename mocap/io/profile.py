@@ -1,9 +1,12 @@
-"""Camera profile text (Argus, easyWand): a line a camera, ``cam f W H cx cy AR k1 k2 p1 p2 k3``.
+"""Camera profiles (Argus, easyWand): one line for each camera, ``cam f W H cx cy AR k1 k2 p1 p2 k3``.
 
-Argus's bundle adjustment writes another, ``f cx cy AR skew k1 k2 t1 t2 k3 q0 q1 q2 q3 tx ty tz``, which places the
-cameras too.
+Cells are separated by spaces or tabs, or by commas as spreadsheets write them; a line of titles may come first.
+
+Argus's bundle adjustment writes another, ``f cx cy AR skew k1 k2 t1 t2 k3 q0 q1 q2 q3 tx ty tz``, which also states
+where the cameras are.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +22,12 @@ from mocap.io.dltdv_files import calibration_recording, is_number_row
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 
+_COLUMNS = ("cam", "f", "w", "h", "cx", "cy", "ar", "k1", "k2", "p1", "p2", "k3")
+_ALSO = {
+    "camera": "cam", "focal": "f", "focal length": "f", "width": "w", "height": "h", "aspect": "ar",
+    "aspect ratio": "ar",
+}  # fmt: skip
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 _OTHERS = {13: "an omnidirectional (CMei) camera", 17: "an Argus bundle-adjustment profile", 19: "a Scaramuzza camera"}
 
 
@@ -54,7 +63,7 @@ def read_profile(path: Path) -> tuple[tuple[BrownLens, tuple[int, int]], ...]:
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Number and cells of each line that is not empty.
+    """Number and cells of each line that is not empty, without a line of titles, in the order of ``_COLUMNS``.
 
     Raises:
         FormatError: the file cannot be read, or has none.
@@ -65,10 +74,31 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise FormatError(f"{path.name}: not a text file; expected a camera profile") from None
-    found = [(number, text.split()) for number, text in enumerate(texts, start=1) if text.strip()]
+    found = [(number, _cells(text)) for number, text in enumerate(texts, start=1) if text.strip()]
+    if found and (order := _titled(found[0][1])):
+        found = [(n, [cells[i] for i in order] if len(cells) == len(order) else cells) for n, cells in found[1:]]
     if not found:
-        raise FormatError(f"{path.name}: the file is empty; expected a camera profile, a line a camera")
+        raise FormatError(f"{path.name}: the file is empty; expected a camera profile, one line for each camera")
     return found
+
+
+def _cells(text: str) -> list[str]:
+    """The cells of a line, between spaces, tabs or commas."""
+    return _spaced(text) or re.split(r"\s*,\s*", text.strip())
+
+
+def _spaced(text: str) -> list[str]:
+    """The cells of a line that spaces or tabs separate, decimal commas read as points; none where commas separate."""
+    cells = text.split()
+    if "," in text and (len(cells) == 1 or any("," in cell and not _DECIMAL_COMMA.fullmatch(cell) for cell in cells)):
+        return []
+    return [cell.replace(",", ".") for cell in cells]
+
+
+def _titled(cells: Sequence[str]) -> list[int]:
+    """Where each of ``_COLUMNS`` is by the titles of a first line; empty where it is not a line of titles."""
+    titles = [_ALSO.get(cell.strip().lower(), cell.strip().lower()) for cell in cells]
+    return [titles.index(title) for title in _COLUMNS] if sorted(titles) == sorted(_COLUMNS) else []
 
 
 def _numbers(path: Path, number: int, line: list[str]) -> list[float]:
@@ -156,7 +186,21 @@ def write_profile(path: Path, cameras: Sequence[Camera]) -> None:
 
 def _knows(columns: Sequence[int]) -> Callable[[Head], bool]:
     """Whether the first line has so many numbers between spaces."""
-    return lambda head: len(head.first.split()) in columns and is_number_row(tuple(head.first.split()))
+    return lambda head: len(cells := _spaced(head.first)) in columns and is_number_row(tuple(cells))
+
+
+def _is_profile(head: Head) -> bool:
+    """Whether a file is one by its first line, or a table whose titles or whose every line describe a camera."""
+    if _knows((12, 13, 19))(head):
+        return True
+    rows = [_cells(line) for line in head.lines if line.strip()]
+    if len(rows) > 1 and _titled(rows[0]):
+        return True
+    if not rows or not all(len(row) == 12 and is_number_row(tuple(row)) for row in rows):
+        return False
+    numbers = [[float(cell) for cell in row] for row in rows]
+    whole = all(size == round(size) and size >= 16 for row in numbers for size in row[2:4])
+    return whole and [row[0] for row in numbers] == [*range(1, len(rows) + 1)] and all(0.2 < r[6] < 5 for r in numbers)
 
 
 def _profile(path: Path, _hints: Hints) -> FileContents:
@@ -175,7 +219,7 @@ FORMATS = (
     Format(
         name="camera-profile",
         title="camera profile of Argus and easyWand (12 columns a camera)",
-        knows=_knows((12, 13, 19)),
+        knows=_is_profile,
         read=_profile,
     ),
     Format(

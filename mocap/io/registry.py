@@ -1,6 +1,7 @@
 """All formats: which one a file is, reading it, writing it, and what a format cannot hold."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,6 +122,25 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     """
     with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
         return _of(path, told, _read_as(format, file, hints))
+
+
+@contextmanager
+def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
+    """A table to read in place of one that a spreadsheet or another program wrote, while the context lasts.
+
+    For readers of one kind of file that the user names as such: camera profiles, coefficients, known points.
+
+    Args:
+        path: Text with any separator, decimal mark and encoding that ``mocap.io.transcribe`` knows, or a workbook.
+
+    Yields:
+        The file to read, and sentences on how the text was read.
+
+    Raises:
+        FormatError: its text is none of these.
+    """
+    with transcribed(path, known=_known) as (file, told):
+        yield file, told
 
 
 def _of(path: Path, told: Sequence[str], recording: FileContents) -> FileContents:

@@ -24,8 +24,8 @@ _EXPONENT = r"(?:[eE][+-]?\d+)?"
 _WITH_COMMA = rf"([+-]?\d*),(\d+{_EXPONENT})"
 _WITH_POINT = rf"[+-]?(?=[\d.,]*\d)[\d,]*\.[\d.,]*{_EXPONENT}"
 _NUMBER = re.compile(r'\s*"?\s*([+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|nan|NaN|NAN|NA|)\s*"?\s*', re.ASCII)
-_COUNTED = re.compile(r"frames?#?|fnum|t|t_s|time|time_s|seconds", re.IGNORECASE)
-"""Titles of a first column that has a number in every row."""
+_COUNTED = re.compile(r"frames?#?|fnum|t|t_s|time|time_s|seconds|(camera|cam|view)[ _.#-]*\d*", re.IGNORECASE)
+"""Titles of a first column that has a number in every row: frames, times, numbers of cameras, coefficients of one."""
 
 _OF_NUMBERS = b"0123456789+-,eENaA \n"
 _TOP = 8
@@ -80,7 +80,7 @@ def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
     if separator == ";":
         text, said = _semicolons(path, text)
     elif separator == "\t":
-        text, said = _tabs(path, text, table=not known(head))
+        text, said = _tabs(path, text, known)
     else:
         said = ()
     text, left = _trimmed(text)
@@ -150,13 +150,14 @@ def _semicolons(path: Path, text: str) -> tuple[str, tuple[str, ...]]:
     return text.replace(";", ","), (told,)
 
 
-def _tabs(path: Path, text: str, *, table: bool) -> tuple[str, tuple[str, ...]]:
-    """A text with tabs between its cells as one with decimal points; a ``table`` with commas in place of the tabs."""
+def _tabs(path: Path, text: str, known: Knows) -> tuple[str, tuple[str, ...]]:
+    """A text with tabs between its cells as one with decimal points; with commas in place of tabs that none knows."""
     told = []
     found = _decimal_comma(text, "\t")
     if found and not ("." in text and _cell(_WITH_POINT, "\t").search(text)):
         told = [f"numbers have decimal commas: {found[3]},{found[4]} is read as {found[3]}.{found[4]}"]
         text = _with_points(text, "\t")
+    table = not known(Head(path, text[:LENGTH].encode()))
     if table and len({line.count("\t") for line in text.split("\n") if line}) == 1:
         told = ["cells are separated by tabs", *told]
         text = text.replace("\t", ",") if '"' not in text and "," not in text else _with_commas(path, text, "\t")

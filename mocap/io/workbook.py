@@ -109,7 +109,9 @@ def _chosen(path: Path, sheets: dict[str, Any], stated: str | None) -> str:
         names = [name for name in names if any(_rows(path, sheets[name]))]
         if len(names) == 1:
             return names[0]
-        raise FormatError(f"{path.name}: holds {len(names)} sheets with cells; state one with `sheet`: {listed}")
+        raise FormatError(
+            f"{path.name}: has {len(names)} sheets with cells; state one with `sheet`, or save it alone: {listed}"
+        )
     if stated in names:
         return stated
     if stated.isdecimal() and 1 <= int(stated) <= len(names):

@@ -1,11 +1,13 @@
 """The four ways to calibrate, from files to a report: boards, wand, known points, the markers themselves."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from mocap.arrays import Array
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Board
 from mocap.calibration.detect import detect
@@ -17,15 +19,19 @@ from mocap.calibration.rig import RigCamera, in_world, rig_lens, upside_down
 from mocap.calibration.wand import MOVES, WandCalibration, calibrate_wand
 from mocap.cameras.camera import Camera
 from mocap.errors import CalibrationError, FormatError
-from mocap.io import dltdv
 from mocap.io.anipose import read_calibration
-from mocap.io.csv_table import read_table
+from mocap.io.csv_table import has_titles, read_table
 from mocap.io.easywand import read_easywand
 from mocap.io.profile import read_profile
+from mocap.io.registry import as_table, read
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
 from mocap.pipeline.recording import Recording, load_filmed
+from mocap.records import PixelTracks
 
+UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_AXIS = re.compile(r"(?P<axis>[xyz])(?:[ _]*[\[(]?(?P<unit>mm|cm|m)[\])]?)?", re.IGNORECASE)
+_CAMERA_AXIS = r"(?:.*[ _.:-])?(?:camera|cam|view|c)[ _.#-]*(?P<camera>\d+)[ _.:-]*(?P<axis>[xyuv])(?: *[\[(]px[\])])?"
 Told = Callable[[str], None]
 
 
@@ -114,6 +120,7 @@ def from_wand(
         CalibrationError: whatever makes that impossible.
         FormatError: a file cannot be read.
     """
+    told: tuple[str, ...] = ()
     if file.suffix.lower() == ".mat":
         wand = read_easywand(file)
         lenses, sizes, wand_px, back_px = list(wand.lenses), list(wand.sizes_px), wand.wand_px, wand.background_px
@@ -123,16 +130,25 @@ def from_wand(
             raise CalibrationError(
                 f"{file.name}: a wand needs its length and the lenses: give `length_m` and `profile`"
             )
-        pixels = dltdv.read_pixels(file, fps=1.0)
+        pixels, said = _pixels_of(file)
         if len(pixels.names) != 2:
-            raise FormatError(f"{file.name}: holds {len(pixels.names)} points; a wand has two ends: export these alone")
-        lenses, sizes = (list(x) for x in zip(*read_profile(profile), strict=True))
+            raise FormatError(
+                f"{file.name}: contains {len(pixels.names)} points ({', '.join(pixels.names[:8])}); expected the two "
+                "ends of the wand: export only these"
+            )
+        with as_table(profile) as (lens_table, how):
+            lenses, sizes = (list(x) for x in zip(*read_profile(lens_table), strict=True))
+        told += (*said, *_named(profile, how))
         wand_px = pixels.uv_px
         if len(lenses) != len(wand_px):
-            raise CalibrationError(f"{profile.name}: describes {len(lenses)} cameras, {file.name} holds {len(wand_px)}")
+            raise CalibrationError(
+                f"{profile.name}: describes {len(lenses)} cameras, but {file.name} contains {len(wand_px)}: give the "
+                "profile and the pixels of the same cameras"
+            )
         back_px = np.full((len(lenses), 0, 1, 2), np.nan)
     if background is not None:
-        back_px = dltdv.read_pixels(background, fps=1.0).uv_px
+        back, said = _pixels_of(background)
+        back_px, told = back.uv_px, (*told, *said)
     results: dict[str, WandCalibration] = {}
     for choice in MOVES[:3] if moves == "auto" else (moves,):
         try:
@@ -171,6 +187,7 @@ def from_wand(
         "A wand cannot tell whether rows count up or down: they were taken as counted from the "
         f"{'lower' if lower_left else 'upper'} left; otherwise the world is mirrored (state `origin`).",
     ]
+    lines += ["", *(f"- {plain(t)}" for t in told)] if told else []
     numbers = {
         "method": "wand",
         "wand_score": number(best.score),
@@ -201,14 +218,19 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
         CalibrationError: too few points, or pixels that do not belong to them.
         FormatError: a file has other columns.
     """
-    xyz, uv = _numbers(points), _numbers(pixels)
+    (xyz_titles, xyz, said), (uv_titles, uv, also) = _numbers(points), _numbers(pixels)
+    _check_unit(points, xyz_titles, unit_m)
+    xyz, uv = xyz[:, _order_of_points(xyz_titles)], uv[:, _order_of_pixels(uv_titles)]
     if xyz.shape[1] != 3:
-        raise FormatError(f"{points.name}: {xyz.shape[1]} columns; expected x, y, z of a point a row")
+        raise FormatError(f"{points.name}: {xyz.shape[1]} columns; expected x, y, z: one row for each known point")
     if uv.shape[1] % 2 or not uv.shape[1]:
-        raise FormatError(f"{pixels.name}: {uv.shape[1]} columns; expected x, y for each camera, a point a row")
+        raise FormatError(
+            f"{pixels.name}: {uv.shape[1]} columns; expected x, y of each camera: one row for each known point"
+        )
     if len(xyz) != len(uv):
         raise CalibrationError(
-            f"{points.name} holds {len(xyz)} points, {pixels.name} {len(uv)}: a row a point in one order"
+            f"{points.name} contains {len(xyz)} points, but {pixels.name} {len(uv)}: both need the same points in the "
+            "same order, one in each row (NaN where a camera does not see it)"
         )
     fits = [fit_dlt(f"cam{c + 1}", xyz * unit_m, uv[:, 2 * c : 2 * c + 2]) for c in range(uv.shape[1] // 2)]
     rows = [
@@ -219,8 +241,9 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
         f"# DLT coefficients of {len(fits)} cameras from {len(xyz)} known points",
         "",
         *table(["camera", "points", "RMS px (2n - 11)", "RMS px of points left out"], rows),
-        "Metres; the pixel origin is that of the file.",
+        "Lengths are in metres; pixels are counted from the same corner as in the file.",
     ]
+    lines += ["", *(f"- {plain(t)}" for t in (*said, *also))] if said or also else []
     numbers = {
         "method": "dlt",
         "cameras": {
@@ -289,9 +312,56 @@ def _bone(text: str, names: Sequence[str]) -> Bone:
     return Bone(first=names.index(parts[0]), second=names.index(parts[1]), length_m=length)
 
 
-def _numbers(path: Path) -> np.ndarray:
-    """A table with or without a header."""
-    try:
-        return read_table(path, header=False)[1]
-    except FormatError:
-        return read_table(path)[1]
+def _numbers(path: Path) -> tuple[list[str], Array, tuple[str, ...]]:
+    """Titles (none without a line of them), numbers, and how the text of a table was read."""
+    with as_table(path) as (file, told):
+        return *read_table(file, header=has_titles(file)), _named(path, told)
+
+
+def _pixels_of(path: Path) -> tuple[PixelTracks, tuple[str, ...]]:
+    """The pixels of a file of any format, and how it was read.
+
+    Raises:
+        FormatError: it contains none.
+    """
+    found = read(path)
+    if found.pixels is None:
+        raise FormatError(
+            f"{path.name}: contains no pixels ({found.format}); expected columns such as pt1_cam1_X, pt1_cam1_Y: is "
+            "this the 2D file?"
+        )
+    return found.pixels, _named(path, found.assumed)
+
+
+def _named(path: Path, told: Sequence[str]) -> tuple[str, ...]:
+    return tuple(f"{path.name}: {sentence}" for sentence in told)
+
+
+def _check_unit(path: Path, titles: Sequence[str], unit_m: float) -> None:
+    """A unit in the titles is the one that is stated.
+
+    Raises:
+        CalibrationError: it is another.
+    """
+    for title in titles:
+        match = _AXIS.fullmatch(title.strip())
+        if match and match["unit"] and UNITS_M[match["unit"].lower()] != unit_m:
+            raise CalibrationError(
+                f"{path.name}: the title {title!r} states {match['unit']}, but coordinates would be read as "
+                f"{next(name for name, metres in UNITS_M.items() if metres == unit_m)}: give `unit`"
+            )
+
+
+def _order_of_points(titles: Sequence[str]) -> list[int] | slice:
+    """Columns x, y, z by their titles, which may state a unit; all columns where titles do not name the three."""
+    axes = [match["axis"].lower() if (match := _AXIS.fullmatch(title.strip())) else "" for title in titles]
+    return [axes.index(axis) for axis in "xyz"] if all(axes.count(axis) == 1 for axis in "xyz") else slice(None)
+
+
+def _order_of_pixels(titles: Sequence[str]) -> list[int] | slice:
+    """Columns x, y of the first camera, the second ... by their titles; all columns where these do not name them."""
+    found = [re.fullmatch(_CAMERA_AXIS, title.strip(), re.IGNORECASE) for title in titles]
+    where = {(int(m["camera"]), "xyuv".index(m["axis"].lower()) % 2): i for i, m in enumerate(found) if m}
+    cameras = sorted({camera for camera, _ in where})
+    whole = bool(where) and len(where) == sum(m is not None for m in found) == 2 * len(cameras)
+    return [where[camera, axis] for camera in cameras for axis in (0, 1)] if whole else slice(None)

@@ -217,6 +217,7 @@ def prepare(source: Recording) -> Prepared:
         findings=(
             *(too_long(xyz) if source.unit is None else ()),
             *source.frame_findings,
+            *filmed.told,
             *findings,
             *camera_findings(health, [c.name for c in filmed.cameras]),
             *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),

@@ -18,7 +18,7 @@ from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
 from mocap.io.profile import with_profile
-from mocap.io.registry import read
+from mocap.io.registry import as_table, read
 from mocap.io.unstated_unit import in_metres
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
@@ -159,6 +159,7 @@ class Filmed:
         pixel_origin: Decision on where rows are counted from.
         ideal_px: (C, T, M, 2) undistorted pixels in the convention of the coefficients.
         late_frames: (C,) offsets that were taken out of ``ideal_px``; None: none was asked to be.
+        told: Sentences on how the calibration and the profile were read, where their text leaves that open.
     """
 
     pixels: PixelTracks
@@ -166,6 +167,7 @@ class Filmed:
     pixel_origin: origin.PixelOrigin
     ideal_px: Array
     late_frames: Array | None = None
+    told: tuple[str, ...] = ()
 
     @property
     def matrices(self) -> Array:
@@ -190,8 +192,8 @@ def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tu
     return skeleton.for_markers(renamed, source="the recording"), renamed
 
 
-def _pixels_and_cameras(source: Recording) -> tuple[PixelTracks, tuple[Camera, ...], str]:
-    """Pixels, cameras, and where these are from; a calibration that is given goes before that of a project."""
+def _pixels_and_cameras(source: Recording) -> tuple[PixelTracks, tuple[Camera, ...], str, tuple[str, ...]]:
+    """Pixels, cameras, the file these are from, and how it was read; a given calibration replaces a project's own."""
     recording = source.contents
     if recording.pixels is None:
         raise FormatError(
@@ -203,20 +205,22 @@ def _pixels_and_cameras(source: Recording) -> tuple[PixelTracks, tuple[Camera, .
         calibration = calibration if source.unit is None else calibration.with_unit(source.unit)
         if not calibration.cameras:
             raise FormatError(f"{source.calibration.name}: holds no cameras ({calibration.format}): give a calibration")
-        return recording.pixels, calibration.cameras, source.calibration.name
+        told = tuple(f"{source.calibration.name}: {said}" for said in calibration.assumed)
+        return recording.pixels, calibration.cameras, source.calibration.name, told
     if not recording.cameras:
         project = recording.format == "dltdv-project"
         what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
         raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give `calibration`")
-    return recording.pixels, recording.cameras, source.tracks.name
+    return recording.pixels, recording.cameras, source.tracks.name, ()
 
 
 def _calibration(path: Path) -> FileContents:
     try:
         return read(path)
     except FormatError:
-        if path.suffix.lower() == ".csv":
-            dltdv.read_coefficients(path)  # says what is wrong with them
+        if path.suffix.lower() in (".csv", ".xlsx"):
+            with as_table(path) as (table, _):
+                dltdv.read_coefficients(table)  # says what is wrong with them
         raise
 
 
@@ -243,7 +247,7 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         FormatError: a file cannot be read.
         CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
     """
-    pixels, cameras, where = _pixels_and_cameras(source)
+    pixels, cameras, where, told = _pixels_and_cameras(source)
     if len(pixels.cameras) < 2:
         raise CalibrationError(
             f"{source.tracks.name}: holds one camera: points in space need two or more views in one file"
@@ -255,7 +259,9 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         )
     check_cameras(cameras, where)
     if source.profile is not None:
-        cameras = with_profile(cameras, source.profile)
+        with as_table(source.profile) as (profile, said):
+            cameras = with_profile(cameras, profile)
+        told += tuple(f"{source.profile.name}: {s}" for s in said)
     if not pixels.seen.any():
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track; digitise first")
     if not (pixels.seen.sum(axis=0) >= 2).any():
@@ -281,7 +287,7 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
     if source.correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
-    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late)
+    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late, told=told)
 
 
 def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:

@@ -83,5 +83,5 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         points=int(tracks.seen.sum()),
         samples=tracks.seen.size,
         residual_px=float(np.median(residual[tracks.seen])),
-        findings=(*contradicted, *source.frame_findings, filmed.pixel_origin.describe(), *findings),
+        findings=(*contradicted, *source.frame_findings, *filmed.told, filmed.pixel_origin.describe(), *findings),
     )

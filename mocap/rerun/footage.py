@@ -9,9 +9,10 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.errors import MocapError
-from mocap.io.csv_table import read_table
 from mocap.io.dvproject import read_project
+from mocap.io.format import Hints
 from mocap.io.movies import PICTURES, Movie, by_number, open_movie
+from mocap.io.registry import by_name, read_as
 from mocap.pipeline.run import Footage, Run
 
 
@@ -113,5 +114,5 @@ def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array
         return read_project(tracks, fps=1.0).offset_frames, "as the project says"
     beside = tracks.with_name(tracks.name.replace("xypts", "offsets"))
     if beside != tracks and beside.is_file():
-        return read_table(beside)[1], f"as {beside.name} says"
+        return read_as(by_name("dltdv-offsets"), beside, Hints()).tables["offset_frames"], f"as {beside.name} says"
     return np.zeros((1, 1)), "not stated"

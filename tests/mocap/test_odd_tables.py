@@ -213,7 +213,9 @@ def test_the_sheet_is_stated(tmp_path):
     for sheet in ("data", "2"):
         np.testing.assert_array_equal(pixels(path, Hints(sheet=sheet)), UV)
     assert "read from the sheet 'data'" in read(path, Hints(sheet="2")).findings
-    with pytest.raises(FormatError, match=r"2 sheets with cells; state one with `sheet`: 1 'notes', 2 'data'"):
+    with pytest.raises(
+        FormatError, match=r"2 sheets with cells; state one with `sheet`, or save it alone: 1 'notes', 2 'data'"
+    ):
         read(path)
     with pytest.raises(FormatError, match=r"no sheet '3'; there are 1 'notes', 2 'data'"):
         read(path, Hints(sheet="3"))

@@ -235,17 +235,20 @@ def test_markers_by_the_formula():
                 np.testing.assert_allclose(found[s, m], here, atol=1e-12)
 
 
+STEP = Step(1, 0.01, np.zeros((0, 0)))
+
+
 def test_the_model_holds_its_shape():
     """``constrain`` pulls the shape to a valley at zero, a stiffer valley the more, and never widens the state."""
     rng = np.random.default_rng(9)
     n = pose().points.n
     state = Gaussian(rng.normal(size=n), lower(rng, n))
-    assert pose().constrain(state, 0.01) is state
+    assert pose().constrain(state, STEP) is state
     for held in (RANK, 2 * RANK):
         sizes = [np.linalg.norm(state.mean[:held])]
         for stiffness in (1e2, 1e3, 1e4):
             model = pose(gradient=lambda z, stiffness=stiffness: stiffness * z, held=held)
-            found = model.constrain(state, 0.01)
+            found = model.constrain(state, STEP)
             sizes.append(np.linalg.norm(found.mean[:held]))
             assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-9
         assert (np.diff(sizes) < 0).all()

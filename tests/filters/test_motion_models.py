@@ -14,7 +14,6 @@ from filters.motion.constant_velocity import ConstantVelocity, white_acceleratio
 from filters.motion.pose import BodyPath, PoseMotion, body_path
 from filters.motion.shape import FreeShape, LinearShape
 from filters.subspace import PoseSubspace
-from filters.track import marker_deviations
 from mocap.body import BodyFrames
 
 RANK, MARKERS, FRAMES = 3, 4, 5
@@ -142,7 +141,7 @@ def test_initial_states_fit_their_models(name):
     start = model.initial()
     assert start.factor.shape == (len(start.mean),) * 2 == (model.points.n,) * 2
     assert 0 < model.reads <= len(start.mean)
-    mean, deviations = marker_deviations(model, start, 0)
+    mean, deviations = model.deviations(start, 0)
     np.testing.assert_allclose(mean, model.markers(start.mean[None, : model.reads], 0)[0], atol=1e-15)
     assert deviations.shape == (model.reads, *mean.shape)
 

@@ -136,7 +136,7 @@ def test_a_real_elbow_is_designed_as_asked(tmp_path):
     )
     potential.save(tmp_path / "elbow.npz")
     command = ["design-joint", str(tmp_path / "elbow.npz"), "--out", str(tmp_path / "out"), "--no-solid", "--json"]
-    command += ["--starts", "2"]
+    command += ["--starts", "1"]
     report = json.loads(CliRunner().invoke(app, command).stdout)
     assert report["fit"]["rms"] <= 0.1
     assert report["fit"]["iou"]["0.5"] >= 0.8

@@ -205,11 +205,10 @@ def layered(viewer, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_what_is_hidden_in_a_view_is_gone(viewer, layered, tmp_path, name):
+def test_what_is_hidden_in_a_view_is_gone(viewer, layered, name):
     """Each view shows what it is for: hidden, its colour is gone, or nearly where others blend to it."""
     make, layers = SHOWN[name]
-    run = loaded(viewer, layered, tmp_path)
-    layout = make_layout(run)
+    layout = make_layout(layered)
     whole = viewer.picture(make(layout), frame=FRAME)
     for path, color in layers:
         view = make(layout)

@@ -1,31 +1,23 @@
 """The main job on the built-in recordings: error inside gaps over seeds beside what people use, and the time it takes.
 
 The seeds are others than those on which the potential was settled (0 to 3; docs/decisions.md).
-``eal`` is the pose model of the mixture alone, and ``pose_constant_velocity`` its control: without the potential.
+``eal`` is the EAL model of the mixture alone, and ``eal_no_potential`` its control, the same without V_z.
 """
 
 import argparse
-from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 
 from filters.hide import interior_gaps
 from filters.models.pose import PoseSettings
-from filters.motion.base import MotionModel
-from filters.motion.pose import PoseMotion
 from filters.score import compared
 from mocap.pipeline.demo import Animal, measured_demo
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
 from mocap.stages import Stages
 
-METHODS = ("mixture", "eal", "pose_constant_velocity", "constant_velocity", "cubic", "linear")
-
-
-def without_potential(model: MotionModel) -> MotionModel:
-    """The same pose model without V_z: what the potential is measured against."""
-    return replace(model, gradient=None, name="pose_constant_velocity") if isinstance(model, PoseMotion) else model
+METHODS = ("mixture", "eal", "eal_no_potential", "constant_velocity", "cubic", "linear")
 
 
 def measure(animal: Animal, seed: int) -> dict[str, dict[str, float | None]]:
@@ -42,11 +34,11 @@ def measure(animal: Animal, seed: int) -> dict[str, dict[str, float | None]]:
 def controls(prepared: Prepared, truth_m: np.ndarray) -> dict[str, dict[str, float | None]]:
     """The EAL pose model alone, and it without its potential, inside gaps."""
     part = seen_part(prepared)
-    eal = learn_motion(prepared, part, "eal", settings=PoseSettings())
     seen, out = np.isfinite(prepared.xyz_m[..., 0]), {}
-    for model in (eal, without_potential(eal)):
-        markers = tracked_motion(prepared, part, model.name, track(prepared, part, model)).markers
-        out[model.name] = compared(markers.xyz_m, markers.cov_m2, truth_m, interior_gaps(seen)).as_json()
+    for name, settings in (("eal", PoseSettings()), ("eal_no_potential", PoseSettings(potential="none"))):
+        model = learn_motion(prepared, part, "eal", settings=settings)
+        markers = tracked_motion(prepared, part, name, track(prepared, part, model)).markers
+        out[name] = compared(markers.xyz_m, markers.cov_m2, truth_m, interior_gaps(seen)).as_json()
     return out
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.ensemble import Gaussian, cholesky, condition, gram
+from filters.ensemble import Gaussian, cholesky, condition, each_marker, gram, marker_covariances
 from filters.observations import WHOLE, Sights
 from mocap.arrays import Array
 
@@ -75,7 +75,7 @@ def observe(
     if not n_groups:
         return state, _unused(sights)
     white, y = sights.slope / sights.sd[..., None], sights.innovation / sights.sd
-    cov = np.einsum("kmi,kmj->mij", deviations, deviations)
+    cov = marker_covariances(deviations)
     predicted = 1 + np.einsum("gri,gij,grj->gr", white, cov[marker], white)
     used = gate_groups((np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1), sights.where)
     if not used.any():
@@ -121,7 +121,7 @@ def _compress(
     values, vectors = np.linalg.eigh(information[seen])
     known = values > 1e-12 * values[:, -1:]
     root = np.sqrt(np.where(known, values, 1.0))
-    rows = np.einsum("kmi,mij->kmj", deviations[:, seen], vectors) * root
+    rows = each_marker(deviations[:, seen], vectors * root[:, None])
     target = np.einsum("mi,mij->mj", pull[seen], vectors) / root
     return np.ascontiguousarray(rows[:, known]), target[known]
 
@@ -134,4 +134,4 @@ def _posterior_markers(a: Array, target: Array, deviations: Array) -> tuple[Arra
     flat = deviations.reshape(len(a), -1)
     solved = np.linalg.solve(factor, np.column_stack([a @ target, flat]))
     rows = solved[:, 1:].reshape(deviations.shape)
-    return np.einsum("kmi,k->mi", rows, solved[:, 0]), np.einsum("kmi,kmj->mij", rows, rows)
+    return np.einsum("kmi,k->mi", rows, solved[:, 0]), marker_covariances(rows)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from filters.ensemble import Gaussian, Prediction
+from filters.ensemble import Gaussian, Prediction, marker_covariances
 from filters.motion.base import MotionModel, Step
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
@@ -69,7 +69,7 @@ def filter_frame(
         prediction = model.predict(before, step)
         state = model.constrain(prediction.state, step, None if about is None else about.model)
     mean, deviations = model.deviations(state, frame)
-    cov = np.einsum("kmi,kmj->mij", deviations, deviations)
+    cov = marker_covariances(deviations)
     sights = observations.sights(frame, mean, cov)
     if prediction is not None and not len(sights.size):
         state = prediction.state  # a potential would hold a shape whose phase nobody knows, and be sure of it
@@ -232,4 +232,4 @@ def _pass(
 def marker_moments(model: MotionModel, state: Gaussian, frame: int) -> tuple[Array, Array]:
     """Mean (M, 3) and covariance (M, 3, 3) of the markers of a state."""
     mean, deviations = model.deviations(state, frame)
-    return mean, np.einsum("kmi,kmj->mij", deviations, deviations)
+    return mean, marker_covariances(deviations)

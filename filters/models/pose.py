@@ -66,11 +66,11 @@ class PoseSettings(TrajectoryModel):
     potential: Potential = "motion"
     beta: float = 1.0
     lam: float = 1e-4
-    centres: int = 400
+    centres: int = 200
     least_known: float = 0.8
     weight: float = 16.0
     bones: float = 1.0
-    passes: int = 2
+    passes: int = 1
     regression: float = 1.0
     covariance: tuple[float, ...] = ()
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian, Prediction, SigmaPoints, condition, default_points, predicted
+from filters.ensemble import Gaussian, Prediction, SigmaPoints, condition, default_points, each_marker, predicted
 from filters.motion.base import MotionModel, Step
 from filters.motion.bones import Bones, Differences, differences, hold_bones
 from filters.motion.constant_velocity import white_acceleration
@@ -261,7 +261,7 @@ class PoseMotion(MotionModel):
             which, xyz, whitening = self.regression.at(step.frame)
             if len(which):
                 mean, rows = self.deviations(state, step.frame)
-                rows = np.einsum("kmi,mji->kmj", rows[:, which], whitening).reshape(len(rows), -1)
+                rows = each_marker(rows[:, which], np.swapaxes(whitening, 1, 2)).reshape(len(rows), -1)
                 away = np.einsum("mji,mi->mj", whitening, xyz - mean[which]).ravel()
                 state = condition(state, np.ascontiguousarray(rows), away, self.reads)[0]
         if pull is not None:

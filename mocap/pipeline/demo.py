@@ -10,7 +10,7 @@ import numpy as np
 from datasets import make_bat, make_lizard, write_recording
 from filters.hide import interior_gaps
 from filters.interpolate import interpolated
-from filters.models.constant_velocity import learn_constant_velocity
+from filters.models.pose import PoseSettings
 from filters.score import compared
 from mocap.arrays import Array
 from mocap.pipeline.job import run_job
@@ -18,7 +18,7 @@ from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
 from mocap.pipeline.run import Run
-from mocap.pipeline.tracking import seen_part, track, tracked_motion
+from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
 from mocap.stages import Stages
 
 Animal = Literal["bat", "lizard"]
@@ -56,8 +56,8 @@ def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run
     seen = np.isfinite(prepared.xyz_m[..., 0])
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
-        model = learn_constant_velocity(prepared.xyz_m[part.frames][:, part.markers], dt_s=prepared.dt_s)
-        other = tracked_motion(prepared, part, model.name, track(prepared, part, model, progress=progress))
+        model = learn_motion(prepared, part, "constant_velocity", settings=PoseSettings())
+        other = tracked_motion(prepared, part, model.motion.name, track(prepared, part, model, progress=progress))
         methods = {"mixture": run.tracked.markers, "constant_velocity": other.markers}
         gaps = {name: compared(m.xyz_m, m.cov_m2, truth, where).as_json() for name, m in methods.items()}
         for kind in ("cubic", "linear"):

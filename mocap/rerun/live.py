@@ -151,7 +151,7 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
         trail=(paths.TRAILS, _TRAIL),
     )
     lines = [
-        series_view(paths.NIS, "Normalised innovation squared per row (expected 1)", legend=False),
+        series_view(paths.NIS, "Squared prediction error over its expected value (NIS, expected 1)", legend=False),
         series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
     ]
     following = rrb.components.PlayState.Following
@@ -184,6 +184,6 @@ def _log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
     )
     rec.log(paths.child(paths.UNCERTAINTY, "filled"), wires, static=True)
     rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=palette.DIM, radii=ui(0.75)), static=True)
-    rec.log(paths.NIS, rr.SeriesLines(names="NIS / rows", colors=palette.SKY_BLUE, widths=1.5), static=True)
+    rec.log(paths.NIS, rr.SeriesLines(names="NIS (expected 1)", colors=palette.SKY_BLUE, widths=1.5), static=True)
     likelihood = rr.SeriesLines(names="log-likelihood", colors=palette.GREEN, widths=1.5)
     rec.log(paths.LOG_LIKELIHOOD, likelihood, static=True)

@@ -1,4 +1,4 @@
-"""Cameras in the scene, and in the pixels of each what was measured and what the motion says should be seen."""
+"""Cameras in the scene, and in the pixels of each the measured markers and where the estimated motion projects."""
 
 import numpy as np
 import rerun as rr

@@ -44,7 +44,12 @@ def log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landscap
 def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, energy: JointEnergy) -> None:
     """V_z on the way with the bound of Theorem 3, and the energy that this bound rests on."""
     log_line(
-        rec, f"{path}/potential/bound", t_s, energy.bound, name="Theorem 3, let go at its fastest", color=palette.GREY
+        rec,
+        f"{path}/potential/bound",
+        t_s,
+        energy.bound,
+        name="Theorem 3, released at the fastest instant",
+        color=palette.GREY,
     )
     log_line(rec, f"{path}/potential/value", t_s, value, name="V_z(q(t))", color=palette.ORANGE)
     lines = {

@@ -49,7 +49,7 @@ def volume_view(layout: Layout, name: str) -> rrb.View:
     cloud = layout.blocks[name]
     return rrb.Spatial3DView(
         origin=paths.volume(name),
-        name=f"{name} in the body (mm): 1 - V_z, dense where it goes",
+        name=f"{name} in body axes (mm): 1 - V_z, dense where it often is",
         background=palette.GROUND,
         line_grid=False,
         eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),

@@ -59,7 +59,7 @@ def heat_map_view(layout: Layout, name: str) -> rrb.View:
     (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
     return rrb.Spatial2DView(
         origin=paths.heat_map(name),
-        name=f"{name}: range V < {RANGE:g} (white), preferred half (red)",
+        name=f"{name}: range V < {RANGE:g} (white), preferred configurations (red)",
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[-y1, -y0]),
         overrides={f"{paths.heat_map(name)}/trail": last_frames(layout.trail_frames)},

@@ -26,10 +26,10 @@ demo: $(RUN_STAMP)
 	$(BIN)/mocap demo bat --out out/demo --force
 
 test: setup
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4
 
 quick: setup
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadgroup -m "not slow"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 -m "not slow"
 
 check: test
 	$(BIN)/ruff check .
@@ -37,8 +37,8 @@ check: test
 	$(BIN)/pyright
 
 bench: setup
-	for name in triangulation ukf tracker_speed main_job robustness dropouts two_digitisers eal_potential eal_trajectories \
-	    calibration importers attack twins twin_ranking full_pass view_speed joint_design; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+	for name in triangulation ukf tracker_speed main_job robustness calibration importers \
+	    attack full_pass; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
 	$(BIN)/python -m mocap.rerun.pictures docs/pictures

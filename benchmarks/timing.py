@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -63,13 +62,3 @@ def _seconds(call: Callable[[], object], loops: int) -> float:
 def _timing(samples: list[float]) -> Timing:
     low, median, high = np.quantile(samples, [0.25, 0.5, 0.75])
     return Timing(float(median), float((high - low) / median), len(samples))
-
-
-def timed(function: Callable[[], Any], repeats: int = 5) -> tuple[float, Any]:
-    """Least wall time of several calls in seconds, and the last result."""
-    best, result = np.inf, None
-    for _ in range(repeats):
-        start = time.perf_counter()
-        result = function()
-        best = min(best, time.perf_counter() - start)
-    return best, result

@@ -51,14 +51,14 @@ class Case:
     seen: Observations
     t_s: Array
 
-    def filtered(self, linearisations: int = 1) -> None:
+    def filtered(self) -> None:
         """Forward only; of a frame what was seen is kept."""
         with one_blas_thread():
-            filter_forward(self.model, self.seen, self.t_s, keep=False, linearisations=linearisations)
+            filter_forward(self.model, self.seen, self.t_s, keep=False)
 
-    def smoothed(self, most_bytes: float = 1e9) -> None:
+    def smoothed(self, most_bytes: float = 1e9, passes: int = 1) -> None:
         """Forward and back."""
-        smooth(self.model, self.seen, self.t_s, most_bytes=most_bytes)
+        smooth(self.model, self.seen, self.t_s, most_bytes=most_bytes, passes=passes, settled=0.0)
 
     def lagged(self, lag: int, every: int) -> None:
         """Live."""
@@ -180,7 +180,7 @@ def main() -> None:
     print(f"{'34 markers x 30 cameras':44}{'n':>4}  {'':22}{'wall ms':>9}{'cpu ms':>9}{'frames/s':>10}")
     case = markers(n_frames)
     lines = {"filter": case.filtered, "filter + smooth": case.smoothed}
-    lines["filter, rays twice"] = partial(case.filtered, 2)
+    lines["filter + smooth, twice"] = partial(case.smoothed, passes=2)
     lags = {"live, lag 10": partial(case.lagged, 10, 1), "live, lag 10, by tens": partial(case.lagged, 10, 10)}
     show("constant velocity a marker", case, lines | lags, rounds)
     for title, settings in {

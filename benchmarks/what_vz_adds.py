@@ -25,18 +25,16 @@ one gait each, most of three to seven trials: there V_z and the quadratic potent
 """
 
 import argparse
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from filters.hide import hide_neighbours
 from filters.models.base import TrialSet, estimate
-from filters.models.pose import Mechanics, Potential
+from filters.models.pose import Mechanics, PoseSettings, Potential
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.score import Residuals, residuals_of
-from filters.tune import SHARP
 from mocap.arrays import Array
 
 FPS, FRAMES, NOISE_M = 200.0, 300, 2e-4
@@ -71,7 +69,9 @@ def fills(seed: int, *, bend: float, gaits: int, trials: int) -> dict[tuple[Mech
     shown = hidden.shown
     trial_set, out = TrialSet([*others, shown], TRUNK), {}
     for mechanics, potential in product(MECHANICS, POTENTIALS):
-        model = replace(SHARP, ranks=(8,), rotating=False, mechanics=mechanics, potential=potential)
+        model = PoseSettings(
+            ranks=(8,), rotating=False, mechanics=mechanics, potential=potential, bones=0.0, regression=0.0
+        )
         found = estimate(model, trial_set, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
         out[mechanics, potential] = residuals_of(hidden, found.xyz_m, found.cov_m2)
     return out

@@ -18,7 +18,7 @@ from mocap.io.contents import FileContents
 from mocap.io.csv_table import write_table
 from mocap.io.dltdv import write_coefficients, write_pixels, write_points
 from mocap.io.profile import write_profile
-from mocap.records import MarkerTracks, Status
+from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.skeleton import write_skeleton
 
 _KINDS = {
@@ -101,13 +101,7 @@ def _write_others(recording: SyntheticRecording, paths: Mapping[str, Path]) -> N
         write_project(paths["project"], recording)
     names, t_s = recording.pixels.names, recording.pixels.t_s
     xyz_m = linear(stacked(recording.cameras), undistorted(recording.cameras, recording.pixels.uv_px))
-    points = MarkerTracks(
-        names=names,
-        t_s=t_s,
-        xyz_m=xyz_m,
-        cov_m2=np.full((*xyz_m.shape, 3), np.nan),
-        status=np.where(np.isnan(xyz_m[..., 0]), Status.MISSING, Status.MEASURED),
-    )
+    points = marker_tracks(names, t_s, xyz_m)
     write_points(paths["points"], points)
     frames = np.arange(1, len(t_s) + 1)
     file = FileContents(format="c3d", paths=(), names=names, frames=frames, fps=recording.fps, unit="mm", points=points)

@@ -1,25 +1,57 @@
 """Empirical-analytical Lagrangian models: potentials learned from samples, and mechanics (of eal-mocap)."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from eal.composite import CoordinateKernel, ProductKernel, SumKernel
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
 from eal.potential import EmpiricalPotential, fit_potential, load_potential, usual_kernel
 from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
+
+if TYPE_CHECKING:
+    from eal.autodiff import system_from_energies
+    from eal.constraints import constrained_acceleration
+    from eal.integrators import integrate_adaptive, simulate
+    from eal.lagrangian import LagrangianSystem, PenalisedModel
 
 __all__ = [
     "CoordinateKernel",
     "EmpiricalPotential",
     "GaussianKernel",
     "Kernel",
+    "LagrangianSystem",
     "LaplaceKernel",
     "Matern32Kernel",
     "Matern52Kernel",
+    "PenalisedModel",
     "ProductKernel",
     "Projection",
     "SpectralFilter",
     "SumKernel",
     "Tail",
     "Tikhonov",
+    "constrained_acceleration",
     "fit_potential",
+    "integrate_adaptive",
     "load_potential",
+    "simulate",
+    "system_from_energies",
     "usual_kernel",
 ]
+
+_PLACES = {
+    "LagrangianSystem": "eal.lagrangian",
+    "PenalisedModel": "eal.lagrangian",
+    "constrained_acceleration": "eal.constraints",
+    "integrate_adaptive": "eal.integrators",
+    "simulate": "eal.integrators",
+    "system_from_energies": "eal.autodiff",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name of the mechanics, imported when it is first asked for."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'eal' has no attribute {name!r}")
+    found = globals()[name] = getattr(import_module(_PLACES[name]), name)
+    return found

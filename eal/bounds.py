@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import erf, erfc
 
-from eal.arrays import Array, positive
+from eal.arrays import Array
 
 Constant = Literal["gaussian", "two-branch", "unclipped", "direct"]
 
@@ -61,26 +61,6 @@ def sharper(eta: ArrayLike, *, n: float, lam: float, norm2: float = 0.0) -> Arra
     """
     excess = np.sqrt(n) * lam * np.asarray(eta, dtype=np.float64) - np.sqrt(1.0 - norm2)
     return np.where(excess > 0.0, np.exp(-(np.maximum(excess, 0.0) ** 2)), 1.0)
-
-
-def radius(*, n: float, lam: float, confidence: float = 0.95, norm2: float = 0.0) -> float:
-    """The eta that sup |V_j - V_z| stays below with that probability: the inverse of ``sharper``.
-
-    (sqrt(1 - |T_rho|^2) + sqrt(log(1 / (1 - confidence)))) / (lambda sqrt(N)).
-
-    Raises:
-        ValueError: confidence outside (0, 1).
-    """
-    if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence must lie between 0 and 1, but is {confidence!r}")
-    top = np.sqrt(1.0 - norm2) + np.sqrt(np.log(1.0 / (1.0 - confidence)))
-    return float(top / (positive("lam", lam) * np.sqrt(n)))
-
-
-def required_samples(*, eta: float, lam: float, confidence: float = 0.95, norm2: float = 0.0) -> int:
-    """The N from which ``radius`` is at most eta."""
-    one = radius(n=1.0, lam=lam, confidence=confidence, norm2=norm2)
-    return int(np.ceil((one / positive("eta", eta)) ** 2))
 
 
 def theorem2_constant(kind: Constant = "direct") -> float:

@@ -13,10 +13,7 @@ import numpy as np
 
 from eal.arrays import Array
 from eal.autodiff import generalised_force, mass_matrix
-from eal.integrators.integrate import Trajectory
-from eal.integrators.midpoint import IntegrationError
-from eal.integrators.rk4 import rk4_step
-from eal.integrators.stability import check_step
+from eal.integrators import IntegrationError, Trajectory, check_step, rk4_step
 from eal.kernels import GaussianKernel
 from eal.lagrangian import LagrangianSystem, PenalisedModel
 from eal.optional_jax import jax, jnp
@@ -75,7 +72,7 @@ def simulate_compiled(
             raise ValueError(f"compiled runs take Gaussian kernels, not a {type(p.kernel).__name__}: use simulate")
     strengths = np.asarray(strengths, dtype=np.float64)
     model = PenalisedModel(system=system, penalty=PotentialStack(potentials), strength=strengths)
-    check_step("rk4", h_s, model, np.asarray(q0, dtype=np.float64))
+    check_step(h_s, model, np.asarray(q0, dtype=np.float64))
     width = max(len(p.centres) for p in potentials)
     columns = max(p.root.shape[1] for p in potentials)
     centres = np.zeros((len(potentials), width, system.dimension))

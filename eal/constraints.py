@@ -63,36 +63,6 @@ def constrained_acceleration(
     return acceleration
 
 
-def project(
-    system: LagrangianSystem, constraint: Constraint, q: Array, v: Array, *, iterations: int = 20
-) -> tuple[Array, Array]:
-    """Nearest admissible state in the metric of the mass: phi(q) = 0 by Newton's method, then G v = 0.
-
-    Args:
-        system: Gives the mass.
-        constraint: phi.
-        q: (..., d) configuration near the set.
-        v: (..., d) velocity.
-        iterations: Newton iterations; quadratic, so that few are used.
-
-    Returns:
-        q and v on the set, to rounding.
-    """
-    for _ in range(iterations):
-        residual = constraint.value(q)
-        if np.abs(residual).max() < 1e-15:
-            break
-        jacobian = constraint.jacobian(q)
-        spread = inverse_mass_rows(system, q, jacobian)
-        step = np.linalg.solve(jacobian @ spread.swapaxes(-1, -2), residual[..., None])[..., 0]
-        q = q - np.einsum("...ci,...c->...i", spread, step)
-    jacobian = constraint.jacobian(q)
-    spread = inverse_mass_rows(system, q, jacobian)
-    normal = np.einsum("...ci,...i->...c", jacobian, v)
-    step = np.linalg.solve(jacobian @ spread.swapaxes(-1, -2), normal[..., None])[..., 0]
-    return q, v - np.einsum("...ci,...c->...i", spread, step)
-
-
 def inverse_mass_rows(system: LagrangianSystem, q: Array, rows: Array) -> Array:
     """M(q)^-1 applied to each row of (..., c, d): (..., c, d)."""
     return np.stack([system.solve(q, rows[..., c, :].copy()) for c in range(rows.shape[-2])], axis=-2)

@@ -1,4 +1,4 @@
-"""From samples to the root B of an empirical potential: exact, pivoted Cholesky or randomised."""
+"""From samples to the root B of an empirical potential: exact or by pivoted Cholesky."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -8,10 +8,10 @@ from scipy.linalg import solve_triangular
 
 from eal.arrays import Array
 from eal.kernels import Kernel
-from eal.lowrank import pivoted_cholesky, randomised_eigenpairs
+from eal.lowrank import pivoted_cholesky
 from eal.spectral import Projection, SpectralFilter
 
-Method = Literal["auto", "exact", "cholesky", "randomised"]
+Method = Literal["auto", "exact", "cholesky"]
 
 EXACT_UP_TO = 4000
 """Samples up to which ``auto`` may form the Gram matrix (0.1 GiB, some 10 s)."""
@@ -49,7 +49,6 @@ def solve(
     method: Method,
     accuracy: float,
     max_rank: int,
-    rng: np.random.Generator | None,
 ) -> Root:
     """The root of V_z, equation 14 with T_z = (1/W) sum_i w_i K_zi (x) K_zi, W the sum of the weights.
 
@@ -64,9 +63,6 @@ def solve(
         raise ValueError(f"method must be one of {', '.join(get_args(Method))}, but is {method!r}")
     if method == "exact":
         return _exact(kernel, z, weights, lam, spectral_filter)
-    if method == "randomised":
-        rng = np.random.default_rng(0) if rng is None else rng
-        return _randomised(kernel, z, weights, lam, spectral_filter, max_rank=min(max_rank, 500), rng=rng)
     limited = method == "auto" and len(z) <= EXACT_UP_TO
     cap = min(max_rank, len(z) // 2) if limited else max_rank
     tolerance = lam * (0.5 * accuracy) ** 2
@@ -120,26 +116,6 @@ def _principal_axes(rows: Array, shares: Array) -> tuple[Array, Array]:
     sigma = np.zeros(rows.shape[1])
     sigma[: len(singular)] = singular**2
     return sigma, right.T
-
-
-def _randomised(
-    kernel: Kernel,
-    z: Array,
-    weights: Array,
-    lam: float,
-    spectral_filter: SpectralFilter,
-    *,
-    max_rank: int,
-    rng: np.random.Generator,
-) -> Root:
-    """As exact, on the leading eigenpairs."""
-    total = weights.sum()
-    scale = np.sqrt(weights)
-    s, vectors = randomised_eigenpairs(kernel, z, scale, rank=max_rank, rng=rng)
-    sigma = s / total
-    root = scale[:, None] * vectors * np.sqrt(spectral_filter.gain(sigma, lam) / total)
-    missing = max(1.0 - float(sigma.sum()), float(np.finfo(np.float64).eps))
-    return Root(centres=z, root=root, eigenvalues=sigma, missing=missing, method="randomised")
 
 
 def truncation_bound(spectral_filter: SpectralFilter, sigma: Array, lam: float, missing: float) -> float:

@@ -123,13 +123,3 @@ class PenalisedModel:
     def energy(self, q: Array, v: Array) -> Array:
         """T + U + (1/eps^2) V in J: (...); constant without damping and Theta."""
         return self.system.kinetic(q, v) + self.system.potential(q) + self.strength * self.penalty.value(q)
-
-
-def momentum(system: LagrangianSystem, q: Array, v: Array) -> Array:
-    """P = M(q) v: (..., d)."""
-    return np.einsum("...ij,...j->...i", system.mass(q), v)
-
-
-def drift(values: Array) -> Array:
-    """Largest departure of a monitored quantity from its start: (T, ...) to (...)."""
-    return np.abs(values - values[0]).max(axis=0)

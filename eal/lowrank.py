@@ -1,4 +1,4 @@
-"""Low-rank factors of the Gram matrix that never form it: pivoted Cholesky, and randomised subspace iteration."""
+"""Low-rank factors of the Gram matrix that never form it: pivoted Cholesky."""
 
 from dataclasses import dataclass
 
@@ -91,43 +91,3 @@ def _accepted(corner: Array, *, floor: float) -> list[int]:
         diagonal = np.diag(rest).copy()
         diagonal[chosen] = -np.inf
     return chosen
-
-
-def randomised_eigenpairs(
-    kernel: Kernel, z: Array, root_weights: Array, *, rank: int, rng: np.random.Generator, block: int = 2048
-) -> tuple[Array, Array]:
-    """Leading eigenpairs of D K D, D = diag(root_weights), by two passes over K in blocks of rows.
-
-    Halko, Martinsson and Tropp 2011: the range of D K D times a Gaussian matrix, then the Nystroem formula on its
-    orthonormal basis, which is exact on the range and never overstates an eigenvalue.
-
-    Args:
-        kernel: Kernel with K(x, x) = 1.
-        z: (N, d) samples.
-        root_weights: (N,) square roots of the weights.
-        rank: Eigenpairs wanted.
-        rng: Source of the test matrix.
-        block: Rows of K at a time.
-
-    Returns:
-        (k,) eigenvalues, decreasing, and (N, k) orthonormal eigenvectors, k = min(rank, N).
-    """
-    n = len(z)
-    basis = rng.standard_normal((n, min(n, rank + 10)))
-    for _ in range(2):
-        basis, _ = np.linalg.qr(basis)
-        image = np.empty_like(basis)
-        for start in range(0, n, block):
-            rows = slice(start, start + block)
-            image[rows] = kernel.gram(z[rows], z) @ (root_weights[:, None] * basis)
-        image *= root_weights[:, None]
-        last, basis = basis, image
-    shift = 4.0 * np.finfo(np.float64).eps * np.linalg.norm(image)
-    image = image + shift * last
-    core = last.T @ image
-    lower = np.linalg.cholesky(0.5 * (core + core.T))
-    vectors, singular, _ = np.linalg.svd(
-        solve_triangular(lower, image.T, lower=True, check_finite=False).T, full_matrices=False
-    )
-    count = min(rank, n)
-    return np.maximum(singular**2 - shift, 0.0)[:count], vectors[:, :count]

@@ -40,7 +40,7 @@ class EmpiricalPotential:
         root: (m, r) B.
         eigenvalues: (r,) eigenvalues sigma of T_z, decreasing, in [0, 1].
         missing: Trace of T_z that the factor leaves out; 0 for the exact method.
-        method: ``exact``, ``cholesky`` or ``randomised``.
+        method: ``exact`` or ``cholesky``.
         names: d coordinate names.
         units: d units.
         findings: Sentences on what in the samples or settings makes no sense; empty where all is well.
@@ -214,7 +214,6 @@ def fit_potential(
     max_rank: int = 2000,
     names: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
-    rng: np.random.Generator | None = None,
 ) -> EmpiricalPotential:
     """Learn V_z from samples, EAL paper, equations 12, 14 and 30.
 
@@ -226,12 +225,11 @@ def fit_potential(
         spectral_filter: Tail (the default, equation 30), Projection or Tikhonov.
         scaling: ``mean``: lambda compares with eigenvalues of K / N; ``gram``: with those of K.
         weights: (N,) positive weights, 2 being the same as a repeated sample; None: all 1.
-        method: ``auto``, ``exact``, ``cholesky`` or ``randomised``, see ``eal.fitting.solve``.
+        method: ``auto``, ``exact`` or ``cholesky``, see ``eal.fitting.solve``.
         accuracy: Wanted bound on the error in V of the pivoted Cholesky factor; rounding may leave more.
-        max_rank: Most centres; for the randomised method at most 500 eigenpairs.
+        max_rank: Most centres.
         names: d coordinate names; None: q0, q1, ...
         units: d units; None: 1.
-        rng: For the randomised method; None: a fixed seed.
 
     Returns:
         The potential; read its ``findings``.
@@ -256,7 +254,6 @@ def fit_potential(
             method=method,
             accuracy=positive("accuracy", accuracy),
             max_rank=max_rank,
-            rng=rng,
         )
     potential = EmpiricalPotential(
         kernel=kernel,
@@ -277,7 +274,7 @@ def fit_potential(
     return replace(potential, findings=sentences)
 
 
-def usual_kernel(samples: ArrayLike, *, width: float = 4.0, most: int = 500) -> Kernel:
+def usual_kernel(samples: ArrayLike, *, width: float = 4.0, most: int = 500) -> GaussianKernel:
     """The Gaussian kernel exp(-width |x - y|^2 / m), m the median squared distance of the samples.
 
     Blind to the unit of the coordinates. Joint potentials of animals are learned with it (width 4, lambda 1e-3), and

@@ -4,7 +4,6 @@ Kinetic and potential energies take arrays of any library that knows the array s
 differentiated automatically.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -75,54 +74,6 @@ def _particle(name: str, names: tuple[str, ...], m: float, weight: Array) -> Lag
         force=lambda q, v: np.broadcast_to(weight, np.broadcast_shapes(q.shape, v.shape)).copy(),
         solve=lambda q, f: f / m,  # noqa: ARG005
     )
-
-
-def chain(
-    lengths_m: Sequence[float], *, masses_kg: Sequence[float] | None = None, gravity_m_s2: float = GRAVITY_M_S2
-) -> LagrangianSystem:
-    """N point masses on N massless links, angles from the downward vertical.
-
-    M_ij = l_i l_j m_(max(i,j)) cos(q_i - q_j) with m_(k) the mass from link k on; U = -g sum_i m_(i) l_i cos q_i.
-
-    Args:
-        lengths_m: N link lengths.
-        masses_kg: N masses at the ends of the links; None: 1 kg each.
-        gravity_m_s2: Gravity.
-    """
-    length = np.array([positive("a link length", x, "m") for x in lengths_m])
-    masses = np.ones(len(length)) if masses_kg is None else np.array([positive("a mass", x, "kg") for x in masses_kg])
-    if len(masses) != len(length):
-        raise ValueError(f"{len(length)} links and {len(masses)} masses: give one mass a link")
-    beyond = np.cumsum(masses[::-1])[::-1]
-    index = np.arange(len(length))
-    coupling = length[:, None] * length * beyond[np.maximum(index[:, None], index)]
-    weight = gravity_m_s2 * beyond * length
-
-    def mass(q: Any) -> Any:
-        return coupling * _namespace(q).cos(q[..., :, None] - q[..., None, :])
-
-    def kinetic(q: Any, v: Any) -> Any:
-        return 0.5 * _namespace(q).sum(mass(q) * v[..., :, None] * v[..., None, :], axis=(-2, -1))
-
-    def force(q: Array, v: Array) -> Array:
-        swing = coupling * np.sin(q[..., :, None] - q[..., None, :])
-        return -np.einsum("...ij,...j->...i", swing, v * v) - weight * np.sin(q)
-
-    return LagrangianSystem(
-        name=f"chain of {len(length)} links",
-        names=tuple(f"angle{i + 1}" for i in index),
-        units=("rad",) * len(length),
-        kinetic=kinetic,
-        potential=lambda q: -_namespace(q).sum(weight * _namespace(q).cos(q), axis=-1),
-        mass=mass,
-        force=force,
-        solve=lambda q, f: np.asarray(np.linalg.solve(mass(q), f[..., None])[..., 0], dtype=np.float64),
-    )
-
-
-def double_pendulum(*, gravity_m_s2: float = GRAVITY_M_S2) -> LagrangianSystem:
-    """Two links of 1 m with 1 kg at each end."""
-    return chain((1.0, 1.0), gravity_m_s2=gravity_m_s2)
 
 
 def _namespace(array: Any) -> Any:

@@ -75,7 +75,6 @@ def live(
     lag: int,
     every: int = 1,
     gate_sd: float = 6.0,
-    linearisations: int = 1,
 ) -> Iterator[LiveEstimate]:
     """Fixed-lag smoothing (Anderson & Moore 1979, chapter 7): every frame once, with ``lag`` frames of hindsight.
 
@@ -94,7 +93,6 @@ def live(
         lag: Least number of later frames that an estimate rests on (but at the end).
         every: Number of frames that are smoothed back together.
         gate_sd: Groups further off are not believed (``gate_groups``).
-        linearisations: Times that rays are linearised (``filter_frame``).
 
     Raises:
         ValueError: a negative lag, ``every`` below 1, or a time that does not increase.
@@ -112,9 +110,7 @@ def live(
                 noise = step.noise if step is not None and step.dt_s == dt else model.noise(dt)
                 step = Step(frame, dt, noise)
             last_s = time
-            prediction, state, seen = filter_frame(
-                model, _Now(look), frame, state, step, gate_sd, linearisations=linearisations
-            )
+            prediction, state, seen = filter_frame(model, _Now(look), frame, state, step, gate_sd)
             kept.append(_Kept(frame, time, prediction, state, seen))
             done = _smoothed(model, kept, every) if len(kept) == lag + every else []
         for estimate in done:

@@ -8,12 +8,12 @@ import numpy as np
 from filters.hide import gap_lengths
 from filters.mixture import Mixture, mixed_residuals
 from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
-from filters.models.delayed_poses import DelaySettings
+from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.records import Estimate
-from filters.tune import USUAL_EFFORT, USUAL_MARKER, Effort, Search, Tuned, calibrated, mixed, search_on, tuned
+from filters.tune import MODELS, USUAL_EFFORT, Effort, Tuned, calibrated, hidden_gaps, mixed
 from mocap.errors import MocapError
 from mocap.skeleton import Skeleton, ends_among
 
@@ -57,11 +57,11 @@ def learn_model(
     rng: np.random.Generator,
     *,
     bones: Sequence[tuple[str, str]] = (),
+    models: Sequence[TrajectoryModel] = MODELS,
     effort: Effort = USUAL_EFFORT,
-    choose: Callable[[Search], Tuned] = tuned,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
-    """Choose motion models and their mixture on gaps hidden in the trials.
+    """Learn from trials; how motion models are mixed is learned on gaps hidden in these.
 
     Args:
         names: The M markers of all trials.
@@ -69,22 +69,24 @@ def learn_model(
         trials: What to learn from.
         rng: What to hide.
         bones: Markers of the skeleton's rigid bones.
+        models: Motion models; the last is a filter.
         effort: How much is hidden.
-        choose: Which models are mixed, and how their settings are chosen.
-        tell: Called with a line for each candidate.
+        tell: Called with a line for each trial that is filled.
 
     Raises:
         MocapError: the trials differ in rate, or show too little to hide gaps in.
     """
     check_rates(trials)
-    body = [names.index(name) for name in trunk] or list(range(len(names)))
-    search = search_on(trials, body, rng, named=ends_among(names, bones), effort=effort, tell=tell)
-    if not search.hidden:
+    body = [names.index(name) for name in trunk if name in names] or list(range(len(names)))
+    gaps = hidden_gaps(trials, body, rng, named=ends_among(names, bones), effort=effort, tell=tell)
+    if not gaps.hidden:
         raise MocapError(
             "no gap could be hidden in these trials: that needs a marker that is seen in three frames before and after "
             "ten others; give longer or more complete trials"
         )
-    found = choose(search)
+    tell("settings are learned from all recordings")
+    every = TrialSet(trials, body, ends_among(names, bones))
+    found = mixed(gaps, [model.tuned(every) for model in models])
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
@@ -103,37 +105,26 @@ def learn_from_itself(
     settings: PoseSettings,
     *,
     bones: Sequence[tuple[str, str]] = (),
-    most_frames: int = 300,
 ) -> LearnedModel | None:
-    """A model of no other trials: how to mix three models is learned on gaps hidden in the recording to be tracked.
+    """A model of no other trials: how models are mixed is learned on gaps hidden in the recording to be tracked.
 
     Args:
         names: The M markers.
-        trunk: Those of the body; empty: all.
+        trunk: Those of the body.
         recording: What is to be tracked.
-        settings: Of the pose model; its subspace and body are those of the regression, too.
+        settings: Of the EAL model.
         bones: Markers of the skeleton's rigid bones.
-        most_frames: Gaps are hidden in the stretch of so many frames of which most is seen.
 
     Returns:
         None: no gap could be hidden.
     """
-    body = [names.index(name) for name in trunk if name in names] or list(range(len(names)))
-    named, rng = ends_among(names, bones), np.random.default_rng(0)
-    search = search_on([recording], body, rng, named=named, effort=Effort(most_frames=most_frames, times=1))
-    if not search.hidden:
+    rng, effort = np.random.default_rng(0), Effort(most_frames=300, times=2)
+    models = (MarkerSettings(), settings)
+    try:
+        found = learn_model(names, trunk, [recording], rng, bones=bones, models=models, effort=effort)
+    except MocapError:
         return None
-    delay = DelaySettings(ranks=settings.ranks, body_hz=settings.body_hz, rotating=settings.rotating)
-    found = mixed(search, (USUAL_MARKER, delay, settings))
-    return LearnedModel(
-        names=tuple(names),
-        trunk=tuple(trunk),
-        bones=tuple(bones),
-        trials=(),
-        models=found.models,
-        mixture=found.mixture,
-        scores=scores_of(found),
-    )
+    return replace(found, trials=())
 
 
 def check_rates(trials: Sequence[MarkerTrial]) -> None:

@@ -179,3 +179,9 @@ def known_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArr
     if np.count_nonzero(known > limit) < least:
         limit = float(np.sort(known)[-min(least, len(known))]) - 1e-12
     return [part > limit for part in shapes.known]
+
+
+def radian(shapes: Shapes) -> float:
+    """Time in seconds in which the motion turns by a radian."""
+    z, rate = np.concatenate(shapes.z), np.concatenate(shapes.rate)
+    return float(np.sqrt(z.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300)))

@@ -1,13 +1,13 @@
 """The tracker: filter forward, smooth backward, return markers with covariance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from filters.ensemble import Gaussian, Prediction, ensemble, scale, spread
+from filters.ensemble import Gaussian, Prediction
 from filters.motion.base import MotionModel, Step
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
@@ -35,6 +35,21 @@ class Filtered:
     last: Gaussian
 
 
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A smoothed frame, about which the next pass linearises.
+
+    Attributes:
+        mean: (M, 3) markers.
+        cov: (M, 3, 3) their covariance.
+        model: What the motion model needs (``MotionModel.reference``).
+    """
+
+    mean: Array
+    cov: Array
+    model: Any
+
+
 def filter_frame(
     model: MotionModel,
     observations: Observations,
@@ -43,28 +58,24 @@ def filter_frame(
     step: Step | None,
     gate_sd: float,
     *,
-    linearisations: int = 1,
+    about: Reference | None = None,
 ) -> tuple[Prediction | None, Gaussian, Observed]:
     """Predict one frame and condition on what it shows; without a ``step`` (at the first frame) only the latter.
 
-    Rays are linearised about the prediction. With more ``linearisations`` they are so again about the markers as they
-    were found, and the prediction is conditioned anew (iterated posterior linearisation, Garcia-Fernandez et al. 2015).
-    Three cameras 2 m from a marker that is predicted to 1 cm, 5 cm: the mean is off by 0.05, 0.9 posterior deviations
-    after one, by less than 0.001 after two.
+    Rays and potentials are linearised about the prediction, or ``about`` what an earlier pass made of the frame.
     """
     prediction, state = None, before
     if step is not None:
         prediction = model.predict(before, step)
-        state = model.constrain(prediction.state, step.dt_s)
-    mean, deviations = marker_deviations(model, state, frame)
-    sights = observations.sights(frame, mean, np.einsum("kmi,kmj->mij", deviations, deviations))
+        state = model.constrain(prediction.state, step, None if about is None else about.model)
+    mean, deviations = model.deviations(state, frame)
+    cov = np.einsum("kmi,kmj->mij", deviations, deviations)
+    sights = observations.sights(frame, mean, cov)
     if prediction is not None and not len(sights.size):
         state = prediction.state  # a potential would hold a shape whose phase nobody knows, and be sure of it
+    elif about is not None and len(sights.size):
+        sights = seen_from(observations.sights(frame, about.mean, about.cov), about.mean - mean)
     found, seen = observe(state, sights, deviations, reads=model.reads, gate_sd=gate_sd)
-    for _ in range(linearisations - 1 if len(sights.size) else 0):
-        about, cov = marker_moments(model, found, frame)
-        sights = seen_from(observations.sights(frame, about, cov), about - mean)
-        found, seen = observe(state, sights, deviations, reads=model.reads, gate_sd=gate_sd)
     return prediction, found, seen
 
 
@@ -77,7 +88,7 @@ def filter_forward(
     before: Gaussian | None = None,
     gate_sd: float = 6.0,
     keep: bool = True,
-    linearisations: int = 1,
+    about: Sequence[Reference] | None = None,
     progress: Progress | None = None,
 ) -> Filtered:
     """Filter frames.
@@ -90,7 +101,7 @@ def filter_forward(
         before: Filtered state of the frame before them; None: the model's initial state.
         gate_sd: Groups further off are not believed (``gate_groups``).
         keep: Whether to keep states and predictions for smoothing.
-        linearisations: Times that rays are linearised (``filter_frame``).
+        about: What an earlier pass made of all frames of the recording (``filter_frame``).
         progress: Called with the share of all frames done.
     """
     frames = range(observations.n_frames) if frames is None else frames
@@ -106,9 +117,8 @@ def filter_forward(
             if dt not in noise_of:
                 noise_of[dt] = model.noise(dt)
             step = Step(frame, dt, noise_of[dt])
-        prediction, state, seen = filter_frame(
-            model, observations, frame, state, step, gate_sd, linearisations=linearisations
-        )
+        here = None if about is None else about[frame]
+        prediction, state, seen = filter_frame(model, observations, frame, state, step, gate_sd, about=here)
         if keep:
             states.append(state)
             predictions.append(prediction)
@@ -125,17 +135,66 @@ def smooth(
     *,
     gate_sd: float = 6.0,
     most_bytes: float = 1e9,
-    linearisations: int = 1,
+    passes: int = 1,
+    settled: float = 0.05,
     progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
 
+    What is not linear (rays, potentials, bones) is linearised about the prediction. In a further pass it is linearised
+    about the states that were smoothed before, under their uncertainty: iterated posterior linearisation
+    (Garcia-Fernandez, Svensson, Morelande & Sarkka 2015; of smoothers: Garcia-Fernandez, Svensson & Sarkka 2017).
+
     A recording whose states would take more than ``most_bytes`` is filtered in blocks of which only the state before
     each is kept; going back, each block but the last is filtered again. The memory for states is then flat in the
     number of frames, for a third more time.
+
+    Args:
+        model: Motion model.
+        observations: What each frame shows.
+        t_s: (T,) times.
+        gate_sd: Groups further off are not believed (``gate_groups``).
+        most_bytes: See above.
+        passes: At most so many; one where the model has nothing to linearise.
+        settled: Passes end when no marker moves by more than so many of its standard deviations.
+        progress: Called with the share done.
     """
+    about: list[Reference] | None = None
+    for number in range(passes):
+        tell = None if progress is None else (lambda share, n=number: progress((n + share) / passes))
+        estimate, found = _pass(
+            model,
+            observations,
+            t_s,
+            about,
+            gate_sd=gate_sd,
+            most_bytes=most_bytes,
+            last=number == passes - 1,
+            progress=tell,
+        )
+        if number and about is not None:
+            moved = estimate.xyz_m - np.array([a.mean for a in about])
+            sd = np.sqrt(np.trace(estimate.cov_m2, axis1=-2, axis2=-1) / 3)
+            if np.abs(moved).max(axis=-1).max() <= 0 or (np.abs(moved).max(axis=-1) / sd).max() < settled:
+                break
+        about = found
+    return estimate
+
+
+def _pass(
+    model: MotionModel,
+    observations: Observations,
+    t_s: Array,
+    about: Sequence[Reference] | None,
+    *,
+    gate_sd: float,
+    most_bytes: float,
+    last: bool,
+    progress: Progress | None,
+) -> tuple[Estimate, list[Reference]]:
+    """One pass forward and back, about what the one before it found."""
     n_frames, size = observations.n_frames, model.points.n
-    options: dict[str, Any] = {"gate_sd": gate_sd, "linearisations": linearisations}
+    options: dict[str, Any] = {"gate_sd": gate_sd, "about": about}
     length = max(2, int(most_bytes / (3 * 8 * size**2)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
     with threadpool_limits(1):
@@ -150,7 +209,7 @@ def smooth(
             )
             before.append(filtered.last)
             observed.extend(filtered.observed)
-        xyz, cov = [], []
+        xyz, cov, references = [], [], []
         state, ahead = before[-1], None
         for i in range(len(blocks) - 1, -1, -1):
             if filtered is None or i < len(blocks) - 1:
@@ -163,20 +222,14 @@ def smooth(
                 mean, covariance = marker_moments(model, model.informed(state) if dark else state, frame)
                 xyz.append(mean)
                 cov.append(covariance)
+                if not last:
+                    references.append(Reference(mean, covariance, model.reference(state)))
                 if progress is not None:
                     progress(1 - 0.5 * frame / n_frames)
-    return Estimate(xyz_m=np.array(xyz[::-1]), cov_m2=np.array(cov[::-1]), observed=observed)
-
-
-def marker_deviations(model: MotionModel, state: Gaussian, frame: int) -> tuple[Array, Array]:
-    """Mean (M, 3) and ensemble rows (k, M, 3) of the markers of a state: their sum of squares is the covariance."""
-    c, gamma = scale(model.points)
-    markers = model.markers(spread(state, c, columns=model.reads, rows=model.reads), frame)
-    mean, rows = ensemble(markers.reshape(len(markers), -1), c, gamma, linear=model.linear)
-    return mean.reshape(-1, 3), rows.reshape(len(rows), -1, 3)
+    return Estimate(xyz_m=np.array(xyz[::-1]), cov_m2=np.array(cov[::-1]), observed=observed), references[::-1]
 
 
 def marker_moments(model: MotionModel, state: Gaussian, frame: int) -> tuple[Array, Array]:
     """Mean (M, 3) and covariance (M, 3, 3) of the markers of a state."""
-    mean, deviations = marker_deviations(model, state, frame)
+    mean, deviations = model.deviations(state, frame)
     return mean, np.einsum("kmi,kmj->mij", deviations, deviations)

@@ -46,3 +46,9 @@ def unique(kind: str, names: tuple[str, ...]) -> None:
         if name in seen:
             raise ValueError(f"{kind} {name!r} appears twice: {kind} names must be unique")
         seen.add(name)
+
+
+def true_runs(mask: NDArray) -> list[tuple[int, int]]:
+    """Start and stop of every run of True in a (T,) mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,5 +1,6 @@
 """The records that the stages of the chain hand to each other."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -90,6 +91,27 @@ class MarkerTracks:
     def sd_m(self) -> Array:
         """(T, M) root mean square of the three standard deviations of each position, in metres."""
         return np.sqrt(np.trace(self.cov_m2, axis1=-2, axis2=-1) / 3)
+
+
+def marker_tracks(
+    names: Sequence[str], t_s: Array, xyz_m: Array, *, cov_m2: Array | None = None, status: NDArray | None = None
+) -> MarkerTracks:
+    """Tracks of which no more is known than this.
+
+    Args:
+        names: The M marker names.
+        t_s: (T,) times.
+        xyz_m: (T, M, 3) positions; NaN where not seen.
+        cov_m2: (T, M, 3, 3) covariances; None: not known.
+        status: (T, M) Status codes; None: measured where there is a position.
+    """
+    return MarkerTracks(
+        names=tuple(names),
+        t_s=t_s,
+        xyz_m=xyz_m,
+        cov_m2=np.broadcast_to(np.nan, (*xyz_m.shape, 3)) if cov_m2 is None else cov_m2,
+        status=np.where(np.isnan(xyz_m[..., 0]), Status.MISSING, Status.MEASURED) if status is None else status,
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,8 +1,8 @@
 """What all tests share: the root on the path, property tests of one verdict, and who runs what in parallel."""
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -17,85 +17,105 @@ settings.load_profile("project")
 
 
 SLOW = {
-    "benchmarks/gaps/test_gap_ours.py",
-    "benchmarks/gaps/test_gap_run.py",
-    "benchmarks/gaps/test_gap_sets.py",
-    "benchmarks/gaps/test_peer_latent.py",
-    "benchmarks/gaps/test_peer_poses.py",
-    "datasets/test_calibration_pictures.py",
-    "datasets/test_catalogue.py",
-    "datasets/test_interior_gaps.py",
-    "datasets/test_twin_motion.py",
-    "eal/joint_design/test_design_truss.py",
-    "eal/joint_design/test_snap_through.py",
-    "eal/joint_design/test_truss_equilibrium.py",
-    "eal/test_certificate.py",
-    "eal/test_choice.py",
-    "eal/test_errata.py",
-    "eal/test_integrators.py",
-    "eal/test_reproduce.py",
-    "eal/test_systems.py",
-    "filters/test_bones.py",
-    "filters/test_delayed.py",
-    "filters/test_gap_law.py",
-    "filters/test_learned_model.py",
-    "filters/test_live.py",
-    "filters/test_mechanics_identified.py",
-    "filters/test_mixture.py",
-    "filters/test_observe.py",
-    "filters/test_recording_alone.py",
-    "filters/test_registry.py",
-    "filters/test_several.py",
-    "filters/test_shape_mechanics.py",
-    "mocap/joint_design/test_design_joint.py",
-    "mocap/rerun/test_view_compare.py",
-    "mocap/rerun/test_view_ends.py",
-    "mocap/rerun/test_view_hover.py",
-    "mocap/rerun/test_view_live.py",
-    "mocap/rerun/test_view_pictures.py",
-    "mocap/rerun/test_view_recording.py",
-    "mocap/rerun/test_view_share.py",
-    "mocap/rerun/test_view_video.py",
-    "mocap/test_absurd_values.py",
-    "mocap/test_audit.py",
-    "mocap/test_audit_reports.py",
-    "mocap/test_calibrate.py",
-    "mocap/test_calibrate_boards.py",
-    "mocap/test_calibrate_wand.py",
-    "mocap/test_camera_health.py",
-    "mocap/test_cli.py",
-    "mocap/test_click_noise.py",
-    "mocap/test_convert.py",
-    "mocap/test_film_extra.py",
-    "mocap/test_format_files.py",
-    "mocap/test_format_roundtrips.py",
-    "mocap/test_fuzzed_files.py",
-    "mocap/test_learning.py",
-    "mocap/test_library.py",
-    "mocap/test_main_job.py",
-    "mocap/test_movement_package.py",
-    "mocap/test_odd_tables.py",
-    "mocap/test_optical_files.py",
-    "mocap/test_output.py",
-    "mocap/test_project_source.py",
-    "mocap/test_propose_skeleton.py",
-    "mocap/test_ray_bias.py",
-    "mocap/test_stated_noise.py",
-    "mocap/test_swapped_names.py",
-    "mocap/test_trouble.py",
-    "mocap/test_unstated_unit.py",
-    "test_installed.py",
+    "benchmarks/gaps/test_gap_ours.py": 30,
+    "benchmarks/gaps/test_gap_run.py": 9,
+    "benchmarks/gaps/test_gap_sets.py": 6,
+    "benchmarks/gaps/test_peer_latent.py": 4,
+    "benchmarks/gaps/test_peer_poses.py": 2,
+    "datasets/test_calibration_pictures.py": 6,
+    "datasets/test_catalogue.py": 4,
+    "datasets/test_interior_gaps.py": 2,
+    "datasets/test_twin_motion.py": 3,
+    "eal/joint_design/test_design_truss.py": 60,
+    "eal/joint_design/test_snap_through.py": 20,
+    "eal/joint_design/test_truss_equilibrium.py": 20,
+    "eal/test_errata.py": 27,
+    "eal/test_integrators.py": 10,
+    "eal/test_reproduce.py": 15,
+    "eal/test_systems.py": 3,
+    "filters/test_bones.py": 5,
+    "filters/test_delayed.py": 29,
+    "filters/test_gap_law.py": 19,
+    "filters/test_learned_model.py": 90,
+    "filters/test_live.py": 16,
+    "filters/test_mechanics_identified.py": 2,
+    "filters/test_mixture.py": 2,
+    "filters/test_observe.py": 9,
+    "filters/test_recording_alone.py": 4,
+    "filters/test_registry.py": 7,
+    "filters/test_shape_mechanics.py": 2,
+    "mocap/joint_design/test_design_joint.py": 90,
+    "mocap/rerun/test_view_compare.py": 16,
+    "mocap/rerun/test_view_ends.py": 25,
+    "mocap/rerun/test_view_hover.py": 28,
+    "mocap/rerun/test_view_live.py": 5,
+    "mocap/rerun/test_view_pictures.py": 116,
+    "mocap/rerun/test_view_recording.py": 9,
+    "mocap/rerun/test_view_share.py": 190,
+    "mocap/rerun/test_view_video.py": 63,
+    "mocap/test_absurd_values.py": 5,
+    "mocap/test_audit.py": 3,
+    "mocap/test_audit_reports.py": 6,
+    "mocap/test_calibrate.py": 3,
+    "mocap/test_calibrate_boards.py": 36,
+    "mocap/test_calibrate_wand.py": 20,
+    "mocap/test_camera_health.py": 25,
+    "mocap/test_cli.py": 79,
+    "mocap/test_click_noise.py": 3,
+    "mocap/test_convert.py": 2,
+    "mocap/test_film_extra.py": 24,
+    "mocap/test_format_files.py": 8,
+    "mocap/test_format_roundtrips.py": 30,
+    "mocap/test_fuzzed_files.py": 6,
+    "mocap/test_learning.py": 150,
+    "mocap/test_library.py": 17,
+    "mocap/test_main_job.py": 150,
+    "mocap/test_movement_package.py": 42,
+    "mocap/test_odd_tables.py": 16,
+    "mocap/test_optical_files.py": 3,
+    "mocap/test_output.py": 16,
+    "mocap/test_project_source.py": 8,
+    "mocap/test_propose_skeleton.py": 30,
+    "mocap/test_ray_bias.py": 2,
+    "mocap/test_stated_noise.py": 9,
+    "mocap/test_swapped_names.py": 16,
+    "mocap/test_trouble.py": 9,
+    "mocap/test_unstated_unit.py": 3,
+    "test_installed.py": 70,
 }
-"""Files that take more than 2 to 4 s (``--durations``); ``make quick`` leaves them out."""
+"""Files that take long, with roughly how many seconds; ``make quick`` leaves them out."""
+SCREEN = "mocap/rerun/"
+"""Where tests show something on a screen."""
 
 
-def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
-    """A file runs on one worker, as its fixtures are made once; so do all that show something on a screen."""
-    for item in items:
-        group = "view" if item.path.parent == ROOT / "tests" / "mocap" / "rerun" else str(item.path)
-        item.add_marker(pytest.mark.xdist_group(group))
-        if item.path.relative_to(ROOT / "tests").as_posix() in SLOW:
+def group_of(name: str) -> str:
+    """What one worker runs: a file, as its fixtures are made once, or all that show something on a screen."""
+    return SCREEN if name.startswith(SCREEN) else name
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Marks what is slow, and puts what takes longest first: no worker is left with it at the end."""
+    seconds: dict[str, int] = {}
+    for name, long in SLOW.items():
+        seconds[group_of(name)] = seconds.get(group_of(name), 0) + long
+    names = {item: item.path.relative_to(ROOT / "tests").as_posix() for item in items}
+    for item, name in names.items():
+        if name in SLOW:
             item.add_marker(pytest.mark.slow)
+    items.sort(key=lambda item: -seconds.get(group_of(names[item]), 0))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Groups are handed out whole; pytest-xdist 3.8 does not find its own marks of groups under pytest 9."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return group_of(nodeid.partition("::")[0].removeprefix("tests/"))
+
+    config.option.loadscopereorder = False
+    return Groups(config, log)
 
 
 @pytest.fixture

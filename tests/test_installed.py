@@ -1,11 +1,15 @@
 """What is installed: the wheel alone runs the demo; extras that are absent and names that collide are told clearly."""
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from mocap import load
+from tests.mocap.test_main_job import assert_beats_others, assert_each_joint_has_a_potential, assert_intervals_hold
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -38,12 +42,19 @@ def run_there(installed: Path, cwd: Path, *words: str, first: Path | None = None
 
 
 def test_the_wheel_alone_runs_the_demo(installed, tmp_path):
-    """Outside the repository: its own files are imported, and the demo writes a result that is loaded again."""
+    """Outside the repository: its own files are imported, and the demo writes a result that is loaded again.
+
+    What the bat's demo is held to in ``tests/mocap/test_main_job.py`` holds for this one, of a lizard.
+    """
     where = run_there(installed, tmp_path, "-c", "import mocap, eal, filters, datasets; print(mocap.__file__)")
     assert where.stdout.startswith(str(installed)), where.stderr
     command = "from mocap.cli.main import main; main()"
     done = run_there(installed, tmp_path, "-c", command, "demo", "lizard", "--out", "out")
     assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert_beats_others(report["gaps"])
+    assert_intervals_hold(report)
+    assert_each_joint_has_a_potential(load(tmp_path / "out").run)
     script = "import mocap; r = mocap.load('out'); print(len(r.joints), r.markers.sizes['keypoint'])"
     loaded = run_there(installed, tmp_path, "-c", script)
     assert loaded.stdout.split() == ["18", "24"], loaded.stderr

@@ -1,30 +1,19 @@
 """Our tracker, as users run it: recordings with hidden samples are learned from and tracked by the product itself.
 
-The controls differ in what ``learn_from`` is asked to choose and mix; all else is the same.
+The controls differ in the motion models that ``learn_from`` is given; all else is the same.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
 from filters.models.base import TrajectoryModel
-from filters.models.pose import Potential
-from filters.tune import (
-    Effort,
-    Search,
-    Tuned,
-    bare_pose,
-    delay_models,
-    free_pose,
-    held_pose,
-    marker_model,
-    mixed,
-    of_two_ranks,
-    tuned,
-)
+from filters.models.delayed_poses import DelaySettings
+from filters.models.pose import PoseSettings
+from filters.tune import MODELS, Effort
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.prepare import Prepared, prepare_tracks
@@ -33,10 +22,6 @@ from mocap.skeleton import Skeleton
 
 LEAST_SD_M = 5e-5
 """Recordings that were smoothed before show less noise than their markers have."""
-GAUSSIAN: tuple[Potential, ...] = ("quadratic motion", "quadratic")
-"""The control of ``held_pose``'s own two."""
-
-Choose = Callable[[Search], Tuned]
 
 
 def tracks_of(trial: Trial) -> MarkerTracks:
@@ -55,23 +40,21 @@ def recording(trial: Trial) -> Prepared:
 
 
 def effort() -> Effort:
-    """What a user's search does; less with ``--quick``, as all methods do."""
+    """What a user's ``learn`` does; less with ``--quick``, as all methods do."""
     much = plan.get()
-    return Effort() if much.trials > 1 else Effort(validated=1, most_frames=much.frames, times=1)
+    return Effort() if much.trials > 1 else Effort(validated=1, most_frames=much.frames, times=2)
 
 
 @dataclass(frozen=True)
 class Ours:
-    """The product with a choice of what is mixed; the default is its own."""
+    """The product with a choice of motion models; the default are its own."""
 
     name: str
-    choose: Choose = tuned
+    models: tuple[TrajectoryModel, ...] = MODELS
 
     def learn(self, training: Sequence[Trial]) -> Filler:
         """``learn_from`` the training trials; what is filled later is tracked by ``run_job``."""
-        learned = learn_from(
-            [recording(trial) for trial in training], effort=effort(), choose=remembering(self.choose, training)
-        )
+        learned = learn_from([recording(trial) for trial in training], effort=effort(), models=self.models)
 
         def fill(trial: Trial) -> Estimate:
             run, _ = run_job(recording(trial), learned=learned, validated=False)
@@ -81,52 +64,26 @@ class Ours:
         return fill
 
 
-_tried: dict[tuple, list] = {}
-
-
-def remembering(choose: Choose, training: Sequence[Trial]) -> Choose:
-    """The same choice, which finds what others tried on the same hidden gaps of the same trials."""
-
-    def chosen(search: Search) -> Tuned:
-        key = (plan.get(), *(trial.xyz_m.tobytes() for trial in training))
-        if key not in _tried:
-            _tried.clear()
-        search.tried = _tried.setdefault(key, search.tried)
-        return choose(search)
-
-    return chosen
-
-
-def _beside(search: Search, pose: Callable[[Search], TrajectoryModel]) -> Tuned:
-    """The default mixture with another model of poses."""
-    return mixed(search, (marker_model(search), *delay_models(search, free_pose(search)), pose(search)))
-
-
-def _held(search: Search) -> TrajectoryModel:
-    return of_two_ranks(search, held_pose(search, free_pose(search)))
-
-
-def _quadratic(search: Search) -> TrajectoryModel:
-    return of_two_ranks(search, held_pose(search, free_pose(search), GAUSSIAN))
-
-
-def _bare(search: Search) -> TrajectoryModel:
-    return of_two_ranks(search, bare_pose(search, free_pose(search)))
+def _with(**changes: object) -> tuple[TrajectoryModel, ...]:
+    """The product's models with another EAL model."""
+    *others, eal = MODELS
+    return (*others, replace(eal, **changes))
 
 
 def ours() -> list[Method]:
     """The product, and the same with other potentials (controls)."""
     return [
         Ours("EAL"),
-        Ours("EAL, no potential", lambda search: _beside(search, _bare)),
-        Ours("EAL, quadratic potential", lambda search: _beside(search, _quadratic)),
+        Ours("EAL quadratic", _with(potential="quadratic motion")),
+        Ours("EAL none", _with(potential="none")),
     ]
 
 
 def alone() -> list[Method]:
-    """The mechanics without what they are mixed with, held by each potential."""
+    """Parts of the product: the EAL model not mixed, without its regression, and the regression."""
+    eal = MODELS[-1]
     return [
-        Ours("mechanics + V_z alone", lambda search: mixed(search, (_held(search),))),
-        Ours("mechanics + quadratic alone", lambda search: mixed(search, (_quadratic(search),))),
-        Ours("mechanics alone", lambda search: mixed(search, (_bare(search),))),
+        Ours("EAL alone", (eal,)),
+        Ours("EAL alone, no regression", (replace(eal, regression=0.0),)),
+        Ours("regression alone", (DelaySettings(ranks=PoseSettings(ranks=(8,)).ranks), eal)[:1]),
     ]

@@ -17,7 +17,8 @@ from eal.optional_jax import jax, jnp
 
 ITERATIONS = 60
 _MEMBERS = 12
-"""Trusses are filled up to a multiple of so many members, and positions to a power of two: few shapes are compiled."""
+_POSITIONS = 16
+"""Trusses are filled up to a multiple of so many members, and positions to 16, 64, 256, ...: few shapes compiled."""
 
 TOLERANCE = 1e-9
 """Largest Newton step over the largest rest length, at which an equilibrium counts as found."""
@@ -76,9 +77,11 @@ def equilibria(truss: Truss, q_m: Array, x_m: Array | None = None) -> Equilibria
 
 
 def _filled(rows: Array) -> Array:
-    """Rows up to the next power of two."""
-    more = (1 << max(len(rows) - 1, 0).bit_length()) - len(rows)
-    return np.concatenate([rows, np.repeat(rows[-1:], more, axis=0)])
+    """Rows up to the next of 16, 64, 256, ..."""
+    count = _POSITIONS
+    while count < len(rows):
+        count *= 4
+    return np.concatenate([rows, np.repeat(rows[-1:], count - len(rows), axis=0)])
 
 
 def descend(q: Any, x0: Any, p: dict[str, Any]) -> tuple[Any, Any]:

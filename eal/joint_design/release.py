@@ -86,7 +86,7 @@ def release(
     d = starts.shape[1]
     system = _free(d)
     model = PenalisedModel(system=system, penalty=penalty, strength=1.0)
-    run = simulate(model, starts, velocities, duration_s=duration, h_s=step, method="rk4", every=2)
+    run = simulate(model, starts, velocities, duration_s=duration, h_s=step, every=2)
     v = potential.value(run.q)
     energy = model.energy(run.q, run.v)
     return Release(

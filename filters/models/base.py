@@ -32,6 +32,7 @@ class TrialSet:
         trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
         trunk: Indices of the trunk's markers.
         named: Indices of the markers of the skeleton's rigid bones.
+        regressed: What regressions made of the last trial, by their settings.
     """
 
     trials: Sequence[MarkerTrial]
@@ -39,6 +40,7 @@ class TrialSet:
     named: Sequence[tuple[int, int]] = ()
     _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
     _shapes: dict[tuple, Shapes] = field(default_factory=dict)
+    regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
 
     def shapes(self, *, ranks: tuple[int, ...], body_hz: float, rotating: bool) -> tuple[list[PoseTrial], Shapes]:
         """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
@@ -79,10 +81,11 @@ class FittedMotion(Fitted):
 
     motion: MotionModel
     t_s: Array
+    passes: int = 1
 
     def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:
         """Filter forward, smooth backward."""
-        return smooth(self.motion, observations, self.t_s, progress=progress)
+        return smooth(self.motion, observations, self.t_s, passes=self.passes, progress=progress)
 
 
 @dataclass(frozen=True)
@@ -94,19 +97,13 @@ class TrajectoryModel(ABC):
     def description(self) -> str:
         """The model in a few words."""
 
-    @property
-    @abstractmethod
-    def details(self) -> str:
-        """What settings a search may try others of, in a few words."""
-
     @abstractmethod
     def fit(self, trials: TrialSet) -> Fitted:
         """Learn from trials, among them the one to fill."""
 
-    @property
-    def components(self) -> "tuple[TrajectoryModel, ...]":
-        """Models of which it gives the mean; a search fills by each of them once. None: it is no mean."""
-        return ()
+    def tuned(self, trials: TrialSet) -> "TrajectoryModel":  # noqa: ARG002
+        """The model with settings that are learned once, from all trials; here itself."""
+        return self
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:  # noqa: ARG002
         """What it learns from trials, by the names that model files have for it; here nothing."""

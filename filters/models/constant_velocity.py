@@ -21,17 +21,12 @@ class MarkerSettings(TrajectoryModel):
             on both sides of a gap are averaged over to know with what velocity a marker left and came back.
     """
 
-    acceleration: float = 1.0
+    acceleration: float = 0.3
 
     @property
     def description(self) -> str:
         """Its name."""
         return "constant velocity of each marker"
-
-    @property
-    def details(self) -> str:
-        """Its one setting."""
-        return f"constant velocity of each marker, accelerations x {self.acceleration:g}"
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn how each marker accelerates in all trials."""

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from filters.gaussian_process import Covariance, Rows, fitted, predict
 from filters.hide import unseen_runs
-from filters.models.average import averaged
 from filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
 from filters.neighbours import Neighbours, body_itself
 from filters.observations import Observations
-from filters.poses import MarkerTrial, PoseTrial, Shapes, known_shapes
+from filters.poses import PoseTrial, Shapes, known_shapes, radian
 from filters.records import Estimate
 from mocap.arrays import Array
 from mocap.body import BodyFrames, smooth_series
@@ -46,6 +45,7 @@ class DelaySettings(TrajectoryModel):
         own: Frames of the trial itself, at most, besides those at the edges of gaps.
         least_known: Poses known better than this are learned from.
         views: From where a marker is looked at: the body's frame, its neighbours', or both, averaged.
+        covariance: Logarithms of the parameters of the process (``Covariance``); none: learned by each fit.
     """
 
     ranks: tuple[int, ...]
@@ -57,42 +57,39 @@ class DelaySettings(TrajectoryModel):
     own: int = 150
     least_known: float = 0.8
     views: tuple[Literal["body", "neighbours"], ...] = ("body", "neighbours")
+    covariance: tuple[float, ...] = ()
 
     @property
     def description(self) -> str:
-        """Its name, and about which axes."""
-        return f"Gaussian process of delayed poses, axes that {self._axes} with the body"
+        """Its name."""
+        return "regression on the other markers"
 
-    @property
-    def details(self) -> str:
-        """Those that a search chooses."""
-        return f"regression on delayed poses, axes that {self._axes} with the body, smoothed at {self.cutoff:g} rad"
-
-    @property
-    def _axes(self) -> str:
-        return "rotate" if self.rotating else "do not rotate"
+    def tuned(self, trials: TrialSet) -> "DelaySettings":
+        """With the covariance under which the trials are likeliest."""
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        return replace(self, covariance=tuple(Delayed(poses, shapes, self).covariance().logarithms.tolist()))
 
     def fit(self, trials: TrialSet) -> "FittedDelays":
         """Poses and shapes of all trials; the regression itself is learned for each gap."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
-        return FittedDelays(trials.trials[-1], poses, shapes, self)
+        return FittedDelays(trials, self)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedDelays(Fitted):
     """What the regression needs to fill the last trial."""
 
-    trial: MarkerTrial
-    poses: Sequence[PoseTrial]
-    shapes: Shapes
+    trials: TrialSet
     settings: DelaySettings
 
-    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:  # noqa: ARG002
-        """From the trial's own positions."""
-        found = fill_delayed(self.trial, self.poses, self.shapes, self.settings)
+    def fill(self, observations: Observations | None = None, *, progress: Progress | None = None) -> Estimate:  # noqa: ARG002
+        """From the trial's own positions; once for all that ask."""
+        known, own = self.trials.regressed, self.settings
+        if own not in known:
+            poses, shapes = self.trials.shapes(ranks=own.ranks, body_hz=own.body_hz, rotating=own.rotating)
+            known[own] = fill_delayed(self.trials.trials[-1].seen, poses, shapes, own)
         if progress is not None:
             progress(1.0)
-        return found
+        return known[own]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,11 +109,13 @@ class Gap:
     others: NDArray[np.bool_]
 
 
-def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings) -> Estimate:
+def fill_delayed(
+    seen: NDArray[np.bool_], trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings
+) -> Estimate:
     """Fill the gaps of a trial.
 
     Args:
-        trial: The trial.
+        seen: (T, M) samples of it that were measured.
         trials: Poses of all trials; the last is this one.
         shapes: Their shapes.
         settings: Choices.
@@ -125,7 +124,7 @@ def fill_delayed(trial: MarkerTrial, trials: Sequence[PoseTrial], shapes: Shapes
         NaN where the trial has a measurement, and where there is nothing to estimate from.
     """
     known = Delayed(trials, shapes, settings)
-    covariance, seen, frames = known.covariance(), trial.seen, trials[-1].frames
+    covariance, frames = known.covariance(), trials[-1].frames
     y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3, 3), np.nan)
     alike: dict[tuple[int, bytes], list[Gap]] = {}
     for gap in gaps_of(seen):
@@ -159,7 +158,7 @@ class Delayed:
         self._length = np.array([len(y) for y in whole])
         self._start = np.cumsum(self._length) - self._length
         self._last = len(trials) - 1
-        self.tau = _radian(shapes) / trials[-1].dt_s
+        self.tau = radian(shapes) / trials[-1].dt_s
         self._lags = np.unique(np.round(np.array(settings.lags) * self.tau).astype(int))
         self._seen = np.concatenate([np.isfinite(trial.y[:, ::3]) for trial in trials])
         known = known_shapes(shapes, settings.least_known)
@@ -170,6 +169,8 @@ class Delayed:
 
     def covariance(self) -> Covariance:
         """The covariance by which six sets of hidden markers are likeliest: one, a quarter, half of them; two each."""
+        if self.settings.covariance:
+            return Covariance.of(np.array(self.settings.covariance))
         rng = np.random.default_rng(1)
         parts = np.split(self._seen, self._start[1:])
         present = np.flatnonzero(np.mean([seen.mean(axis=0) for seen in parts], axis=0) > 0.1)
@@ -277,6 +278,15 @@ class View:
         return body_itself(len(poses)) if self.near is None else self.near.frames(poses)
 
 
+def averaged(means: Array, covs: Array) -> tuple[Array, Array]:
+    """Mean and covariance of K normal densities, (K, ..., 3) and (K, ..., 3, 3), mixed by their squared precisions."""
+    weight = np.trace(covs, axis1=-2, axis2=-1) ** -2.0
+    weight /= weight.sum(axis=0)
+    mean = np.einsum("k...,k...i->...i", weight, means)
+    apart = means - mean
+    return mean, np.einsum("k...,k...ij->...ij", weight, covs + apart[..., :, None] * apart[..., None, :])
+
+
 def gaps_of(seen: NDArray[np.bool_]) -> Iterator[Gap]:
     """All gaps of (T, M) sightings, those at the ends of the trial included."""
     for marker, start, stop in unseen_runs(seen):
@@ -314,9 +324,3 @@ def _smoothed(track: Array, seen: NDArray[np.bool_], inside: NDArray[np.int64], 
     here = (near >= inside[0]) & (near <= inside[-1])
     weight = np.where(seen[near], 1e4, here * 1.0)
     return smooth_series(track[near], weight, dt_s=1.0, cutoff_hz=cutoff / (2 * np.pi))[here]
-
-
-def _radian(shapes: Shapes) -> float:
-    """Time in seconds in which the motion turns by a radian."""
-    z, rate = np.concatenate(shapes.z), np.concatenate(shapes.rate)
-    return float(np.sqrt(z.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300)))

@@ -12,10 +12,11 @@ from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
 from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from filters.models.delayed_poses import DelaySettings
 from filters.motion.bones import Bones
-from filters.motion.pose import PoseMotion, body_path
+from filters.motion.pose import PoseMotion, Regression, body_path
 from filters.motion.shape import ShapeMechanics
-from filters.poses import PoseTrial, Shapes, known_shapes, residual_rate, shapes_of
+from filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate, shapes_of
 from mocap.arrays import Array
 
 Mechanics = Literal["free", "linear", "field"]
@@ -46,24 +47,32 @@ class PoseSettings(TrajectoryModel):
             of the log density (``with_potential``).
         bones: The same of rigid bones: how often V_b (``filters.motion.bones``) is charged while the motion turns by a
             radian. Bones are not counted anew in each frame, as what they say of neighbouring ones is the same.
+        passes: Of the iterated smoother, at most (``filters.track.smooth``).
+        regression: What a regression on the other markers predicts (``DelaySettings``) is one more observation of a
+            marker that is not seen. It errs alike for so many of the times in which the motion turns by a radian, and
+            counts once in each; 0: there is none.
+        covariance: Of the regression (``DelaySettings``).
     """
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
     body_hz: float = 3.0
     rotating: bool = True
-    mechanics: Mechanics = "free"
+    mechanics: Mechanics = "linear"
     ridge: float = 1e-3
     process_noise: float = 1.0
     residual: float = 1.0
     residual_rate: float = 0.5
-    body: float = 1.0
-    potential: Potential = "shape"
+    body: float = 0.1
+    potential: Potential = "motion"
     beta: float = 1.0
     lam: float = 1e-4
     centres: int = 400
     least_known: float = 0.8
-    weight: float = 4.0
+    weight: float = 16.0
     bones: float = 1.0
+    passes: int = 2
+    regression: float = 1.0
+    covariance: tuple[float, ...] = ()
 
     @property
     def description(self) -> str:
@@ -72,22 +81,25 @@ class PoseSettings(TrajectoryModel):
         return _MECHANICS[self.mechanics] + _HELD.get(self.potential, f" + {self.potential} potential") + bones
 
     @property
-    def details(self) -> str:
-        """Those that a search chooses."""
-        ranks = f"{self.ranks[0]} shapes" if len(self.ranks) == 1 else "as many shapes as fill best"
-        held = "no potential"
-        if self.potential != "none":
-            held = f"held by {_HELD.get(self.potential, self.potential).removeprefix(' + ')}, weight {self.weight:g}"
-        return (
-            f"pose model with {ranks}, axes that {'rotate' if self.rotating else 'do not rotate'} with the body, "
-            f"{_MECHANICS[self.mechanics]}, {held}, body noise x {self.body:g}, "
-            + (f"bones of weight {self.bones:g}" if self.bones else "no bones")
-        )
+    def _regression(self) -> DelaySettings:
+        """About the same body."""
+        return DelaySettings(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating, covariance=self.covariance)
+
+    def tuned(self, trials: TrialSet) -> "PoseSettings":
+        """With the covariance of its regression."""
+        if not self.regression:
+            return self
+        return replace(self, covariance=self._regression.tuned(trials).covariance)
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn subspace, mechanics and potential from all trials, for the last one."""
         poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
-        return FittedMotion(learn_pose(poses, self, shapes=shapes, bones=trials.bones), trials.trials[-1].t_s)
+        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones)
+        if self.regression:
+            found = self._regression.fit(trials).fill()
+            lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
+            model = replace(model, regression=Regression(found.xyz_m, lasts * found.cov_m2))
+        return FittedMotion(model, trials.trials[-1].t_s, self.passes)
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping where its mechanics are linear; bones."""

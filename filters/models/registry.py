@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from filters.models.average import Average
 from filters.models.base import TrajectoryModel
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.delayed_poses import DelaySettings
@@ -14,7 +13,6 @@ MODELS: dict[str, type[TrajectoryModel]] = {
     "constant velocity": MarkerSettings,
     "delayed poses": DelaySettings,
     "pose": PoseSettings,
-    "average": Average,
 }
 
 

@@ -2,8 +2,9 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
-from filters.ensemble import Gaussian, Prediction, SigmaPoints, predict
+from filters.ensemble import Gaussian, Prediction, SigmaPoints, ensemble, predict, scale, spread
 from mocap.arrays import Array
 
 
@@ -54,13 +55,30 @@ class MotionModel(ABC):
     def markers(self, states: Array, frame: int) -> Array:
         """(S, reads) leading components to (S, M, 3) marker positions in the world, in metres."""
 
+    def deviations(self, state: Gaussian, frame: int) -> tuple[Array, Array]:
+        """Mean (M, 3) and ensemble rows (k, M, 3) of the markers of a state: their sum of squares is the covariance."""
+        c, gamma = scale(self.points)
+        markers = self.markers(spread(state, c, columns=self.reads, rows=self.reads), frame)
+        mean, rows = ensemble(markers.reshape(len(markers), -1), c, gamma, linear=self.linear)
+        return mean.reshape(-1, 3), rows.reshape(len(rows), -1, 3)
+
     def predict(self, state: Gaussian, step: Step) -> Prediction:
         """Propagate a state."""
         return predict(state, lambda x: self.advance(x, step.dt_s), step.noise, self.points, linear=self.linear)
 
-    def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:  # noqa: ARG002
-        """Apply what is known of the state beside its dynamics, once a frame; here nothing."""
+    def constrain(self, state: Gaussian, step: Step, about: Any = None) -> Gaussian:  # noqa: ARG002
+        """Apply what is known of the state beside its dynamics, once a frame; here nothing.
+
+        Args:
+            state: Predicted state.
+            step: The step that led to it.
+            about: Where to linearise it (``reference``); None: at the prediction.
+        """
         return state
+
+    def reference(self, state: Gaussian) -> Any:  # noqa: ARG002
+        """What ``constrain`` needs of a smoothed state to linearise about it; None: it is linear, here nothing."""
+        return None
 
     def informed(self, state: Gaussian) -> Gaussian:
         """A smoothed state of a frame in which nothing is seen, with what is known of any frame; here nothing."""

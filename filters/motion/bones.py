@@ -24,7 +24,35 @@ class Bones:
     sd_m: Array
 
 
-def hold_bones(state: Gaussian, bones: Bones, pose: Array, deviations: Array, stiffness: float) -> Gaussian:
+@dataclass(frozen=True, eq=False)
+class Differences:
+    """Differences of the ends of bones, as some state has them.
+
+    Attributes:
+        mean: (B, 3).
+        cov: (B, 3, 3).
+    """
+
+    mean: Array
+    cov: Array
+
+
+def differences(bones: Bones, pose: Array, deviations: Array) -> Differences:
+    """Of a pose (M, 3) with ensemble rows (k, M, 3)."""
+    a, b = bones.ends.T
+    rows = np.swapaxes(deviations[:, a] - deviations[:, b], 0, 1)
+    return Differences(pose[a] - pose[b], np.swapaxes(rows, 1, 2) @ rows)
+
+
+def hold_bones(
+    state: Gaussian,
+    bones: Bones,
+    pose: Array,
+    deviations: Array,
+    stiffness: float,
+    *,
+    about: Differences | None = None,
+) -> Gaussian:
     """A state held by its bones: an implicit step of the penalised mechanics, as ``enforce`` makes it for V_z.
 
     The difference of two markers has the mean d and, across it, the covariance P. Their distance then has the mean
@@ -37,15 +65,17 @@ def hold_bones(state: Gaussian, bones: Bones, pose: Array, deviations: Array, st
         pose: (M, 3) mean of the markers, in any frame.
         deviations: (k, M, 3) their ensemble rows in that frame, for the first k columns of the state's factor.
         stiffness: Factor on V_b.
+        about: Where distances are linearised; None: the prediction.
     """
     a, b = bones.ends.T
-    difference, rows = pose[a] - pose[b], deviations[:, a] - deviations[:, b]
-    distance = np.maximum(np.linalg.norm(difference, axis=1), 1e-3 * bones.length_m)
-    unit = difference / distance[:, None]
-    along = np.einsum("kbi,bi->kb", rows, unit)
-    across = np.swapaxes(rows - along[..., None] * unit, 0, 1)
-    cov = np.swapaxes(across, 1, 2) @ across
+    about = differences(bones, pose, deviations) if about is None else about
+    distance = np.maximum(np.linalg.norm(about.mean, axis=1), 1e-3 * bones.length_m)
+    unit = about.mean / distance[:, None]
+    beside = np.eye(3) - unit[:, :, None] * unit[:, None]
+    cov = beside @ about.cov @ beside
     longer = np.trace(cov, axis1=1, axis2=2) / (2 * distance)
     bent = np.einsum("bij,bij->b", cov, cov) / (2 * distance**2)
     sd = np.sqrt((bones.sd_m**2 + bent) / stiffness)
-    return condition(state, along / sd, (bones.length_m - distance - longer) / sd, len(deviations))[0]
+    along = np.einsum("kbi,bi->kb", deviations[:, a] - deviations[:, b], unit)
+    expected = distance + longer + np.einsum("bi,bi->b", pose[a] - pose[b] - about.mean, unit)
+    return condition(state, along / sd, (bones.length_m - expected) / sd, len(deviations))[0]

@@ -7,11 +7,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian, Prediction, SigmaPoints, default_points, predicted
+from filters.ensemble import Gaussian, Prediction, SigmaPoints, condition, default_points, predicted
 from filters.motion.base import MotionModel, Step
-from filters.motion.bones import Bones, hold_bones
+from filters.motion.bones import Bones, Differences, differences, hold_bones
 from filters.motion.constant_velocity import white_acceleration
 from filters.motion.enforce import enforce, informed
 from filters.motion.shape import ShapeMechanics
@@ -74,6 +75,38 @@ def path_steps(path: BodyPath, dt_s: float, part: slice = slice(None)) -> PathSt
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Markers of a recording where they are not seen, as a regression on those that are seen has them.
+
+    Attributes:
+        xyz_m: (T, M, 3) positions in the world; NaN where it has none.
+        cov_m2: (T, M, 3, 3) covariance with which each frame is one observation more: of errors that last for many
+            frames it is so many times that of one.
+    """
+
+    xyz_m: Array
+    cov_m2: Array
+
+    def at(self, frame: int) -> tuple[NDArray[np.int64], Array, Array]:
+        """The m markers that it has in a frame, (m, 3) where, and (m, 3, 3) what whitens their errors."""
+        which = np.flatnonzero(np.isfinite(self.xyz_m[frame, :, 0]))
+        whitening = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, which]))
+        return which, self.xyz_m[frame, which], whitening
+
+
+class Reference(NamedTuple):
+    """Where potentials of a pose are linearised.
+
+    Attributes:
+        held: Mean and factor of the components that the potential reads.
+        bones: Differences of the ends of bones; None: it has none.
+    """
+
+    held: Gaussian
+    bones: Differences | None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseMotion(MotionModel):
     """State [z (r), zdot (r), g (6), e (3M), gdot (6), edot (3M)].
@@ -98,6 +131,7 @@ class PoseMotion(MotionModel):
         gradient: (S, k) leading components to (S, k) gradients of the potential over eps^2, a second; None: no
             potential.
         held: The number k of components that the potential reads: r, or 2r if it is one of positions and velocities.
+        regression: Where a regression has markers that are not seen; None: there is none.
         bones: Distances that markers keep; None: none are known.
         bone_stiffness: Factor on their potential V_b, a second.
         name: For reports.
@@ -113,6 +147,7 @@ class PoseMotion(MotionModel):
     usual: Gaussian | None = None
     gradient: Callable[[Array], Array] | None = None
     held: int = 0
+    regression: Regression | None = None
     bones: Bones | None = None
     bone_stiffness: float = 0.0
     name: str = "eal"
@@ -219,18 +254,41 @@ class PoseMotion(MotionModel):
         position = frames.position_m[frame] + states[:, g][:, :3]
         return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
-    def constrain(self, state: Gaussian, dt_s: float) -> Gaussian:
-        """Hold the shape by the potential and the bones, for the time of the step."""
-        pull = self.gradient
+    def constrain(self, state: Gaussian, step: Step, about: "Reference | None" = None) -> Gaussian:
+        """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
+        pull, dt_s = self.gradient, step.dt_s
+        if self.regression is not None:
+            which, xyz, whitening = self.regression.at(step.frame)
+            if len(which):
+                mean, rows = self.deviations(state, step.frame)
+                rows = np.einsum("kmi,mji->kmj", rows[:, which], whitening).reshape(len(rows), -1)
+                away = np.einsum("mji,mi->mj", whitening, xyz - mean[which]).ravel()
+                state = condition(state, np.ascontiguousarray(rows), away, self.reads)[0]
         if pull is not None:
-            state = enforce(state, lambda x: dt_s * pull(x), self.held)
+            held = None if about is None else about.held
+            state = enforce(state, lambda x: dt_s * pull(x), self.held, about=held)
         if self.bones is not None:
-            r, k, (_, _, e, _, _), basis = self.rank, self.reads, self.parts, self.subspace.basis
-            pose = self.subspace.mean + basis @ state.mean[:r] + state.mean[e]
-            deviations = state.factor[:r, :k].T @ basis.T + state.factor[e, :k].T
             stiffness = dt_s * self.bone_stiffness
-            state = hold_bones(state, self.bones, pose.reshape(-1, 3), deviations.reshape(k, -1, 3), stiffness)
+            ends = None if about is None else about.bones
+            state = hold_bones(state, self.bones, *self._pose(state), stiffness, about=ends)
         return state
+
+    def reference(self, state: Gaussian) -> "Reference | None":
+        """The shape that the potential reads, and the differences of the ends of bones."""
+        if self.gradient is None and self.bones is None:
+            return None
+        k = self.held
+        return Reference(
+            Gaussian(state.mean[:k], state.factor[:k, :k]),
+            None if self.bones is None else differences(self.bones, *self._pose(state)),
+        )
+
+    def _pose(self, state: Gaussian) -> tuple[Array, Array]:
+        """(M, 3) markers in the body, and their (k, M, 3) ensemble rows."""
+        r, k, (_, _, e, _, _), basis = self.rank, self.reads, self.parts, self.subspace.basis
+        pose = self.subspace.mean + basis @ state.mean[:r] + state.mean[e]
+        deviations = state.factor[:r, :k].T @ basis.T + state.factor[e, :k].T
+        return pose.reshape(-1, 3), deviations.reshape(k, -1, 3)
 
     def informed(self, state: Gaussian) -> Gaussian:
         """The shape and its velocity are some that were recorded."""

@@ -29,16 +29,10 @@ def point_findings(points: MarkerTracks) -> list[Finding]:
 
 
 def _zeros(values: Array, names: Sequence[str], what: str, camera: str | None) -> list[Finding]:
-    """All coordinates exactly zero, where the marker was nowhere near before and after.
+    """All coordinates of (T, M, 2 or 3) tracks exactly zero, where the marker was nowhere near before and after.
 
     A marker may pass through zero; it then comes from near by. Zeros count as missing where the nearest samples that
     are not zero are further off than 10 of the track's usual steps.
-
-    Args:
-        values: (T, M, 2 or 3) tracks.
-        names: Of the markers.
-        what: Pixels or positions.
-        camera: Whose.
     """
     zero = (values == 0).all(axis=-1)
     markers, frames = [], []
@@ -105,12 +99,7 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
 
 
 def _repeats(values: Array, camera: str | None) -> list[Finding]:
-    """Frames that repeat the one before in every digit, though markers move otherwise.
-
-    Args:
-        values: (T, M, d) tracks.
-        camera: Whose.
-    """
+    """Frames of (T, M, d) tracks that repeat the one before in every digit, though markers move otherwise."""
     seen = np.asarray(~np.isnan(values).any(axis=-1))
     both = np.logical_and(seen[1:], seen[:-1])
     same = ((values[1:] == values[:-1]).all(axis=-1)) & both

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from mocap.arrays import Array
+from mocap.arrays import Array, true_runs
 from mocap.cameras.linearised import Fit, Linearised, fit, linearise
 from mocap.cameras.triangulate import linear
 
@@ -103,7 +103,7 @@ def camera_health(matrices: Array, uv_px: Array) -> CameraHealth:
     bad = [
         _bad_time(camera, run, level, float(good[camera]), found, frame)
         for camera in range(shape[0])
-        for run in _runs(factor[camera] > 1.0)
+        for run in true_runs(factor[camera] > 1.0)
     ]
     return CameraHealth(factor=factor, level_px=level, bad=tuple(bad), known=True)
 
@@ -180,7 +180,7 @@ def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Arr
         known = np.isfinite(row)
         if not known.any():
             continue
-        for start, stop in _runs(_closed(_filled(row[None])[0] > WORSE)):
+        for start, stop in true_runs(_closed(_filled(row[None])[0] > WORSE)):
             inside = row[start:stop][known[start:stop]]
             miss = miss_px[camera]
             sudden = max(_step(miss, seen, start), _step(miss[::-1], seen[:, ::-1], len(row) - stop))
@@ -192,24 +192,19 @@ def _factors(level: Array, miss_px: Array, seen: NDArray[np.bool_]) -> tuple[Arr
 def _closed(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """A mask without gaps of up to twice ``SHORTEST`` frames."""
     out = mask.copy()
-    for start, stop in _runs(~mask):
+    for start, stop in true_runs(~mask):
         if start > 0 and stop < len(mask) and stop - start <= 2 * SHORTEST:
             out[start:stop] = True
     return out
 
 
 def _step(miss_px: Array, seen: NDArray[np.bool_], at: int) -> float:
-    """By how much misses (T, M) of the same markers rise within ``EDGE`` frames at a frame, the median marker's.
+    """By how much (T, M) misses in one camera rise within ``EDGE`` frames at a frame, the median marker's.
 
     A marker counts while the cameras that see it stay the same (but for one in five): cameras contradict each other by
     place, so that a point moves when one joins.
     Levels of five frames feel a change two frames ahead: those between are left out. 0 where fewer than ``MARKERS``
     count on both sides.
-
-    Args:
-        miss_px: (T, M) misses in one camera.
-        seen: (C, T, M) which camera sees a marker.
-        at: The frame.
     """
     if at < 1:
         return 0.0
@@ -260,12 +255,6 @@ def _bad_time(
         offset_px=offset,
         offset_sd_px=scatter,
     )
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Start and stop of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def shifted_back(uv_px: Array, health: CameraHealth) -> Array:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from mocap.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import Triangulation, robust
 from mocap.cleaning.likeness import CHANGE, DOF, MARGIN, student_log
@@ -212,12 +212,11 @@ def _runs(key: Key, gain: Array, seen: Mask) -> list[Swap]:
     for t in range(len(gain) - 1, -1, -1):
         state[t] = on
         on = not entered[t] if on else bool(left[t])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], state, [0]])))
-    runs = []
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    found = []
+    for start, stop in true_runs(state):
         total = float(gain[start:stop].sum()) - CHANGE
         frames = np.arange(start, stop)
         frames = frames[seen[frames][:, [a, b]].any(axis=1)]
         if total > MARGIN and len(frames):
-            runs.append(Swap(a=a, b=b, frames=frames, camera=camera, gain=total))
-    return runs
+            found.append(Swap(a=a, b=b, frames=frames, camera=camera, gain=total))
+    return found

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from mocap.arrays import Array, true_runs
 from mocap.cleaning.likeness import (
     CHANGE,
     MARGIN,
@@ -224,7 +224,7 @@ def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tup
     state = _most_likely(bends, own, change)
     score = _score(bends, own, change, state)
     runs, kept = [], np.zeros_like(state)
-    for start, stop in _runs(state):
+    for start, stop in true_runs(state):
         without = state.copy()
         without[start:stop] = 0
         gain = score - _score(bends, own, change, without)
@@ -292,9 +292,3 @@ def _score(bends: Array, own: Array, change: Array, state: NDArray[np.int64]) ->
     k = np.arange(2, len(state))
     changes = change[1:] @ np.abs(np.diff(state))
     return float(bends[k, state[:-2], state[1:-1], state[2:]].sum() + own @ state - changes)
-
-
-def _runs(state: NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Start and stop of every run of ones."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], state, [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

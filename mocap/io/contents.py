@@ -12,8 +12,8 @@ from mocap.cameras.camera import Camera
 from mocap.cameras.lens import Lens
 from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
-from mocap.io.optical import marker_tracks, metres, rate
-from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.io.optical import metres, rate
+from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 
 FILLED = (Status.INTERPOLATED, Status.PREDICTED, Status.SMOOTHED, Status.REJECTED)
 """Origins of samples whose value was not measured."""
@@ -203,7 +203,10 @@ def point_recording(
     xyz = xyz * metres(path, unit) if unit is not None else np.array(xyz, dtype=np.float64)
     xyz[np.isnan(xyz).any(axis=-1)] = np.nan
     times = (frames - first) / (fps or 1.0) if t_s is None else t_s
-    points = marker_tracks(path, names, times, xyz, status)
+    try:
+        points = marker_tracks(names, times, xyz, status=status)
+    except ValueError as error:
+        raise FormatError(f"{path.name}: {error}; correct it and export again") from None
     return FileContents(
         format=format,
         paths=(path,),

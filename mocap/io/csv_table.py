@@ -105,15 +105,9 @@ def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
 
 
 def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line: int, *, open_end: bool) -> Array:
-    """The (rows, columns) numbers of a block.
+    """The (rows, columns) numbers of a block of lines, of which ``line`` is the number of the first.
 
-    Args:
-        path: Of the file, for messages.
-        body: Lines, the last without its end.
-        names: Of the columns; empty where there is no header.
-        width: Cells that each line must have; None: as many as the first.
-        line: Number of the first line in the file.
-        open_end: Whether the file ends with these lines and the last has no end.
+    Each must have ``width`` cells (None: as many as the first); ``open_end``: the file ends here without a line's end.
 
     Raises:
         FormatError: a line has other cells, or a cell is no number.

@@ -11,7 +11,7 @@ from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.errors import FormatError
 from mocap.io.csv_table import first_cells, read_table, write_table
 from mocap.io.digits import decimals_in, decimals_of
-from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
 _PIXEL = re.compile(r"(?P<name>.+)_cam(?P<camera>\d+)_(?P<axis>[XYUVxyuv])")
 _AXIS = {"X": 0, "U": 0, "Y": 1, "V": 1, "Z": 2}
@@ -105,13 +105,8 @@ def read_points(path: Path, *, fps: float) -> MarkerTracks:
     for (m, axis), column in where.items():
         if axis == 3:
             sd[:, m] = values[:, column]
-    return MarkerTracks(
-        names=tuple(names),
-        t_s=np.arange(len(values)) / fps,
-        xyz_m=xyz,
-        cov_m2=sd[..., None, None] ** 2 * np.eye(3),
-        status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
-    )
+    cov = sd[..., None, None] ** 2 * np.eye(3)
+    return marker_tracks(tuple(names), np.arange(len(values)) / fps, xyz, cov_m2=cov)
 
 
 def write_points(path: Path, tracks: MarkerTracks, *, sd: bool = False) -> None:
@@ -130,11 +125,6 @@ def write_points(path: Path, tracks: MarkerTracks, *, sd: bool = False) -> None:
 def write_residuals(path: Path, names: Sequence[str], residual_px: Array) -> None:
     """Write ``xyzres.csv``: (T, M) residuals sqrt(sum r^2 / (2 n_cameras - 3)) in pixels."""
     write_table(path, [f"{name}_dltres" for name in names], residual_px)
-
-
-def read_residuals(path: Path) -> Array:
-    """Read ``xyzres.csv``: (T, M) pixels, NaN where there is no point."""
-    return read_table(path)[1]
 
 
 def names_cameras(titles: Sequence[str]) -> bool:

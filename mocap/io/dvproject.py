@@ -13,7 +13,7 @@ from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.lines import one_line
 from mocap.io.optical import rate
-from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.records import MarkerTracks, PixelTracks, marker_tracks
 
 _DATA = "udExport/data"
 
@@ -85,13 +85,7 @@ def _project(path: Path, file: Any, fps: float | None) -> DvProject:
         ),
         cameras=cameras,
         undistort_iterations=iterations,
-        stored=MarkerTracks(
-            names=names,
-            t_s=t_s,
-            xyz_m=xyz,
-            cov_m2=np.full((*xyz.shape, 3), np.nan),
-            status=np.where(np.isnan(xyz[..., 0]), Status.MISSING, Status.MEASURED),
-        ),
+        stored=marker_tracks(names, t_s, xyz),
         fps=fps,
         offset_frames=_sparse(path, data, "offset", cameras_n, missing=0.0),
     )

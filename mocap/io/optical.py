@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.lines import number
-from mocap.records import MarkerTracks, Status
 
 UNIT_M = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 """Metres in a unit."""
@@ -43,31 +41,6 @@ def rate(path: Path, value: object) -> float:
     if not (np.isfinite(hertz) and hertz > 0):
         raise FormatError(f"{path.name}: the frame rate is {value}; expected frames a second, above 0")
     return hertz
-
-
-def marker_tracks(
-    path: Path, names: Sequence[str], t_s: Array, xyz_m: Array, status: NDArray | None = None
-) -> MarkerTracks:
-    """A record without covariances.
-
-    Args:
-        path: Of the file, for messages.
-        names: The M marker names.
-        t_s: (T,) times.
-        xyz_m: (T, M, 3) positions; NaN where not seen.
-        status: (T, M) Status codes; None: measured where there is a position.
-
-    Raises:
-        FormatError: a name appears twice, or times do not increase.
-    """
-    if status is None:
-        status = np.where(np.isnan(xyz_m[..., 0]), Status.MISSING, Status.MEASURED)
-    try:
-        return MarkerTracks(
-            names=tuple(names), t_s=t_s, xyz_m=xyz_m, cov_m2=np.broadcast_to(np.nan, (*xyz_m.shape, 3)), status=status
-        )
-    except ValueError as error:
-        raise FormatError(f"{path.name}: {error}; correct it and export again") from None
 
 
 def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:

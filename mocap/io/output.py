@@ -283,13 +283,7 @@ def _refuse_unasked(folder: Path, name: str, manifest: Manifest, *, replace: boo
 
 
 def _refuse_foreign(folder: Path, file: str, manifest: Manifest, *, owner: str | None = None) -> str:
-    """The content of a file of ours that may be replaced.
-
-    Args:
-        folder: Of the result.
-        file: Below it.
-        manifest: Of the folder.
-        owner: Name of the result that it must belong to; None: any.
+    """The content of a file of ours that may be replaced; it must belong to the result ``owner``, if one is named.
 
     Raises:
         OutputError: it is not ours, was changed since, or belongs to another result.

@@ -271,8 +271,3 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
             )
         recording = replace(recording, points=points)
     return losses + ((format.write(path, recording) if format.write else None) or [])
-
-
-def written() -> Sequence[Format]:
-    """Formats that can be written."""
-    return [format for format in FORMATS if format.write is not None]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal.arrays import Array
-from eal.certificate import effective_sample_size
+from eal.correlation import effective_sample_size
 from eal.joint_design import (
     Design,
     DesignError,

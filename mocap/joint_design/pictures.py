@@ -63,7 +63,7 @@ def _surface(axes: Axes3D, x: Array, y: Array, value: Array, name: str) -> None:
 
 
 def motion(design: JointDesign) -> Canvas:
-    """The truss at moments of the recorded way, members coloured by stretch, and U beside V_z along it."""
+    """The truss at moments of the recorded motion, members coloured by stretch, and U beside V_z along it."""
     canvas = Canvas(figsize=(16.0, 7.2), layout="constrained")
     strip, below = cast(NDArray, canvas.subfigures(2, 1, height_ratios=[1.35, 1.0]))
     states = design.way.states

@@ -17,7 +17,7 @@ from mocap.errors import FormatError, MocapError
 from mocap.io.manifest import current_files
 from mocap.joints import joint_tracks
 from mocap.pipeline.potentials import joint_potentials
-from mocap.records import JointTracks, MarkerTracks, Status
+from mocap.records import JointTracks, marker_tracks
 from mocap.skeleton import Joint, Skeleton, read_skeleton
 
 FRAMES = ("limb", "plane", "body", "world")
@@ -34,7 +34,7 @@ class JointSource:
         potential: V_z on coordinates divided by ``unit_m``.
         unit_m: Metres a unit of these.
         t_s: (T,) times of the path; frame numbers where the times are not known.
-        path_m: (T, d) recorded way of the joint's child about its centre; no NaN.
+        path_m: (T, d) recorded path of the joint's child about its centre; no NaN.
     """
 
     name: str
@@ -129,7 +129,7 @@ def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, p
     bones = Skeleton(name="joint", markers=model.names, joints=(wanted,))
     q, origin, t = [], [], []
     for trial in model.trials:
-        markers = _markers(model.names, trial.t_s, trial.xyz_m)
+        markers = marker_tracks(model.names, trial.t_s, trial.xyz_m)
         still = BodyFrames(
             rotation=np.tile(np.eye(3), (len(trial.t_s), 1, 1)), position_m=np.zeros((len(trial.t_s), 3))
         )
@@ -138,7 +138,7 @@ def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, p
         t.append(trial.t_s - trial.t_s[0] + (t[-1][-1] + model.dt_s if t else 0.0))
     t_s, q_m = np.concatenate(t), np.concatenate(q)
     tracks = JointTracks(names=(wanted.name,), frame=FRAME, t_s=t_s, q_m=q_m, sd_m=np.full(q_m.shape[:2], np.nan))
-    found = joint_potentials({FRAME: tracks}, _markers(model.names, t_s, np.concatenate(origin)), bones)
+    found = joint_potentials({FRAME: tracks}, marker_tracks(model.names, t_s, np.concatenate(origin)), bones)
     if wanted.name not in found:
         raise MocapError(f"{path}: {wanted.name} has too few frames in which its three markers were measured")
     one = found[wanted.name]
@@ -166,14 +166,3 @@ def _joint(names: tuple[str, ...], joint: str | None, skeleton: Path | None, pat
             f"parent,centre,child of its markers {', '.join(names)}"
         )
     return Joint(name=f"{parts[1]}_{parts[2]}", parent=parts[0], centre=parts[1], child=parts[2])
-
-
-def _markers(names: tuple[str, ...], t_s: Array, xyz_m: Array) -> MarkerTracks:
-    seen = np.isfinite(xyz_m[..., 0])
-    return MarkerTracks(
-        names=names,
-        t_s=t_s,
-        xyz_m=xyz_m,
-        cov_m2=np.full((*seen.shape, 3, 3), np.nan),
-        status=np.where(seen, Status.MEASURED, Status.MISSING).astype(np.int8),
-    )

@@ -113,7 +113,7 @@ def _run_job(
         alone = "eal" if chosen == "mixture" else chosen
         if watch is not None:
             with stages.stage("filter live"):
-                watch(prepared, part, learn_motion(prepared, part, alone, settings=settings))
+                watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
         name, smoothed = chosen, None
         if chosen == "mixture":
             with stages.stage("track with a mixture of models") as progress:
@@ -121,7 +121,7 @@ def _run_job(
         if smoothed is None:
             with stages.stage("learn"):
                 own = learn_motion(prepared, part, alone, settings=settings)
-            name = own.name
+            name = own.motion.name
             with stages.stage("track") as progress:
                 smoothed = track(prepared, part, own, progress=progress)
     tracked = tracked_motion(prepared, part, name, smoothed)

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from filters.model import LearnedModel, learn_model, own_trials
+from filters.models.base import TrajectoryModel
 from filters.poses import MarkerTrial
-from filters.tune import USUAL_EFFORT, Effort, Search, Tuned, tuned
+from filters.tune import MODELS, USUAL_EFFORT, Effort
 from mocap.errors import MocapError
 from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
@@ -20,17 +21,17 @@ def learn_from(
     *,
     seed: int = 0,
     effort: Effort = USUAL_EFFORT,
-    choose: Callable[[Search], Tuned] = tuned,
+    models: Sequence[TrajectoryModel] = MODELS,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
     """Prepare recordings as ``track`` does, and learn from all of them.
 
     Args:
         sources: Recordings of one frame rate, or what was prepared of them; markers of the same name are the same.
-        seed: Which samples are hidden to choose and to calibrate.
+        seed: Which samples are hidden, to learn weights and intervals.
         effort: How much is hidden.
-        choose: Which models are mixed, and how their settings are chosen.
-        tell: Called with a line for each recording and each candidate.
+        models: Motion models; the last is a filter.
+        tell: Called with a line for each recording, and for each that gaps are filled in.
 
     Raises:
         MocapError: a recording cannot be read, or they cannot be learned from together.
@@ -52,7 +53,7 @@ def learn_from(
     trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
     trunk, bones = [name for name in trunk if name in kept], recordings[0].skeleton.rigid
     rng = np.random.default_rng(seed)
-    return learn_model(kept, trunk, trials, rng, bones=bones, effort=effort, choose=choose, tell=tell)
+    return learn_model(kept, trunk, trials, rng, bones=bones, models=models, effort=effort, tell=tell)
 
 
 def _with_markers(recording: Prepared, names: Sequence[str]) -> MarkerTrial:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from filters.bones import learn_bones
 from filters.poses import MarkerTrial
 from mocap.arrays import Array
+from mocap.body import nearest_rotation
 from mocap.errors import MocapError
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
@@ -202,10 +203,7 @@ def wobble_deg(xyz: Array, *, most: int = 200) -> float:
     whole = whole - whole.mean(axis=1, keepdims=True)
     shape = whole[0]
     for _ in range(2):
-        u, _, v = np.linalg.svd(np.einsum("tni,nj->tij", whole, shape))
-        flip = np.ones((len(whole), 3))
-        flip[:, 2] = np.sign(np.linalg.det(u @ v))
-        turned = np.einsum("tni,tij->tnj", whole, (u * flip[:, None]) @ v)
+        turned = whole @ nearest_rotation(np.einsum("tni,nj->tij", whole, shape))
         shape = turned.mean(axis=0)
     extent = np.linalg.svd(shape, compute_uv=False)[1] / np.sqrt(len(shape))
     residual = np.sqrt(np.mean((turned - shape) ** 2))

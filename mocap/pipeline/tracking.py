@@ -11,15 +11,13 @@ from numpy.typing import NDArray
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
 from filters.model import LearnedModel, learn_from_itself, track_with
-from filters.models.base import TrialSet
+from filters.models.base import FittedMotion, TrialSet
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
-from filters.motion.base import MotionModel
 from filters.observations import WHOLE
 from filters.poses import MarkerTrial
 from filters.records import Estimate, TrackedMotion
 from filters.score import compared
-from filters.track import smooth
 from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
@@ -90,14 +88,13 @@ def learn_motion(
     *,
     settings: PoseSettings,
     hidden: Mask | None = None,
-) -> MotionModel:
+) -> FittedMotion:
     """A motion model of a recording alone: of its poses, held by V_z, or constant velocity of each marker."""
     names = part_names(prepared, part)
     trunk = [names.index(m) for m in prepared.skeleton.trunk if m in names] or list(range(len(names)))
     named = ends_among(names, prepared.skeleton.rigid)
     model = settings if name == "eal" else MarkerSettings()
-    fitted = model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], trunk, named))
-    return fitted.motion
+    return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], trunk, named))
 
 
 def part_names(prepared: Prepared, part: Part) -> list[str]:
@@ -147,11 +144,10 @@ def track_learned(
 
 
 def track(
-    prepared: Prepared, part: Part, model: MotionModel, *, hidden: Mask | None = None, progress: Progress | None = None
+    prepared: Prepared, part: Part, model: FittedMotion, *, hidden: Mask | None = None, progress: Progress | None = None
 ) -> Estimate:
     """Filter and smooth the seen part."""
-    observations = prepared.observations(part.frames, part.markers, hidden=hidden)
-    return smooth(model, observations, prepared.t_s[part.frames], progress=progress)
+    return model.fill(prepared.observations(part.frames, part.markers, hidden=hidden), progress=progress)
 
 
 def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:

@@ -10,7 +10,7 @@ from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
 from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_filmed, load_skeleton
-from mocap.records import MarkerTracks, Status
+from mocap.records import marker_tracks
 from mocap.stated import contradiction
 
 
@@ -75,21 +75,13 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         contradicted = contradiction(source.pixel_sd, low_px=shown, high_px=shown)
     else:
         xyz, residual = linear_in_blocks(filmed.matrices, filmed.ideal_px)
-        contradicted = []
-        cov = np.broadcast_to(np.nan, (*xyz.shape, 3))
-    seen = np.isfinite(xyz[..., 0])
-    tracks = MarkerTracks(
-        names=names,
-        t_s=filmed.pixels.t_s,
-        xyz_m=xyz,
-        cov_m2=cov,
-        status=np.where(seen, Status.MEASURED, Status.MISSING),
-    )
+        contradicted, cov = [], None
+    tracks = marker_tracks(names, filmed.pixels.t_s, xyz, cov_m2=cov)
     _, findings = audit_points(source, filmed)
     dltdv.write_points(out, tracks, sd=refine)
     return TriangulationSummary(
-        points=int(seen.sum()),
-        samples=seen.size,
-        residual_px=float(np.median(residual[seen])),
+        points=int(tracks.seen.sum()),
+        samples=tracks.seen.size,
+        residual_px=float(np.median(residual[tracks.seen])),
         findings=(*contradicted, *source.frame_findings, *filmed.told, filmed.pixel_origin.describe(), *findings),
     )

@@ -3,9 +3,8 @@
 import numpy as np
 from scipy.spatial import KDTree
 
-from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from eal import EmpiricalPotential, GaussianKernel, fit_potential, usual_kernel
 from eal.arrays import Array
-from eal.choice import median_beta
 from eal.integrators import simulate
 from eal.lagrangian import PenalisedModel
 from eal.stack import PotentialStack
@@ -46,7 +45,7 @@ def joint_potential(samples_m: Array, *, lam: float = 1e-3) -> tuple[EmpiricalPo
     Returns:
         The potential in scaled coordinates, and the metres of one unit.
     """
-    scale = 1.0 / np.sqrt(median_beta(samples_m))
+    scale = 1.0 / np.sqrt(usual_kernel(samples_m, width=1.0).beta)
     return fit_potential(samples_m / scale, kernel=GaussianKernel(WIDTH), lam=lam, accuracy=1e-3), float(scale)
 
 

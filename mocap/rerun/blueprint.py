@@ -1,23 +1,25 @@
-"""What is where on the screen: tabs of views, built from what the run has."""
+"""The screen about the views of a recording: time below, no other panels."""
 
 import rerun.blueprint as rrb
 
 from mocap.rerun.columns import FRAME
-from mocap.rerun.layout import Layout
-from mocap.rerun.tabs.registry import TABS
+
+PAUSED = rrb.components.PlayState.Paused
 
 
-def make_blueprint(layout: Layout) -> rrb.Blueprint:
-    """The tabs of ``mocap.rerun.tabs``; those without content are left out."""
-    tabs = [found for tab in TABS if (found := tab.tab(layout)) is not None]
+def screen(
+    content: rrb.Container | rrb.View, *, fps: float | None = None, play_state: rrb.components.PlayState = PAUSED
+) -> rrb.Blueprint:
+    """What is where on the screen.
+
+    Args:
+        content: All views.
+        fps: Frames a second when played; None: the viewer's choice.
+        play_state: Whether it plays.
+    """
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, active_tab=0, name=layout.name),
-        rrb.TimePanel(
-            state=rrb.PanelState.Collapsed,
-            timeline=FRAME,
-            fps=layout.fps,
-            play_state=rrb.components.PlayState.Paused,
-        ),
+        content,
+        rrb.TimePanel(state=rrb.PanelState.Collapsed, timeline=FRAME, fps=fps, play_state=play_state),
         rrb.SelectionPanel(state=rrb.PanelState.Hidden),
         rrb.BlueprintPanel(state=rrb.PanelState.Hidden),
         auto_views=False,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from contourpy import contour_generator
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from mocap.arrays import Array
 from mocap.pipeline.run import JointPotential
@@ -60,9 +61,9 @@ class Landscape:
         """(..., 3) points on the surface, a little above it, over (..., 2) points of the plane."""
         rows = (xy_mm[..., 1] - self.y_mm[0]) / self.cell_mm
         columns = (xy_mm[..., 0] - self.x_mm[0]) / self.cell_mm
-        known = np.isfinite(rows) & np.isfinite(columns)
-        value = _bilinear(self.value, np.where(known, rows, 0.0), np.where(known, columns, 0.0))
-        return np.concatenate([xy_mm, self.height_mm * (np.where(known, value, np.nan) + 0.015)[..., None]], axis=-1)
+        value = map_coordinates(self.value, [rows, columns], order=1, mode="nearest")
+        height = np.where(np.isfinite(rows + columns), value + 0.015, np.nan) * self.height_mm
+        return np.concatenate([xy_mm, height[..., None]], axis=-1)
 
     @property
     def preferred(self) -> float:
@@ -129,14 +130,3 @@ def normals(land: Landscape) -> Array:
     slope_y, slope_x = np.gradient(_SHADING * land.value * land.height_mm, land.cell_mm)
     upward = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
     return upward / np.linalg.norm(upward, axis=-1, keepdims=True)
-
-
-def _bilinear(values: Array, rows: Array, columns: Array) -> Array:
-    rows = np.clip(rows, 0, values.shape[0] - 1)
-    columns = np.clip(columns, 0, values.shape[1] - 1)
-    i = np.minimum(rows.astype(int), values.shape[0] - 2)
-    j = np.minimum(columns.astype(int), values.shape[1] - 2)
-    f, g = rows - i, columns - j
-    upper = values[i, j] * (1 - g) + values[i, j + 1] * g
-    lower = values[i + 1, j] * (1 - g) + values[i + 1, j + 1] * g
-    return upper * (1 - f) + lower * f

@@ -53,8 +53,13 @@ class Layout:
 
     @property
     def fps(self) -> float:
-        """Frames a second when played: the whole run in a quarter of a minute, if that is no crawl and no blur."""
-        return float(np.clip(self.n_frames / 15, 10, 60))
+        """Frames a second when played."""
+        return play_fps(self.n_frames)
+
+
+def play_fps(n_frames: int) -> float:
+    """Frames a second when played: the whole run in a quarter of a minute, if that is no crawl and no blur."""
+    return float(np.clip(n_frames / 15, 10, 60))
 
 
 def trail_length(n_frames: int) -> int:

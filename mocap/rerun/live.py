@@ -11,9 +11,10 @@ import rerun.blueprint as rrb
 
 from filters.live import LiveEstimate
 from mocap.rerun import palette, paths
+from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
-from mocap.rerun.log_markers import ellipsoids
-from mocap.rerun.log_world import BODY_CLASS, SAMPLE_CLASS, log_world
+from mocap.rerun.log_markers import ellipsoids, log_looks
+from mocap.rerun.log_world import log_world
 from mocap.rerun.scene import Scene
 from mocap.rerun.scene_views import eye, world_view
 from mocap.rerun.series import series_view
@@ -56,7 +57,8 @@ class LiveView:
         self._rec, self._scene, self._first = rec, scene, first
         self._before: Single | None = None
         log_world(rec, scene, names=tuple(names), skeleton=skeleton)
-        _log_looks(rec, len(names))
+        log_looks(rec, len(names))
+        _log_line_looks(rec)
         self._frames: queue.Queue[LiveEstimate | None] = queue.Queue(maxsize=WAITING)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
@@ -154,36 +156,13 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
         series_view(paths.NIS, "Squared prediction error over its expected value (NIS, expected 1)", legend=False),
         series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
     ]
-    following = rrb.components.PlayState.Following
-    return rrb.Blueprint(
-        rrb.Horizontal(view, rrb.Vertical(*lines), column_shares=[3, 2]),
-        rrb.TimePanel(state=rrb.PanelState.Collapsed, timeline=FRAME, play_state=following),
-        rrb.SelectionPanel(state=rrb.PanelState.Hidden),
-        rrb.BlueprintPanel(state=rrb.PanelState.Hidden),
-        auto_views=False,
-        auto_layout=False,
-    )
+    content = rrb.Horizontal(view, rrb.Vertical(*lines), column_shares=[3, 2])
+    return screen(content, play_state=rrb.components.PlayState.Following)
 
 
-def _log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
-    ui = rr.components.Radius.ui_points
-    body = rr.Points3D.from_fields(
-        radii=ui(1.5), class_ids=BODY_CLASS, keypoint_ids=np.arange(n_markers), show_labels=False
-    )
-    rec.log(paths.SKELETON, body, static=True)
-    for name, radius in (("measured", 3.5), ("filled", 5.0)):
-        look = rr.Points3D.from_fields(
-            colors=palette.ORIGIN[name], radii=ui(radius), class_ids=SAMPLE_CLASS, show_labels=False
-        )
-        rec.log(paths.child(paths.MARKERS, name), look, static=True)
-    wires = rr.Ellipsoids3D.from_fields(
-        colors=(*palette.YELLOW, 90),
-        fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
-        line_radii=ui(0.5),
-        show_labels=False,
-    )
-    rec.log(paths.child(paths.UNCERTAINTY, "filled"), wires, static=True)
-    rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=palette.DIM, radii=ui(0.75)), static=True)
-    rec.log(paths.NIS, rr.SeriesLines(names="NIS (expected 1)", colors=palette.SKY_BLUE, widths=1.5), static=True)
-    likelihood = rr.SeriesLines(names="log-likelihood", colors=palette.GREEN, widths=1.5)
-    rec.log(paths.LOG_LIKELIHOOD, likelihood, static=True)
+def _log_line_looks(rec: rr.RecordingStream) -> None:
+    for path, name, color in (
+        (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
+        (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
+    ):
+        rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mocap.arrays import Array
 from mocap.records import MarkerTracks, Status
@@ -31,31 +32,39 @@ def classes(markers: MarkerTracks) -> Mapping[str, NDArray[np.bool_]]:
     return {name: np.isin(markers.status, codes[name]) & markers.seen for name in paths.ORIGINS}
 
 
+def log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
+    """How the body, samples of each class, their uncertainty and trails look; none of it changes."""
+    ui = rr.components.Radius.ui_points
+    body = rr.Points3D.from_fields(
+        radii=ui(1.5),
+        class_ids=BODY_CLASS,
+        keypoint_ids=np.arange(n_markers),
+        show_labels=n_markers <= _LABELLED_MARKERS,
+    )
+    rec.log(paths.SKELETON, body, static=True)
+    for name in paths.ORIGINS:
+        color = palette.ORIGIN[name]
+        points = rr.Points3D.from_fields(
+            colors=color, radii=ui(_RADII[name]), class_ids=SAMPLE_CLASS, show_labels=False
+        )
+        rec.log(paths.child(paths.MARKERS, name), points, static=True)
+        wires = rr.Ellipsoids3D.from_fields(
+            colors=(*color, _FILL_ALPHA[name]),
+            fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+            line_radii=ui(0.5),
+            show_labels=False,
+        )
+        rec.log(paths.child(paths.UNCERTAINTY, name), wires, static=True)
+    rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=palette.DIM, radii=ui(0.75)), static=True)
+
+
 def log_markers(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks) -> None:
     """The body (all markers and bones, whatever their origin), and over it the samples of each class."""
     xyz = single(scene.points(markers.xyz_m))
     index = time_columns(markers.t_s)
-    n_markers = len(markers.names)
-    rec.log(
-        paths.SKELETON,
-        rr.Points3D.from_fields(
-            radii=rr.components.Radius.ui_points(1.5),
-            class_ids=BODY_CLASS,
-            keypoint_ids=np.arange(n_markers),
-            show_labels=n_markers <= _LABELLED_MARKERS,
-        ),
-        static=True,
-    )
     rec.send_columns(paths.SKELETON, indexes=index, columns=rr.Points3D.columns(positions=xyz))
     for name, mask in classes(markers).items():
         path = paths.child(paths.MARKERS, name)
-        look = rr.Points3D.from_fields(
-            colors=palette.ORIGIN[name],
-            radii=rr.components.Radius.ui_points(_RADII[name]),
-            class_ids=SAMPLE_CLASS,
-            show_labels=False,
-        )
-        rec.log(path, look, static=True)
         counts, ids = mask.sum(axis=1), np.nonzero(mask)[1]
         at = changing(counts)
         columns = rr.Points3D.columns(positions=xyz[mask], keypoint_ids=ids).partition(counts[at])
@@ -67,13 +76,6 @@ def log_uncertainty(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks
     known = np.isfinite(markers.cov_m2).all(axis=(-2, -1))
     for name, mask in classes(markers).items():
         path, mask = paths.child(paths.UNCERTAINTY, name), mask & known
-        look = rr.Ellipsoids3D.from_fields(
-            colors=(*palette.ORIGIN[name], _FILL_ALPHA[name]),
-            fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
-            line_radii=rr.components.Radius.ui_points(0.5),
-            show_labels=False,
-        )
-        rec.log(path, look, static=True)
         counts = mask.sum(axis=1)
         at = changing(counts)
         half_sizes, quaternions = ellipsoids(markers.cov_m2[mask] * np.outer(scene.signs, scene.signs))
@@ -97,31 +99,7 @@ def ellipsoids(cov_m2: Array) -> tuple[Array, Array]:
     """
     values, axes = np.linalg.eigh(cov_m2)
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
-    return ELLIPSOID_SD * np.sqrt(np.maximum(values, 0.0)), quaternions_of(axes)
-
-
-def quaternions_of(rotation: Array) -> Array:
-    """(N, 4) quaternions (x, y, z, w) of (N, 3, 3) rotations.
-
-    Of four formulas that differ in what they divide by, the one with the largest divisor (Shepperd 1978).
-    """
-    trace = np.trace(rotation, axis1=-2, axis2=-1)
-    diagonal = np.diagonal(rotation, axis1=-2, axis2=-1)
-    largest = np.argmax(np.column_stack([diagonal, trace]), axis=1)
-    out = np.empty((len(rotation), 4))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        r = rotation[largest == i]
-        out[largest == i, i] = 1 + r[:, i, i] - r[:, j, j] - r[:, k, k]
-        out[largest == i, j] = r[:, j, i] + r[:, i, j]
-        out[largest == i, k] = r[:, k, i] + r[:, i, k]
-        out[largest == i, 3] = r[:, k, j] - r[:, j, k]
-    r = rotation[largest == 3]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[largest == 3, i] = r[:, k, j] - r[:, j, k]
-    out[largest == 3, 3] = 1 + trace[largest == 3]
-    return out / np.linalg.norm(out, axis=1, keepdims=True)
+    return ELLIPSOID_SD * np.sqrt(np.maximum(values, 0.0)), Rotation.from_matrix(axes).as_quat()
 
 
 def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, trunk: tuple[str, ...]) -> None:
@@ -138,9 +116,8 @@ def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, 
     columns = [m for m, name in enumerate(markers.names) if ever[m] and (name in trunk or not trunk)]
     whole = np.flatnonzero(markers.seen[:, columns].all(axis=1)) if columns else []
     path = xyz[whole][:, columns].mean(axis=1) if len(whole) else np.empty((0, 3))
-    ui = rr.components.Radius.ui_points
-    rec.log(paths.PATH, rr.LineStrips3D([single(path)], colors=palette.BLUE, radii=ui(1.0)), static=True)
-    rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=palette.DIM, radii=ui(0.75)), static=True)
+    line = rr.LineStrips3D([single(path)], colors=palette.BLUE, radii=rr.components.Radius.ui_points(1.0))
+    rec.log(paths.PATH, line, static=True)
     if len(xyz) < 2:
         return
     there = markers.seen[1:] & markers.seen[:-1]

@@ -10,7 +10,8 @@ from eal.arrays import Array
 from eal.joint_design import member_forces
 from mocap.joint_design.design import JointDesign
 from mocap.rerun import palette
-from mocap.rerun.columns import FRAME, segments, single, time_columns
+from mocap.rerun.blueprint import screen
+from mocap.rerun.columns import segments, single, time_columns
 from mocap.rerun.landscape import MM_PER_M, triangles
 from mocap.rerun.series import log_line
 from mocap.rerun.stream import recording_into
@@ -128,11 +129,4 @@ def _blueprint(design: JointDesign, planar: bool) -> rrb.Blueprint:
             rrb.Spatial3DView(origin=U, name="strain energy U, cut at 1", background=palette.GROUND),
         )
         rows.insert(0, rrb.Horizontal(*surfaces))
-    return rrb.Blueprint(
-        rrb.Vertical(*rows, name=name),
-        rrb.TimePanel(state=rrb.PanelState.Collapsed, timeline=FRAME, play_state=rrb.components.PlayState.Paused),
-        rrb.SelectionPanel(state=rrb.PanelState.Hidden),
-        rrb.BlueprintPanel(state=rrb.PanelState.Hidden),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return screen(rrb.Vertical(*rows, name=name))

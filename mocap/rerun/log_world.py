@@ -6,7 +6,7 @@ import rerun as rr
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import names_of
 from mocap.rerun.scene import Scene
-from mocap.skeleton import Skeleton
+from mocap.skeleton import Skeleton, ends_among
 
 BODY_CLASS = 1
 """Class of points that are joined by the skeleton's bones."""
@@ -37,15 +37,9 @@ def log_world(rec: rr.RecordingStream, scene: Scene, *, names: tuple[str, ...], 
     body = rr.ClassDescription(
         info=rr.AnnotationInfo(id=BODY_CLASS, label=skeleton.name, color=palette.GREY),
         keypoint_annotations=names_of(names),
-        keypoint_connections=bone_pairs(names, skeleton),
+        keypoint_connections=ends_among(names, [(bone.a, bone.b) for bone in skeleton.bones]),
     )
     samples = rr.ClassDescription(
         info=rr.AnnotationInfo(id=SAMPLE_CLASS, label="sample"), keypoint_annotations=names_of(names)
     )
     rec.log("/", rr.AnnotationContext([body, samples]), static=True)
-
-
-def bone_pairs(names: tuple[str, ...], skeleton: Skeleton) -> list[tuple[int, int]]:
-    """Indices of the two markers of each bone."""
-    index = {name: i for i, name in enumerate(names)}
-    return [(index[b.a], index[b.b]) for b in skeleton.bones if b.a in index and b.b in index]

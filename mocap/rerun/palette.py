@@ -1,6 +1,7 @@
 """Colours that colour-blind people can tell apart, on a dark ground."""
 
 import numpy as np
+from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
@@ -30,21 +31,6 @@ ORIGIN: dict[str, Rgb] = {"measured": SKY_BLUE, "filled": YELLOW, "rejected": VE
 DIM_ORIGIN: dict[str, Rgb] = {**ORIGIN, "measured": (38, 76, 99)}
 """The same for large areas, where what was measured recedes."""
 
-# nine samples of matplotlib's viridis (van der Walt & Smith 2015)
-_VIRIDIS = np.array(
-    [
-        (68, 1, 84),
-        (71, 44, 122),
-        (59, 81, 139),
-        (44, 113, 142),
-        (33, 144, 141),
-        (39, 173, 129),
-        (92, 200, 99),
-        (170, 220, 50),
-        (253, 231, 37),
-    ]
-)
-
 
 def depth(value: Array) -> NDArray[np.uint8]:
     """Colours of a potential between 0 (yellow: where the animal goes) and 1 (dark violet: nothing holds there).
@@ -55,9 +41,7 @@ def depth(value: Array) -> NDArray[np.uint8]:
     Returns:
         (..., 3) red, green, blue.
     """
-    at = (1 - np.clip(value, 0, 1)) * (len(_VIRIDIS) - 1)
-    knots = np.arange(len(_VIRIDIS))
-    return np.stack([np.interp(at, knots, c) for c in _VIRIDIS.T], axis=-1).round().astype(np.uint8)
+    return colormaps["viridis"](1 - np.clip(value, 0, 1), bytes=True)[..., :3]
 
 
 def of_series(index: int) -> Rgb:

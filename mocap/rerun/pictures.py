@@ -12,11 +12,10 @@ from mocap.pipeline.demo import Animal, run_demo
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import Run
-from mocap.rerun.blueprint import make_blueprint
 from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
 from mocap.rerun.headless import Headless
-from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.stages import Stages
 
 SIZE = (1600, 1000)

@@ -4,10 +4,10 @@ import hashlib
 from pathlib import Path
 
 import numpy as np
-import rerun as rr
+import rerun.blueprint as rrb
 
 from mocap.pipeline.run import Run
-from mocap.rerun.blueprint import make_blueprint
+from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import numbered_from
 from mocap.rerun.cut import cut, known_part
 from mocap.rerun.landscape import landscape
@@ -42,7 +42,8 @@ def write_recording(run: Run, path: Path) -> None:
         ) as rec,
         numbered_from(shown.start + 1),
     ):
-        log_run(rec, part, layout)
+        for tab in TABS:
+            tab.log(rec, part, layout)
 
 
 def run_scene(run: Run) -> Scene:
@@ -67,10 +68,10 @@ def make_layout(run: Run) -> Layout:
     return run_layout(run, run_scene(run), landscapes=landscapes, blocks=blocks, joint_frames=frames)
 
 
-def log_run(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
-    """Everything that a run has to show."""
-    for tab in TABS:
-        tab.log(rec, run, layout)
+def make_blueprint(layout: Layout) -> rrb.Blueprint:
+    """The tabs of ``mocap.rerun.tabs``; those without content are left out."""
+    tabs = [found for tab in TABS if (found := tab.tab(layout)) is not None]
+    return screen(rrb.Tabs(*tabs, active_tab=0, name=layout.name), fps=layout.fps)
 
 
 def recording_id(run: Run) -> str:

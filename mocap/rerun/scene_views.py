@@ -10,9 +10,10 @@ from mocap.arrays import Array
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import FRAME
 from mocap.rerun.layout import Layout
-from mocap.rerun.log_cameras import WHISKER_SCALE
 from mocap.rerun.log_markers import ELLIPSOID_SD
 
+WHISKER_SCALE = 10.0
+"""Residual whiskers are so many times longer than the residuals, to be seen without zooming in."""
 _WIDE_TILES = 9
 """More cameras have too little room for a title of their scale."""
 
@@ -27,34 +28,6 @@ def rig_view(layout: Layout) -> rrb.View:
     scene = layout.scene
     away_m = [float(np.linalg.norm(c.position_m - scene.centre_m)) for c in scene.cameras]
     return _world_view(layout, "Where the cameras stand (m)", 2.6 * max([scene.radius_m, *away_m]))
-
-
-def surface_view(layout: Layout, name: str) -> rrb.View:
-    """The potential of a joint as a surface, seen from high enough to look into its wells."""
-    land = layout.landscapes[name]
-    middle = np.array([land.x_mm.mean(), land.y_mm.mean(), 0.4 * land.height_mm])
-    extent_mm = float(land.x_mm[-1] - land.x_mm[0])
-    return rrb.Spatial3DView(
-        origin=paths.surface(name),
-        name=f"{name}: potential V_z(q), 0 yellow to 1 violet, over q (mm)",
-        background=palette.GROUND,
-        line_grid=False,
-        eye_controls=eye(middle, 2.0 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
-        overrides={f"{paths.surface(name)}/trail": last_frames(layout.trail_frames)},
-    )
-
-
-def volume_view(layout: Layout, name: str) -> rrb.View:
-    """The potential of a joint as a cloud, and the limb in it."""
-    cloud = layout.blocks[name]
-    return rrb.Spatial3DView(
-        origin=paths.volume(name),
-        name=f"{name} in body axes (mm): 1 - V_z, dense where it often is",
-        background=palette.GROUND,
-        line_grid=False,
-        eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),
-        overrides={f"{paths.volume(name)}/trail": last_frames(layout.trail_frames)},
-    )
 
 
 def eye(centre: Array, distance: float, up: Array, *, rise: float = 0.45) -> rrb.EyeControls3D:

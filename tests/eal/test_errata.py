@@ -8,10 +8,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import iv
 
-from eal import GaussianKernel, LaplaceKernel, Projection, Tail, bounds, circle, fit_potential
+from eal import GaussianKernel, LaplaceKernel, Projection, Tail, bounds, fit_potential
 from eal.integrators import simulate
 from eal.lagrangian import PenalisedModel
 from mocap.reproduce.sweep import errors, over_lambda, planar, slope
+from tests.reference import circle
 
 LAMBDAS = circle.eigenvalues(1.0)
 GAP = LAMBDAS[2] - LAMBDAS[3]
@@ -268,13 +269,5 @@ def test_reference_plateaus_of_figure_14a(theta0, lam):
 
 
 def test_bad_settings_of_bounds_are_named():
-    with pytest.raises(ValueError, match="confidence must lie"):
-        bounds.radius(n=100, lam=0.1, confidence=1.0)
     with pytest.raises(ValueError, match="kind must be one of"):
         bounds.theorem2_constant("magic")  # type: ignore[arg-type]
-
-
-def test_required_samples_inverts_the_radius():
-    n = bounds.required_samples(eta=0.2, lam=0.1, confidence=0.9)
-    assert bounds.radius(n=n, lam=0.1, confidence=0.9) <= 0.2 < bounds.radius(n=n - 1, lam=0.1, confidence=0.9)
-    assert bounds.sharper(bounds.radius(n=n, lam=0.1, confidence=0.9), n=n, lam=0.1) == pytest.approx(0.1)

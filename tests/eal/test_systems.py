@@ -7,14 +7,12 @@ import pytest
 from eal import systems
 from eal.autodiff import system_from_energies
 from eal.integrators import integrate_adaptive
-from eal.lagrangian import AnalyticPenalty, PenalisedModel, drift, momentum
+from eal.lagrangian import AnalyticPenalty, PenalisedModel
 
 ALL = [
     systems.planar_pendulum(mass_kg=1.3),
     systems.spherical_pendulum(mass_kg=0.7),
     systems.free_joint(mass_kg=2.0),
-    systems.double_pendulum(),
-    systems.chain((0.5, 0.8, 0.3, 1.0), masses_kg=(1.0, 0.2, 0.7, 0.4)),
 ]
 each = pytest.mark.parametrize("system", ALL, ids=lambda s: s.name)
 
@@ -43,23 +41,15 @@ def test_energy_is_conserved(system):
     model = PenalisedModel(system=system, penalty=none(system.dimension), strength=0.0)
     q0, v0 = np.linspace(1.0, 1.4, system.dimension), np.linspace(0.3, -0.5, system.dimension)
     run = integrate_adaptive(model.acceleration, q0, v0, t_s=np.linspace(0, 2, 21), rtol=1e-11)
-    assert drift(model.energy(run.q, run.v)) < 1e-7
+    energy = model.energy(run.q, run.v)
+    assert np.abs(energy - energy[0]).max() < 1e-7
 
 
 def test_free_joint_keeps_its_momentum():
     system = systems.free_joint(mass_kg=2.0)
     model = PenalisedModel(system=system, penalty=none(2), strength=0.0)
     run = integrate_adaptive(model.acceleration, np.zeros(2), np.array([1.0, -3.0]), t_s=np.linspace(0, 2, 5))
-    np.testing.assert_allclose(momentum(system, run.q, run.v), np.tile([2.0, -6.0], (5, 1)), rtol=1e-12)
-
-
-def test_small_swings_of_two_links_have_the_textbook_frequencies():
-    """Equal links and masses: omega^2 = (2 -+ sqrt 2) g / l, from M(0) and the Hessian of U at rest."""
-    system = systems.double_pendulum()
-    h = 1e-4
-    stiffness = np.stack([-(system.force(h * e, 0 * e) - system.force(-h * e, 0 * e)) / (2 * h) for e in np.eye(2)])
-    found = np.sort(np.linalg.eigvals(np.linalg.solve(system.mass(np.zeros(2)), stiffness)).real)
-    np.testing.assert_allclose(found, (2 + np.array([-1, 1]) * np.sqrt(2)) * 9.81, rtol=1e-7)
+    np.testing.assert_allclose(run.v, np.tile([1.0, -3.0], (5, 1)), rtol=1e-12)
 
 
 def test_damping_and_forces_enter_with_their_signs():
@@ -89,8 +79,6 @@ def test_unnatural_kinetic_energy_is_refused():
     ("make", "message"),
     [
         (lambda: systems.planar_pendulum(mass_kg=0.0), "mass_kg"),
-        (lambda: systems.chain((1.0, -1.0)), "a link length"),
-        (lambda: systems.chain((1.0, 1.0), masses_kg=(1.0,)), "one mass a link"),
         (lambda: PenalisedModel(system=ALL[0], penalty=none(2), strength=-1.0), "strength"),
         (lambda: PenalisedModel(system=ALL[0], penalty=none(2), strength=1.0, damping=np.ones(2)), "damping"),
         (lambda: PenalisedModel(system=ALL[0], penalty=none(2), strength=1.0, damping=2.0), "damping"),

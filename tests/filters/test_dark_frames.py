@@ -46,7 +46,7 @@ def test_a_second_in_the_dark_is_stated_as_such():
     xyz[150:250] = np.nan
     shown = MarkerTrial(name="dark", t_s=trial.t_s, xyz_m=xyz, sd_m=trial.sd_m)
     for potential in ("none", "shape"):
-        settings = PoseSettings(potential=potential, ranks=(2,))
+        settings = PoseSettings(mechanics="free", potential=potential, ranks=(2,))
         model = learn_pose(poses_of([shown], [0, 1, 2, 3], body_hz=3.0), settings)
         found = smooth(model, PositionObservations(xyz_m=xyz, sd_m=trial.sd_m), trial.t_s)
         sd = np.sqrt(np.diagonal(found.cov_m2, axis1=-2, axis2=-1))[150:250]

@@ -188,5 +188,5 @@ def test_a_short_trial_alone_is_filled():
     xyz[2, 1] = np.nan
     trial = MarkerTrial(name="short", t_s=0.01 * np.arange(5), xyz_m=xyz, sd_m=np.full((5, 4), 1e-4))
     poses, shapes = TrialSet([trial], TRUNK).shapes(**BODY | {"ranks": (1,)})
-    found = fill_delayed(trial, poses, shapes, DelaySettings(ranks=(1,), lags=(-300.0, 0.0, 300.0)))
+    found = fill_delayed(trial.seen, poses, shapes, DelaySettings(ranks=(1,), lags=(-300.0, 0.0, 300.0)))
     assert np.isfinite(found.xyz_m[2, 1]).all()

@@ -26,7 +26,10 @@ def test_a_quadratic_potential_is_the_product_of_gaussians(seed, k, more, rounds
     state = gaussian(rng, k + more)
     root, centre = rng.normal(size=(k, k)), rng.normal(size=k)
     hessian = root @ root.T
-    found = enforce(state, lambda z: (z - centre) @ hessian, k, iterations=rounds)
+    found = None
+    for _ in range(rounds):
+        found = enforce(state, lambda z: (z - centre) @ hessian, k, about=found)
+    assert found is not None
     whole = np.zeros((k + more, k + more))
     whole[:k, :k] = hessian
     information = np.linalg.inv(state.cov) + whole
@@ -73,6 +76,8 @@ def test_enforcing_nears_the_minimum_of_a_bent_valley():
     """
     sd, start, stiffness = 1e-3, 1.0, 1e5
     state = Gaussian(np.array([start, 0.0]), np.diag([sd, 1.0]))
-    found = enforce(state, lambda z: stiffness * z**3, 1, iterations=20)
+    found = state
+    for _ in range(20):
+        found = enforce(state, lambda z: stiffness * z**3, 1, about=found)
     expected = brentq(lambda x: (x - start) / sd**2 + stiffness * x**3, 0, 2)
     assert found.mean[0] == pytest.approx(expected, abs=1e-4 * abs(start - expected) + 3 * sd**2)

@@ -1,12 +1,11 @@
-"""Rays linearised again about what was found: towards the exact posterior, and nowhere else."""
+"""Rays linearised again about smoothed states: towards the exact posterior, and nowhere else."""
 
 import numpy as np
 import pytest
 
-from filters.live import live, looks
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import PixelObservations, PositionObservations, seen_from
-from filters.track import filter_forward, filter_frame, marker_moments, smooth
+from filters.track import smooth
 from mocap.cameras.camera import project
 from tests.filters.filmed import hide, pixels, still
 
@@ -17,11 +16,10 @@ def vague(rng, xyz, sd_m):
     return ConstantVelocity(start_m=start, start_sd_m=sd_m, speed_sd_m_s=1.0, density=np.ones(len(start)))
 
 
-def found(model, seen, linearisations):
-    """Mean and covariance of the first marker after the first frame."""
-    _, state, _ = filter_frame(model, seen, 0, model.initial(), None, 6.0, linearisations=linearisations)
-    mean, cov = marker_moments(model, state, 0)
-    return mean[0], cov[0]
+def found(model, seen, passes):
+    """Mean and covariance of the first marker in the first frame."""
+    estimate = smooth(model, seen, 0.01 * np.arange(seen.n_frames), passes=passes, settled=0.0)
+    return estimate.xyz_m[0, 0], estimate.cov_m2[0, 0]
 
 
 def exact(seen, model, start):
@@ -80,7 +78,7 @@ def test_two_rounds_are_nearer_the_posterior(seed, sd_m, n_cameras):
 def test_a_sharp_prediction_needs_no_second_round():
     """Of markers known to 10 um projections bend by 3e-8 px, a ten-millionth of the noise."""
     rng = np.random.default_rng(1)
-    seen, xyz = pixels(rng)
+    seen, xyz = pixels(rng, n_frames=1)
     model = vague(rng, xyz, 1e-5)
     (m1, c1), (m2, c2) = found(model, seen, 1), found(model, seen, 2)
     np.testing.assert_allclose(m2, m1, atol=1e-5 * 1e-6)
@@ -94,14 +92,14 @@ def test_positions_are_linear():
     xyz[2, 1], xyz[4] = np.nan, np.nan
     seen, t_s = PositionObservations(xyz_m=xyz, sd_m=np.full((6, 3), 1e-3)), 0.01 * np.arange(6)
     model = ConstantVelocity(start_m=np.zeros((3, 3)), start_sd_m=0.1, speed_sd_m_s=1.0, density=np.full(3, 10.0))
-    once, again = smooth(model, seen, t_s), smooth(model, seen, t_s, linearisations=3)
+    once, again = smooth(model, seen, t_s), smooth(model, seen, t_s, passes=3)
     np.testing.assert_allclose(again.xyz_m, once.xyz_m, atol=1e-12)
     np.testing.assert_allclose(again.cov_m2, once.cov_m2, rtol=1e-10, atol=1e-18)
     np.testing.assert_allclose(again.log_likelihood, once.log_likelihood, atol=1e-9)
 
 
-def test_one_is_what_it_was():
-    """Without the option nothing is done twice: ``sights`` is asked once a frame."""
+def test_passes_end_when_nothing_moves():
+    """Each pass asks for the sights of every frame, twice after the first; few of many passes are made."""
     rng = np.random.default_rng(3)
     seen, _ = pixels(rng)
     asked = []
@@ -113,12 +111,13 @@ def test_one_is_what_it_was():
             asked.append(frame)
             return seen.sights(frame, mean, cov)
 
-    t_s = 0.01 * np.arange(4)
-    model = still(seen)
-    filter_forward(model, Watched(), t_s)
+    t_s, model = 0.01 * np.arange(4), still(seen)
+    smooth(model, Watched(), t_s)
     assert asked == [0, 1, 2, 3]
-    filter_forward(model, Watched(), t_s, linearisations=2)
-    assert asked[4:] == [0, 0, 1, 1, 2, 2, 3, 3]
+    smooth(model, Watched(), t_s, passes=9)
+    made, rest = divmod(len(asked) - 4 - 4, 8)  # one pass; then one, and those after it
+    assert rest == 0
+    assert 1 <= made <= 4
 
 
 def test_the_same_rows_from_elsewhere():
@@ -135,18 +134,16 @@ def test_the_same_rows_from_elsewhere():
         assert getattr(here, name) is getattr(there, name)
 
 
-def test_live_and_all_at_once_agree():
-    """The option means the same in ``live`` and ``smooth``, in blocks too, and frames that show nothing pass."""
+def test_blocks_and_all_at_once_agree():
+    """Passes are the same in blocks, frames that show nothing pass, and the truth is nearer."""
     rng = np.random.default_rng(5)
     seen, xyz = pixels(rng, n_frames=5, still=True, wide_m=10.0)
     blank = np.zeros(seen.uv_px.shape[:3], dtype=bool)
     blank[:, 2], blank[1:, 3] = True, True
     seen = hide(seen, blank)
     model, t_s = vague(rng, xyz, 0.1), 0.01 * np.arange(5)
-    whole = smooth(model, seen, t_s, linearisations=2)
-    blocks = smooth(model, seen, t_s, linearisations=2, most_bytes=1.0)
+    whole = smooth(model, seen, t_s, passes=2)
+    blocks = smooth(model, seen, t_s, passes=2, most_bytes=1.0)
     np.testing.assert_array_equal(blocks.xyz_m, whole.xyz_m)
-    alive = [e.xyz_m for e in live(model, looks(seen, t_s), lag=4, linearisations=2)]
-    np.testing.assert_array_equal(alive, whole.xyz_m)
     once = smooth(model, seen, t_s)
     assert np.abs(whole.xyz_m - xyz).max() < np.abs(once.xyz_m - xyz).max()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from filters.model_file import load_model, save_model
-from filters.models.average import Average
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from mocap.errors import FormatError
@@ -22,15 +21,22 @@ def small():
 
 def test_every_choice_is_kept(small, tmp_path):
     """Settings of all kinds come back as they were: numbers, ranks, names."""
-    kind = PoseSettings(ranks=(1, 7), rotating=False, mechanics="free", potential="none", weight=1 / 3, lam=1e-7)
+    kind = PoseSettings(
+        ranks=(1, 7),
+        rotating=False,
+        mechanics="free",
+        potential="none",
+        weight=1 / 3,
+        lam=1e-7,
+        covariance=(0.1, -1 / 3),
+    )
     three = small.mixture
     mixture = replace(three, offset=np.array([0.1, -1 / 3]), slope=np.array([0.0, 1e-300]), scale=np.ones((1, 2)))
     path = tmp_path / "m.npz"
-    several = Average((kind, replace(kind, ranks=(3,))))
-    save_model(replace(small, models=(MarkerSettings(acceleration=0.1), several), mixture=mixture), path)
+    save_model(replace(small, models=(MarkerSettings(acceleration=0.1), kind), mixture=mixture), path)
     again = load_model(path)
-    assert again.models == (MarkerSettings(acceleration=0.1), several)
-    assert asdict(again.models[1]) == asdict(several)
+    assert again.models == (MarkerSettings(acceleration=0.1), kind)
+    assert asdict(again.models[1]) == asdict(kind)
     assert same(again.mixture, mixture)
 
 

@@ -14,7 +14,6 @@ from filters.motion.constant_velocity import ConstantVelocity, white_acceleratio
 from filters.motion.pose import BodyPath, PoseMotion, body_path
 from filters.motion.shape import FreeShape, LinearShape
 from filters.subspace import PoseSubspace
-from filters.track import marker_deviations
 from mocap.body import BodyFrames
 
 RANK, MARKERS, FRAMES = 3, 4, 5
@@ -142,7 +141,7 @@ def test_initial_states_fit_their_models(name):
     start = model.initial()
     assert start.factor.shape == (len(start.mean),) * 2 == (model.points.n,) * 2
     assert 0 < model.reads <= len(start.mean)
-    mean, deviations = marker_deviations(model, start, 0)
+    mean, deviations = model.deviations(start, 0)
     np.testing.assert_allclose(mean, model.markers(start.mean[None, : model.reads], 0)[0], atol=1e-15)
     assert deviations.shape == (model.reads, *mean.shape)
 
@@ -235,17 +234,20 @@ def test_markers_by_the_formula():
                 np.testing.assert_allclose(found[s, m], here, atol=1e-12)
 
 
+STEP = Step(1, 0.01, np.zeros((0, 0)))
+
+
 def test_the_model_holds_its_shape():
     """``constrain`` pulls the shape to a valley at zero, a stiffer valley the more, and never widens the state."""
     rng = np.random.default_rng(9)
     n = pose().points.n
     state = Gaussian(rng.normal(size=n), lower(rng, n))
-    assert pose().constrain(state, 0.01) is state
+    assert pose().constrain(state, STEP) is state
     for held in (RANK, 2 * RANK):
         sizes = [np.linalg.norm(state.mean[:held])]
         for stiffness in (1e2, 1e3, 1e4):
             model = pose(gradient=lambda z, stiffness=stiffness: stiffness * z, held=held)
-            found = model.constrain(state, 0.01)
+            found = model.constrain(state, STEP)
             sizes.append(np.linalg.norm(found.mean[:held]))
             assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-9
         assert (np.diff(sizes) < 0).all()

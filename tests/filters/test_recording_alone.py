@@ -45,7 +45,8 @@ def test_what_is_seen_is_the_filter_s_own():
     learned = learn_from_itself(NAMES, NAMES[:4], trial, SETTINGS)
     assert learned is not None
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-    found, own = track_with(learned, NAMES, trial, seen), estimate(SETTINGS, TrialSet([trial], [0, 1, 2, 3]), seen)
+    found = track_with(learned, NAMES, trial, seen)
+    own = estimate(learned.models[-1], TrialSet([trial], [0, 1, 2, 3]), seen)
     np.testing.assert_array_equal(found.xyz_m[trial.seen], own.xyz_m[trial.seen])
     np.testing.assert_array_equal(found.cov_m2[trial.seen], own.cov_m2[trial.seen])
 

@@ -7,7 +7,7 @@ from filters.ensemble import Gaussian
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.observations import WHOLE, PixelObservations, PositionObservations, Sights
 from filters.observe import gate_groups, observe
-from filters.track import marker_deviations, smooth
+from filters.track import smooth
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import linear, refine
 from tests.filters.filmed import hide, pixels, still
@@ -76,7 +76,7 @@ def test_deviations_of_markers_are_those_of_the_state():
     rng = np.random.default_rng(5)
     model = ConstantVelocity(start_m=np.zeros((2, 3)), start_sd_m=1.0, speed_sd_m_s=1.0, density=np.ones(2))
     state = Gaussian(rng.normal(size=12), np.tril(rng.normal(size=(12, 12))))
-    mean, deviations = marker_deviations(model, state, 0)
+    mean, deviations = model.deviations(state, 0)
     np.testing.assert_array_equal(mean.ravel(), state.mean[:6])
     assert deviations.shape == (6, 2, 3)
     flat = deviations.reshape(6, 6)

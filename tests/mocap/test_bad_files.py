@@ -11,7 +11,7 @@ from mocap.arrays import unique
 from mocap.cameras.camera import dlt_camera
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.csv_table import read_table
-from mocap.io.dltdv import read_coefficients, read_pixels, read_points, read_residuals
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import read_profile, with_profile
 from mocap.records import PixelTracks
 
@@ -95,7 +95,7 @@ def test_bad_coefficients(tmp_path, case):
     check(tmp_path, *COEFFICIENTS[case], read_coefficients)
 
 
-@pytest.mark.parametrize("read", [lambda p: read_pixels(p, fps=1), read_coefficients, read_residuals, read_profile])
+@pytest.mark.parametrize("read", [lambda p: read_pixels(p, fps=1), read_coefficients, read_table, read_profile])
 def test_a_file_that_is_not_there(tmp_path, read):
     """A missing file, or a folder in its place, is a FormatError that names it, not a traceback."""
     with pytest.raises(FormatError, match=r"nothing\.csv: cannot be read: No such file"):

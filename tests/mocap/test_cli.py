@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from datasets import make_bat, write_recording
+from mocap.cli.main import main
 from mocap.io.dltdv import read_points
 from mocap.io.manifest import MANIFEST
 from tests.real_data import real
@@ -29,11 +30,24 @@ def track_arguments(files, out, **changed) -> list:
     return ["track", changed.pop("tracks", files["pixels"]), *options, "--out", out]
 
 
-def test_track_writes_all_that_scripts_rely_on(mocap, files, tmp_path):
+QUICK = ("--model", "constant_velocity", "--no-validate")
+"""The quickest way to a folder that is written: where the law is not how well gaps are filled."""
+
+
+@pytest.fixture(scope="module")
+def out(files, tmp_path_factory):
+    """The folder that the command writes."""
+    folder = tmp_path_factory.mktemp("tracked") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["mocap", *map(str, track_arguments(files, folder))])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+    assert not stopped.value.code
+    return folder
+
+
+def test_track_writes_all_that_scripts_rely_on(files, out):
     """One row a frame from 1; x, y, z, sd, origin a marker; filled samples are marked and have a finite deviation."""
-    out = tmp_path / "run"
-    code, _, err = mocap(*track_arguments(files, out))
-    assert code == 0, err
     assert {p.name for p in out.iterdir()} == {
         "markers.csv", "markers.nc", "joints.csv", "run.nc", "report.json", "report.md", "skeleton.toml",
         "recording.rrd", "potentials", "spatial_potentials", MANIFEST,
@@ -68,10 +82,8 @@ def test_track_writes_all_that_scripts_rely_on(mocap, files, tmp_path):
     )
 
 
-def test_elbow_coordinates_are_those_of_the_markers(mocap, files, tmp_path):
+def test_elbow_coordinates_are_those_of_the_markers(out):
     """In the limb's own plane the child keeps its distance from the centre: x^2 + y^2 = |wrist - elbow|^2."""
-    out = tmp_path / "run"
-    assert mocap(*track_arguments(files, out), "--no-validate")[0] == 0
     markers, joints = pd.read_csv(out / "markers.csv"), pd.read_csv(out / "joints.csv")
     apart = sum((markers[f"wrist_l_{k}"] - markers[f"elbow_l_{k}"]) ** 2 for k in "xyz") ** 0.5
     in_plane = np.hypot(joints["elbow_l_limb_x"], joints["elbow_l_limb_y"])
@@ -100,7 +112,7 @@ def test_positions_alone_can_be_tracked(mocap, files, tmp_path):
     base = ["triangulate", files["pixels"], "--dlt", files["coefficients"], "--profile", files["profile"]]
     assert mocap(*base, "--out", xyz)[0] == 0
     out = tmp_path / "run"
-    code, _, err = mocap("track", xyz, "--fps", FPS, "--skeleton", files["skeleton"], "--out", out)
+    code, _, err = mocap("track", xyz, "--fps", FPS, "--skeleton", files["skeleton"], "--out", out, "--no-validate")
     assert code == 0, err
     report = json.loads((out / "report.json").read_text())
     assert report["cameras"] == []
@@ -199,7 +211,7 @@ def test_one_marker_never_seen_is_a_finding(mocap, files, tmp_path):
     pixels = tmp_path / "bat_xypts.csv"
     table.to_csv(pixels, index=False, na_rep="NaN", float_format="%.6f")
     out = tmp_path / "run"
-    code, _, err = mocap(*track_arguments({**files, "pixels": pixels}, out), "--no-validate")
+    code, _, err = mocap(*track_arguments({**files, "pixels": pixels}, out), *QUICK)
     assert code == 0, err
     assert any("never seen" in f and "ear_l" in f for f in json.loads((out / "report.json").read_text())["findings"])
     markers = pd.read_csv(out / "markers.csv")
@@ -224,7 +236,7 @@ def test_what_exists_is_not_replaced_unasked(mocap, files, tmp_path):
     assert code == 1
     assert "--force" in err
     assert (out / "mine.txt").read_text() == "precious"
-    assert mocap(*track_arguments(files, out), "--no-validate", "--force")[0] == 0
+    assert mocap(*track_arguments(files, out), *QUICK, "--force")[0] == 0
     assert (out / "markers.csv").exists()
     assert (out / "mine.txt").read_text() == "precious"
     assert {p.name for p in tmp_path.iterdir()} == {"run"}
@@ -285,7 +297,7 @@ def test_a_failure_while_writing_leaves_nothing(mocap, files, tmp_path, monkeypa
         raise OSError("the disk is full")
 
     monkeypatch.setattr("mocap.results.tables.write_joints", fail)
-    code, _, err = mocap(*track_arguments(files, tmp_path / "run"), "--no-validate")
+    code, _, err = mocap(*track_arguments(files, tmp_path / "run"), *QUICK)
     assert code == 1
     assert "the disk is full; nothing there was changed" in err
     assert list(tmp_path.iterdir()) == []

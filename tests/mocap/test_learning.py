@@ -16,6 +16,7 @@ from filters.models.constant_velocity import learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.score import Residuals, joined, residuals_of
 from filters.track import smooth
+from filters.tune import Effort
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST
@@ -49,7 +50,7 @@ def flights(tmp_path_factory):
     """Two flights to learn from, and one with a wrist that is not seen for 15 frames, and its truth."""
     folder = tmp_path_factory.mktemp("flights")
     for seed in (0, 1):
-        write_flight(folder / f"f{seed}_xyzpts.csv", seed)
+        write_flight(folder / f"f{seed}_xyzpts.csv", seed, n_frames=50)
     truth = write_flight(folder / "f2_xyzpts.csv", 2, hole=(slice(25, 40), 5))
     return folder, truth
 
@@ -99,7 +100,7 @@ def test_learn_then_track(mocap, flights, model, tmp_path):
     assert model.read_bytes() == before
 
 
-def test_a_model_of_numbered_points_tracks_what_a_skeleton_names(mocap, flights, model, tmp_path):
+def test_a_model_of_numbered_points_tracks_what_a_skeleton_names(mocap, model, tmp_path):
     """Files that number their points, a skeleton that names them by aliases: sample by sample what named files give."""
     numbers = {name: f"pt{i}" for i, name in enumerate(NAMES, start=1)}
     learned = load_model(model)
@@ -112,17 +113,18 @@ def test_a_model_of_numbered_points_tracks_what_a_skeleton_names(mocap, flights,
         ),
         tmp_path / "numbered.npz",
     )
-    named = flights[0] / "f2_xyzpts.csv"
+    named = tmp_path / "named_xyzpts.csv"
+    write_flight(named, 2, n_frames=40, hole=(slice(15, 25), 5))
     text = named.read_text()
     for name, number in numbers.items():
         text = text.replace(f"{name}_", f"{number}_")
-    (tmp_path / "f2_xyzpts.csv").write_text(text)
+    (tmp_path / "numbered_xyzpts.csv").write_text(text)
     plain = Skeleton(name="bat", markers=NAMES)
     write_skeleton(tmp_path / "named.toml", plain)
     write_skeleton(tmp_path / "aliases.toml", replace(plain, aliases={n: name for name, n in numbers.items()}))
     for out, tracks, skeleton, used in (
         ("named", named, "named.toml", model),
-        ("numbered", tmp_path / "f2_xyzpts.csv", "aliases.toml", tmp_path / "numbered.npz"),
+        ("numbered", tmp_path / "numbered_xyzpts.csv", "aliases.toml", tmp_path / "numbered.npz"),
     ):
         code, _, err = mocap(
             "track", tracks, "--fps", FPS, "--model", used, "--skeleton", tmp_path / skeleton, "--no-validate",
@@ -279,13 +281,6 @@ def test_wrong_usage_is_exit_code_2(mocap):
 
 
 PROJECTS = {
-    "F2": ("F2", "carollia_2Apr2021_078A3m_trial2_dvProject.mat"),
-    "F3": ("F3", "carollia_2April2021_078A3m_trial3_dvProject.mat"),
-    "F5": ("F5", "carollia_2April2021_078A3m_trial5_dvProject.mat"),
-}
-
-
-PROJECTS = {
     "F2": "carollia_2Apr2021_078A3m_trial2_dvProject.mat",
     "F3": "carollia_2April2021_078A3m_trial3_dvProject.mat",
     "F5": "carollia_2April2021_078A3m_trial5_dvProject.mat",
@@ -304,7 +299,7 @@ def test_real_flights_teach_a_third():
         flights[name] = prepared.names, marker_trial(prepared, seen_part(prepared))
     names, own = flights["F5"]
     trials = [excerpt(flights["F2"][1], 80), excerpt(flights["F3"][1], 60)]
-    learned = learn_model(names, (), trials, np.random.default_rng(0))
+    learned = learn_model(names, (), trials, np.random.default_rng(0), effort=Effort(times=1))
     fills: dict[str, list[Residuals]] = {"learned": [], "constant velocity": []}
     for seed in range(2):
         hidden = hide_neighbours(own, np.random.default_rng(seed))

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -66,20 +65,19 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
     assert [r.application_id for r in RrdReader(str(out / "recording.rrd")).recordings()] == ["mocap"]
 
 
-@cache
-def demo_of(animal):
-    return run_demo(animal, stages=Stages())
-
-
-@pytest.fixture(params=["bat", "lizard"])
-def demo(request):
-    return request.param, demo_of(request.param)
+@pytest.fixture(scope="module")
+def demo():
+    """That of a lizard is run by ``tests/test_installed.py``, which asks the same of its report."""
+    return run_demo("bat", stages=Stages())
 
 
 def test_demo_beats_what_people_use(demo):
     """Inside the recording's own gaps the EAL tracker is nearer to the truth than all of them."""
-    _, run = demo
-    gaps = run.report["gaps"]
+    assert_beats_others(demo.report["gaps"])
+
+
+def assert_beats_others(gaps):
+    """Of a demo's report."""
     assert set(gaps) == {"mixture", "constant_velocity", "cubic", "linear"}
     assert gaps["cubic"]["coverage95"] is None
     others = [gaps[name]["rmse_mm"] for name in ("constant_velocity", "cubic", "linear")]
@@ -91,16 +89,24 @@ def test_demo_knows_how_well_it_knows(demo):
 
     In gaps they may hold all: those of this recording are easier than those that it hides from itself.
     """
-    _, run = demo
-    measured = run.report["measured"]
-    assert run.report["gaps"]["mixture"]["coverage95"] >= 90
+    assert_intervals_hold(demo.report)
+
+
+def assert_intervals_hold(report):
+    """Of a demo."""
+    measured = report["measured"]
+    assert report["gaps"]["mixture"]["coverage95"] >= 90
     assert 90 <= measured["mixture"]["coverage95"] <= 99.5
     assert measured["mixture"]["rmse_mm"] < measured["triangulation"]["rmse_mm"]
 
 
 def test_demo_learns_a_potential_for_each_joint(demo):
     """V_z is near 0 on the joint's samples and 1 at three times their extent; every joint of the skeleton has one."""
-    _, run = demo
+    assert_each_joint_has_a_potential(demo)
+
+
+def assert_each_joint_has_a_potential(run):
+    """Of the skeleton."""
     assert set(run.potentials) == {j.name for j in run.skeleton.joints}
     for potential in run.potentials.values():
         q = potential.samples_m / potential.scale_m

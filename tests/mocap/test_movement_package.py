@@ -66,9 +66,9 @@ def movement_python():
     if base is None:
         pytest.skip(f"movement {VERSION} needs Python {NEEDS[0]}.{NEEDS[1]} or newer: none is here")
     try:
-        subprocess.run([base, "-m", "venv", str(ENV)], check=True, capture_output=True, timeout=100)
+        subprocess.run([base, "-m", "venv", "--without-pip", str(ENV)], check=True, capture_output=True, timeout=100)
         (ENV / ".gitignore").write_text("*\n")
-        pip = [str(python), "-m", "pip", "install", "--quiet"]
+        pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-compile"]
         subprocess.run([*pip, "--no-deps", f"movement=={VERSION}"], check=True, capture_output=True, timeout=60)
         subprocess.run([*pip, *IMPORTS], check=True, capture_output=True, timeout=200)
     except (subprocess.SubprocessError, OSError) as error:

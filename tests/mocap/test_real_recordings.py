@@ -5,7 +5,8 @@ import pytest
 
 from mocap.cameras.camera import decompose, stacked, undistorted
 from mocap.cameras.triangulate import linear, residual_px, robust
-from mocap.io.dltdv import read_coefficients, read_pixels, read_points, read_residuals
+from mocap.io.csv_table import read_table
+from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import with_profile
 from tests.real_data import real
 
@@ -22,7 +23,7 @@ def triangulated(folder, *, points, coefficients, profile=None):
         cameras = with_profile(cameras, profile)
     matrices, uv = stacked(cameras), undistorted(cameras, pixels.uv_px, iterations=3)
     ours = linear(matrices, uv)
-    residual = read_residuals(folder / f"{points}xyzres.csv")
+    residual = read_table(folder / f"{points}xyzres.csv")[1]
     return ours, stored, residual_px(matrices, uv, ours), residual, matrices, uv
 
 

@@ -1,13 +1,27 @@
 """Tab: where the cameras stand, and what each of them saw."""
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from scipy.spatial.transform import Rotation
 
+from filters.records import TrackedMotion
+from mocap.arrays import Array
 from mocap.pipeline.run import Run
+from mocap.records import PixelTracks
+from mocap.rerun import palette, paths
+from mocap.rerun.columns import Single, changing, segments, single, time_columns
 from mocap.rerun.layout import Layout
-from mocap.rerun.log_cameras import log_cameras, log_pixels
 from mocap.rerun.log_video import log_video
-from mocap.rerun.scene_views import camera_order, camera_view, rig_view
+from mocap.rerun.log_world import SAMPLE_CLASS
+from mocap.rerun.scene import Scene, ViewCamera
+from mocap.rerun.scene_views import WHISKER_SCALE, camera_order, camera_view, rig_view
+
+_LOOKS = {  # colour, radius in points of the screen, drawn over those with a lower order
+    "reprojected": (palette.GREEN, 4.0, 30.0),
+    "measured": (palette.SKY_BLUE, 2.5, 40.0),
+    "rejected": (palette.VERMILLION, 5.0, 50.0),
+}
 
 
 def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
@@ -26,3 +40,80 @@ def tab(layout: Layout) -> rrb.Container | None:
         return None
     tiles = rrb.Grid(*(camera_view(layout, name) for name in camera_order(layout)))
     return rrb.Horizontal(rig_view(layout), tiles, column_shares=[2, 3], name="Cameras")
+
+
+def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
+    """Pose, lens and frustum of every camera."""
+    for camera in scene.cameras:
+        if camera.is_rigid:
+            quaternion = rr.Quaternion(xyzw=Rotation.from_matrix(camera.world_from_camera).as_quat())
+            pose = rr.Transform3D(translation=camera.position_m, quaternion=quaternion)
+        else:
+            pose = rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_from_camera)
+        rec.log(paths.camera(camera.name), pose, static=True)
+        away_m = float(np.linalg.norm(camera.position_m - scene.centre_m))
+        pinhole = rr.Pinhole(
+            image_from_camera=camera.intrinsic,
+            resolution=camera.size_px,
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=0.1 * away_m,
+            color=palette.GREY,
+            line_width=0.001 * away_m,
+        )
+        rec.log(paths.image(camera.name), pinhole, static=True)
+        width, height = camera.size_px
+        border = [(0, 0), (width, 0), (width, height), (0, height), (0, 0)]
+        look = {"colors": palette.DIM, "radii": rr.components.Radius.ui_points(0.75)}
+        rec.log(f"{paths.image(camera.name)}/border", rr.LineStrips2D([border], **look), static=True)
+
+
+def log_pixels(rec: rr.RecordingStream, scene: Scene, pixels: PixelTracks, tracked: TrackedMotion) -> None:
+    """In each camera: pixels that were used, pixels that were not, reprojections, and residual whiskers.
+
+    A whisker starts at the measured pixel and points to the reprojection, ``WHISKER_SCALE`` times as far.
+    """
+    for c, camera in enumerate(scene.cameras):
+        used = tracked.used[c][..., None]
+        measured = single(camera.pixels(pixels.uv_px[c]))
+        reprojected = single(camera.pixels(tracked.reprojected_px[c]))
+        believed = np.where(used, measured, np.float32(np.nan))
+        _log_points(rec, pixels.t_s, camera, "measured", believed)
+        _log_points(rec, pixels.t_s, camera, "reprojected", reprojected)
+        _log_points(rec, pixels.t_s, camera, "rejected", np.where(used, np.float32(np.nan), measured))
+        _log_whiskers(rec, pixels.t_s, camera, believed, reprojected)
+
+
+def _log_points(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, name: str, uv_px: Single) -> None:
+    path = paths.child(paths.image(camera.name), name)
+    color, radius, order = _LOOKS[name]
+    look = rr.Points2D.from_fields(
+        colors=color,
+        radii=rr.components.Radius.ui_points(radius),
+        draw_order=order,
+        class_ids=SAMPLE_CLASS,
+        show_labels=False,
+    )
+    rec.log(path, look, static=True)
+    there = np.isfinite(uv_px[..., 0])
+    if name == "rejected":  # rare: only those that there are, with their names
+        counts = there.sum(axis=1)
+        at = changing(counts)
+        columns = rr.Points2D.columns(positions=uv_px[there], keypoint_ids=np.nonzero(there)[1])
+        rec.send_columns(path, indexes=time_columns(t_s, at=at), columns=columns.partition(counts[at]))
+    else:
+        rec.log(path, rr.Points2D.from_fields(keypoint_ids=np.arange(uv_px.shape[1])), static=True)
+        rec.send_columns(path, indexes=time_columns(t_s), columns=rr.Points2D.columns(positions=uv_px))
+
+
+def _log_whiskers(rec: rr.RecordingStream, t_s: Array, camera: ViewCamera, measured: Single, target: Single) -> None:
+    path = paths.child(paths.image(camera.name), "residual")
+    there = np.isfinite(measured[..., 0]) & np.isfinite(target[..., 0])
+    start = measured[there]
+    strips = segments(start, start + np.float32(WHISKER_SCALE) * (target[there] - start))
+    look = rr.LineStrips2D.from_fields(
+        colors=palette.ORANGE, radii=rr.components.Radius.ui_points(1.0), draw_order=35.0, show_labels=False
+    )
+    rec.log(path, look, static=True)
+    rec.send_columns(
+        path, indexes=time_columns(t_s), columns=rr.LineStrips2D.columns(strips=strips).partition(there.sum(axis=1))
+    )

@@ -1,28 +1,38 @@
 """Tab: each joint over its empirical potential."""
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
+from mocap.arrays import Array
 from mocap.pipeline.run import Run
+from mocap.records import JointTracks
 from mocap.rerun import palette, paths
-from mocap.rerun.chart import SIZE as CHART_SIZE
-from mocap.rerun.landscape import RANGE
+from mocap.rerun.columns import Single, segments, single, time_columns
+from mocap.rerun.energy import JointEnergy
+from mocap.rerun.landscape import MM_PER_M, RANGE, Landscape, normals, triangles
 from mocap.rerun.layout import Layout
-from mocap.rerun.log_joints import log_coordinates, log_potential
-from mocap.rerun.log_volume import log_volume
-from mocap.rerun.scene_views import last_frames, surface_view, volume_view
-from mocap.rerun.series import series_view
+from mocap.rerun.scene_views import eye, last_frames
+from mocap.rerun.series import log_line, series_view
+from mocap.rerun.volume import Block
+
+COORDINATES = ("q1", "q2", "q3")
+_DECADES = 8
+"""Decades of eigenvalues that are drawn."""
+CHART_SIZE = (160.0, 100.0)
+"""Width and height of the chart of eigenvalues, in units of its view."""
 
 
 def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
     """Coordinates, potentials in the planes of limbs, and potentials in the body."""
     t_s = run.tracked.markers.t_s
     for name, frame in layout.joint_frames.items():
-        log_coordinates(rec, run.joints[frame], name)
+        _log_coordinates(rec, run.joints[frame], name)
     for name, land in layout.landscapes.items():
-        log_potential(rec, name, t_s, land)
+        _log_potential(rec, name, t_s, land)
     for name, cloud in layout.blocks.items():
-        log_volume(rec, name, t_s, cloud)
+        _log_volume(rec, name, t_s, cloud)
 
 
 def tab(layout: Layout) -> rrb.Container | None:
@@ -83,3 +93,264 @@ def coordinates_view(layout: Layout, name: str) -> rrb.View:
     """The coordinates of a joint over time."""
     frame = layout.joint_frames[name]
     return series_view(f"{paths.joint_series(name)}/coordinates", f"{name}: coordinates in frame {frame} (mm)")
+
+
+def surface_view(layout: Layout, name: str) -> rrb.View:
+    """The potential of a joint as a surface, seen from high enough to look into its wells."""
+    land = layout.landscapes[name]
+    middle = np.array([land.x_mm.mean(), land.y_mm.mean(), 0.4 * land.height_mm])
+    extent_mm = float(land.x_mm[-1] - land.x_mm[0])
+    return rrb.Spatial3DView(
+        origin=paths.surface(name),
+        name=f"{name}: potential V_z(q), 0 yellow to 1 violet, over q (mm)",
+        background=palette.GROUND,
+        line_grid=False,
+        eye_controls=eye(middle, 2.0 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
+        overrides={f"{paths.surface(name)}/trail": last_frames(layout.trail_frames)},
+    )
+
+
+def volume_view(layout: Layout, name: str) -> rrb.View:
+    """The potential of a joint as a cloud, and the limb in it."""
+    cloud = layout.blocks[name]
+    return rrb.Spatial3DView(
+        origin=paths.volume(name),
+        name=f"{name} in body axes (mm): 1 - V_z, dense where it often is",
+        background=palette.GROUND,
+        line_grid=False,
+        eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),
+        overrides={f"{paths.volume(name)}/trail": last_frames(layout.trail_frames)},
+    )
+
+
+def _log_coordinates(rec: rr.RecordingStream, tracks: JointTracks, name: str) -> None:
+    """The coordinates of one joint of the tracks, in millimetres."""
+    lines = tracks.q_m[:, tracks.names.index(name)] * MM_PER_M
+    n_lines = lines.shape[1]
+    path = f"{paths.joint_series(name)}/coordinates"
+    log_line(rec, path, tracks.t_s, lines, name=COORDINATES[:n_lines], color=palette.SERIES[:n_lines])
+
+
+def _log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landscape) -> None:
+    """A joint's potential with its samples, its range and preferred configurations, and the joint moving over it."""
+    _log_surface(rec, paths.surface(name), t_s, land)
+    _log_heat_map(rec, paths.heat_map(name), t_s, land)
+    _log_energy(rec, paths.joint_series(name), t_s, land.path_value, land.energy)
+    _log_spectrum(rec, paths.spectrum(name), land)
+
+
+def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, energy: JointEnergy) -> None:
+    """V_z on the way with the bound of Theorem 3, and the energy that this bound rests on."""
+    log_line(
+        rec,
+        f"{path}/potential/bound",
+        t_s,
+        energy.bound,
+        name="Theorem 3, released at the fastest instant",
+        color=palette.GREY,
+    )
+    log_line(rec, f"{path}/potential/value", t_s, value, name="V_z(q(t))", color=palette.ORANGE)
+    lines = {
+        "total": (energy.kinetic + energy.potential, palette.WHITE),
+        "kinetic": (energy.kinetic, palette.SKY_BLUE),
+        "V_z / eps²": (energy.potential, palette.ORANGE),
+    }
+    values = np.column_stack([line for line, _ in lines.values()])
+    log_line(rec, f"{path}/energy", t_s, values, name=tuple(lines), color=[color for _, color in lines.values()])
+
+
+def _log_spectrum(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
+    """Eigenvalues of T_z over their number on a logarithmic scale, and lambda across."""
+
+    def height(value: Array) -> Array:
+        return 1 + np.log10(np.maximum(value, 10.0**-_DECADES)) / _DECADES
+
+    n = len(land.eigenvalues)
+    shown = land.eigenvalues > 10.0**-_DECADES
+    number = np.arange(1, n + 1)[shown]
+    most = max(int(number[-1]) if len(number) else 1, 2)
+    dots = np.column_stack([(number - 1) / (most - 1), height(land.eigenvalues[shown])])
+    level = float(height(np.array(land.lam)))
+    box = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)], dtype=np.float64)
+    across = np.array([(0.0, level), (1.0, level)])
+    ui = rr.components.Radius.ui_points
+    lines = rr.LineStrips2D([_in_chart(box), _in_chart(across)], colors=[palette.DIM, palette.ORANGE], radii=ui(1.0))
+    rec.log(f"{path}/lines", lines, static=True)
+    points = rr.Points2D(_in_chart(dots), colors=palette.SKY_BLUE, radii=ui(2.5), draw_order=40.0)
+    rec.log(f"{path}/dots", points, static=True)
+    ticks = [
+        *((-0.07, 1 - d / _DECADES, f"1e-{d}" if d else "1") for d in range(0, _DECADES, 2)),
+        (0.0, 0.0, "1"),
+        (1.0, 0.0, f"{most}"),
+        (0.75, level + 0.14, f"lambda {land.lam:.0e}, rank {land.effective_rank:.0f}"),
+    ]
+    places, texts = _in_chart(np.array([(x, y) for x, y, _ in ticks])), [text for *_, text in ticks]
+    names = rr.Points2D(places, labels=texts, colors=palette.GREY, radii=0.0, show_labels=True)
+    rec.log(f"{path}/ticks", names, static=True)
+
+
+def _in_chart(xy: Array) -> Single:
+    """(n, 2) of the chart, up, each in [0, 1], to (n, 2) of the view, down."""
+    return single(np.column_stack([xy[:, 0], 1 - xy[:, 1]]) * CHART_SIZE)
+
+
+def _log_surface(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
+    x, y = np.meshgrid(land.x_mm, land.y_mm)
+    vertices = np.stack([x, y, land.value * land.height_mm], axis=-1)
+    mesh = rr.Mesh3D(
+        vertex_positions=single(vertices.reshape(-1, 3)),
+        vertex_normals=single(normals(land).reshape(-1, 3)),
+        vertex_colors=palette.depth(land.value).reshape(-1, 3),
+        triangle_indices=triangles(*land.value.shape),
+    )
+    rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    rec.log(f"{path}/potential", mesh, static=True)
+    _log_frame(rec, f"{path}/frame", land)
+    way = land.lifted(land.path_mm)
+    _log_moving(rec, path, t_s, land.lifted(land.samples_mm), way, dots=palette.GROUND, trail=palette.BLUE)
+    ui = rr.components.Radius.ui_points
+    lifted = [land.lifted(line) for line in land.contour_mm(RANGE)]
+    rec.log(f"{path}/range", rr.LineStrips3D(lifted, colors=palette.WHITE, radii=ui(1.0)), static=True)
+
+
+def _log_frame(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
+    """The rectangle under the surface, with its ends in millimetres."""
+    (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
+    corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), (x0, y0, 0), (x0, y0, land.height_mm)])
+    rec.log(
+        f"{path}/box",
+        rr.LineStrips3D([corners], colors=palette.GREY, radii=rr.components.Radius.ui_points(1.0)),
+        static=True,
+    )
+    middle_x, middle_y = (x0 + x1) / 2, (y0 + y1) / 2
+    ticks = [
+        ((x0, y0, 0), f"{x0:.0f}, {y0:.0f}"),
+        ((middle_x, y0, 0), "q1 / mm"),
+        ((x1, y0, 0), f"{x1:.0f}"),
+        ((x1, middle_y, 0), "q2 / mm"),
+        ((x1, y1, 0), f"{y1:.0f}"),
+        ((x0, y0, land.height_mm), "V = 1"),
+    ]
+    rec.log(
+        f"{path}/ticks",
+        rr.Points3D(
+            [at for at, _ in ticks],
+            labels=[text for _, text in ticks],
+            colors=palette.GREY,
+            radii=rr.components.Radius.ui_points(1.5),
+            show_labels=True,
+        ),
+        static=True,
+    )
+
+
+def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscape) -> None:
+    """The map; up in the picture is up in q2, hence the view's second coordinate is -q2."""
+    half = land.cell_mm / 2
+    place = rr.Transform3D(
+        translation=(land.x_mm[0] - half, -land.y_mm[-1] - half, 0), scale=(land.cell_mm, land.cell_mm, 1)
+    )
+    picture = palette.depth(land.value[::-1])
+    rec.log(f"{path}/potential", place, static=True)
+    rec.log(
+        f"{path}/potential",
+        rr.Image(picture, draw_order=-10.0, magnification_filter=rr.components.MagnificationFilter.Linear),
+        static=True,
+    )
+    flip = np.array([1.0, -1.0])
+    ui = rr.components.Radius.ui_points
+    edge = [line * flip for line in land.contour_mm(RANGE)]
+    rec.log(f"{path}/range", rr.LineStrips2D(edge, colors=palette.WHITE, radii=ui(1.25), draw_order=15.0), static=True)
+    _log_axes(rec, f"{path}/axes", land)
+    preferred = land.samples_value <= land.preferred
+    dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
+    samples, way = land.samples_mm * flip, land.path_mm * flip
+    _log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
+
+
+def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:
+    """What the edges of the map are, in millimetres."""
+    (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
+    near, low = x0 + 0.07 * (x1 - x0), -y0 - 0.03 * (y1 - y0)
+    ticks = [
+        (near, low, f"{x0:.0f}"),
+        ((x0 + x1) / 2, low, "q1 / mm"),
+        (x1 - 0.07 * (x1 - x0), low, f"{x1:.0f}"),
+        (near, -y0 - 0.12 * (y1 - y0), f"{y0:.0f}"),
+        (near, -(y0 + y1) / 2, "q2 / mm"),
+        (near, -y1 + 0.03 * (y1 - y0), f"{y1:.0f}"),
+    ]
+    places, texts = [(x, y) for x, y, _ in ticks], [text for *_, text in ticks]
+    names = rr.Points2D(places, labels=texts, colors=palette.GREY, radii=0.0, show_labels=True, draw_order=40.0)
+    rec.log(path, names, static=True)
+
+
+def _log_volume(rec: rr.RecordingStream, name: str, t_s: Array, cloud: Block) -> None:
+    """1 - V_z as a volume, the samples in it, and the limb from the joint's centre to where it is."""
+    path = paths.volume(name)
+    volume = rr.Volume3D(
+        (1 - cloud.value).astype(np.float16),
+        voxel_size=(cloud.cell_mm,) * 3,
+        translation=cloud.corner_mm,
+        value_range=(0.0, 1.0),
+        gamma=2.0,
+        optical_density=5.0,
+        colormap=rr.components.Colormap.Viridis,
+    )
+    rec.log(path, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    rec.log(f"{path}/potential", volume, static=True)
+    _log_moving(
+        rec, path, t_s, cloud.samples_mm, cloud.path_mm, dots=palette.WHITE, trail=palette.ORANGE, limb_radius=2.0
+    )
+
+
+def _log_moving(
+    rec: rr.RecordingStream,
+    path: str,
+    t_s: Array,
+    samples: Array,
+    way: Array,
+    *,
+    dots: palette.Rgb | NDArray[np.uint8],
+    trail: palette.Rgb,
+    limb_radius: float = 0.0,
+) -> None:
+    """Samples, the point where the joint is, the steps that it took to get there, and the limb from the centre to it.
+
+    Args:
+        rec: Where to.
+        path: Parent of these entities.
+        t_s: (T,) times.
+        samples: (N, D) points; D is 2 or 3.
+        way: (T, D) the joint.
+        dots: Colour of all samples, or (N, 3) of each.
+        trail: Colour of the steps.
+        limb_radius: In points of the screen; 0: without the limb.
+    """
+    flat = way.shape[1] == 2
+    points, strips = (rr.Points2D, rr.LineStrips2D) if flat else (rr.Points3D, rr.LineStrips3D)
+    ui = rr.components.Radius.ui_points
+    rec.log(f"{path}/samples", points(single(samples), colors=dots, radii=ui(1.25)), static=True)
+    rec.log(f"{path}/now", points.from_fields(colors=palette.VERMILLION, radii=ui(7.0)), static=True)
+    rec.log(f"{path}/trail", strips.from_fields(colors=trail, radii=ui(1.5)), static=True)
+    if flat:
+        rec.log(f"{path}/samples", rr.Points2D.from_fields(draw_order=10.0), static=True)
+        rec.log(f"{path}/trail", rr.LineStrips2D.from_fields(draw_order=20.0), static=True)
+        rec.log(f"{path}/now", rr.Points2D.from_fields(draw_order=30.0), static=True)
+    ones = np.ones(len(way), dtype=int)
+    columns = points.columns(positions=single(way)).partition(ones)
+    rec.send_columns(f"{path}/now", indexes=time_columns(t_s), columns=columns)
+    if limb_radius:
+        rec.log(f"{path}/limb", strips.from_fields(colors=palette.GREY, radii=ui(limb_radius)), static=True)
+        if flat:
+            rec.log(f"{path}/limb", rr.LineStrips2D.from_fields(draw_order=18.0), static=True)
+        limb = strips.columns(strips=segments(np.zeros_like(way), way)).partition(ones)
+        rec.send_columns(f"{path}/limb", indexes=time_columns(t_s), columns=limb)
+    if len(way) > 1:
+        there = np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1)
+        steps = segments(way[:-1][there], way[1:][there])
+        rec.send_columns(
+            f"{path}/trail",
+            indexes=time_columns(t_s, at=np.arange(1, len(way))),
+            columns=strips.columns(strips=steps).partition(there.astype(int)),
+        )

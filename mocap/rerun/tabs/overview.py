@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 from mocap.pipeline.run import Run
 from mocap.rerun.gaps import gap_map_view, log_gap_map
 from mocap.rerun.layout import Layout
-from mocap.rerun.log_markers import log_markers, log_trails, log_uncertainty
+from mocap.rerun.log_markers import log_looks, log_markers, log_trails, log_uncertainty
 from mocap.rerun.log_world import log_world
 from mocap.rerun.scene_views import camera_order, camera_view, scene_view
 
@@ -17,6 +17,7 @@ def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
     """World, markers with their uncertainty and trails, and the map of gaps."""
     scene, markers = layout.scene, run.tracked.markers
     log_world(rec, scene, names=markers.names, skeleton=run.skeleton)
+    log_looks(rec, len(markers.names))
     log_markers(rec, scene, markers)
     log_uncertainty(rec, scene, markers)
     log_trails(rec, scene, markers, trunk=run.skeleton.trunk)

@@ -12,8 +12,7 @@ from vulkan import need_vulkan
 
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
-from mocap.rerun.compare import APPLICATION, difference_mm, recording_of, run_names, write_comparison
-from mocap.rerun.compare_layout import compare_blueprint
+from mocap.rerun.compare import APPLICATION, compare_blueprint, difference_mm, recording_of, run_names, write_comparison
 from mocap.rerun.headless import Headless
 from mocap.rerun.record import write_recording
 from mocap.rerun.stored import read_recording

@@ -14,14 +14,13 @@ from mocap.cameras.camera import Camera, project, stacked
 from mocap.pipeline.run import Run
 from mocap.records import Status
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import make_blueprint
 from mocap.rerun.gaps import gap_map_view
 from mocap.rerun.headless import Headless
-from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.rerun.row_map import WIDE, row_map_view
-from mocap.rerun.scene_views import camera_view, scene_view, surface_view, volume_view
+from mocap.rerun.scene_views import camera_view, scene_view
 from mocap.rerun.series import series_view
-from mocap.rerun.tabs.joints import heat_map_view, spectrum_view
+from mocap.rerun.tabs.joints import heat_map_view, spectrum_view, surface_view, volume_view
 
 FRAME = 33
 SHIFT_PX = 12.0
@@ -206,11 +205,10 @@ def layered(viewer, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_what_is_hidden_in_a_view_is_gone(viewer, layered, tmp_path, name):
+def test_what_is_hidden_in_a_view_is_gone(viewer, layered, name):
     """Each view shows what it is for: hidden, its colour is gone, or nearly where others blend to it."""
     make, layers = SHOWN[name]
-    run = loaded(viewer, layered, tmp_path)
-    layout = make_layout(run)
+    layout = make_layout(layered)
     whole = viewer.picture(make(layout), frame=FRAME)
     for path, color in layers:
         view = make(layout)

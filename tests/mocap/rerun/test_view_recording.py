@@ -16,12 +16,11 @@ from mocap.cameras.camera import project, stacked
 from mocap.pipeline.potentials import joint_potentials
 from mocap.records import Status
 from mocap.rerun import palette, paths
-from mocap.rerun.blueprint import make_blueprint
-from mocap.rerun.chart import SIZE as CHART_SIZE
 from mocap.rerun.energy import STIFFNESS
-from mocap.rerun.log_cameras import WHISKER_SCALE
 from mocap.rerun.log_markers import ELLIPSOID_SD
-from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
+from mocap.rerun.scene_views import WHISKER_SCALE
+from mocap.rerun.tabs.joints import CHART_SIZE
 
 FILLED = (Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED)
 

@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 from flapping import make_run
 from readback import entities
 
-from mocap.rerun import blueprint, record
+from mocap.rerun import record
 from mocap.rerun.tabs.registry import TABS
 
 
@@ -23,8 +23,7 @@ def test_a_registered_tab_is_logged_and_laid_out(monkeypatch, tmp_path):
         return rrb.TextDocumentView(origin="/mine", name="Mine")
 
     mine = (*TABS, SimpleNamespace(log=log, tab=tab))
-    for module in (blueprint, record):
-        monkeypatch.setattr(module, "TABS", mine)
+    monkeypatch.setattr(record, "TABS", mine)
     run = make_run(n_frames=5, n_cameras=1, n_joints=0)
     record.write_recording(run, tmp_path / "a.rrd")
     assert "/mine" in entities(tmp_path / "a.rrd")

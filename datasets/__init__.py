@@ -1,4 +1,4 @@
-"""Recordings whose truth is known, made from a seed (of eal-mocap).
+"""Synthetic recordings with known truth, made from a random seed (part of eal-mocap).
 
 ``datasets.bat(seed=0)`` flies and ``datasets.lizard(seed=0)`` walks: markers with their truth, cameras, pixels.
 """

@@ -107,34 +107,48 @@ def _bat_imperfect(seed: int) -> SyntheticRecording:
 
 ENTRIES = (
     _recording(
-        "bat", "level flight, 34 markers, 8 wide Brown cameras, 240 Hz: that of the demo", lambda s: make_bat(seed=s)
-    ),
-    _recording("bat_30", "the same before 30 wide Brown cameras", lambda s: make_bat(seed=s, n_cameras=30)),
-    _recording("bat_fisheye", "before 30 fisheyes", lambda s: make_bat(seed=s, n_cameras=30, lens="fisheye")),
-    _recording(
-        "bat_turn", "U-turns before 30 wide Brown cameras", lambda s: make_bat(seed=s, n_cameras=30, manoeuvre="turn")
+        "bat",
+        "bat in level flight, 34 markers, 8 wide-angle cameras (Brown lenses), 240 Hz; used by the demo",
+        lambda s: make_bat(seed=s),
     ),
     _recording(
-        "bat_imperfect", "U-turns, 30 fisheyes that start within 0.9 frames, rolling joints, loose skin", _bat_imperfect
+        "bat_30", "the same flight, 30 wide-angle cameras (Brown lenses)", lambda s: make_bat(seed=s, n_cameras=30)
+    ),
+    _recording(
+        "bat_fisheye", "the same flight, 30 fisheye cameras", lambda s: make_bat(seed=s, n_cameras=30, lens="fisheye")
+    ),
+    _recording(
+        "bat_turn",
+        "bat flying U-turns, 30 wide-angle cameras (Brown lenses)",
+        lambda s: make_bat(seed=s, n_cameras=30, manoeuvre="turn"),
+    ),
+    _recording(
+        "bat_imperfect",
+        "bat flying U-turns, 30 fisheye cameras not synchronised (up to 0.9 frames), rolling joints, loose skin",
+        _bat_imperfect,
     ),
     _recording(
         "bat_wind_tunnel",
-        "4 cameras, 700 Hz, placed and clicked as in a real wind tunnel",
+        "bat, 4 cameras, 700 Hz, placed and digitised as in a real wind tunnel",
         lambda s: make_bat_wind_tunnel(seed=s),
     ),
-    _recording("lizard", "a walk up a rod, 24 markers, 4 high-speed cameras, 250 Hz", lambda s: make_lizard(seed=s)),
     _recording(
-        "lizard_imperfect", "the same with joints that roll", lambda s: make_lizard(seed=s, rolling=0.04, skin_m=0.0004)
+        "lizard", "lizard walking up a rod, 24 markers, 4 high-speed cameras, 250 Hz", lambda s: make_lizard(seed=s)
+    ),
+    _recording(
+        "lizard_imperfect",
+        "the same walk with rolling joints",
+        lambda s: make_lizard(seed=s, rolling=0.04, skin_m=0.0004),
     ),
     _movies(
         "bat_movies",
-        "a quarter of a second of flight with the movies of 4 cameras",
+        "a quarter of a second of the bat's flight with movies of 4 cameras",
         lambda s: make_bat(seed=s, n_cameras=4, n_frames=60),
         bat_motion,
     ),
     _movies(
         "lizard_movies",
-        "a second of the walk with the movies of 4 cameras",
+        "a second of the lizard's walk with movies of 4 cameras",
         lambda s: make_lizard(seed=s, n_frames=250),
         lizard_motion,
     ),
@@ -143,12 +157,18 @@ ENTRIES = (
     _pendulum("pendulum_spherical", "400 samples of the paper's pendulum in space, Cartesian", "spherical", 0.0),
     _pendulum("pendulum_spherical_noisy", "with uniform noise of 0.1 m width on its radius", "spherical", 0.1),
     _session("calibration_tunnel", "pictures of a checkerboard in the bat's 8 cameras", _tunnel(8), _TUNNEL_BOARD, 40),
-    _session("calibration_tunnel_charuco", "pictures of a ChArUco board in them", _tunnel(8), _TUNNEL_CHARUCO, 40),
     _session(
-        "calibration_fisheye", "pictures of a checkerboard in 8 fisheyes", _tunnel(8, "fisheye"), _TUNNEL_BOARD, 40
+        "calibration_tunnel_charuco", "pictures of a ChArUco board in the same cameras", _tunnel(8), _TUNNEL_CHARUCO, 40
+    ),
+    _session(
+        "calibration_fisheye",
+        "pictures of a checkerboard in 8 fisheye cameras",
+        _tunnel(8, "fisheye"),
+        _TUNNEL_BOARD,
+        40,
     ),
     _session("calibration_tank", "pictures of a checkerboard in the lizard's 4 cameras", _tank, _TANK_BOARD, 32),
-    _session("calibration_tank_charuco", "pictures of a ChArUco board in them", _tank, _TANK_CHARUCO, 32),
+    _session("calibration_tank_charuco", "pictures of a ChArUco board in the same cameras", _tank, _TANK_CHARUCO, 32),
     _wand("wand_tunnel", "a wand of 0.2 m swept through the view of the bat's 8 cameras", _tunnel(8), 0.2),
     _wand("wand_tank", "a wand of 0.08 m swept through the view of the lizard's 4 cameras", _tank, 0.08),
 )

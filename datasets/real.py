@@ -30,7 +30,7 @@ class RealRecording:
 REAL = (
     RealRecording(
         name="bat_windtunnel_dltdv8",
-        what="Carollia bats in a wind tunnel, 15 or 16 markers clicked in 4 cameras at 700 Hz, DLTdv8 projects",
+        what="Carollia bats in a wind tunnel, 15 or 16 markers digitised in 4 cameras at 700 Hz, DLTdv8 projects",
         source="https://github.com/biol-jsh/DLC-DLTdv-workflow",
         licence="none stated",
     ),
@@ -78,7 +78,7 @@ REAL = (
     ),
     RealRecording(
         name="mudskipper_dltdv8_2d",
-        what="mudskippers from above and from the side, DLTdv8, without coefficients",
+        what="mudskippers filmed from above and from the side, DLTdv8, without calibration",
         source="https://github.com/FinsAndLimbs/MudskipperLocoComplexMedia",
         licence="none stated",
     ),
@@ -115,7 +115,7 @@ def real_path(name: str) -> Path:
     path = folder() / name
     if not path.is_dir():
         raise MocapError(
-            f"{path}: not there: get it from {known.source} into a folder of that name, and set {VARIABLE} to the "
-            "folder that holds it"
+            f"{path}: this recording is not there: get it from {known.source}, put it into a folder of that name, "
+            f"and set {VARIABLE} to the folder that contains it"
         )
     return path

@@ -23,7 +23,7 @@ def check_neighbours(packages: tuple[str, ...] = PACKAGES) -> None:
         origin = None if spec is None else spec.origin
         if origin is None or not Path(origin).is_file() or MARK not in Path(origin).read_text(encoding="utf-8")[:200]:
             raise NeighbourError(
-                f"Python finds {origin or 'nothing'} as the package {name!r}, which is not that of eal-mocap: another "
-                "distribution uses that name, or a folder of that name lies in the current folder; install eal-mocap "
-                "in an environment of its own (python -m venv), or start in another folder"
+                f"the package {name!r} that Python finds ({origin or 'none'}) is not eal-mocap's: another "
+                "distribution uses that name, or the current folder contains a folder of that name; install "
+                "eal-mocap in its own environment (python -m venv), or start in another folder"
             )

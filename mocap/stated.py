@@ -50,14 +50,14 @@ def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> 
         return []
     if stated_px * FAR_OFF < low_px:
         return [
-            f"`pixel_sd` {stated_px:g} contradicts the pixels: rays miss each other as by {low_px:.2g} px. Samples are "
-            f"rejected and names repaired by what the rays show; intervals are as you state, {low_px / stated_px:.0f} "
-            "times too narrow by the rays: leave it out, or check it"
+            f"`pixel_sd` {stated_px:g} contradicts the pixels, whose triangulation residuals correspond to "
+            f"{low_px:.2g} px. Outliers are rejected by the residuals; intervals use the stated value and are "
+            f"{low_px / stated_px:.0f} times too narrow for the residuals: leave it out, or check it"
         ]
     if stated_px > FAR_OFF * high_px:
         return [
-            f"`pixel_sd` {stated_px:g} contradicts the pixels: rays miss each other as by {high_px:.2g} px. Intervals "
-            f"are as you state, {stated_px / high_px:.0f} times as wide as by the rays, and fewer samples rejected: "
-            "leave it out, or check it"
+            f"`pixel_sd` {stated_px:g} contradicts the pixels, whose triangulation residuals correspond to "
+            f"{high_px:.2g} px. Intervals use the stated value and are {stated_px / high_px:.0f} times as wide as the "
+            "residuals justify, and fewer outliers are rejected: leave it out, or check it"
         ]
     return []

@@ -67,8 +67,8 @@ def test_a_package_of_the_same_name_is_told(installed, tmp_path):
     command = "from mocap.cli.main import main; main()"
     done = run_there(installed, tmp_path, "-c", command, "--help", first=tmp_path / "other")
     assert done.returncode == 1
-    assert "other/datasets/__init__.py as the package 'datasets'" in done.stderr
-    assert "environment of its own" in done.stderr
+    assert "the package 'datasets' that Python finds" in done.stderr
+    assert "in its own environment" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Audit: what pixels, cameras and points tell of each other, and of faults that programs leave in files."""
+"""Audit: whether pixels, cameras and stored points agree, and faults that programs leave in files."""
 
 from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.finding import Finding, alarms

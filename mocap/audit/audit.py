@@ -25,7 +25,7 @@ def audit_filmed(
     stored: MarkerTracks | None = None,
     stored_px: Array | None = None,
 ) -> list[Finding]:
-    """Everything that pixels, cameras and stored points tell of each other, and pixels alone.
+    """All checks of pixels, cameras and stored points against each other, and of the pixels alone.
 
     Args:
         cameras: The C cameras.
@@ -63,7 +63,7 @@ def audit_filmed(
 
 
 def audit_recording(recording: FileContents) -> list[Finding]:
-    """Everything that a file, or files that belong together, tell of themselves; alarms first.
+    """All checks of a file, or of files that belong together; alarms first.
 
     Lengths are judged only where their unit is known.
     """

@@ -1,4 +1,4 @@
-"""What an audit says of a recording."""
+"""What an audit finds in a recording."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -7,16 +7,16 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that was checked and is worth saying.
+    """The result of one check.
 
     Attributes:
-        kind: What was checked; one word or two, the same for every recording.
-        alarm: Whether something is wrong; otherwise a decision is stated, with what speaks for it.
+        kind: What was checked, in one or two words, the same for every recording.
+        alarm: Whether something is wrong; otherwise a decision is stated, with the evidence for it.
         text: One sentence.
-        numbers: What it rests on, by name, with units in the names.
-        cameras: Cameras that it is about.
-        markers: Markers that it is about.
-        frames: Rows that it is about, from 1; the first of many.
+        numbers: The evidence, by name, with units in the names.
+        cameras: Cameras concerned.
+        markers: Markers concerned.
+        frames: Rows concerned, from 1; of many only the first.
     """
 
     kind: str

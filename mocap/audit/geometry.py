@@ -1,4 +1,4 @@
-"""What cameras and pixels tell of each other: mirrored worlds, copied or foreign cameras, flips, lenses not applied."""
+"""Calibration against pixels: mirrored worlds, copied or wrong cameras, flips, lens corrections not applied."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from mocap.cameras.triangulate import linear, residual_px
 
 
 def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:
-    """Copies among cameras, and worlds that are mirrored.
+    """Cameras with identical calibrations, and mirrored worlds.
 
     Args:
         cameras: The C cameras.
@@ -31,8 +31,8 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
                     Finding(
                         kind="copied cameras",
                         alarm=True,
-                        text=f"cameras {a.name!r} and {b.name!r} have one calibration: one is a copy of the other, "
-                        "and points seen by it are wrong",
+                        text=f"cameras {a.name!r} and {b.name!r} have identical calibrations: one was copied from "
+                        "the other, and points reconstructed with it are wrong",
                         cameras=(a.name, b.name),
                     )
                 )
@@ -43,20 +43,24 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
             Finding(
                 kind="mirrored camera",
                 alarm=True,
-                text=f"the calibration mirrors {', '.join(map(repr, fewer))} against the other cameras: pixels of some "
-                "count rows from another corner",
+                text=f"the calibration of {', '.join(map(repr, fewer))} is mirrored relative to the other cameras: "
+                "their pixel rows were probably counted from another corner",
                 cameras=tuple(fewer),
             )
         )
     elif mirrored[0] and y_up is not True:
         text = (
-            "the world is mirrored (left-handed): left and right are exchanged in all that follows"
+            "the world is mirrored (left-handed): left and right are swapped in all results"
             if y_up is False
-            else "the world is mirrored (left-handed), unless rows are counted from the lower left: state `origin`"
+            else "the world is mirrored (left-handed), unless pixel rows are counted from the lower left: state "
+            "`origin`"
         )
         found.append(Finding(kind="mirrored world", alarm=y_up is False, text=text))
     elif y_up and not mirrored[0]:
-        text = "the world is mirrored (left-handed), as rows count from the lower left: left and right are exchanged"
+        text = (
+            "the world is mirrored (left-handed), because pixel rows are counted from the lower left: left and "
+            "right are swapped"
+        )
         found.append(Finding(kind="mirrored world", alarm=True, text=text))
     return found
 
@@ -92,14 +96,14 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
             trial[worst] = flip
             again = _median(matrices, trial)
             if again * 4 < whole:
-                how, numbers = f"; {name} they fit ({again:.2f} px)", {**numbers, "flipped_px": again}
+                how, numbers = f"; {name} its pixels fit ({again:.2f} px)", {**numbers, "flipped_px": again}
                 break
         return [
             Finding(
                 kind="flipped camera" if how else "foreign camera",
                 alarm=True,
-                text=f"camera {camera.name!r} does not belong to its pixels: rays miss by {whole:.1f} px with it, by "
-                f"{left[worst]:.2f} px without{how}",
+                text=f"the calibration of camera {camera.name!r} does not fit its pixels: median triangulation "
+                f"residual {whole:.1f} px with this camera, {left[worst]:.2f} px without it{how}",
                 numbers=numbers,
                 cameras=(camera.name,),
             )
@@ -109,8 +113,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
             Finding(
                 kind="foreign calibration",
                 alarm=True,
-                text=f"rays miss by {whole:.0f} px (median), of {extent:.0f} px that the pixels spread over: "
-                "the calibration does not belong to them",
+                text=f"median triangulation residual {whole:.0f} px, while the pixels themselves span only "
+                f"{extent:.0f} px: the calibration does not belong to these pixels",
                 numbers={"residual_px": whole, "extent_px": extent},
                 cameras=tuple(c.name for c in cameras),
             )
@@ -133,7 +137,7 @@ def _flips(camera: Camera, uv: Array) -> list[tuple[str, Array]]:
 def lens_findings(
     cameras: Sequence[Camera], uv_px: Array, decision: PixelOrigin, *, most_points: int = 2000
 ) -> list[Finding]:
-    """Whether the lenses are to be applied once, as given, or not at all, or twice; and distortion that nobody states.
+    """Whether the lens correction belongs applied once, not at all or twice; and distortion that no file states.
 
     Args:
         cameras: The C cameras.
@@ -172,26 +176,29 @@ def lens_findings(
     clear = tried[best] * CLEARLY < rest
     numbers = {f"{k.replace(' ', '_')}_px": v for k, v in tried.items()}
     if best == "once" or not clear:
-        text = f"lenses applied once: rays miss by {tried['once']:.3f} px, by {tried['not at all']:.3f} px without them"
+        text = (
+            f"lens correction applied once: median triangulation residual {tried['once']:.3f} px with it, "
+            f"{tried['not at all']:.3f} px without it"
+        )
         return [Finding(kind="distortion", alarm=False, text=text, numbers=numbers)]
     why = (
-        "the pixels are undistorted already: give no profile"
+        "the pixels are already undistorted: leave the camera profile out"
         if best == "not at all"
-        else "the coefficients belong to pixels that were undistorted twice"
+        else "the coefficients were computed from pixels that had been undistorted twice"
     )
     return [
         Finding(
             kind="distortion",
             alarm=True,
-            text=f"rays meet nearest with lenses applied {best} ({tried[best]:.3f} px; once: {tried['once']:.3f} px): "
-            f"{why}",
+            text=f"the triangulation residual is smallest with the lens correction applied {best} "
+            f"({tried[best]:.3f} px; applied once: {tried['once']:.3f} px): {why}",
             numbers=numbers,
         )
     ]
 
 
 def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
-    """One radial coefficient k1 for all cameras, about their principal points, that brings the rays nearer."""
+    """One radial coefficient k1 for all cameras, about their principal points, that lowers the residual."""
     from scipy.optimize import minimize_scalar
 
     lenses = []
@@ -217,8 +224,9 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
         Finding(
             kind="distortion",
             alarm=True,
-            text=f"the pixels look distorted, and no lens is given: with k1 = {best.x:.2f} in all cameras rays miss by "
-            f"{best.fun:.2f} px in place of {plain:.2f} px: give the camera profile",
+            text=f"the pixels look distorted, and no lens is given: with k1 = {best.x:.2f} in all cameras the "
+            f"median triangulation residual falls from {plain:.2f} px to {best.fun:.2f} px: give the camera "
+            "profile",
             numbers={"k1": float(best.x), "plain_px": plain, "with_k1_px": float(best.fun)},
         )
     ]

@@ -1,4 +1,4 @@
-"""What files hold, file by file, and what they say of each other."""
+"""What files contain, one by one, and whether they agree with each other."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -64,7 +64,7 @@ def _audited(found: dict[str, Any], recording: FileContents) -> dict[str, Any]:
         with np.errstate(all="ignore"):  # of cameras that are none
             audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
     except (ValueError, ArithmeticError) as error:  # NumPy's LinAlgError is one: numbers that no rig has
-        found["findings"].append(f"the audit came to no end: {error}")
+        found["findings"].append(f"the audit could not be completed: {error}")
         audited = []
     found["audit"] = [*found.get("audit", []), *(f.as_json() for f in audited)]
     found["findings"] += [f.text for f in audited]
@@ -84,25 +84,44 @@ def _together(found: dict[str, Any], recordings: Sequence[FileContents]) -> None
     _audited(found, whole)
 
 
+_CONTAINED = {
+    "points": "3D points",
+    "cameras": "calibrated cameras",
+    "score": "scores of samples",
+    "residual_px": "triangulation residuals in px",
+    "residual_m": "residuals of points",
+    "interval": "95 % intervals",
+    "offset_frames": "offsets of cameras in frames",
+    "transforms": "rigid-body transforms",
+}
+"""Parts of a file in words."""
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def readable(found: dict[str, Any]) -> str:
     """One summary as text for people."""
     lines = [str(found["file"])]
     if "error" in found:
         return "\n".join([*lines, f"  error: {found['error']}", ""])
-    rate = "not in the file" if found["fps"] is None else f"{found['fps']:g} frames a second"
-    start = "" if found["first_frame"] in (None, 1) else f", the first is {found['first_frame']}"
     lines.append(f"  {found['title']} ({found['format']})")
-    lines.append(
-        f"  {found['points']} points, {found['cameras']} cameras, {found['frames']} frames{start}; rate {rate}"
-    )
-    lines.append(f"  units {found['units'] or 'not stated'}; holds {', '.join(found['holds']) or 'nothing'}")
+    counts = [_count(found[f"{what}s"], what) for what in ("point", "camera", "frame") if found[f"{what}s"]]
+    if found["first_frame"] not in (None, 1):
+        counts[-1] += f" (the first is number {found['first_frame']})"
+    if found["frames"]:
+        counts.append("frame rate not stated" if found["fps"] is None else f"{found['fps']:g} frames per second")
+    lines.append("  " + (", ".join(counts) or "no tracks and no cameras"))
+    contained = ", ".join(_CONTAINED.get(part, part) for part in found["holds"]) or "nothing"
+    lines.append(f"  contains {contained}; unit {found['units'] or 'not stated'}")
     if found["missing"] is not None:
         gaps = found["gaps"]
-        text = f"  {100 * found['missing']:.1f} % missing; {gaps['count']} gaps between sightings"
-        lines.append(
-            text
-            + (f", median {gaps['median_frames']:g}, longest {gaps['longest_frames']} frames" if gaps["count"] else "")
-        )
+        text = f"  {100 * found['missing']:.1f} % missing; {_count(gaps['count'], 'gap')} inside the tracks"
+        if gaps["count"]:
+            longest = _count(gaps["longest_frames"], "frame")
+            text += f", median length {gaps['median_frames']:g}, longest {longest}"
+        lines.append(text)
     if found["names"]:
         lines.append("  names: " + ", ".join(found["names"][:12]) + (", ..." if len(found["names"]) > 12 else ""))
     return "\n".join([*lines, *(f"  - {finding}" for finding in found["findings"]), ""])

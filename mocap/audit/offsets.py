@@ -1,4 +1,4 @@
-"""Cameras that run a fraction of a frame, or some frames, early or late, told by the rays of what moves."""
+"""Cameras that record some frames, or a fraction of a frame, early or late, estimated from moving markers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Offsets:
 
 
 def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 3000, rounds: int = 6) -> Offsets | None:
-    """Offsets that bring the rays nearest together.
+    """The time offsets of the cameras that minimise the triangulation residual of moving markers.
 
     A pixel of camera c at frame t is that of the marker at t + d_c: uv_c = h_c(x(t)) + d_c h_c'(x) x'(t). Its error
     less what a shift of the marker takes up is linear in d, as is a constant error of each camera, which is fitted with
@@ -91,7 +91,7 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
 
 
 def late_cameras(found: Offsets) -> Array:
-    """(C,) offsets of the cameras that stand clear of the others, counted from the median camera; 0 for the others."""
+    """(C,) offsets of the cameras that clearly differ from the median camera; 0 for the others."""
     offset = found.offset_frames - np.median(found.offset_frames)
     return np.where(np.abs(offset) > np.maximum(CLEAR_SD * found.sd_frames, LEAST_FRAMES), offset, 0.0)
 
@@ -99,13 +99,13 @@ def late_cameras(found: Offsets) -> Array:
 def in_step(ideal_px: Array, offset_frames: Array) -> Array:
     """(C, T, M, 2) ideal pixels as if no camera were late: each track is read at t - offset, by a cubic.
 
-    A sample that has none within two frames before and after is lost, where its camera is moved.
+    A sample without neighbours within two frames before and after is lost if its camera is shifted.
     """
     return _shifted(ideal_px, _splines(ideal_px), -offset_frames)
 
 
 def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]:
-    """Offsets that stand clear of their uncertainty; they are reported, and applied only when asked.
+    """Offsets clearly larger than their uncertainty; they are reported, and applied only when asked.
 
     A camera is named where its offset is 4 deviations and a tenth of a frame or more, and where the offsets take away a
     twentieth of the rays' errors or more.
@@ -125,14 +125,19 @@ def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]
     )
     if not clear.any():
         return [
-            Finding(kind="camera offsets", alarm=False, text=f"cameras run in step: {each} frames", numbers=numbers)
+            Finding(
+                kind="camera offsets",
+                alarm=False,
+                text=f"cameras are synchronised: offsets {each} frames",
+                numbers=numbers,
+            )
         ]
     return [
         Finding(
             kind="camera offsets",
             alarm=True,
-            text=f"cameras do not run in step: {each} frames (rays miss by {found.before_px:.2f} px, with these "
-            f"offsets by {found.after_px:.2f} px); nothing was shifted",
+            text=f"cameras are not synchronised: offsets {each} frames (RMS triangulation residual "
+            f"{found.before_px:.2f} px, with these offsets {found.after_px:.2f} px); nothing was corrected",
             numbers=numbers,
             cameras=tuple(n for n, c in zip(names, clear, strict=True) if c),
         )

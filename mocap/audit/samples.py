@@ -1,4 +1,4 @@
-"""What tracks alone tell: zeros that mean missing, quantised pixels, frames and cameras that are copies, odd units."""
+"""Checks of tracks alone: zeros that mean missing, quantised pixels, copied frames and cameras, wrong units."""
 
 from collections.abc import Sequence
 
@@ -56,8 +56,8 @@ def _zeros(values: Array, names: Sequence[str], what: str, camera: str | None) -
         Finding(
             kind="zeros",
             alarm=True,
-            text=f"{len(frames)} {what}{whose} are exactly zero, far from where their marker is before and after: they "
-            "mean missing and must not be taken as places",
+            text=f"{len(frames)} {what}{whose} are exactly zero although the marker is far from there before and "
+            "after: they mark missing samples and must not be read as positions",
             numbers={"samples": len(frames)},
             cameras=() if camera is None else (camera,),
             markers=tuple(str(names[int(m)]) for m in markers),
@@ -77,10 +77,13 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
     is_half = half.all() and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
     if is_half and (step is None or (np.abs(values) >= 1024 * step).any()):
         coarsest = float(2.0 ** np.floor(np.log2(np.abs(values).max() / 1024)))
-        text = f"went through half precision (float16): rounded to {coarsest:g} px where largest"
+        text = f"were stored in half precision (float16): the largest are rounded to {coarsest:g} px"
         numbers = {"step_px": coarsest, "sd_px": coarsest / np.sqrt(12)}
     elif step is not None:
-        text = f"are multiples of {step:g} px: rounding alone errs by {step / np.sqrt(12):.2f} px"
+        text = (
+            f"are multiples of {step:g} px: rounding alone gives errors of {step / np.sqrt(12):.2f} px (standard "
+            "deviation)"
+        )
         numbers = {"step_px": step, "sd_px": step / np.sqrt(12)}
     else:
         return []
@@ -114,7 +117,8 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
         Finding(
             kind="repeated frames",
             alarm=True,
-            text=f"{len(at)} frames{whose} repeat the one before in every digit: the recording stood still there",
+            text=f"{len(at)} frames{whose} are identical to the previous frame in every digit: the recording "
+            "stalled there",
             numbers={"frames": len(at), "share": len(at) / len(values)},
             cameras=() if camera is None else (camera,),
             frames=_first(at),
@@ -135,8 +139,8 @@ def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
                     Finding(
                         kind="copied pixels",
                         alarm=True,
-                        text=f"{same.sum()} of {both.sum()} pixels of cameras {names[0]!r} and {names[1]!r} are the "
-                        "same numbers: one was copied from the other",
+                        text=f"{same.sum()} of {both.sum()} pixels of cameras {names[0]!r} and {names[1]!r} are "
+                        "identical: one was copied from the other",
                         numbers={"samples": float(same.sum())},
                         cameras=names,
                     )
@@ -152,13 +156,13 @@ def sizes(xyz_m: Array) -> list[Finding]:
     several = xyz_m[ok.sum(axis=1) >= 2]
     if len(several):
         spread = np.linalg.norm(several - np.nanmedian(several, axis=1, keepdims=True), axis=-1)
-        size, what = 2 * float(np.nanmedian(spread)), "apart in the body (median, twice the distance from its middle)"
+        size, what = 2 * float(np.nanmedian(spread)), "apart (median body size: twice the distance from the centre)"
         low, high = BODY_M
     else:
         places = xyz_m[ok]
         size, what = (
             float(np.linalg.norm(np.percentile(places, 95, axis=0) - np.percentile(places, 5, axis=0))),
-            "of way",
+            "from one end of the track to the other",
         )
         low, high = 1e-3, 300.0
     if size == 0 or low <= size <= high:
@@ -170,8 +174,8 @@ def sizes(xyz_m: Array) -> list[Finding]:
         Finding(
             kind="units",
             alarm=True,
-            text=f"markers are {size:.3g} m {what}: no animal is; lengths may be in {better or 'another unit'}; "
-            "nothing was changed",
+            text=f"markers are {size:.3g} m {what}, which fits no animal: lengths may be in "
+            f"{better or 'another unit'}; nothing was changed",
             numbers={"size_m": size},
         )
     ]

@@ -1,4 +1,4 @@
-"""Stored 3D against what follows from the stored 2D."""
+"""Stored 3D points against the triangulation of the stored pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from mocap.records import MarkerTracks
 
 @dataclass(frozen=True, kw_only=True)
 class StalePoint:
-    """A stored point that does not follow from its pixels.
+    """A stored point that differs from the triangulation of its pixels.
 
     Attributes:
         frame: Row of the file, from 1.
         marker: Its name.
-        off_m: Distance from the point that follows from the pixels; None where the pixels give none.
+        off_m: Distance from the triangulated point; None where the pixels give no point.
     """
 
     frame: int
@@ -54,7 +54,7 @@ def stale_points(xyz_m: Array, stored: MarkerTracks, *, tolerance_m: float = 2e-
 def stored_findings(
     matrices: Array, ideal_px: Array, stored: MarkerTracks, *, cameras: Sequence[str], tolerance_m: float = 2e-6
 ) -> list[Finding]:
-    """Why stored points do not follow from their pixels, where most of them do not.
+    """Why most stored points differ from the triangulation of their pixels, where they do.
 
     Tried are: another marker's columns, another time, and a linear solve that took one camera's v row only, as Argus's
     does. A few points off are stale (``stale_points``): their pixels were edited later.
@@ -81,10 +81,14 @@ def stored_findings(
         return found
     wrong = both & ~(off <= tolerance_m)
     text = (
-        f"{wrong.sum()} of {both.sum()} stored points do not follow from their pixels (median "
+        f"{wrong.sum()} of {both.sum()} stored points differ from the triangulation of their pixels (median "
         f"{np.median(off[wrong]):.2g} m, up to {off[wrong].max():.2g} m)"
     )
-    cause = "edited later" if share > 0.5 else "of another calibration, other pixels, or smoothed"
+    cause = (
+        "the pixels were edited after the points had been computed"
+        if share > 0.5
+        else "they were computed with another calibration or from other pixels, or smoothed"
+    )
     return [
         Finding(
             kind="stale points",
@@ -120,7 +124,7 @@ def _columns(xyz: Array, stored: MarkerTracks, both: NDArray[np.bool_], toleranc
                 Finding(
                     kind="wrong columns",
                     alarm=True,
-                    text=f"stored points of {name!r} are those of {stored.names[k]!r}: their columns are exchanged",
+                    text=f"stored points of {name!r} are those of {stored.names[k]!r}: their columns are swapped",
                     numbers={"share": shares[k][0], "points": shares[k][1]},
                     markers=(name, stored.names[k]),
                 )
@@ -142,8 +146,8 @@ def _shifted(xyz: Array, stored: MarkerTracks, tolerance_m: float, most: int = 5
         Finding(
             kind="time shift",
             alarm=True,
-            text=f"stored points come {abs(s)} frames {'after' if s > 0 else 'before'} their pixels "
-            f"({shares[s][0] * 100:.0f} % agree so)",
+            text=f"stored points are {abs(s)} frames {'later' if s > 0 else 'earlier'} than their pixels "
+            f"({shares[s][0] * 100:.0f} % agree when shifted by that)",
             numbers={"frames": s, "share": shares[s][0]},
         )
     ]
@@ -161,8 +165,8 @@ def _half_solve(
                 Finding(
                     kind="one v row",
                     alarm=True,
-                    text=f"stored points follow from all columns u but the rows v of camera {name!r} alone, as Argus "
-                    f"solves ({share * 100:.0f} % agree so): triangulate anew",
+                    text=f"stored points were computed from the x pixels of all cameras but the y pixels of camera "
+                    f"{name!r} only, as Argus does ({share * 100:.0f} % agree with that): triangulate them again",
                     numbers={"share": share, "points": count},
                     cameras=(name,),
                 )

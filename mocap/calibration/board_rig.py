@@ -1,4 +1,4 @@
-"""A whole rig from views of a board: lenses one by one, stands along a chain, then everything together."""
+"""A whole rig from views of a board: lenses one by one, camera poses along a chain, then everything together."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -106,7 +106,7 @@ def calibrate_boards(
     else:
         free = Free(focal="none", centre=False, orientation=True)
     adjusted = adjust(scene, sightings, free=free)
-    progress(f"all together: median error {np.median(np.hypot(*adjusted.error_px.T)):.3f} px")
+    progress(f"all cameras together: median error {np.median(np.hypot(*adjusted.error_px.T)):.3f} px")
     return _result(adjusted, sightings, pictures, views, tuple(intrinsics), stems, world_frame, left_out)
 
 
@@ -157,7 +157,7 @@ def _world(asked: str | None, stems: Sequence[str], seen: Mapping[tuple[int, str
         return max(stems, key=lambda s: sum(t == s for _, t in seen))
     if asked not in stems:
         raise CalibrationError(
-            f"the world frame {asked!r} shows the board to no camera: choose one of {', '.join(stems[:20])}"
+            f"no camera sees the board in the world frame {asked!r}: choose one of {', '.join(stems[:20])}"
         )
     return asked
 
@@ -248,19 +248,21 @@ def _refuse(result: BoardCalibration, views: Mapping[str, BoardViews]) -> None:
             raise CalibrationError(f"camera {name!r}: its lens {trouble}: film the board at more places and tilts")
         if sd > 0.03 * camera.lens.f_px[0]:
             raise CalibrationError(
-                f"camera {name!r}: the pictures leave its focal length open ({camera.lens.f_px[0]:.0f} +- {sd:.0f} px)"
+                f"camera {name!r}: the pictures do not determine its focal length ({camera.lens.f_px[0]:.0f} +- "
+                f"{sd:.0f} px)"
                 ": tilt the board by 30 degrees or more in some pictures"
             )
         median = result.camera_px[name][1]
         if median > 2e-3 * max(size):
             raise CalibrationError(
-                f"camera {name!r}: corners miss by {median:.1f} px (median), where finding them errs by tenths: check "
-                "that pictures of one instant are named alike, none is mirrored or cropped, and the board is flat"
+                f"camera {name!r}: the median error of corners is {median:.1f} px, where their detection is "
+                "accurate to tenths of a pixel: check that pictures taken at the same time have the same name, "
+                "none is mirrored or cropped, and the board is flat"
             )
     for i, a in enumerate(result.cameras):
         for b in result.cameras[:i]:
             size = np.linalg.norm(a.position_m) + np.linalg.norm(b.position_m)
             if np.linalg.norm(a.position_m - b.position_m) < 1e-6 * size:
                 raise CalibrationError(
-                    f"cameras {b.name!r} and {a.name!r} stand in one place: are their pictures the same files?"
+                    f"cameras {b.name!r} and {a.name!r} are at the same place: are their pictures the same files?"
                 )

@@ -50,9 +50,9 @@ class Checkerboard:
         """Check the size."""
         if min(self.columns, self.rows) < 3 or not self.square_m > 0:
             raise CalibrationError(
-                "a checkerboard has at least 3 x 3 inner corners and squares of a size, not "
-                f"{self.columns}x{self.rows} of {self.square_m * 1e3:g} mm: count the corners "
-                "between the squares, not the squares"
+                "a checkerboard needs at least 3 x 3 inner corners and a square size above 0, but this has "
+                "{self.columns}x{self.rows} and {self.square_m * 1e3:g} mm: count the corners between the squares, "
+                "not the squares"
             )
 
     @property
@@ -129,7 +129,7 @@ class Charuco:
             )
         if not self.dictionary.startswith("DICT_") or not hasattr(cv2.aruco, self.dictionary):
             names = ", ".join(sorted(n for n in dir(cv2.aruco) if n.startswith("DICT_4X4")))
-            raise CalibrationError(f"no dictionary of markers is called {self.dictionary!r}: one of {names}, ...")
+            raise CalibrationError(f"there is no marker dictionary {self.dictionary!r}: give one of {names}, ...")
         if min(self.columns, self.rows) < 3:
             raise CalibrationError(f"a ChArUco board has at least 3 x 3 squares, not {self.columns}x{self.rows}")
 

@@ -1,4 +1,4 @@
-"""Where cameras stand to each other, from boards that pairs of them saw: enough that the pairs form a chain."""
+"""Relative poses of cameras from boards that pairs of them saw; the pairs only need to form a chain."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ Seen = Mapping[tuple[int, str], Array]
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """How two cameras stand to each other.
+    """The relative pose of two cameras.
 
     Attributes:
         T_second_from_first: (4, 4).
@@ -33,7 +33,7 @@ def rigid(rotation: Array, translation: Array) -> Array:
 
 
 def pair_of(seen: Seen, first: int, second: int, turn: Array | None, *, near: float = 0.1) -> Pair | None:
-    """The stand of two cameras that most of their common instants agree on; None where they share none.
+    """The relative pose of two cameras on which most of their common frames agree; None where they share none.
 
     Two stands agree where they differ by less than ``near`` radians, and in place by less than that share of the
     board's distance.
@@ -82,8 +82,8 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
             lost = ", ".join(repr(names[i]) for i in range(n) if i not in found)
             rest = ", ".join(repr(names[i]) for i in sorted(found))
             raise CalibrationError(
-                f"cameras {lost} never see the board at an instant when one of {rest} does: film the board where both "
-                "see it, or name pictures of one instant alike"
+                f"cameras {lost} never see the board at the same time as any of {rest}: film the board where both "
+                "see it, or give pictures taken at the same time the same name"
             )
         _, i, j = max(edges)
         found[-j] = pairs[-i, -j].T_second_from_first @ found[-i]

@@ -1,4 +1,4 @@
-"""DLT coefficients from points whose places are known, and what they say of the camera."""
+"""DLT coefficients from points of known position, and their residuals."""
 
 from dataclasses import dataclass
 
@@ -51,8 +51,8 @@ def fit_dlt(name: str, xyz_m: Array, uv_px: Array) -> DltFit:
     spread = np.linalg.svd(x - x.mean(axis=0), compute_uv=False)
     if spread[2] < 1e-3 * spread[0]:
         raise CalibrationError(
-            f"camera {name!r}: its {n} known points lie in one plane (to {spread[2] / np.sqrt(n):.3g} m), which leaves "
-            "the coefficients open: add points off that plane"
+            f"camera {name!r}: its {n} known points lie in one plane (to {spread[2] / np.sqrt(n):.3g} m), so the "
+            "coefficients are not determined: add points outside that plane"
         )
     matrix = _fitted(x, u)
     error = np.full(uv_px.shape, np.nan)
@@ -61,8 +61,8 @@ def fit_dlt(name: str, xyz_m: Array, uv_px: Array) -> DltFit:
     size = np.ptp(u, axis=0).max()
     if rms > max(0.05 * size, 3.0):
         raise CalibrationError(
-            f"camera {name!r}: the points miss their pixels by {rms:.0f} px, of {size:.0f} px that they spread over: "
-            "check that rows of the two files are the same points in one order"
+            f"camera {name!r}: the reprojection error of its known points is {rms:.0f} px, while they span "
+            f"{size:.0f} px: check that both files list the same points in the same order"
         )
     left_out = np.nan
     if n >= FEWEST_POINTS + 2:

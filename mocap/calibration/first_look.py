@@ -1,4 +1,4 @@
-"""Where cameras of known lenses stand, from points that they saw together alone: a start for bundle adjustment."""
+"""First estimate of camera poses, given their lenses, from shared points alone: the start of bundle adjustment."""
 
 from collections.abc import Sequence
 
@@ -44,7 +44,8 @@ def first_stands(xy: Array, names: Sequence[str], f_px: Sequence[float]) -> tupl
     ]
     if not tries:
         raise CalibrationError(
-            f"no two cameras saw {FEWEST_POINTS} points together that place them: film the wand in views that overlap"
+            f"no two cameras share {FEWEST_POINTS} points that determine their relative position: film the wand "
+            "where views overlap"
         )
     _, i, j, T = max(tries, key=lambda t: t[0])
     found: dict[int, Array] = {i: np.eye(4), j: T}
@@ -98,6 +99,7 @@ def _placed(points: Array, xy: Array, at: NDArray[np.bool_], near: float, name: 
     )
     if not found:
         raise CalibrationError(
-            f"camera {name!r} cannot be placed by the points of the others: check its lens and points"
+            f"camera {name!r} cannot be located from the points that the other cameras determine: check its lens "
+            "and its points"
         )
     return rigid(np.asarray(cv2.Rodrigues(rvec)[0], dtype=float), np.ravel(np.asarray(tvec, dtype=float)))

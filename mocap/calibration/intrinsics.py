@@ -1,4 +1,4 @@
-"""The lens of one camera from its views of a board, its model chosen by what it says of pictures held out."""
+"""The lens of one camera from its views of a board; the lens model is chosen on pictures left out of the fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ CHOICES: dict[str, tuple[type[Lens], tuple[bool, ...]]] = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Intrinsics:
-    """A lens, and what speaks for it.
+    """A lens, and the evidence for it.
 
     Attributes:
         lens: The lens.
@@ -184,7 +184,7 @@ def _fit(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: 
     trouble = lens_trouble(lens, size_px)
     reach = np.concatenate([v.uv_px for v in views])
     if trouble is None and np.isnan(lens.undistort(reach)).any():
-        trouble = "folds where the board was seen"
+        trouble = "cannot be inverted where the board was seen (its distortion is too strong)"
     if trouble:
         raise CalibrationError(f"camera {name!r}: a {choice} lens {trouble}: film the board at more places and tilts")
     return adjusted
@@ -194,7 +194,7 @@ def _moved(views: Sequence[Corners], lens: Lens, free: Free, choice: str, name: 
     """Boards placed with a lens, then all moved together."""
     placed = [(v, p) for v in views if (p := place(v, lens)) is not None]
     if len(placed) < FEWEST_PICTURES - 2:
-        raise CalibrationError(f"camera {name!r}: boards cannot be placed with a {choice} lens")
+        raise CalibrationError(f"camera {name!r}: the position of the boards cannot be found with a {choice} lens")
     count = [len(v.ids) for v, _ in placed]
     sightings = Sightings(
         camera=np.zeros(sum(count), int),

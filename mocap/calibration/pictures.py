@@ -1,4 +1,4 @@
-"""Which pictures of a folder belong to which camera and to which instant."""
+"""Which pictures of a folder belong to which camera and which time."""
 
 import re
 from collections import defaultdict
@@ -34,12 +34,12 @@ def pictures_of(folder: Path) -> dict[str, dict[str, Path]]:
             parts = re.fullmatch(r"(.*?)[-_ ]?(\d+)", path.stem)
             if parts is None or not parts[1]:
                 raise CalibrationError(
-                    f"{path.name}: the name does not tell camera and frame; expected <camera><number>, as in "
-                    "left07.png, or a folder a camera"
+                    f"{path.name}: the name does not state camera and frame; expected <camera><number>, as in "
+                    "left07.png, or one folder for each camera"
                 )
             camera, stem = parts[1], parts[2]
         if stem in found[camera]:
-            raise CalibrationError(f"{path}: camera {camera!r} has two pictures of instant {stem!r}: remove one")
+            raise CalibrationError(f"{path}: camera {camera!r} has two pictures of frame {stem!r}: remove one")
         found[camera][stem] = path
     return _numbered(dict(found))
 

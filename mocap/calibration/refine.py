@@ -1,4 +1,4 @@
-"""Self-calibration: cameras moved until the rays of the markers themselves meet, the scale kept by known lengths."""
+"""Self-calibration: camera poses refined until the rays of the markers intersect; known lengths keep the scale."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -101,8 +101,8 @@ def refine_cameras(
     refined = solve(keep)
     if not np.median(after) < np.median(before):
         raise CalibrationError(
-            f"refining does not help: held-out points miss by {np.median(after):.3f} px with refined cameras, by "
-            f"{np.median(before):.3f} px as they are: keep the calibration"
+            f"refining does not help: the residual of held-out points is {np.median(after):.3f} px with refined "
+            f"cameras and {np.median(before):.3f} px with the present ones: keep the present calibration"
         )
     old, new = ([rig_camera(replace(c, lens=None)) for c in rig] for rig in (cameras, refined))
     turned = [np.trace(a.rotation.T @ b.rotation) for a, b in zip(old, new, strict=True)]

@@ -1,4 +1,4 @@
-"""Cameras taken apart, as calibration moves them: a lens, an orientation, a place."""
+"""Cameras as calibration parametrises them: a lens, an orientation, a position."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -73,8 +73,9 @@ def rig_camera(camera: Camera) -> RigCamera:
     if lens is not None:
         if not np.allclose(lens.intrinsic, intrinsic, rtol=1e-6, atol=1e-3):
             raise ValueError(
-                f"camera {camera.name!r}: the pinhole of its coefficients (f {f[0]:.1f} px) is not that of its lens "
-                f"(f {lens.f_px[0]:.1f} px): undistort the pixels and give the camera without its lens"
+                f"camera {camera.name!r}: the focal length or principal point of its coefficients (f {f[0]:.1f} px) "
+                f"differs from that of its lens (f {lens.f_px[0]:.1f} px): undistort the pixels and give the camera "
+                "without its lens"
             )
         f, centre = lens.f_px, lens.centre_px
     return RigCamera(

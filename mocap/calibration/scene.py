@@ -1,4 +1,4 @@
-"""What bundle adjustment moves, what it sees, and what comes out."""
+"""Unknowns, observations and results of bundle adjustment."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A rig from a wand of known length waved through the volume, with background points where there are any."""
+"""A rig from a wand of known length moved through the volume, and background points if there are any."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -84,7 +84,7 @@ def calibrate_wand(
     """
     names = [f"cam{i + 1}" for i in range(len(lenses))] if names is None else list(names)
     if moves not in MOVES:
-        raise CalibrationError(f"{moves!r} is no choice of what may move: one of {', '.join(MOVES)}")
+        raise CalibrationError(f"`free` {moves!r}: expected one of {', '.join(MOVES)}")
     sd = 1e-3 * length_m if length_sd_m is None else length_sd_m
     pairs = np.moveaxis(wand_px, 2, 1).reshape(len(lenses), -1, 2)  # first ends, then second ends
     xy = np.stack([u.normalised(u.undistort(uv)) for u, uv in zip(lenses, pairs, strict=True)])
@@ -92,7 +92,7 @@ def calibrate_wand(
     if np.count_nonzero(whole) < FEWEST_WANDS:
         raise CalibrationError(
             f"two cameras saw both ends of the wand at {np.count_nonzero(whole)} instants, and {FEWEST_WANDS} are "
-            "needed: wave it on, through the whole volume"
+            "needed: record more of it, moved through the whole volume"
         )
 
     at = np.flatnonzero(whole)
@@ -212,15 +212,15 @@ def _refuse(result: WandCalibration, lenses: Sequence[Lens], names: Sequence[str
         if not 0.7 < ratio < 1.4:
             raise CalibrationError(
                 f"camera {name!r}: the focal length went from {lens.f_px[0]:.0f} to {camera.lens.f_px[0]:.0f} px: "
-                "check its lens, or hold it with `free` none"
+                "check its lens, or keep it fixed with `free` none"
             )
         if sd > 0.1 * camera.lens.f_px[0]:
             raise CalibrationError(
-                f"camera {name!r}: the wand leaves its focal length open ({camera.lens.f_px[0]:.0f} +- {sd:.0f} px): "
-                "hold it with `free` none, or wave the wand nearer and farther"
+                f"camera {name!r}: the wand does not determine its focal length ({camera.lens.f_px[0]:.0f} +- "
+                f"{sd:.0f} px): keep it fixed with `free` none, or move the wand nearer and farther"
             )
     if not result.good_score < 10:
         raise CalibrationError(
             f"the wand's length varies by {result.good_score:.0f} % of its mean: check that the two ends are the same "
-            "markers in all cameras, and that the cameras ran in step"
+            "markers in all cameras, and that the cameras were synchronised"
         )

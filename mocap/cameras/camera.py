@@ -136,29 +136,30 @@ def check_cameras(cameras: Sequence[Camera], where: str) -> None:
     for camera in cameras:
         if not np.isfinite(camera.matrix).all():
             raise CalibrationError(
-                f"{where}: camera {camera.name!r} has a coefficient that is no finite number: {again}"
+                f"{where}: camera {camera.name!r} has a coefficient that is not a finite number: {again}"
             )
         size = np.abs(camera.matrix[:, :3]).max()
         left = np.linalg.svd(camera.matrix[:, :3] / size, compute_uv=False) if size > 0 else np.zeros(3)
         if not left[2] > FLATTEST * left[0]:
             spread = f"up to {np.abs(camera.matrix).max():.3g}" if left[0] > 0 else "all 0"
             raise CalibrationError(
-                f"{where}: camera {camera.name!r} has coefficients that make no camera (they are {spread}, and project "
+                f"{where}: camera {camera.name!r} has coefficients that describe no camera (they are {spread}, and "
+                "project "
                 f"space to a line or a point): {again}"
             )
         far = np.abs(camera.matrix[:, 3]).max() / size  # where the camera stands, in its own focal lengths
         found = decompose(Camera(name=camera.name, matrix=camera.matrix / size)) if far < FARTHEST else None
         if found is None or not (np.abs([*found.intrinsic.ravel(), *found.position_m]) < FARTHEST).all():
             raise CalibrationError(
-                f"{where}: camera {camera.name!r} has coefficients up to {np.abs(camera.matrix).max():.3g}, by which "
-                f"it would stand farther off, or see more sharply, than any camera does: {again}"
+                f"{where}: camera {camera.name!r} has coefficients up to {np.abs(camera.matrix).max():.3g}, which "
+                f"would place it, or give it a focal length, beyond those of any real camera: {again}"
             )
     centres = [decompose(camera).position_m for camera in cameras]
     for (a, one), (b, other) in combinations(zip(cameras, centres, strict=True), 2):
         if np.linalg.norm(one - other) <= 1e-9 * max(np.linalg.norm(one), np.linalg.norm(other)):
             raise CalibrationError(
-                f"{where}: cameras {a.name!r} and {b.name!r} stand in one place, as where a camera is given twice: no "
-                f"depth can be told by them; give each camera its own coefficients"
+                f"{where}: cameras {a.name!r} and {b.name!r} are at the same place, as if one camera were given "
+                "twice, so they cannot measure depth: give each camera its own coefficients"
             )
 
 

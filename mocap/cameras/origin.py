@@ -1,4 +1,4 @@
-"""Where pixel rows are counted from: stated by the user, checked and, if need be, found by the triangulation residual.
+"""The corner that pixel rows are counted from: stated by the user, or chosen by the smaller triangulation residual.
 
 DLTdv 5 to 7 count from the lower left, version 8 from the upper left, and nothing in a file records it. Lenses are
 always described from the upper left. A file whose pixels and coefficients disagree triangulates to rays that miss by
@@ -51,7 +51,7 @@ class PixelOrigin:
             return f"pixel origin {self.pixels} ({source}); residual {self.residual_px:.2f} px"
         margin = "" if np.isinf(self.next_px) else f", {self.next_px:.2f} px otherwise"
         flip = "" if self.pixels == self.coefficients else f"; coefficients from the {self.coefficients}"
-        how = "as stated" if self.stated else "found by the residual"
+        how = "as stated" if self.stated else "chosen by the smaller residual"
         return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
 
 
@@ -151,14 +151,14 @@ def decide_origin(
     size = float(np.nanmax(uv_px, initial=1.0) - np.nanmin(uv_px, initial=0.0))
     if best[0] > max(0.03 * size, 10.0):
         raise CalibrationError(
-            f"rays miss each other by {best[0]:.0f} px (median): the coefficients do not belong to these pixels, or "
-            "the two count rows from different corners: check the files, or give `image_height_px` so that flips are "
-            "tried"
+            f"the median triangulation residual is {best[0]:.0f} px: the coefficients do not belong to these "
+            "pixels, or the two count rows from different corners: check the files, or give `image_height_px` so "
+            "that vertical flips are tried"
         )
     others = [t for t in allowed if not _same(t, best)]
     if others and others[0][0] < CLEARLY * best[0]:
         raise CalibrationError(
-            f"the pixel origin cannot be told: residual {best[0]:.2f} px for {_name(best)}, "
+            f"the pixel origin cannot be determined: residual {best[0]:.2f} px for {_name(best)}, "
             f"{others[0][0]:.2f} px for {_name(others[0])}: state `origin`"
         )
     better = [t for t in tried if t[0] * CLEARLY < best[0] and best[0] - t[0] > 0.5]

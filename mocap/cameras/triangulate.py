@@ -1,4 +1,4 @@
-"""From pixels to points: linear least squares, reprojection-optimal refinement, rejection of rays that miss.
+"""From pixels to points: linear least squares, reprojection-optimal refinement, rejection of outlying rays.
 
 All functions work on ideal (undistorted) pixels of C cameras and any number of points at once.
 """
@@ -140,7 +140,7 @@ def _linearise(matrices: Array, uv: Array, weight: Array, x: Array) -> tuple[Arr
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Triangulation:
-    """Points from pixels, and which rays were believed.
+    """Points from pixels, and which observations were accepted.
 
     Attributes:
         xyz_m: (T, M, 3) points; NaN where fewer than two believed rays meet.

@@ -1,1 +1,1 @@
-"""Cleaning: what is wrong in tracks, and how sure each ray and point is."""
+"""Cleaning: outliers and identity switches in tracks, and the noise of cameras, markers and points."""

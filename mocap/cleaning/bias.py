@@ -1,8 +1,8 @@
-"""The part of a ray's error that does not average out: rays of one marker that miss each other in one way for long.
+"""Slowly varying pixel errors, which do not average out: the residual of a camera and marker keeps its sign for long.
 
-Lenses and calibrations err by several pixels where a digitiser jitters by half of one. Taken for white noise such
-errors make a smoothed track too confident, and let it jump whenever a camera loses the marker. With the eight rounds
-below such a jump shrinks by about a quarter, with 128 by half: what all rays of a point share stays in the point.
+Errors of lens and calibration reach several pixels where a digitiser's jitter is half a pixel. Treated as white noise
+such errors make a smoothed track too confident, and let it jump when a camera loses the marker. With the eight rounds
+below such a jump shrinks by about a quarter, with 128 by half: an error common to all rays of a point stays.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from mocap.cameras.triangulate import linear, pixel_sd, refine, residual_px
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RayBias:
-    """Slow error of every ray.
+    """Slowly varying error of every observation (camera, frame, marker).
 
     Attributes:
         bias_px: (C, T, M, 2) to subtract from ideal pixels; 0 where nothing is known or nothing was found.
@@ -39,12 +39,12 @@ def ray_bias(
     iterations: int = 8,
     relative: Array | None = None,
 ) -> RayBias:
-    """Slow errors of rays, from the residuals of triangulation.
+    """Slowly varying pixel errors, estimated from the residuals of triangulation.
 
     Alternates between points (least squares on corrected pixels) and biases (residuals of each camera and marker,
     smoothed over time): the minimum of sum |uv - project(x) - b|^2 + penalty on the second difference of b, in which a
-    point may move as it likes but a bias may not jump. What all rays of a point share cannot be seen, and stays in the
-    point. Found only if the smoothed residuals exceed three times the variance that white noise would leave.
+    point may move freely but a bias may not jump. An error common to all rays of a point is not observable and stays
+    in the point. Found only if the smoothed residuals exceed three times the variance that white noise would leave.
 
     Args:
         matrices: (C, 3, 4) projections.

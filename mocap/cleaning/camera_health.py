@@ -1,4 +1,4 @@
-"""A camera that goes bad in the middle of a trial: bumped, out of focus, out of step. It is named and weighted down.
+"""A camera whose errors grow during a trial (knocked, out of focus, not synchronised) is reported and weighted down.
 
 Every camera has a noise level in every frame. All levels are estimated together from the residuals of points that three
 or more cameras see, each residual counted by the share of it that its own point does not take up: that names the camera
@@ -20,7 +20,7 @@ DOF = 4.0
 BAD, WORSE = 3.0, 2.0
 """A camera is bad from the frame in which its level exceeds WORSE times its good one, if it gets to BAD times."""
 SHORTEST = 8
-"""Frames that a camera must be bad for: less are careless clicks."""
+"""Frames that a camera must be bad for; shorter runs are single digitising errors."""
 EDGE = 8
 """Frames within which a camera goes bad, or good again."""
 MARKERS = 4
@@ -38,8 +38,8 @@ class BadTime:
         start: First frame.
         stop: One past the last frame.
         level_px: Standard deviation of a pixel coordinate in this time.
-        good_px: The same in its good time.
-        offset_px: (2,) by how much its rays miss in the mean, and what that is known to.
+        good_px: The same in its good period.
+        offset_px: (2,) mean of its residuals.
         offset_sd_px: Deviation of single rays about that offset.
     """
 
@@ -53,13 +53,13 @@ class BadTime:
 
     @property
     def moved(self) -> bool:
-        """Whether all rays miss in one direction: a camera that was moved, not one that sees badly."""
+        """Whether all residuals point in one direction, as for a camera that was moved."""
         return float(np.linalg.norm(self.offset_px)) > 2 * self.offset_sd_px
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CameraHealth:
-    """How much worse each camera is than in its good time.
+    """How much larger the errors of each camera are than in its good period.
 
     Attributes:
         factor: (C, T) 1 or more, by which the deviations of rays are to be multiplied.
@@ -260,7 +260,7 @@ def _bad_time(
 def shifted_back(uv_px: Array, health: CameraHealth) -> Array:
     """(C, T, M, 2) pixels without the offsets of cameras that were moved.
 
-    However little it is believed, an error that all frames share does not average out over them.
+    Even with a small weight, an error that all frames share would not average out over them.
     """
     out = uv_px.copy()
     for bad in health.bad:

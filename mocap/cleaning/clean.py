@@ -1,4 +1,4 @@
-"""Cleaning: samples that no animal could have produced are rejected, marked and counted, never repaired in silence."""
+"""Cleaning: implausible samples are rejected, marked and counted, never changed without a report."""
 
 from dataclasses import dataclass
 
@@ -11,10 +11,10 @@ from mocap.skeleton import Skeleton, ends_among
 Mask = NDArray[np.bool_]
 
 REASONS = {
-    "rays_miss": "rays of the cameras do not meet",
-    "jump": "moves faster than the marker can",
+    "rays_miss": "the rays of the cameras do not intersect",
+    "jump": "moves faster than is plausible for this marker",
     "duplicate": "coincides with another marker",
-    "bone_length": "stretches a rigid bone",
+    "bone_length": "contradicts the length of a rigid bone",
 }
 """Why a sample was rejected, by the key that reports use."""
 
@@ -33,7 +33,7 @@ class Cleaning:
 
     @property
     def any(self) -> Mask:
-        """(T, M) True where a sample was rejected for whatever reason."""
+        """(T, M) True where a sample was rejected, for any reason."""
         return np.any(list(self.rejected.values()), axis=0)
 
 
@@ -124,7 +124,7 @@ def jumps(xyz_m: Array, t_s: Array, *, max_speed_m_s: Array, slack_m: Array, win
 
 
 def duplicates(xyz_m: Array, sd_m: Array) -> Mask:
-    """Of two markers that are usually apart and coincide in a frame, the one that is out of its own way.
+    """Of two markers that are usually apart and coincide in a frame, the one farther from its own path.
 
     Args:
         xyz_m: (T, M, 3) positions.
@@ -149,7 +149,7 @@ def duplicates(xyz_m: Array, sd_m: Array) -> Mask:
 
 
 def stretched(xyz_m: Array, bones: NDArray[np.int64], *, tolerance: float = 0.25, deviations: float = 8.0) -> Mask:
-    """Ends of rigid bones whose length is not theirs.
+    """Ends of rigid bones whose length deviates from its usual value.
 
     A bone violates where its length differs from its median by more than ``tolerance`` of it and by more than
     ``deviations`` robust standard deviations. The end with more violating bones is rejected, of equals the one that is

@@ -1,4 +1,4 @@
-"""How well each camera and each marker is digitised: scale and degrees of freedom of Student's t errors."""
+"""Digitising noise of each camera and marker: scale and degrees of freedom of Student's t errors."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,8 @@ from mocap.cameras.linearised import fit, linearise
 USUAL_DOF = 4.0
 """Degrees of freedom that are assumed of a camera of which little is known: heavy tails with a variance."""
 DOFS = np.geomspace(3.0, 60.0, 16)
-"""Degrees of freedom that are tried. Careful and careless clicks are a mixture, whose most likely t has 2: points are
-nearer to the truth with 3, and their intervals hold (0.677 mm, 95.6 % against 0.679 mm, 94.8 %; a bat, 8 cameras)."""
+"""Degrees of freedom that are tried. Small and large digitising errors are a mixture, whose most likely t has 2: points
+are nearer to the truth with 3, intervals as good (0.677 mm, 95.6 % against 0.679 mm, 94.8 %; a bat, 8 cameras)."""
 SURE = 0.5
 """Prior deviation of the logarithm of the degrees of freedom about the usual ones."""
 SHRINK = 30.0

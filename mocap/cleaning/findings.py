@@ -1,4 +1,4 @@
-"""What names put right, samples rejected and bad cameras are in words, for reports."""
+"""Corrected identity switches, rejected samples and bad cameras as sentences for reports."""
 
 from collections.abc import Sequence
 
@@ -28,8 +28,14 @@ def exchange_findings(
     if short:
         out.append(f"{short} identity switches of one or two frames: the names were swapped back")
     if doubtful.any():
-        out.append(f"{doubtful.sum()} samples rejected, {DOUBTFUL['doubtful_name']}")
+        out.append(f"{_samples(doubtful)} rejected ({DOUBTFUL['doubtful_name']})")
     return out
+
+
+def _samples(mask: NDArray[np.bool_]) -> str:
+    """How many samples a mask has."""
+    count = int(mask.sum())
+    return f"{count} sample{'' if count == 1 else 's'}"
 
 
 def cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:
@@ -38,7 +44,7 @@ def cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:
     for reason, mask in cleaning.rejected.items():
         if mask.any():
             markers = [f"{names[int(m)]} ({mask[:, m].sum()})" for m in np.flatnonzero(mask.any(axis=0))]
-            out.append(f"{mask.sum()} samples rejected, {REASONS[reason]}: {', '.join(markers)}")
+            out.append(f"{_samples(mask)} rejected ({REASONS[reason]}): {', '.join(markers)}")
     return out
 
 
@@ -56,14 +62,15 @@ def camera_findings(health: CameraHealth, names: Sequence[str]) -> list[str]:
         until = "the end" if bad.stop == n_frames else f"frame {bad.stop}"
         times = float(np.median(health.factor[bad.camera, bad.start : bad.stop]))
         sentence = (
-            f"camera {names[bad.camera]} from frame {bad.start + 1} to {until}: rays miss by {bad.level_px:.1f} px "
-            f"against {bad.good_px:.1f} px: weighted down by {times:.3g}"
+            f"camera {names[bad.camera]} from frame {bad.start + 1} to {until}: residual {bad.level_px:.1f} px "
+            f"instead of {bad.good_px:.1f} px: its standard deviation was multiplied by {times:.3g}"
         )
         if bad.moved:
             sentence += (
-                f", as if it had been moved by ({bad.offset_px[0]:+.1f}, {bad.offset_px[1]:+.1f}) px, shifted back"
+                f"; it looks as if it had been knocked: a constant shift of ({bad.offset_px[0]:+.1f}, "
+                f"{bad.offset_px[1]:+.1f}) px was subtracted"
             )
         if len(names) == 3:
-            sentence += " (of three cameras it may be another one: the others are never checked against each other)"
+            sentence += " (with three cameras it may also be another one: two cameras alone hardly check each other)"
         out.append(sentence)
     return out

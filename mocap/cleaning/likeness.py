@@ -1,4 +1,4 @@
-"""Which marker is this: what the lengths of bones say when one marker is taken for another."""
+"""Evidence of bone lengths for or against two markers having swapped names."""
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ def steady_pairs(xyz_m: Array, bones: Bones, *, partners: int = 3, steady: float
 
 
 def pair_evidence(xyz_m: Array, lengths: Sequence[BoneLength], pair: Pair, suspects: Set[int]) -> Array:
-    """(T,) what bones say for the exchange of a pair; bones to ``suspects`` say nothing.
+    """(T,) evidence of bone lengths for the swap of a pair; bones to ``suspects`` are not used.
 
     Where one of the pair is seen, bones judge it in its own place and in that of the other.
     """
@@ -91,7 +91,7 @@ def pair_evidence(xyz_m: Array, lengths: Sequence[BoneLength], pair: Pair, suspe
 
 
 def stretched_pairs(xyz_m: Array, lengths: Sequence[BoneLength]) -> set[Pair]:
-    """Pairs for whose exchange bones alone speak clearly over some run of frames."""
+    """Pairs for whose swap bone lengths alone are clear evidence over some run of frames."""
     n_frames, n_markers = xyz_m.shape[:2]
     place = np.zeros((n_markers, n_frames, n_markers), dtype=np.float32)  # of one marker, taken by another
     for bone in lengths:

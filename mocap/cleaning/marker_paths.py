@@ -1,4 +1,4 @@
-"""Ways of markers: how much they bend, and whether a marker goes on with its own or with that of another one."""
+"""Paths of markers: how much they bend, and whether a marker continues its own path or that of another one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,11 @@ Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
 
 STEP = 3
-"""Frames over which a marker that was not seen in between may be recognised by its straight way."""
+"""Frames over which a marker that was not seen in between may be recognised by its straight path."""
 
 
 def bend_scales(xyz_m: Array) -> Array:
-    """(M,) standard deviation of a coordinate of the second difference of each marker's way, in metres a frame squared.
+    """(M,) standard deviation of a coordinate of the second differences of each path, in metres per frame squared.
 
     From its 90 % quantile over frames (2.5 deviations for three coordinates), which rare errors do not move; inf where
     unknown.
@@ -28,7 +28,7 @@ def bend_scales(xyz_m: Array) -> Array:
 
 
 def straight_on(xyz_m: Array, bend_m: Array) -> tuple[Array, Array, Array]:
-    """Where the way of each marker leads, straight from the two samples before, and how far off it may bend.
+    """Straight continuation of each marker's path from the two samples before, and how far it may bend from that.
 
     Returns:
         (T, M, 3) continuations, NaN without two samples before; (T, M) five deviations of their error; and (T, M, 3)
@@ -48,7 +48,7 @@ def straight_on(xyz_m: Array, bend_m: Array) -> tuple[Array, Array, Array]:
 
 
 def crossing_pairs(xyz_m: Array, bend_m: Array) -> set[Pair]:
-    """Pairs of markers each of which goes on where the other one was going, at least once.
+    """Pairs of markers each of which continues the path of the other one at least once.
 
     A pair is suspected where both are off their own straight continuation, and three times as near to the other's.
     """
@@ -71,7 +71,7 @@ def jumped(xyz_m: Array, frames: NDArray[np.int64], bend_m: Array) -> Mask:
     Args:
         xyz_m: (T, 2, 3) positions.
         frames: (K,) frames in which both are seen.
-        bend_m: (2,) usual bend of each way.
+        bend_m: (2,) usual bend of each path.
     """
     ahead, limit, before = straight_on(xyz_m, bend_m)
     own = np.linalg.norm(xyz_m - ahead, axis=-1)
@@ -97,7 +97,7 @@ def unbroken(xyz_m: Array, frames: NDArray[np.int64], bend_m: Array) -> Mask:
     Args:
         xyz_m: (T, 2, 3) positions.
         frames: (K,) frames in which both are seen.
-        bend_m: (2,) usual bend of each way.
+        bend_m: (2,) usual bend of each path.
     """
     out = np.zeros(len(frames), dtype=bool)
     apart = np.linalg.norm(xyz_m[frames, 0] - xyz_m[frames, 1], axis=-1)
@@ -124,7 +124,7 @@ def belonging(xyz_m: Array, ends: NDArray[np.int64], state: NDArray[np.int64], b
         xyz_m: (T, 2, 3) positions, right outside and at both ends.
         ends: The frame before and the frame after.
         state: The states there: whether names are exchanged.
-        bend_m: (2,) usual bend of each way.
+        bend_m: (2,) usual bend of each path.
 
     Returns:
         (2, T) by name: 1 where exchanged, 0 where not or not between, -1 where both ends claim it, or none.

@@ -1,4 +1,4 @@
-"""The noise of measured positions, where no cameras tell it."""
+"""The noise of measured positions without cameras."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Careless clicks: digitising errors have heavy tails, and least squares follows the tail."""
+"""Triangulation that is robust against large digitising errors, whose distribution has heavy tails."""
 
 import numpy as np
 

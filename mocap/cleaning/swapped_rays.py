@@ -1,6 +1,6 @@
-"""Two markers exchanged in one camera: their rays miss there, and meet once the names are put right.
+"""Identity switches of two markers in one camera: residuals there are large, and small once the names are swapped back.
 
-Both readings of a frame are scored by the likelihood of the points that robust triangulation makes of them; over frames
+Both assignments of a frame are scored by the likelihood of the robustly triangulated points; over frames
 a run of exchanged names is found by dynamic programming, as for positions (``mocap.cleaning.swaps``). With two
 cameras a run in one is a run in the other with the points exchanged as well: which it was is for the positions to tell.
 """
@@ -31,9 +31,9 @@ ROUNDS = 6
 
 
 def exchanged_rays(matrices: Array, uv_px: Array, found: Triangulation, *, relative: Array | None = None) -> list[Swap]:
-    """Runs of frames in which two markers bore each other's names in one camera.
+    """Runs of frames in which two markers had each other's names in one camera.
 
-    The clearest runs are undone first, no two of them of one marker in one frame; then what is left is judged anew.
+    The clearest runs are undone first, no two of them of one marker in one frame; then the rest is scored again.
 
     Args:
         matrices: (C, 3, 4) projections.
@@ -93,7 +93,7 @@ def exchange_rays(uv_px: NDArray[Any], swaps: Sequence[Swap]) -> NDArray[Any]:
 
 
 class _Rays:
-    """The rays of a recording, and what speaks for exchanging two of them."""
+    """The observations of a recording, and the evidence for swapping two of them."""
 
     def __init__(self, matrices: Array, uv_px: Array, found: Triangulation, relative: Array) -> None:
         self.matrices, self.uv, self.found, self.relative = matrices, uv_px, found, relative

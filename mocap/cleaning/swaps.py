@@ -1,7 +1,7 @@
-"""Exchanged markers: for a while two names are on each other's points, in all cameras or in the positions themselves.
+"""Identity switches: for a while two markers have each other's names, in all cameras or in the positions themselves.
 
-Whether two markers are exchanged in a frame is a state that changes seldom; the most likely sequence of states is found
-by dynamic programming (Viterbi 1967). What speaks for a state is that both ways bend no more than they usually do, and
+Whether two markers are swapped in a frame is a state that changes rarely; the most likely sequence of states is found
+by dynamic programming (Viterbi 1967). Evidence for a state is that both paths bend no more than they usually do, and
 that rigid bones keep their lengths. A run is undone only where that is more likely by a clear margin, and is reported.
 """
 
@@ -46,7 +46,7 @@ RARE = 0.02
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Swap:
-    """Two markers that bore each other's names.
+    """An identity switch: two markers that had each other's names.
 
     Attributes:
         a: Index of one marker.
@@ -69,7 +69,7 @@ class Exchanged:
 
     Attributes:
         swaps: Runs that were undone, one entry a run.
-        unsure: (T, M) samples that may belong to either marker, beside a run or alone on another's way (``lone_runs``).
+        unsure: (T, M) samples of ambiguous identity, beside a run or alone on another marker's path (``lone_runs``).
     """
 
     swaps: tuple[Swap, ...]
@@ -77,7 +77,7 @@ class Exchanged:
 
 
 def exchanged_samples(shape: tuple[int, int], swaps: Iterable[Swap]) -> dict[str, Mask]:
-    """(T, M) samples that bore another marker's name, by the keys of ``REPAIRS``; each under the last that fits."""
+    """(T, M) samples that had another marker's name, by the keys of ``REPAIRS``; each under the last that fits."""
     out = {key: np.zeros(shape, dtype=bool) for key in REPAIRS}
     for swap in swaps:
         key = "exchanged_marker" if swap.camera is None else "exchanged_ray"
@@ -95,11 +95,11 @@ def exchange(values: Array, swaps: Sequence[Swap]) -> Array:
 
 
 def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchanged:
-    """Find markers that bore each other's names, the most obvious first, each with what came before it undone.
+    """Find identity switches, the clearest first; each search starts from the data with the earlier ones undone.
 
     Args:
         xyz_m: (T, M, 3) positions; NaN where not seen.
-        bones: (B, 2) markers whose distance is one length.
+        bones: (B, 2) markers at constant distance.
         most: At most so many pairs.
     """
     if len(xyz_m) < 3:
@@ -135,9 +135,9 @@ def exchanged_markers(xyz_m: Array, bones: Bones, *, most: int = 60) -> Exchange
 
 
 def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> tuple[list[Swap], Mask]:
-    """Runs in which a marker bore the name of another one that was hidden all the while, and (T, M) doubtful samples.
+    """Runs in which a marker had the name of another one that was hidden meanwhile, and (T, M) ambiguous samples.
 
-    A stretch of one name, unbroken and straight, is given to another marker where its ends lie on the way of that one
+    A stretch of one name, unbroken and straight, is given to another marker where its ends lie on the path of that one
     rather than on its own: log densities of both ends about both straight continuations, whose deviations grow with the
     frames that they bridge, and what bones say, less two changes. Rigid bones must speak for it clearly by themselves:
     markers that hide each other for a few frames come and go near to each other. Where bones say neither, a stretch
@@ -199,14 +199,14 @@ def lone_runs(xyz_m: Array, bend_m: Array, lengths: Sequence[BoneLength]) -> tup
 
 
 def runs_of(xyz_m: Array, bend_m: Array, pair: Pair, for_exchange: Array) -> tuple[list[Swap], Mask]:
-    """Runs of frames in which a pair was exchanged, and (T, M) samples beside them that may be of either marker.
+    """Runs of frames in which the names of a pair were swapped, and (T, M) samples beside them of ambiguous identity.
 
     The state of a frame in which both are seen is s = 1 for exchanged. The log likelihood of a sequence is that of the
     bends of both ways over every three frames, plus what bones say, less ``CHANGE`` for each change of state.
 
     Args:
         xyz_m: (T, M, 3) positions.
-        bend_m: (M,) usual bend of each way (``bend_scales``).
+        bend_m: (M,) usual bend of each path (``bend_scales``).
         pair: The two markers.
         for_exchange: (T,) log likelihood of s = 1 less that of s = 0 from all else; where one of the two is seen alone
             it counts for the nearest frame in which both are.

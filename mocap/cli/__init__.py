@@ -1,1 +1,1 @@
-"""The commands of ``mocap``, one a file: what each takes, and what it says."""
+"""The commands of ``mocap``, one in each file: their options and their output."""

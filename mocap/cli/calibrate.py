@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from mocap.calibration.boards import Board
     from mocap.pipeline.calibration_files import CalibrationReport
 
-calibrate = typer.Typer(no_args_is_help=True, help="Calibrate cameras, with residuals, refusing the implausible.")
+calibrate = typer.Typer(
+    no_args_is_help=True,
+    help="Calibrate cameras from boards, a wand, known points or markers; implausible results are refused.",
+)
 
 
 def _finish(report: "CalibrationReport", out: Path, as_json: bool) -> None:
@@ -40,14 +43,14 @@ def _board(
 
     if (checkerboard is None) == (charuco is None):
         raise CalibrationError(
-            "say which board was filmed: --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)"
+            "state which board was filmed: --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)"
         )
     if checkerboard is not None:
         columns, rows = _size(checkerboard, "--checkerboard")
         return Checkerboard(columns=columns, rows=rows, square_m=square_mm / 1e3)
     columns, rows = _size(charuco or "", "--charuco")
     if marker_mm is None:
-        raise CalibrationError("--charuco needs the side of its markers: give --marker-mm")
+        raise CalibrationError("--charuco needs the side of the board's markers: give --marker-mm")
     return Charuco(
         columns=columns, rows=rows, square_m=square_mm / 1e3, marker_m=marker_mm / 1e3, dictionary=dictionary
     )
@@ -58,31 +61,42 @@ def images(
     folder: Annotated[
         Path, typer.Argument(help="Pictures: <camera>/<frame>.png, or <camera><frame>.png in one folder.")
     ],
-    square_mm: Annotated[float, typer.Option(help="Side of a square.")],
+    square_mm: Annotated[float, typer.Option(help="Side of a square in millimetres.")],
     out: Out,
     checkerboard: Annotated[str | None, typer.Option(help="Inner corners, as in 9x6.")] = None,
     charuco: Annotated[str | None, typer.Option(help="Squares of a ChArUco board, as in 7x5.")] = None,
-    marker_mm: Annotated[float | None, typer.Option(help="Side of a ChArUco marker.")] = None,
+    marker_mm: Annotated[float | None, typer.Option(help="Side of a ChArUco marker in millimetres.")] = None,
     dictionary: Annotated[str, typer.Option(help="Dictionary of the markers, as OpenCV names it.")] = "DICT_4X4_50",
     world_frame: Annotated[
-        str | None, typer.Option(help="Frame whose board is the world's x-y plane; else the one most cameras see.")
+        str | None,
+        typer.Option(
+            help="Frame in which the board defines the world's x-y plane; if not given, the one that most cameras see."
+        ),
     ] = None,
     lens: Annotated[
-        str, typer.Option(help="brown2 (k1 k2), brown (5), rational (8), fisheye (4), or auto: by pictures held out.")
+        str,
+        typer.Option(
+            help="Lens model: brown2 (k1 k2), brown (5 coefficients), rational (8), fisheye (4), or "
+            "auto: chosen on pictures left out of the fit."
+        ),
     ] = "auto",
     lenses: Annotated[
-        Path | None, typer.Option(help="calibration.toml of the same cameras, whose lenses are held: places alone.")
+        Path | None,
+        typer.Option(
+            help="calibration.toml of the same cameras, whose lenses are kept: only positions "
+            "and orientations are computed."
+        ),
     ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Pictures of a checkerboard or ChArUco board: lenses and places of 1 to 30 cameras."""
+    """From pictures of a checkerboard or ChArUco board: lenses and positions of 1 to 30 cameras."""
     from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import from_pictures
     from mocap.pipeline.calibration_files import write_calibration_folder
 
     if not square_mm > 0:
-        raise CalibrationError(f"--square-mm {square_mm:g}: a square has a side above 0")
+        raise CalibrationError(f"--square-mm {square_mm:g}: the side of a square must be above 0")
     board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
     inputs = [p for p in (folder, lenses) if p is not None]
     with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
@@ -93,21 +107,31 @@ def images(
 
 @calibrate.command()
 def wand(
-    file: Annotated[Path, typer.Argument(help="easyWandData.mat, or a DLTdv xypts file of the wand's two ends.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="easyWandData.mat, or pixels of the wand's two ends (DLTdv xypts, or "
+            "any format that mocap info knows)."
+        ),
+    ],
     out: Out,
     background: Annotated[
-        Path | None, typer.Option(help="xypts file of other points that several cameras saw.")
+        Path | None, typer.Option(help="Pixels of other points that several cameras saw, as in easyWand.")
     ] = None,
     profile: Profile = None,
     length_m: Annotated[float | None, typer.Option(help="Distance of the wand's ends in metres.")] = None,
     free: Annotated[
-        str, typer.Option(help="What of the lenses moves: none, focal, focal+centre, lens; auto: by held-out score.")
+        str,
+        typer.Option(
+            help="What is fitted of the lenses: none, focal, focal+centre, lens; auto: chosen by the "
+            "wand score on frames left out of the fit."
+        ),
     ] = "auto",
     origin: PixelOriginOption = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Two points of known distance waved through the volume, with background points."""
+    """From two points of known distance (a wand) moved through the volume, and background points."""
     from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import from_wand
     from mocap.pipeline.calibration_files import write_calibration_folder
@@ -129,16 +153,19 @@ def wand(
 
 @calibrate.command()
 def dlt(
-    points: Annotated[Path, typer.Argument(help="CSV of known points: x, y, z, a row a point.")],
+    points: Annotated[
+        Path, typer.Argument(help="Table of known points: x, y, z, one row for each point (CSV, .xlsx).")
+    ],
     pixels: Annotated[
-        Path, typer.Argument(help="CSV of their pixels: x, y for each camera, the same rows; NaN: not seen.")
+        Path,
+        typer.Argument(help="Table of their pixels: x, y of each camera, the same rows; empty or NaN where not seen."),
     ],
     out: Out,
     unit: Annotated[str, typer.Option(help="Unit of the points: m, cm or mm.")] = "m",
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """11 DLT coefficients a camera from points whose places are known."""
+    """From points of known position: 11 DLT coefficients for each camera."""
     from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import UNITS_M, from_points
     from mocap.pipeline.calibration_files import write_calibration_folder
@@ -156,17 +183,23 @@ def dlt(
 @calibrate.command()
 @with_records
 def refine(
-    tracks: Annotated[Path, typer.Argument(help="DLTdv xypts file, or a dvProject.mat.")],
+    tracks: Annotated[
+        Path,
+        typer.Argument(help="Pixels of a recording: DLTdv xypts, dvProject.mat, or any format that mocap info knows."),
+    ],
     out: Out,
     stated: CameraOptions,
     bone: Annotated[
-        list[str] | None, typer.Option(help="first,second[,metres]: two markers at a fixed distance; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            help="first,second[,metres]: two markers at a fixed distance, which sets the scale; may be repeated."
+        ),
     ] = None,
-    focal: Annotated[bool, typer.Option("--focal", help="Focal lengths move too.")] = False,
+    focal: Annotated[bool, typer.Option("--focal", help="Refine the focal lengths too.")] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Self-calibration: cameras moved until the rays of the markers meet, the scale kept by bones or as it was."""
+    """From the markers of a recording: refine camera positions and orientations until its rays intersect."""
     import mocap
     from mocap.io.output import result_folder
     from mocap.pipeline.calibrate import from_tracks

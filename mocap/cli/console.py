@@ -1,4 +1,4 @@
-"""What commands say: progress, findings, what was written; nothing in a name or a path acts on the terminal."""
+"""Output of the commands: progress, findings, what was written; names and paths cannot control the terminal."""
 
 import json
 import re
@@ -87,6 +87,11 @@ def say_error(text: str) -> None:
 def show(markdown: str) -> None:
     """Markdown on stdout."""
     output.print(Markdown(visible(_with_options(markdown)), hyperlinks=False))
+
+
+def show_text(text: str) -> None:
+    """Lines on stdout, none broken."""
+    output.print(visible(_with_options(text)), soft_wrap=True)
 
 
 def talk_in_any_encoding(streams: Iterable[object] = ()) -> None:

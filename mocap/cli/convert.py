@@ -13,8 +13,14 @@ from mocap.cli.records import with_records
 
 @with_records
 def convert(
-    files: Annotated[list[Path], typer.Argument(help="File of any format; several are joined (views, calibration).")],
-    out: Annotated[Path, typer.Argument(help="File to write; the end of its name tells the format.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Files of any format that mocap info knows; several are "
+            "combined (views of one recording, calibration)."
+        ),
+    ],
+    out: Annotated[Path, typer.Argument(help="File to write; the end of its name sets the format.")],
     stated: FileOptions,
     to: Annotated[
         str | None,
@@ -23,12 +29,15 @@ def convert(
     fps: Fps = None,
     unit: Unit = None,
     filled: Annotated[
-        bool, typer.Option("--filled", help="Write filled samples also where the format cannot tell that they are.")
+        bool,
+        typer.Option(
+            "--filled", help="Write filled samples even to formats that cannot mark them as filled (TRC, DLTdv)."
+        ),
     ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a recording in another format; what that cannot hold is listed, or refused."""
+    """Write a recording in another format; what that format cannot store is listed, or refused."""
     from mocap.io.convert import convert_files
     from mocap.io.output import result_file
 

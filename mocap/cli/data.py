@@ -9,7 +9,7 @@ from rich.table import Table
 from mocap.cli.console import errors, output, progress, say
 from mocap.cli.options import AsJson, Force, Out
 
-data = typer.Typer(no_args_is_help=True, help="Recordings whose truth is known, and where real ones are.")
+data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known truth, and where real ones are.")
 
 
 @data.command("list")
@@ -24,7 +24,13 @@ def list_data(as_json: AsJson = False) -> None:
         print(json.dumps({"make": {e.name: e.what for e in ENTRIES}, "real": real, "folder": str(where)}))  # noqa: T201
         return
     console = output
-    made = Table("mocap data make", "", box=None, title="With truth, made from a seed", title_justify="left")
+    made = Table(
+        "mocap data make",
+        "",
+        box=None,
+        title="Synthetic, with known truth (made from a random seed)",
+        title_justify="left",
+    )
     for entry in ENTRIES:
         made.add_row(entry.name, entry.what)
     console.print(made)
@@ -40,7 +46,7 @@ def list_data(as_json: AsJson = False) -> None:
 def make_data(
     name: Annotated[str, typer.Argument(help="What to make: see mocap data list.")],
     out: Out,
-    seed: Annotated[int, typer.Option(min=0, help="The same makes the same files.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed: the same seed gives the same files.")] = 0,
     force: Force = False,
 ) -> None:
     """Make a recording, a calibration session or a pendulum with its truth, as files of the programs people use."""

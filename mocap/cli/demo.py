@@ -24,7 +24,7 @@ def demo(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run the main job on a built-in recording, and compare with its truth."""
+    """Track a built-in synthetic recording, and compare the result with its known truth."""
     from mocap import Tracked
     from mocap.io.output import result_folder
     from mocap.pipeline.demo import run_demo

@@ -23,15 +23,17 @@ MM = 1e-3
 class TrussOptions:
     """Which members a truss may have."""
 
-    level: Annotated[float, typer.Option(help="The region is where V_z is below this.")] = 0.9
-    members: Annotated[int, typer.Option(min=2, help="Most members.")] = 12
+    level: Annotated[float, typer.Option(help="The design region is where V_z is below this.")] = 0.9
+    members: Annotated[int, typer.Option(min=2, help="Largest number of members.")] = 12
     laws: Annotated[str, typer.Option(help="Of members: linear, cable, strut, neo_hookean, tape.")] = (
         "linear,cable,strut"
     )
-    internal: Annotated[int, typer.Option(min=0, help="Internal nodes; such trusses are not printed.")] = 0
+    internal: Annotated[
+        int, typer.Option(min=0, help="Number of internal nodes; parts cannot be made of such trusses.")
+    ] = 0
     symmetric: Annotated[bool, typer.Option("--symmetric", help="Members in mirrored pairs.")] = False
     crossing: Annotated[bool, typer.Option(help="Whether members that share no node may cross.")] = True
-    starts: Annotated[int, typer.Option(min=1, help="Ground structures tried.")] = 4
+    starts: Annotated[int, typer.Option(min=1, help="Number of random ground structures to start from.")] = 4
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same truss.")] = 0
 
 
@@ -40,11 +42,17 @@ class SizeOptions:
     """How large it is printed, and what its members bear."""
 
     size_mm: Annotated[float, typer.Option(help="Printed distance from the joint to its farthest sample.")] = 80.0
-    shortest_mm: Annotated[float, typer.Option(help="Least length of a member, as printed.")] = 20.0
-    longest_mm: Annotated[float | None, typer.Option(help="Greatest; if not given, 2.2 sizes.")] = None
-    reach_mm: Annotated[float | None, typer.Option(help="Posts within this of the joint; 1.25 sizes.")] = None
-    contraction: Annotated[float, typer.Option(help="Most that a spring shortens, over its rest length.")] = 0.65
-    extension: Annotated[float, typer.Option(help="Most that a member stretches, over its rest length.")] = 1.5
+    shortest_mm: Annotated[float, typer.Option(help="Smallest length of a member, as printed.")] = 20.0
+    longest_mm: Annotated[
+        float | None, typer.Option(help="Largest length of a member; if not given, 2.2 times the size.")
+    ] = None
+    reach_mm: Annotated[
+        float | None, typer.Option(help="Largest distance of a post from the joint; if not given, 1.25 times the size.")
+    ] = None
+    contraction: Annotated[float, typer.Option(help="Largest shortening of a spring, relative to its rest length.")] = (
+        0.65
+    )
+    extension: Annotated[float, typer.Option(help="Largest stretch of a member, relative to its rest length.")] = 1.5
 
     def limits(self, truss: TrussOptions) -> "Limits":
         """Of members, in metres.
@@ -76,15 +84,23 @@ class SizeOptions:
 class PartOptions:
     """What its parts are made of, and how well."""
 
-    solid: Annotated[bool, typer.Option(help="Shape parts to print.")] = True
+    solid: Annotated[bool, typer.Option(help="Make parts for 3D printing.")] = True
     material: Annotated[str, typer.Option(help="pa12, petg, pla or tpu95a.")] = "pa12"
-    young_mpa: Annotated[float | None, typer.Option(help="Young's modulus, if it is another.")] = None
-    strain: Annotated[float | None, typer.Option(help="Allowable strain, if it is another.")] = None
-    wall_mm: Annotated[float, typer.Option(help="Least wall.")] = 0.8
-    width_mm: Annotated[float, typer.Option(help="Widest spring.")] = 20.0
-    energy_mj: Annotated[float | None, typer.Option(help="Energy at V = 1; if not given, amid what fits.")] = None
-    error_mm: Annotated[float, typer.Option(help="Deviation of posts and lengths as built.")] = 0.1
-    error_stiffness: Annotated[float, typer.Option(help="The same of stiffnesses, relative.")] = 0.1
+    young_mpa: Annotated[
+        float | None, typer.Option(help="Young's modulus, if it differs from the material's usual one.")
+    ] = None
+    strain: Annotated[
+        float | None, typer.Option(help="Allowable strain, if it differs from the material's usual one.")
+    ] = None
+    wall_mm: Annotated[float, typer.Option(help="Smallest wall thickness.")] = 0.8
+    width_mm: Annotated[float, typer.Option(help="Largest width of a spring.")] = 20.0
+    energy_mj: Annotated[
+        float | None, typer.Option(help="Strain energy at V = 1; if not given, the middle of the feasible range.")
+    ] = None
+    error_mm: Annotated[
+        float, typer.Option(help="Manufacturing error (standard deviation) of post positions and lengths.")
+    ] = 0.1
+    error_stiffness: Annotated[float, typer.Option(help="Manufacturing error of stiffnesses, relative.")] = 0.1
 
     def printing(self) -> "Printing":
         """Material and walls, in metres.
@@ -113,13 +129,14 @@ def design_joint(
     size: SizeOptions,
     parts: PartOptions,
     joint: Annotated[
-        str | None, typer.Option(help="Joint; with a model and no skeleton its markers parent,centre,child.")
+        str | None,
+        typer.Option(help="Name of the joint; for a model without a skeleton its three markers parent,centre,child."),
     ] = None,
-    skeleton: Annotated[Path | None, typer.Option(help="With a model: the skeleton that names the joint.")] = None,
+    skeleton: Annotated[Path | None, typer.Option(help="For a model: skeleton file that defines the joint.")] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Shape a truss whose strain energy is a joint's empirical potential; check it, draw it, make parts to print."""
+    """Design a truss whose strain energy is a joint's empirical potential; check it, draw it, make parts to print."""
     from mocap.io.output import result_folder
     from mocap.joint_design.design import Wish
     from mocap.joint_design.design import design_joint as shape_joint

@@ -6,20 +6,23 @@ from typing import Annotated, Any
 
 import typer
 
-from mocap.cli.console import output
+from mocap.cli.console import show_text
 from mocap.cli.options import AsJson, FileOptions, Fps, Unit
 from mocap.cli.records import with_records
 
 
 @with_records
 def info(
-    files: Annotated[list[Path], typer.Argument(help="Files of any format; those that belong together are compared.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="Files of any format; files that belong together are also checked against each other."),
+    ],
     stated: FileOptions,
     fps: Fps = None,
     unit: Unit = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what files are: format, points, cameras, frames, rate, units, gaps, and what is unusual in them."""
+    """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
     from mocap.audit.inspect import inspect, readable
 
     found: list[dict[str, Any]] = inspect(files, stated.hints(), fps=fps, unit=unit)
@@ -27,6 +30,6 @@ def info(
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201
     else:
         for one in found:
-            output.print(readable(one), soft_wrap=True)
+            show_text(readable(one))
     if any(one["format"] is None or "error" in one for one in found):
         raise typer.Exit(1)

@@ -16,7 +16,12 @@ def learn(
     trials: Annotated[list[Path], typer.Argument(help="Recordings, in any format that mocap info knows.")],
     out: Annotated[Path, typer.Option(help="Model to write (.npz).")],
     stated: RecordingOptions,
-    seed: Annotated[int, typer.Option(min=0, help="Which samples are hidden to choose and to calibrate.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Random seed of the gaps that are hidden to choose the model and to set its intervals."
+        ),
+    ] = 0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:

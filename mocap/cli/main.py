@@ -56,7 +56,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
-    epilog=f"{DEBUG} anywhere, or {DEBUG_VARIABLE}=1: a fault of the program shows where it is, to be reported.",
+    epilog=f"{DEBUG} (anywhere on the line) or {DEBUG_VARIABLE}=1: print the full traceback of an internal error, "
+    "to report it.",
 )
 for command in (info, convert, triangulate, track, learn, skeleton, demo, view, share, reproduce, design_joint):
     app.command()(command)
@@ -108,7 +109,7 @@ def explain(error: BaseException) -> int:
     ending = f"; {kept}" if kept else ""
     if _disk_is_full(error) and not (isinstance(error, MocapError) and _names_it(error)):
         place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
-        say_error(f"the disk is full, or your share of it{place}: free some space, or give another --out{ending}")
+        say_error(f"the disk is full, or your quota is used up{place}: free some space, or give another --out{ending}")
         return TROUBLE
     if isinstance(error, ImportError) and _is_told(error):
         say_error(f"{error}{ending}")
@@ -118,7 +119,7 @@ def explain(error: BaseException) -> int:
         return TROUBLE
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object[max(0, error.start - 30) : error.end + 30]
-        say_error(f"{name}: this name of a file is not UTF-8: rename the file, or its folder{ending}")
+        say_error(f"{name}: this file name is not UTF-8: rename the file, or its folder{ending}")
         return TROUBLE
     if isinstance(error, MemoryError):
         asked = f" ({error})" if str(error) else ""
@@ -134,8 +135,9 @@ def explain(error: BaseException) -> int:
     place = traceback.extract_tb(error.__traceback__)
     where = f" at {os.path.basename(place[-1].filename)}:{place[-1].lineno}" if place else ""
     say_error(
-        f"{type(error).__name__}{where}: {str(error)[:300] or 'no more is known'}: this is a fault of mocap, not "
-        f"of your data: please report this line to its authors, with what the same command prints with {DEBUG}{ending}"
+        f"{type(error).__name__}{where}: {str(error)[:300] or 'no further details'}: this is an error in mocap, not "
+        "in your data: please report this line to its authors, together with the output of the same command with "
+        f"{DEBUG}{ending}"
     )
     return FAULT
 

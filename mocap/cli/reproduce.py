@@ -13,10 +13,12 @@ from mocap.errors import MocapError
 def reproduce(
     figures: Annotated[list[str] | None, typer.Argument(help="Figures of the paper, such as 14a; none: all.")] = None,
     out: Out = Path("out/reproduce"),
-    quick: Annotated[bool, typer.Option("--quick", help="Coarser grids and fewer seeds.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Faster: coarser grids and fewer seeds.")] = False,
     real: Annotated[
         Path | None,
-        typer.Option(envvar="MOCAP_REAL_DATA", help="Folder of real recordings: draws figure 7 for one too."),
+        typer.Option(
+            envvar="MOCAP_REAL_DATA", help="Folder of real recordings: figure 7 is also drawn for one of them."
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -38,5 +40,6 @@ def reproduce(
             real_bat_m=None if real is None else real_bat_samples(real),
         )
     errors.print(
-        f"\nWrote {out}/: {len(verdicts)} verdicts in verdicts.json, figures and their numbers", highlight=False
+        f"\nWrote {out}/: the figures with their numbers, and {len(verdicts)} verdicts in verdicts.json",
+        highlight=False,
     )

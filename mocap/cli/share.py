@@ -17,7 +17,7 @@ def share(
     out: Out,
     force: Force = False,
 ) -> None:
-    """Write a folder that any web server shows: the recording, and the viewer with it."""
+    """Write a folder for any web server: the recording together with its viewer."""
     from mocap.io.output import result_folder
     from mocap.rerun.share import write_site
 

@@ -43,8 +43,9 @@ def skeleton(
     elif out is None:
         sys.stdout.buffer.write(found.text.encode("utf-8"))  # whatever the encoding of the terminal: it becomes a file
         sys.stdout.flush()
+    trunk = f"a trunk of {counts['trunk']} markers" if counts["trunk"] else "no trunk"
     say(
         *recording.frame_findings,
-        f"proposed: {counts['markers']} markers, {counts['bones']} bones, {counts['joints']} joints, a trunk of "
-        f"{counts['trunk'] or 'no'} markers; correct it",
+        f"proposed: {counts['markers']} markers, {counts['bones']} bones, {counts['joints']} joints, {trunk}; check "
+        "and correct it",
     )

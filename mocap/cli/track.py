@@ -26,21 +26,21 @@ class VideoOptions:
     video: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Movie or folder of pictures to show under the tracks: once a camera, in the order of the cameras; or "
-            "one folder that holds them, sorted by name."
+            help="Movie (or folder of pictures) to show under the tracks; give the option once for each camera, in "
+            "the order of the cameras, or once with a folder that contains them, sorted by name."
         ),
     ] = None
     video_offset: Annotated[
         list[int] | None,
         typer.Option(
-            help="Frame of the movie minus frame of the tracks: one for all, or once a camera; if not given, those "
-            "of the project or of the offsets file beside the tracks."
+            help="Frame of the movie minus frame of the tracks; give it once for all cameras, or once for each; if "
+            "not given, as the project or the offsets file beside the tracks states."
         ),
     ] = None
     video_undistorted: Annotated[
         bool,
         typer.Option(
-            "--video-undistorted", "--video-straight", help="The movies are free of the lens' distortion already."
+            "--video-undistorted", "--video-straight", help="The movies are already corrected for lens distortion."
         ),
     ] = False
 
@@ -51,22 +51,31 @@ def track(
     out: Out,
     stated: RecordingOptions,
     movies: VideoOptions,
-    stored: Annotated[Path | None, typer.Option(help="xyzpts to audit; if not given, the one beside xypts.")] = None,
+    stored: Annotated[
+        Path | None, typer.Option(help="Stored 3D points (xyzpts) to check; if not given, those beside the xypts file.")
+    ] = None,
     correct_lag: Annotated[
         bool,
-        typer.Option("--correct-lag", "--in-step", help="Read cameras that run late, by the audit, between frames."),
+        typer.Option(
+            "--correct-lag",
+            "--in-step",
+            help="Correct cameras that the audit finds not synchronised, by interpolation between frames.",
+        ),
     ] = False,
     model: Annotated[
         str,
         typer.Option(
-            help="A file of mocap learn; mixture, eal or constant_velocity; auto: which fills hidden samples best."
+            help="A file that mocap learn wrote, or mixture, eal or constant_velocity; auto: the one that fills "
+            "hidden samples best."
         ),
     ] = "auto",
     live: Annotated[
         bool,
-        typer.Option("--live", help="Show frames as they are filtered; then the whole run, until you close it."),
+        typer.Option(
+            "--live", help="Show frames while they are filtered, then the whole run, until you close the viewer."
+        ),
     ] = False,
-    validate: Annotated[bool, typer.Option(help="Hide samples and measure how they are filled.")] = True,
+    validate: Annotated[bool, typer.Option(help="Hide some samples and measure how well they are filled.")] = True,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -91,7 +100,7 @@ def track(
                 progress=tell,
                 watch=None if watched is None else watched[0].watch,
             )
-            result = result.with_report(f"\n## The same again\n\n    {again()}\n")
+            result = result.with_report(f"\n## Command that repeats this run\n\n    {again()}\n")
             if opened:
                 result = result.with_video(
                     opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted

@@ -18,12 +18,16 @@ def triangulate(
     out: Annotated[Path, typer.Option(help="xyzpts file to write.")],
     stated: RecordingOptions,
     refine: Annotated[
-        bool, typer.Option("--refine", help="Smallest reprojection error, bad rays rejected, with _sd columns.")
+        bool,
+        typer.Option(
+            "--refine",
+            help="Minimise the reprojection error, reject outlying cameras, and add _sd columns (standard deviations).",
+        ),
     ] = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Pixels to points: DLTdv's linear least squares, nothing cleaned; --refine for better."""
+    """Pixels to 3D points: linear least squares as in DLTdv, without cleaning; --refine for better."""
     import mocap
     from mocap.io.output import result_file
     from mocap.pipeline.triangulate_file import triangulate_file

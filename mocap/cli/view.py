@@ -14,7 +14,7 @@ def view(
         list[Path],
         typer.Argument(help="Folder that track or demo wrote, or a .rrd file; two to four are shown side by side."),
     ],
-    web: Annotated[bool, typer.Option("--web", help="In the browser instead of a window.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
 ) -> None:
     """Open a run, or compare several, in rerun, on 127.0.0.1 only."""
     import webbrowser

@@ -58,13 +58,13 @@ def _camera(path: Path, key: str, section: Any) -> Camera:
     from scipy.spatial.transform import Rotation
 
     if not isinstance(section, dict):
-        raise FormatError(f"{path.name}: {key} is no section: expected [{key}] with name, size, matrix, ...")
+        raise FormatError(f"{path.name}: {key} is not a section: expected [{key}] with name, size, matrix, ...")
     matrix, size = _array(path, key, section, "matrix", (3, 3)), _array(path, key, section, "size", (2,))
     rotation = _array(path, key, section, "rotation", None)
     if rotation.shape == (3,):
         rotation = Rotation.from_rotvec(rotation).as_matrix()
     if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3):
-        raise FormatError(f"{path.name}: {key}.rotation is no rotation vector (or matrix): calibrate again")
+        raise FormatError(f"{path.name}: {key}.rotation is not a rotation vector or matrix: calibrate again")
     shift = _array(path, key, section, "translation", (3,))
     distortions = np.ravel(_array(path, key, section, "distortions", None))
     f_px, centre = (float(matrix[0, 0]), float(matrix[1, 1])), (float(matrix[0, 2]), float(matrix[1, 2]))
@@ -111,8 +111,8 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
     for number, camera in enumerate(cameras):
         pinhole = decompose(camera)
         if pinhole.mirrored or camera.size_px is None:
-            trouble = "looks into a mirror (left-handed world)" if pinhole.mirrored else "has no image size"
-            raise FormatError(f"{path.name}: camera {camera.name!r} {trouble}, which calibration.toml cannot say")
+            trouble = "has a mirrored (left-handed) calibration" if pinhole.mirrored else "has no image size"
+            raise FormatError(f"{path.name}: camera {camera.name!r} {trouble}, which calibration.toml cannot state")
         lens = camera.lens
         values = {
             "size": list(camera.size_px),
@@ -145,15 +145,17 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         frame = values[:, [where[title] for title in _FRAME]]
         rotation, centre = frame[:, :9].reshape(-1, 3, 3), frame[:, 9:]
         if not np.allclose(rotation @ np.swapaxes(rotation, 1, 2), np.eye(3), atol=1e-3):
-            raise FormatError(f"{path.name}: M_00 to M_22 are no rotation: export it again")
+            raise FormatError(f"{path.name}: M_00 to M_22 are not a rotation matrix: export it again")
         moved = not (np.allclose(rotation, np.eye(3)) and not centre.any())
         xyz = (xyz + centre[:, None]) @ rotation
-        findings += ["points were turned back into the frame of the cameras: (p + center) M"] if moved else []
+        findings += (
+            ["points were rotated back into the coordinate system of the cameras: (p + center) M"] if moved else []
+        )
     filled = table[..., 3] == PLACEHOLDER
     seen = np.isfinite(xyz).all(axis=-1)
-    findings.append("the file does not hold the frame rate")
+    findings.append("the file does not state the frame rate")
     if filled.any():
-        findings.append(f"{filled.sum()} samples have the error {PLACEHOLDER:g}: Anipose's filter put them in")
+        findings.append(f"{filled.sum()} samples have the error {PLACEHOLDER:g}: they were filled by Anipose's filter")
     frames = values[:, where["fnum"]] if "fnum" in where else np.arange(len(values), dtype=np.float64)
     return point_recording(
         path,

@@ -32,7 +32,7 @@ def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
     Raises:
         FormatError: the script refuses the file, crashes on it, or does not come to an end.
     """
-    broken = FormatError(f"{path.name}: the head of this {kind} file is damaged: copy or export it again")
+    broken = FormatError(f"{path.name}: the header of this {kind} file is damaged: copy or export it again")
     module = f"{__name__.rpartition('.')[0]}.{script}"
     command = [sys.executable, "-P", "-m", module, str(path.absolute()), str(most_bytes(path))]
     packages = [str(Path(__file__).resolve().parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -43,10 +43,12 @@ def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
     except subprocess.TimeoutExpired:
         raise broken from None
     except OSError as error:
-        raise FormatError(f"{path.name}: no process can be started to read it: {error.strerror}: try again") from None
+        raise FormatError(
+            f"{path.name}: the process that reads it could not be started ({error.strerror}): try again"
+        ) from None
     if done.returncode == REFUSED:
         reason = done.stdout.decode("utf-8", "replace")
-        raise FormatError(f"{path.name}: cannot be read as {kind} ({reason}): it is damaged, or export it again")
+        raise FormatError(f"{path.name}: cannot be read as {kind} ({reason}): it is damaged: export it again")
     if done.returncode != 0 or not done.stdout:
         raise broken
     return done.stdout

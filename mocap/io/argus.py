@@ -15,7 +15,7 @@ from mocap.io.head import Head
 PIXEL = re.compile(r"(?P<name>.+)_cam_(?P<camera>\d+)_(?P<axis>[xy])")
 POINT = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])")
 _ENDS = ("_x_lower", "_x_upper", "_y_lower", "_y_upper", "_z_lower", "_z_upper")
-_NO_RATE = "the file does not hold the frame rate"
+_NO_RATE = "the file does not state the frame rate"
 
 
 def _pixels(path: Path, _hints: Hints) -> FileContents:
@@ -93,8 +93,8 @@ def _intervals(path: Path, _hints: Hints) -> FileContents:
         tables={"interval": np.abs(ends[..., 1::2] - ends[..., ::2]) / 2},
         findings=(
             _NO_RATE,
-            "beside this file Argus may have shifted pixels in time where there are three or more cameras: triangulate "
-            "anew",
+            "with three or more cameras Argus may have shifted the pixels in time before it computed these points: "
+            "triangulate them again",
         ),
     )
 

@@ -38,12 +38,12 @@ def read_c3d(path: Path) -> FileContents:
     count, findings = _layout(path, head, len(data))
     values, residual, odd = _samples(head, data, count)
     if odd:
-        findings.append(f"{odd} samples have a word for residual and cameras that no writer makes: the file is damaged")
+        findings.append(f"{odd} samples have an invalid entry for residual and cameras: the file is damaged")
     labels = _labels(path, head)
     model = {label for group in _NOT_POSITIONS for label in head.words(f"POINT:{group}")}
     keep = np.array([name not in model for name in labels])
     if not keep.all():
-        findings.append(f"{(~keep).sum()} modelled quantities (angles, forces, ...) are left out")
+        findings.append(f"{(~keep).sum()} modelled quantities (angles, forces, ...) were left out")
     names, renamed = told_apart([name for name, kept in zip(labels, keep, strict=True) if kept])
     findings += renamed
     said = (head.words("POINT:UNITS") or [""])[0].strip().lower()
@@ -57,11 +57,11 @@ def read_c3d(path: Path) -> FileContents:
     there = np.isfinite(xyz).all(axis=-1)
     seen = there & (residual >= 0)
     if not seen.any() and (there & (xyz != 0).any(axis=-1)).any():
-        findings.append("every sample is marked as not seen (residual -1), although there are coordinates")
+        findings.append("every sample is marked as invalid (residual -1), although there are coordinates")
     xyz[~seen] = np.nan
     filled = Status.INTERPOLATED if (residual > 0).any() else Status.MEASURED
     if filled == Status.MEASURED and seen.any():
-        findings.append("the file records no residuals: all that has a position is called measured")
+        findings.append("the file contains no residuals: every sample with a position counts as measured")
     scale = 1.0 if unit is None else metres(path, unit)
     return point_recording(
         path,
@@ -84,10 +84,10 @@ def _layout(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
         FormatError: they do not, and the size does not tell which is right.
     """
     if not head.points:
-        raise FormatError(f"{path.name}: holds no points: export the trajectories, not only analog channels")
+        raise FormatError(f"{path.name}: contains no points: export the trajectories, not only analog channels")
     points = head.number("POINT:USED")
     if points is not None and points != head.points:
-        raise damaged(path, f"{head.points} points by its first block, {points:g} by POINT:USED")
+        raise damaged(path, f"{head.points} points in its first block, {points:g} in POINT:USED")
     channels, findings = head.number("ANALOG:USED"), []
     if channels is not None and channels * head.analog_per_frame != head.analog:
         told = f"{head.analog} analog values a frame, by ANALOG:USED {channels:g}, each {head.analog_per_frame} times"
@@ -99,19 +99,23 @@ def _layout(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
         raise damaged(path, f"the scale of the points is {head.scale:g}")
     if scale is not None and abs(scale - head.scale) > _SAME * abs(head.scale):
         if head.scale > 0 or scale > 0:
-            raise damaged(path, f"the scale of the points is {head.scale:g}, by POINT:SCALE {scale:g}")
-        findings.append(f"the scale of residuals is {head.scale:g}, by POINT:SCALE {scale:g}: the first is used")
+            raise damaged(path, f"the scale of the points is {head.scale:g} in the header, {scale:g} in POINT:SCALE")
+        findings.append(
+            f"the scale of residuals is {head.scale:g} in the header, {scale:g} in POINT:SCALE: the first is used"
+        )
     starts = head.number("POINT:DATA_START")
     if starts and BLOCK * (int(starts) - 1) != head.data_at:
-        findings.append(f"the data begin at byte {head.data_at}, by POINT:DATA_START in block {starts:g}")
+        findings.append(f"the data begin at byte {head.data_at}, but POINT:DATA_START states block {starts:g}")
     if not 0 <= head.rate_hz < 1e7 or 0 < head.rate_hz < 1e-4:
         raise damaged(path, f"the frame rate is {head.rate_hz:g}")
     rate = head.number("POINT:RATE")
     if rate is not None and abs(rate - head.rate_hz) > _SAME * head.rate_hz:
-        findings.append(f"the frame rate is {head.rate_hz:g}, by POINT:RATE {rate:g}: the first is used")
+        findings.append(f"the frame rate is {head.rate_hz:g} in the header, {rate:g} in POINT:RATE: the first is used")
     start = _long_number(head, "TRIAL:ACTUAL_START_FIELD")
     if start not in (0, head.first) and head.first < _MOST_FRAMES:
-        findings.append(f"the first frame is {head.first}, by TRIAL:ACTUAL_START_FIELD {start}: the first is used")
+        findings.append(
+            f"the first frame is {head.first} in the header, {start} in TRIAL:ACTUAL_START_FIELD: the first is used"
+        )
     count, told = _frames(path, head, size)
     return count, [*findings, *told]
 
@@ -143,17 +147,17 @@ def _frames(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
         count = fitting.pop()
         whole = (count, count & 0xFFFF, _MOST_FRAMES) if count > _MOST_FRAMES else (count,)
         return count, [
-            f"{key} announces {other} frames, {count} are there: was the file cut, or edited?"
+            f"{key} states {other} frames, but the file contains {count}: was it cut or edited?"
             for key, other in said.items()
             if other not in whole
         ]
     left = room - frame * first
     if first in others and left >= BLOCK and size % BLOCK == 0:
-        return first, [f"{left} bytes after the last frame are not read"]
+        return first, [f"{left} bytes after the last frame were ignored"]
     if min(said.values()) > 0 and frame * min(said.values()) > room:
         raise FormatError(
-            f"{path.name}: {min(said.values())} frames are announced, {max(room // frame, 0)} are there: the file is "
-            "cut; export it again"
+            f"{path.name}: {min(said.values())} frames are stated, but the file contains {max(room // frame, 0)}: "
+            "it is cut; export it again"
         )
     counts = " or ".join(str(count) for count in sorted(set(said.values())))
     raise damaged(path, f"{counts} frames of {frame} bytes do not fill the {room} bytes of data")

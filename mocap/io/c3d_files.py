@@ -34,7 +34,9 @@ def write_c3d(path: Path, recording: FileContents) -> None:
 
     tracks, unit = points_of(path, recording), recording.unit or "m"
     if len(tracks.t_s) > MOST_FRAMES:
-        raise FormatError(f"{path.name}: {len(tracks.t_s)} frames, but a C3D file holds {MOST_FRAMES}: split it")
+        raise FormatError(
+            f"{path.name}: {len(tracks.t_s)} frames, but a C3D file can contain {MOST_FRAMES}: split the recording"
+        )
     bad = next((name for name in tracks.names if not name.strip() or len(name.encode()) > 120), None)
     if bad is not None:
         raise FormatError(f"{path.name}: marker name {bad!r} is empty or longer than 120 bytes: rename it")

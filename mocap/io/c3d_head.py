@@ -90,7 +90,7 @@ def read_head(path: Path, data: bytes) -> Head:
     """
     start = BLOCK * (data[0] - 1) if data else 0
     if len(data) < BLOCK or data[1] != 0x50 or not 0 < start <= len(data) - 4:
-        raise damaged(path, "does not begin as a C3D file, or is cut within its head")
+        raise damaged(path, "does not begin like a C3D file, or is cut within its header")
     processor, blocks = data[start + 3], data[start + 2]
     if processor not in (INTEL, DEC, SGI):
         raise damaged(path, f"byte {start + 3} is {processor}; expected the processor: 84, 85 or 86")
@@ -121,7 +121,7 @@ def read_head(path: Path, data: bytes) -> Head:
 
 def damaged(path: Path, trouble: str) -> FormatError:
     """The error of a file whose parts contradict each other."""
-    return FormatError(f"{path.name}: the head of this C3D file is damaged ({trouble}): copy or export it again")
+    return FormatError(f"{path.name}: the header of this C3D file is damaged ({trouble}): copy or export it again")
 
 
 @dataclass(frozen=True)
@@ -154,9 +154,9 @@ def _parameters(path: Path, section: bytes, processor: int, start: int) -> tuple
         elif counted:
             at = record.counted
         else:
-            raise damaged(path, f"after the parameter {record.name} at byte {start + at} comes none")
+            raise damaged(path, f"no parameter follows {record.name!r} at byte {start + at}")
         if record.stated != record.counted:
-            findings.append(f"the length of the parameter {record.name} is not the one that it states")
+            findings.append(f"the length of the parameter {record.name} differs from the one that it states")
         records.append(record)
     groups = {-record.group: record.name for record in records if record.group < 0}
     found: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""What a file of any format holds, in one record."""
+"""The contents of a file of any format, in one record."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -104,7 +104,7 @@ class FileContents:
         if self.unit is not None:
             if metres(self.paths[0], unit) != metres(self.paths[0], self.unit):
                 raise FormatError(
-                    f"{self.paths[0].name}: states that lengths are in {self.unit}, not in {unit}: leave the unit out"
+                    f"{self.paths[0].name}: states lengths in {self.unit}, not in {unit}: leave the unit out"
                 )
             return self
         scale = metres(self.paths[0], unit)
@@ -227,5 +227,5 @@ def points_of(path: Path, recording: FileContents) -> MarkerTracks:
     """
     if recording.points is None:
         held = "pixels: triangulate them first (mocap triangulate)" if recording.pixels is not None else "no positions"
-        raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} holds {held}")
+        raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} contains {held}")
     return recording.points

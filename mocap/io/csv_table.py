@@ -51,7 +51,7 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
             width, line = parts[-1].shape[1], line + len(parts[-1])
     if not parts:
         raise FormatError(
-            f"{path.name}: holds no rows of numbers; expected a table with a row a frame: export it again"
+            f"{path.name}: contains no rows of numbers; expected a table with one row for each frame: export it again"
         )
     values = parts[0] if len(parts) == 1 else np.concatenate(parts)
     if names and not names[-1] and np.isnan(values[:, -1]).all():  # every line ends in a comma
@@ -176,7 +176,7 @@ def _bad_cell(path: Path, body: bytes, names: Sequence[str], first_line: int) ->
             if cell not in MISSING_WORDS and not _NUMBER.fullmatch(cell):
                 where = names[j] if names else f"column {j + 1}"
                 return f"{path.name}: line {i + first_line}, {where}: {cell!r} is not a number; correct it or write NaN"
-    return f"{path.name}: holds cells that are not numbers; export it again"
+    return f"{path.name}: contains cells that are not numbers; export it again"
 
 
 def write_table(path: Path, names: Sequence[str], values: Array, *, decimals: int = 6) -> None:

@@ -30,16 +30,17 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
     depth = next((i + 1 for i, row in enumerate(rows) if row and row[0] == "coords"), 0)
     if depth == 0 or tuple(row[0] for row in rows[:depth]) not in _LEVELS:
         raise FormatError(
-            f"{path.name}: the first lines are not scorer, (individuals,) bodyparts, coords: DeepLabCut's"
+            f"{path.name}: the first lines are not DeepLabCut's scorer, (individuals,) bodyparts, coords: export it "
+            "again"
         )
     width = len(rows[0])
     if any(len(row) != width for row in rows[:depth]) or width < 2:
-        raise FormatError(f"{path.name}: the {depth} lines of the head have different lengths: export it again")
+        raise FormatError(f"{path.name}: the {depth} header lines have different lengths: export it again")
     # labels by hand have the folder and the file of each picture in place of a frame number
     index = next((i for i in range(1, width) if any(row[i] for row in rows[:depth])), 1)
     body = lines[depth:]
     if not body:
-        raise FormatError(f"{path.name}: no frames after the head: export it again")
+        raise FormatError(f"{path.name}: no frames after the header: export it again")
     frames = np.arange(len(body), dtype=np.float64)
     cells = [next(csv.reader(io.StringIO(line))) if '"' in line else line.split(",") for line in body]
     first = [row[0] for row in cells]
@@ -76,7 +77,7 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
     single = len({individual for individual, _ in animals}) == 1
     names = [part if single else f"{individual}_{part}" for individual, part in animals]
     low = np.isfinite(score) & (score < 0.6)
-    findings = ["the file does not hold the frame rate"]
+    findings = ["the file does not state the frame rate"]
     if low.any():
         findings.append(f"{low.sum()} samples have a likelihood below 0.6")
     try:
@@ -167,7 +168,10 @@ def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
 def _levels(path: Path, columns: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """Columns as (individual, body part, coordinate) from (scorer, [individual,] body part, coordinate)."""
     if not columns or {len(column) for column in columns} - {3, 4}:
-        raise FormatError(f"{path.name}: columns have no levels scorer, (individuals,) bodyparts, coords: DeepLabCut's")
+        raise FormatError(
+            f"{path.name}: the columns lack DeepLabCut's levels scorer, (individuals,) bodyparts, "
+            "coords: export it again"
+        )
     return [(("" if len(column) == 3 else column[1]), *column[-2:]) for column in columns]
 
 

@@ -48,7 +48,7 @@ def read_pixels(path: Path, *, fps: float) -> PixelTracks:
         camera, marker = divmod(columns.index(-1) // 2, len(names))
         raise FormatError(
             f"{path.name}: marker {list(names)[marker]!r} has no X and Y columns for cam{order[camera]}: "
-            f"{len(header)} columns are not {len(names)} markers x {len(order)} cameras x 2"
+            f"{len(header)} columns do not make {len(names)} markers x {len(order)} cameras x 2"
         )
     frames = len(values)
     values = values[:, columns]  # and nothing but that: the table may be large
@@ -143,7 +143,7 @@ def read_coefficients(path: Path) -> tuple[Camera, ...]:
     """
     _, values = read_table(path, header=names_cameras(first_cells(path)))
     if values.shape[0] != 11:
-        reason = {8: "8 rows are a 2D DLT, which gives no 3D"}.get(values.shape[0])
+        reason = {8: "8 rows are a 2D DLT, from which no 3D points can be computed"}.get(values.shape[0])
         if values.shape[1] == 11:
             reason = "it seems to be transposed"
         raise FormatError(

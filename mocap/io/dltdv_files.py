@@ -19,7 +19,7 @@ from mocap.records import Status
 PIXEL = re.compile(r"(?P<name>.+)_cam\d+_[XYUV]")
 POINT = re.compile(r"(?P<name>.+)_([XYZ]|sd)")
 _NO_UNIT = "the unit of lengths is that of the calibration, which the file does not state"
-_NO_RATE = "the file does not hold the frame rate"
+_NO_RATE = "the file does not state the frame rate"
 
 
 def names_of(head: Head, pattern: re.Pattern[str]) -> set[str]:
@@ -109,7 +109,9 @@ def offset_recording(path: Path, format: str, pattern: str) -> FileContents:
     header, values = read_table(path)
     numbers = [re.fullmatch(pattern, title) for title in header]
     if not all(numbers) or len({match[1] for match in numbers if match}) != len(header):
-        raise FormatError(f"{path.name}: columns {', '.join(header[:4])}; expected one a camera: export it again")
+        raise FormatError(
+            f"{path.name}: columns {', '.join(header[:4])}; expected one for each camera: export it again"
+        )
     offsets = np.unique(values[np.isfinite(values)])
     return FileContents(
         format=format,
@@ -119,7 +121,7 @@ def offset_recording(path: Path, format: str, pattern: str) -> FileContents:
         tables={"offset_frames": values},
         findings=(
             _NO_RATE,
-            "all cameras are synchronous"
+            "the offsets of all cameras are 0"
             if not offsets.any()
             else f"cameras are offset by {offsets.min():g} to {offsets.max():g} frames",
         ),
@@ -162,7 +164,7 @@ def _project(path: Path, _hints: Hints) -> FileContents:
     project = read_project(path, fps=1.0)
     try:
         told = read_project(path).fps
-        findings = [f"the project states {told:g} frames a second, which may be the rate of playback", _NO_UNIT]
+        findings = [f"the project states {told:g} frames a second, which may be the playback rate", _NO_UNIT]
     except FormatError:
         told, findings = None, ["the project states no frame rate", _NO_UNIT]
     if not project.cameras:
@@ -221,7 +223,7 @@ FORMATS = (
     ),
     Format(
         name="dltdv-coefficients",
-        title="DLT coefficients (CSV, 11 rows, a column a camera)",
+        title="DLT coefficients (CSV, 11 rows, one column for each camera)",
         knows=_is_coefficients,
         read=_coefficients,
     ),

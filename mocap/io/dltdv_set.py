@@ -77,7 +77,9 @@ def write_set(path: Path, recording: FileContents) -> list[str]:
     if "profile" in files:
         write_profile(files["profile"], recording.cameras)
     elif any(camera.lens is not None for camera in recording.cameras):
-        remarks.append("not held: the lenses of the cameras, which are not all Brown's with a known image size")
+        remarks.append(
+            "not written: the lenses of the cameras, because not all are Brown lenses with a known image size"
+        )
     remarks.append("written: " + ", ".join(file.name for file in files.values()))
     return remarks
 

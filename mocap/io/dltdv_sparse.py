@@ -36,14 +36,16 @@ def read_sparse(path: Path) -> Array:
     lines = read_lines(path)
     body = [line for line in lines[1:] if line.strip()]
     if not body:
-        raise FormatError(f"{path.name}: no sizes on line 2; expected rows, columns, count: export it again")
+        raise FormatError(
+            f"{path.name}: line 2 lacks the size of the table; expected rows, columns, count: export it again"
+        )
     sizes = numbers(path, body[:1], separator="\t", columns=3, first_line=2)[0]
     if not (np.isfinite(sizes).all() and (sizes == np.round(sizes)).all() and (sizes >= 0).all()):
         raise FormatError(f"{path.name}: line 2 should hold rows, columns and count, but is {body[0]!r}")
     rows, columns, count = (int(size) for size in sizes)
     if rows == 0 or columns == 0:
         raise FormatError(f"{path.name}: {rows} rows x {columns} columns: line 2 is damaged; export it again")
-    check_bytes(path, 8 * rows * columns, f"the table of {rows} rows x {columns} columns that line 2 announces")
+    check_bytes(path, 8 * rows * columns, f"the table of {rows} rows x {columns} columns that line 2 states")
     if count != len(body) - 1:
         raise FormatError(
             f"{path.name}: {len(body) - 1} values, but line 2 says {count}: the file seems to be cut; export it again"
@@ -61,7 +63,7 @@ def read_sparse(path: Path) -> Array:
             )
         row, column = index.astype(np.int64).T - 1
         if len(np.unique(row * columns + column)) != count:
-            raise FormatError(f"{path.name}: a cell is given twice: export it again")
+            raise FormatError(f"{path.name}: a cell appears twice: export it again")
         dense[row, column] = np.where(table[:, 2] == 0, np.nan, table[:, 2])
     return dense
 
@@ -107,7 +109,10 @@ def _cameras(path: Path, columns: int, hints: Hints) -> tuple[int, list[str]]:
         if columns % 2:
             raise FormatError(f"{path.name}: {columns} columns are not pairs of X and Y: export it again")
         fits = [c for c in range(1, columns // 2 + 1) if columns // 2 % c == 0]
-        return 1, [f"the number of cameras is not in the file: one is assumed (it may be {', '.join(map(str, fits))})"]
+        return 1, [
+            "the number of cameras is not in the file: 1 is assumed (it may be "
+            f"{', '.join(map(str, fits))}); state it with `cameras`"
+        ]
     if told < 1 or columns % (2 * told):
         raise FormatError(
             f"{path.name}: {columns} columns are not a whole number of points for {told} cameras (2 each)"
@@ -120,7 +125,7 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
 
     kind, table = _kind(head(path)), read_sparse(path)
     maker = "argus" if argus else "dltdv"
-    findings = ["the file does not hold the frame rate"]
+    findings = ["the file does not state the frame rate"]
     if kind == "xypts":
         count, told = _cameras(path, table.shape[1], hints)
         uv = table.reshape(len(table), -1, count, 2)

@@ -142,7 +142,7 @@ def _cameras(path: Path, file: Any, data: Any, count: int) -> tuple[tuple[Camera
     if coefficients.shape != (count, 11) or not np.isfinite(coefficients[()]).all():
         raise FormatError(
             f"{path.name}: DLT coefficients of shape {coefficients.shape[::-1]}; expected 11 finite numbers for each "
-            f"of {count} cameras: load them again in DLTdv and save"
+            f"of {count} cameras: load them again in DLTdv and save the project"
         )
     lenses = [_tdata(path, file, data, camera) for camera in range(count)]
     iterations = {int(lens[9]) for lens in lenses if lens is not None} or {3}

@@ -99,7 +99,7 @@ def _pixels(path: Path, table: dict[str, Any], name: str, cameras: int, points: 
     try:
         values = np.asarray(table.get(name, []), dtype=np.float64)
     except (TypeError, ValueError):
-        raise FormatError(f"{path.name}: easyWandData.{name} holds no numbers: save it again in easyWand") from None
+        raise FormatError(f"{path.name}: easyWandData.{name} contains no numbers: save it again in easyWand") from None
     if values.size == 0:
         return np.full((cameras, 0, points or 1, 2), np.nan)
     values = np.atleast_2d(values)
@@ -134,7 +134,7 @@ def _easywand(path: Path, _hints: Hints) -> FileContents:
         f"{wand.background_px.shape[2]} background points"
     ]
     if not wand.cameras:
-        findings.append("there are no DLT coefficients: the calibration was not computed")
+        findings.append("the file contains no DLT coefficients: the calibration was not computed")
     return pixel_recording(
         path,
         "easywand",

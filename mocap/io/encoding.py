@@ -1,4 +1,4 @@
-"""Bytes of text files to text: UTF-8, UTF-16 with its mark, and Windows-1252, which says nothing of itself."""
+"""Bytes of text files to text: UTF-8, UTF-16 with its mark, and Windows-1252, which has no mark."""
 
 import codecs
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ def is_utf8(blocks: Iterable[bytes]) -> bool:
 
 
 def decoded(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
-    """The text of a file, without a mark before it, and what is to be said of how it was read.
+    """The text of a file, without a mark before it, and sentences on how it was read.
 
     Windows-1252 (of Excel and other programs of western Windows) is taken for what is not UTF-8, unless some letters
     are UTF-8: then the file is damaged, or of two programs.
@@ -54,7 +54,7 @@ def decoded(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
     mixed = not data.decode("utf-8", "ignore").isascii()
     if mixed or text.translate(_CONTROLS) != text:
         raise FormatError(
-            f"{path.name}: line {at} is not a text in UTF-8{' though other lines are' if mixed else ''}; expected a "
+            f"{path.name}: line {at} is not UTF-8 text{' though other lines are' if mixed else ''}; expected a "
             "text file in UTF-8, UTF-16 or Windows-1252: save it as UTF-8, or export it again"
         )
     shown = next(line for line in text.splitlines() if not line.isascii()).strip()

@@ -45,8 +45,8 @@ def every_frame(recording: FileContents) -> tuple[FileContents, tuple[str, ...]]
     if not len(whole):
         steps = np.diff(t_s)
         return recording, (
-            f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s, multiples of no common one; speeds "
-            "are taken as if they were even: export at one rate",
+            f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s without a common divisor; speeds "
+            "are computed as if they were even: export at a constant rate",
         )
     if (whole == 1).all():
         return recording, ()
@@ -88,5 +88,5 @@ def every_frame(recording: FileContents) -> tuple[FileContents, tuple[str, ...]]
     )
     return whole_recording, (
         f"{total - len(t_s)} of {total} frames are not in the file (most on end between {before} and {after}): they "
-        "count as frames that show nothing",
+        "count as frames in which nothing was seen",
     )

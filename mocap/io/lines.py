@@ -43,8 +43,8 @@ def read_lines(path: Path) -> list[str]:
         raise FormatError(f"{path.name}: not a text file; expected the text export of a motion-capture system")
     if text[-1] not in "\r\n":
         raise FormatError(
-            f"{path.name}: the last line has no end, the file seems to be cut: export it again (or, if it is whole, "
-            "end it with an empty line)"
+            f"{path.name}: the last line has no line end, so the file seems to be cut: export it again (or, if it "
+            "is complete, add a line end)"
         )
     return one_kind(text).split("\n")[:-1]
 
@@ -81,15 +81,15 @@ def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, f
     for place, cells in enumerate(rows, start=first_line):
         if len(cells) != columns + surplus:
             raise FormatError(
-                f"{path.name}: line {place} has {len(cells) - surplus} cells, expected {columns} as the head says: "
-                "the file is cut or was edited; export it again"
+                f"{path.name}: line {place} has {len(cells) - surplus} cells, expected {columns} as the header "
+                "states: the file was cut or edited; export it again"
             )
     rows = [["nan" if cell.strip() in _MISSING else cell for cell in row[:columns]] for row in rows]
     values, bad = _array(rows, columns, plain=all(line.isascii() and "_" not in line for line in lines))
     bad = np.argwhere(bad | (np.abs(values) > LARGEST))
     if len(bad):
         i, j = bad[0]
-        trouble = "is larger than anything measured" if np.isfinite(number(rows[i][j])) else "is not a finite number"
+        trouble = "is larger than any measured value" if np.isfinite(number(rows[i][j])) else "is not a finite number"
         raise FormatError(
             f"{path.name}: line {i + first_line}, cell {j + 1}: {rows[i][j].strip()!r} {trouble}; "
             "correct it, or leave it empty if the marker was not seen"
@@ -136,12 +136,12 @@ def frame_numbers(path: Path, values: Any, *, first_line: int | None = None) -> 
     if (wrong | falling).any():
         row = int(np.argmax(wrong | falling))
         where = f"row {row + 1}" if first_line is None else f"line {row + first_line}"
-        trouble = f"{values[row]:.12g} is no frame number below {MOST_FRAMES:.0e}"
+        trouble = f"{values[row]:.12g} is not a frame number below {MOST_FRAMES:.0e}"
         if np.isnan(values[row]):
             trouble = "no frame number"
         elif not wrong[row]:
             trouble = f"{values[row]:.12g} follows frame {values[row - 1]:.12g}"
-        raise FormatError(f"{path.name}: {where}: {trouble}: the file is cut or edited; export it again")
+        raise FormatError(f"{path.name}: {where}: {trouble}: the file was cut or edited; export it again")
     return values.astype(np.int64)
 
 

@@ -32,7 +32,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         ) from None
     data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
     if "shape" in data or data.attrs.get("ds_type") == "bboxes":
-        raise FormatError(f"{path.name}: holds bounding boxes; expected poses (ds_type = poses)")
+        raise FormatError(f"{path.name}: contains bounding boxes; expected poses (ds_type = poses)")
     if "position" not in data or not {"time", "space", "keypoint"} <= set(data["position"].dims):
         dims = tuple(data["position"].dims) if "position" in data else "absent"
         raise FormatError(f"{path.name}: position is {dims}; expected dimensions time, space, keypoint, individual")
@@ -62,7 +62,7 @@ def _recording(path: Path, data: Any) -> FileContents:
     told = attributes.get("fps")
     fps = float(told) if told is not None and float(told) > 0 else (None if in_frames else fps)
     if fps is None:
-        findings = ["the file does not hold the frame rate"]
+        findings = ["the file does not state the frame rate"]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: a time is not finite: save it again")
     frames = np.round(times if in_frames else times * (fps or 1.0))
@@ -119,7 +119,7 @@ def write_movement(path: Path, recording: FileContents) -> None:
         views, axes, t_s = list(recording.pixels.cameras), "xy", recording.pixels.t_s
         values = recording.pixels.uv_px
     else:
-        raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} holds none")
+        raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} contains none")
     animals, parts, at = _grid(recording)
     shape = (len(views), len(t_s), len(animals), len(parts))
 

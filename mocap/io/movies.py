@@ -107,7 +107,7 @@ def open_movie(path: Path) -> Movie:
         pictures = tuple(sorted((p for p in path.iterdir() if p.suffix.lower() in PICTURES), key=by_number))
         if not pictures:
             raise FormatError(
-                f"{path}: holds no pictures ({', '.join(sorted(PICTURES))}): give a movie or their folder"
+                f"{path}: contains no pictures ({', '.join(sorted(PICTURES))}): give a movie, or a folder of pictures"
             )
         with _opened(pictures[0]) as container:
             stream = container.streams.video[0]
@@ -121,7 +121,7 @@ def open_movie(path: Path) -> Movie:
         packets = [p for p in container.demux(stream) if p.size]
     stamps = [p.pts if p.pts is not None else p.dts for p in packets]
     if not stamps or any(s is None for s in stamps):
-        raise FormatError(f"{path}: its frames bear no times: convert it (ffmpeg -i {path.name} movie.mp4)")
+        raise FormatError(f"{path}: its frames have no times: convert it (ffmpeg -i {path.name} movie.mp4)")
     pts = np.unique(np.array(stamps, dtype=np.int64))
     return Movie(path=path, pictures=(), pts=pts, size_px=size, codec=codec)
 
@@ -170,6 +170,6 @@ def _opened(path: Path) -> Any:
     if not container.streams.video:
         container.close()
         raise FormatError(
-            f"{path}: holds no pictures, only {', '.join(s.type for s in container.streams) or 'nothing'}"
+            f"{path}: contains no pictures, only {', '.join(s.type for s in container.streams) or 'nothing'}"
         )
     return container

@@ -23,7 +23,9 @@ def metres(path: Path, unit: str) -> float:
         return UNIT_M[unit.strip().lower()]
     except KeyError:
         known = ", ".join(UNIT_M)
-        raise FormatError(f"{path.name}: lengths are in {unit!r}; expected one of {known}: state the unit") from None
+        raise FormatError(
+            f"{path.name}: lengths are in {unit!r}, which is not a known unit ({known}): state the unit"
+        ) from None
 
 
 def rate(path: Path, value: object) -> float:
@@ -52,7 +54,7 @@ def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
             changed.append(f"{name!r} -> {new!r}")
         found.append(new)
     shown = ", ".join(changed[:5]) + (", ..." if len(changed) > 5 else "")
-    return found, [f"{len(changed)} points without a name of their own were renamed: {shown}"] if changed else []
+    return found, [f"{len(changed)} points without a unique name were renamed: {shown}"] if changed else []
 
 
 def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:

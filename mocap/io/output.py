@@ -140,7 +140,7 @@ def recovered(folder: Path, *, tell: Tell = silent) -> Manifest:
     manifest = read_manifest(folder)
     if manifest.pending is not None:
         manifest = _finish(folder, manifest)
-        tell(f"{folder}: an earlier run was interrupted while its files were renamed: its result is now whole")
+        tell(f"{folder}: an earlier run was interrupted while its files were renamed: its result is now complete")
     left = [path for path in sorted(folder.glob(f"{PARTIAL}*")) if not path.is_symlink()]
     removed = [path for path in left if _abandoned(path)]
     for path in removed:
@@ -202,7 +202,8 @@ def _commit(
         if os.path.lexists(target):
             if not may_replace:
                 raise OutputError(
-                    f"{target} appeared while this was made: give `overwrite` to replace it, or another name"
+                    f"{target} was created by another program in the meantime: give `overwrite` to replace it, or "
+                    "another name"
                 )
             replaces[file] = _refuse_foreign(folder, file, manifest, owner=None if take_over else name)
     old = manifest.results.get(name, Listing())
@@ -252,9 +253,9 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
         write_manifest(folder, done)
     except OSError as error:
         raise OutputError(
-            f"{folder}: the new result is whole, but {error.filename or 'a file'} could not be put in its place "
+            f"{folder}: the new result is complete, but {error.filename or 'a file'} could not be moved to its place "
             f"({error.strerror or error}): mocap view reads it; the next command that writes there finishes it",
-            kept="the new result is whole",
+            kept="the new result is complete",
         ) from None
     shutil.rmtree(stage, ignore_errors=True)
     return done
@@ -265,7 +266,7 @@ def _refuse_inputs(target: Path, inputs: Iterable[Path | None], *, folder: bool)
     resolved = target.resolve()
     for read in [*(p.resolve() for p in inputs if p is not None), *([Path.cwd()] if folder else [])]:
         if resolved == read or (folder and resolved in read.parents):
-            raise OutputError(f"{target} is or holds {read}, which is read from: choose another place")
+            raise OutputError(f"{target} is, or contains, {read}, which is read from: choose another place")
 
 
 def _refuse_unasked(folder: Path, name: str, manifest: Manifest, *, replace: bool, beside: bool) -> None:
@@ -275,7 +276,8 @@ def _refuse_unasked(folder: Path, name: str, manifest: Manifest, *, replace: boo
         raise OutputError(f"{folder} exists: give `overwrite` to replace the earlier result, or another place")
     if not beside and any(path.name != MANIFEST and not path.name.startswith(PARTIAL) for path in folder.iterdir()):
         raise OutputError(
-            f"{folder} exists and holds other files: give `overwrite` to write beside them (they stay as they are), or "
+            f"{folder} exists and contains other files: give `overwrite` to write beside them (they stay as they "
+            "are), or "
             "choose another place"
         )
 
@@ -289,7 +291,7 @@ def _refuse_foreign(folder: Path, file: str, manifest: Manifest, *, owner: str |
     path, found = folder / file, manifest.owner(file)
     if found is None:
         raise OutputError(
-            f"{path} was not written by mocap (no {MANIFEST} lists it): it is never replaced; move it away, or give "
+            f"{path} was not written by mocap (no {MANIFEST} lists it): it is never replaced; move it away, or "
             "choose another place"
         )
     if owner is not None and found != owner:
@@ -310,7 +312,9 @@ def _missing_folders(folder: Path, parent: Path) -> list[str]:
             if parent.stat().st_dev != folder.stat().st_dev:
                 raise OutputError(f"{parent} is on another file system than {folder}: choose another place")
         elif os.path.lexists(parent):
-            raise OutputError(f"{parent} is no folder, but files of the result go there: choose another place")
+            raise OutputError(
+                f"{parent} is not a folder, but files of the result are to be written there: choose another place"
+            )
         else:
             missing.append(parent.relative_to(folder).as_posix())
         parent = parent.parent
@@ -383,5 +387,5 @@ def _undisturbed(folder: Path) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if asked:
         stop = KeyboardInterrupt()
-        stop.kept = f"the new result in {folder} is whole"  # type: ignore[attr-defined]
+        stop.kept = f"the new result in {folder} is complete"  # type: ignore[attr-defined]
         raise stop

@@ -55,8 +55,8 @@ def _read(path: Path, hints: Hints) -> FileContents:
     if not columns:
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
         raise FormatError(
-            f"{path.name}: a plain table of {len(header)} columns ({shown}), of no known format (DLTdv, Argus, "
-            "XMALab, Anipose, DeepLabCut, Vicon, TRC, ours): state which columns hold what: "
+            f"{path.name}: a plain table of {len(header)} columns ({shown}) in no known format (DLTdv, Argus, "
+            "XMALab, Anipose, DeepLabCut, Vicon, TRC, mocap's own): state what the columns are with "
             '`columns` "tip=x1,y1,z1;root=x2,y2,z2;time=t" (titles, or numbers from 1)'
         )
     return _mapped(path, header, values, columns, unit=None if hints.columns else unit)
@@ -113,11 +113,11 @@ def _mapped(
     if "time" in columns:
         times = column(columns["time"][0])
         if not np.isfinite(times).all():
-            raise FormatError(f"{path.name}: the column {columns['time'][0]!r} lacks a time")
+            raise FormatError(f"{path.name}: a time is missing in the column {columns['time'][0]!r}")
         fps, told = rate_of_times(path, times)
         findings += told
     else:
-        findings.append("the file does not hold the frame rate")
+        findings.append("the file does not state the frame rate")
     first = 1 if frames is None else int(frames[0])
     if sizes == {2}:
         uv = np.where(np.isnan(table).any(axis=-1, keepdims=True), np.nan, table)[None]

@@ -1,4 +1,4 @@
-"""What no recording holds: values that are refused or told whatever format they come from."""
+"""Implausible values, which are refused or reported in every format."""
 
 from dataclasses import replace
 
@@ -41,7 +41,8 @@ def plausible(recording: FileContents) -> FileContents:
         with np.errstate(invalid="ignore"):
             if (np.abs(table) > _FARTHEST).any():
                 raise FormatError(
-                    f"{name}: the table {title} holds {np.nanmax(np.abs(table)):g}: correct it and export again"
+                    f"{name}: the table {title} contains {np.nanmax(np.abs(table)):g}, which is too large: correct "
+                    "it and export again"
                 )
         if title != "offset_frames" and title != "transforms" and (table < 0).any():
             findings.append(f"{(table < 0).sum()} numbers of the table {title} are below 0")
@@ -94,7 +95,7 @@ def _check_covariances(recording: FileContents, cov: Array) -> None:
         row, marker = np.argwhere(known)[np.argmax(wrong)]
         raise FormatError(
             f"{recording.paths[0].name}: the covariance of marker {recording.names[marker]!r} in frame "
-            f"{recording.frames[row]} is none (not positive definite): {np.array2string(cov[row, marker])}"
+            f"{recording.frames[row]} is not a covariance (not positive definite): {np.array2string(cov[row, marker])}"
             .replace("\n", " ") + ": export it again"
         )  # fmt: skip
 
@@ -104,10 +105,10 @@ def _frame_findings(recording: FileContents) -> list[str]:
     steps = np.diff(frames)
     found = []
     if len(frames) and frames[0] < 0:
-        found.append(f"frames are counted from {frames[0]}: before a trigger, or the number is damaged")
+        found.append(f"the first frame number is {frames[0]}: frames before a trigger, or a damaged number")
     if (steps != 1).any():
         at = int(np.argmax(steps))
         found.append(
-            f"frame numbers jump {(steps != 1).sum()} times, the farthest from {frames[at]} to {frames[at + 1]}"
+            f"frame numbers jump {(steps != 1).sum()} times; the largest jump is from {frames[at]} to {frames[at + 1]}"
         )
     return found

@@ -105,7 +105,7 @@ def _numbers(path: Path, number: int, line: list[str]) -> list[float]:
     values = [lines.number(cell) for cell in line]
     odd = [cell for cell, value in zip(line, values, strict=True) if not abs(value) <= lines.LARGEST]
     if odd:
-        raise FormatError(f"{path.name}: line {number} holds something that is not a number: {' '.join(line)}")
+        raise FormatError(f"{path.name}: line {number} contains something that is not a number: {' '.join(line)}")
     return values
 
 
@@ -156,8 +156,8 @@ def with_profile(cameras: Sequence[Camera], path: Path) -> tuple[Camera, ...]:
     lenses = read_profile(path)
     if len(lenses) != len(cameras):
         raise CalibrationError(
-            f"{path.name}: describes {len(lenses)} cameras, but the coefficients are for {len(cameras)}: "
-            "give the profile of the same calibration"
+            f"{path.name}: describes {len(lenses)} cameras, but the coefficients are for {len(cameras)}: give the "
+            "profile that belongs to the same calibration"
         )
     pairs = zip(cameras, lenses, strict=True)
     return tuple(replace(c, lens=None if lens.is_identity else lens, size_px=size) for c, (lens, size) in pairs)
@@ -175,8 +175,8 @@ def write_profile(path: Path, cameras: Sequence[Camera]) -> None:
             raise FormatError(f"{path.name}: camera {camera.name!r} has no lens or image size, which a profile needs")
         if not isinstance(camera.lens, BrownLens):
             raise FormatError(
-                f"{path.name}: camera {camera.name!r} has a {camera.lens.model} lens, but a profile holds Brown's "
-                "(k1 k2 p1 p2 k3) only: write calibration.toml, or calibrate with `lens` brown"
+                f"{path.name}: camera {camera.name!r} has a {camera.lens.model} lens, but a camera profile can only "
+                "store a Brown lens (k1 k2 p1 p2 k3): write calibration.toml, or calibrate with `lens` brown"
             )
         (fx, fy), (cx, cy) = camera.lens.f_px, camera.lens.centre_px
         numbers = (fx, *camera.size_px, cx, cy, fy / fx, *camera.lens.k[:2], *camera.lens.p, camera.lens.k[2])
@@ -211,20 +211,24 @@ def _profile(path: Path, _hints: Hints) -> FileContents:
         paths=(path,),
         camera_names=tuple(f"cam{c + 1}" for c in range(len(lenses))),
         lenses=lenses,
-        findings=(f"principal point far from half the image height in cameras {odd}: check H and cy",) if odd else (),
+        findings=(
+            f"principal point far from the middle of the picture in camera {', '.join(map(str, odd))}: check H and cy",
+        )
+        if odd
+        else (),
     )
 
 
 FORMATS = (
     Format(
         name="camera-profile",
-        title="camera profile of Argus and easyWand (12 columns a camera)",
+        title="camera profile of Argus and easyWand (one line of 12 numbers for each camera)",
         knows=_is_profile,
         read=_profile,
     ),
     Format(
         name="argus-sba-profile",
-        title="bundle-adjusted cameras of Argus (sba-profile, 17 columns a camera)",
+        title="bundle-adjusted cameras of Argus (sba-profile, one line of 17 numbers for each camera)",
         knows=_knows((17,)),
         read=lambda path, _: calibration_recording(
             path, "argus-sba-profile", read_sba_profile(path), findings=("the unit of lengths is not in the file",)

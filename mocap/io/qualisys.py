@@ -47,7 +47,7 @@ def read_tsv(path: Path) -> FileContents:
     if head["NO_OF_MARKERS"][0].strip() != str(len(names)) or not (timed or len(titles) == 3 * len(names)):
         raise FormatError(
             f"{path.name}: NO_OF_MARKERS is {head['NO_OF_MARKERS'][0]}, with {len(names)} names and {len(titles)} "
-            "columns (expected three a marker, after Frame and Time or without them): export it again"
+            "columns (expected three for each marker, with or without Frame and Time before them): export it again"
         )
     rows = lines[start:]
     while rows and not rows[-1].strip():
@@ -65,7 +65,7 @@ def read_tsv(path: Path) -> FileContents:
     off = np.flatnonzero(~(np.abs(t_s - values[:, 1]) < 0.5 / fps))
     if len(off):
         raise FormatError(
-            f"{path.name}: line {off[0] + start + 1}: frame {values[off[0], 0]:g} at {fps:g} Hz is not at "
+            f"{path.name}: line {off[0] + start + 1}: frame {values[off[0], 0]:g} at {fps:g} Hz does not fall on "
             f"{values[off[0], 1]:g} s: was the file cut or resampled? export it again"
         )
     return point_recording(
@@ -77,7 +77,7 @@ def read_tsv(path: Path) -> FileContents:
         frames=frame_numbers(path, values[:, 0], first_line=start + 1),
         fps=fps,
         t_s=t_s,
-        findings=("filled samples are not told from measured ones in this format",),
+        findings=("this format does not distinguish filled from measured samples",),
     )
 
 
@@ -121,7 +121,7 @@ def read_mat(path: Path) -> FileContents:
         frames=start + np.arange(frames),
         fps=rate(path, measurement.get("FrameRate")),
         status=origin,
-        findings=(f"{unnamed} trajectories without a label are left out",) if unnamed else (),
+        findings=(f"{unnamed} trajectories without a label were left out",) if unnamed else (),
     )
 
 
@@ -135,7 +135,7 @@ def _measurement(path: Path) -> dict[str, Any]:
     found = [value for value in table.values() if isinstance(value, dict) and "Trajectories" in value]
     if len(found) != 1:
         raise FormatError(
-            f"{path.name}: {len(found)} variables hold Trajectories; expected one, as Qualisys Track Manager exports"
+            f"{path.name}: {len(found)} variables contain Trajectories; expected one, as Qualisys Track Manager exports"
         )
     return found[0]
 

@@ -1,4 +1,4 @@
-"""All formats: which one a file is, reading it, writing it, and what a format cannot hold."""
+"""All formats: recognising, reading and writing files, and what a format cannot store."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -100,7 +100,7 @@ def _identify(path: Path, hints: Hints) -> Format:
     what = what or (f"a MATLAB file with {', '.join(sorted(beginning.mat)[:6])}" if beginning.mat else "")
     what = what or (f"text that begins {beginning.first[:60]!r}" if beginning.lines else "a binary file")
     looked = "; ".join(format.title for format in FORMATS if format.name != "csv")
-    raise FormatError(f"{path.name}: {what}: of no known format. Looked for: {looked}")
+    raise FormatError(f"{path.name}: {what}: not a known format. Looked for: {looked}")
 
 
 def read(path: Path, hints: Hints | None = None) -> FileContents:
@@ -144,7 +144,7 @@ def as_table(path: Path) -> Iterator[tuple[Path, tuple[str, ...]]]:
 
 
 def _of(path: Path, told: Sequence[str], recording: FileContents) -> FileContents:
-    """A recording as of the file that the user named, with what is to be said of its text before all else."""
+    """A recording as of the file that the user named, its findings beginning with how the text was read."""
     return replace(recording, paths=(path,), findings=(*told, *recording.findings), assumed=(*told, *recording.assumed))
 
 
@@ -157,7 +157,7 @@ def _read_as(format: Format, path: Path, hints: Hints) -> FileContents:
         open_end = stream.read(1) not in b"\r\n"
     if not (text and open_end):
         return recording
-    doubt = "the last line has no end: if the file was cut there, its last number is wrong"
+    doubt = "the last line has no line end: if the file was cut there, its last number is wrong"
     return replace(recording, findings=(*recording.findings, doubt))
 
 
@@ -173,11 +173,13 @@ def writer(path: Path, name: str | None) -> Format:
         ends = [(len(end), f) for f in FORMATS for end in f.suffixes if path.name.lower().endswith(end.lower())]
         if not ends:
             known = ", ".join(dict.fromkeys(end for f in FORMATS for end in f.suffixes))
-            raise FormatError(f"{path.name}: the end of the name means no format that is written ({known}): give `to`")
+            raise FormatError(
+                f"{path.name}: no format is written to files with this ending (known: {known}): give `to`"
+            )
         format = max(ends, key=lambda pair: pair[0])[1]
     if format.write is None:
         names = ", ".join(f.name for f in FORMATS if f.write is not None)
-        raise FormatError(f"{path.name}: {format.title} is only read; written are {names}")
+        raise FormatError(f"{path.name}: {format.title} can only be read; formats that can be written are {names}")
     return format
 
 
@@ -187,14 +189,14 @@ def parts(recording: FileContents) -> dict[str, str]:
     if recording.pixels is not None:
         found["pixels"] = f"pixels of {len(recording.camera_names)} cameras"
         if recording.pixel_origin is not None:
-            found["pixel_origin"] = f"that pixel rows count from the {recording.pixel_origin}"
+            found["pixel_origin"] = f"the corner that pixel rows are counted from ({recording.pixel_origin})"
     if recording.points is not None:
         found["points"] = "positions"
         if np.isfinite(recording.points.sd_m).any():
             found["sd"] = "standard deviations"
         filled = int(np.isin(recording.points.status, FILLED).sum())
         if filled:
-            found["origin"] = f"that {filled} samples are filled, not measured"
+            found["origin"] = f"which samples are filled instead of measured ({filled})"
     if recording.cameras:
         found["cameras"] = f"the calibration of {len(recording.cameras)} cameras"
     elif recording.lenses:
@@ -206,12 +208,12 @@ def parts(recording: FileContents) -> dict[str, str]:
     if recording.fps is not None:
         found["fps"] = f"the frame rate, {recording.fps:g}"
     if len(recording.frames) and recording.frames[0] > 1:
-        found["first_frame"] = f"that the first frame is {recording.frames[0]}"
+        found["first_frame"] = f"the number of the first frame, {recording.frames[0]}"
     jumps = int((np.diff(recording.frames) != 1).sum())
     if jumps:
-        found["frame_numbers"] = f"that frame numbers jump, {jumps} times"
+        found["frame_numbers"] = f"{jumps} jumps of the frame numbers"
     if recording.unit is not None and (recording.points is not None or recording.cameras):
-        found["unit"] = f"that lengths are in {recording.unit}"
+        found["unit"] = f"the unit of lengths, {recording.unit}"
     for name, table in recording.tables.items():
         if np.isfinite(table).any() and (name != "offset_frames" or table.any()):
             found[name] = f"the table {name}"
@@ -240,20 +242,22 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
     if not format.holds & held.keys() & {"pixels", "points", "cameras", "lenses", "transforms"}:
         there = ", ".join(held.values()) or "nothing"
         raise FormatError(
-            f"{path.name}: {format.title} cannot hold what {recording.paths[0].name} holds ({there})"
+            f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})"
             + (": triangulate first: mocap triangulate" if "pixels" in held and "points" in format.holds else "")
         )
     for need in sorted(format.needs - held.keys()):
-        option = {"fps": "the frame rate: give `fps`", "unit": "the unit of lengths: give `unit`"}[need]
-        raise FormatError(f"{path.name}: {format.title} states {option}, as {recording.paths[0].name} does not")
+        option = {"fps": "the frame rate (give `fps`)", "unit": "the unit of lengths (give `unit`)"}[need]
+        raise FormatError(
+            f"{path.name}: {format.title} needs {option}, because {recording.paths[0].name} does not state it"
+        )
     kept = format.holds - {"pixels"} if {"points", "pixels"} <= held.keys() and not format.both else format.holds
-    losses = [f"not held: {text}" for part, text in held.items() if part not in kept]
+    losses = [f"not written: {text}" for part, text in held.items() if part not in kept]
     points = recording.points
     if points is not None and "points" in format.holds:
         if "origin" in held and "origin" not in format.holds:
             mask = np.isin(points.status, FILLED) & points.seen
             if filled:
-                losses.append(f"{mask.sum()} filled samples look like measured ones")
+                losses.append(f"{mask.sum()} filled samples are written like measured ones")
             elif mask.any():
                 xyz = np.where(mask[..., None], np.nan, points.xyz_m)
                 points = replace(points, xyz_m=xyz, status=np.where(mask, Status.MISSING, points.status))
@@ -261,6 +265,9 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
         zero = (points.xyz_m == 0).all(axis=-1)
         if format.zero_is_missing and zero.any():
             points = replace(points, xyz_m=np.where(zero[..., None], NANOMETRE, points.xyz_m))
-            losses.append(f"{zero.sum()} samples at exactly (0, 0, 0) are written a nanometre beside: 0 means missing")
+            losses.append(
+                f"{zero.sum()} samples at exactly (0, 0, 0) are written 1 nm away, because 0 means "
+                "missing in this format"
+            )
         recording = replace(recording, points=points)
     return losses + ((format.write(path, recording) if format.write else None) or [])

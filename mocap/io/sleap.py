@@ -10,7 +10,7 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import one_line
 
-_NO_RATE = "the file does not hold the frame rate"
+_NO_RATE = "the file does not state the frame rate"
 
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def _words(path: Path, table: dict[str, Any], name: str, count: int, plain: str)
     try:
         words = [value.decode("utf-8") if isinstance(value, bytes) else str(value) for value in values]
     except UnicodeDecodeError:
-        raise FormatError(f"{path.name}: {name} holds no text: export it again") from None
+        raise FormatError(f"{path.name}: {name} contains no text: export it again") from None
     if len(words) != count:
         raise FormatError(f"{path.name}: {len(words)} {name} for {count}: export it again")
     return words

@@ -33,7 +33,8 @@ def codes(path: Path, words: Any) -> NDArray[np.int8]:
     unknown = [word for word in found if word not in _CODES]
     if unknown:
         raise FormatError(
-            f"{path.name}: origin {str(unknown[0])!r}; expected {', '.join(WORDS)}: the file is cut or edited"
+            f"{path.name}: origin {str(unknown[0])!r}; expected {', '.join(WORDS)}: the file was cut or edited; "
+            "export it again"
         )
     return np.array([_CODES[word] for word in found], dtype=np.int8)[index]
 
@@ -67,7 +68,7 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
         FormatError: it is cut or empty, or holds a cell that is no finite number.
     """
     if path.read_bytes()[-1:] not in (b"\n", b"\r"):
-        raise FormatError(f"{path.name}: the last line has no end, the file seems to be cut: export it again")
+        raise FormatError(f"{path.name}: the last line has no line end, so the file seems to be cut: export it again")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row longer than the header
@@ -83,13 +84,13 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
         trouble = _bad_cell(path, kinds) or " ".join(str(error).split())[:200]
         raise FormatError(f"{path.name}: {trouble}; correct it or export it again") from None
     if table.empty:
-        raise FormatError(f"{path.name}: holds no rows: export it again")
+        raise FormatError(f"{path.name}: contains no rows: export it again")
     for title in table.select_dtypes("number"):
         wrong = np.abs(table[title].to_numpy(dtype=np.float64)) > LARGEST
         if wrong.any():
             row = int(np.argmax(wrong))
             raise FormatError(
-                f"{path.name}: line {row + 2}, {title}: {table[title].iloc[row]:g} is no number that was measured; "
+                f"{path.name}: line {row + 2}, {title}: {table[title].iloc[row]:g} is not a plausible measurement; "
                 "correct it or write NaN"
             )
     return table
@@ -116,7 +117,9 @@ def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
     empty = np.isnan(xyz).any(axis=-1)
     wrong = np.where(empty, ~np.isin(origin, (Status.MISSING, Status.REJECTED)), origin == Status.MISSING)
     if wrong.any():
-        raise FormatError(f"{path.name}: {wrong.sum()} positions contradict their origin: the file is cut or edited")
+        raise FormatError(
+            f"{path.name}: {wrong.sum()} positions contradict their origin: the file was cut or edited; export it again"
+        )
 
 
 def with_sd(recording: FileContents, sd: Array) -> FileContents:

@@ -62,7 +62,7 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
         c for c in ("frame", "marker", *axes, *(("camera", "seen") if filmed else ("origin",))) if c not in table
     ]
     if lacking:
-        raise FormatError(f"{path.name}: no column {lacking[0]}; expected a row a sample: frame, marker, ...")
+        raise FormatError(f"{path.name}: no column {lacking[0]}; expected one row for each sample: frame, marker, ...")
     words = {c: table[c].astype(object).fillna("").astype(str).to_numpy() for c in _TEXT if c in table}
     names = list(dict.fromkeys(words["marker"]))
     cameras = list(dict.fromkeys(words["camera"])) if filmed else [""]
@@ -85,7 +85,7 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
         times = table["t_s"].to_numpy(dtype=np.float64)[::size]
         told, findings = rate_of_times(path, times)
         fps = fps or told
-    findings += ["the file does not hold the frame rate"] if fps is None else []
+    findings += ["the file does not state the frame rate"] if fps is None else []
     score = None if "score" not in table else table["score"].to_numpy(dtype=np.float64).reshape(values.shape[:3])
     if filmed:
         if (words["seen"] != np.where(np.isnan(values).any(axis=-1).ravel(), "no", "yes")).any():
@@ -159,13 +159,13 @@ def _read_parquet(path: Path, _hints: Hints) -> FileContents:
             "export it again"
         ) from None
     if rows.empty:
-        raise FormatError(f"{path.name}: holds no rows: export it again")
+        raise FormatError(f"{path.name}: contains no rows: export it again")
     try:
         return _recording(path, "parquet", rows, fps)
     except FormatError:
         raise
     except Exception as error:  # as above: columns are arrow's until they are looked at
-        raise FormatError(f"{path.name}: a column holds something else ({error}): export it again") from None
+        raise FormatError(f"{path.name}: a column has the wrong type ({error}): export it again") from None
 
 
 def _write_parquet(path: Path, recording: FileContents) -> None:
@@ -182,7 +182,7 @@ _HELD = frozenset({"points", "first_frame", "frame_numbers", "pixels", "fps", "u
 FORMATS = (
     Format(
         name="csv-long",
-        title="our CSV, a row a sample (frame, marker, ...)",
+        title="mocap's CSV, one row for each sample (frame, marker, ...)",
         knows=lambda head: head.cells()[:1] == ("frame",) and "marker" in head.cells(),
         read=_read_csv,
         write=_write_csv,
@@ -191,7 +191,7 @@ FORMATS = (
     ),
     Format(
         name="parquet",
-        title="our Parquet, a row a sample",
+        title="mocap's Parquet, one row for each sample",
         knows=lambda head: head.start.startswith(b"PAR1"),
         read=_read_parquet,
         write=_write_parquet,

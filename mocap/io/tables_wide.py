@@ -35,14 +35,17 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     words = table[[f"{name}_origin" for name in names]].fillna("").to_numpy(dtype=str)
     origin = codes(path, words)
     check_origins(path, xyz, origin)
-    fps, findings, times = None, ["the file does not hold the frame rate"], None
+    fps, findings, times = None, ["the file does not state the frame rate"], None
     if "t_s" in header:
         times = table["t_s"].to_numpy()
         if np.isnan(times).any():
             raise FormatError(f"{path.name}: a time is missing: the file is cut or edited")
         fps, findings = rate_of_times(path, times)
     if (words == REPAIRED).any():
-        findings.append(f"{(words == REPAIRED).sum()} measured samples bore another marker's name in the file tracked")
+        findings.append(
+            f"{(words == REPAIRED).sum()} measured samples had another marker's name in the original "
+            "file (repaired identity switches)"
+        )
     recording = point_recording(
         path,
         "csv-wide",
@@ -68,7 +71,9 @@ def _write(path: Path, recording: FileContents) -> None:
         own |= {f"{name}_sd": points.sd_m[:, m]} if deviations else {}
         own[f"{name}_origin"] = WORDS[points.status[:, m]]
         if own.keys() & columns.keys():
-            raise FormatError(f"{path.name}: marker {name!r} would have a column of another marker: rename it")
+            raise FormatError(
+                f"{path.name}: marker {name!r} would have the same column titles as another marker: rename it"
+            )
         columns |= own
     table = pd.DataFrame({as_cell(title): column for title, column in columns.items()})
     table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
@@ -77,7 +82,7 @@ def _write(path: Path, recording: FileContents) -> None:
 FORMATS = (
     Format(
         name="csv-wide",
-        title="our CSV, a row a frame (frame, t_s, <name>_x, ...)",
+        title="mocap's CSV, one row for each frame (frame, t_s, <name>_x, ...)",
         knows=lambda head: head.cells()[:1] == ("frame",) and any(c.endswith("_origin") for c in head.cells()),
         read=_read,
         write=_write,

@@ -61,8 +61,8 @@ def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -
     several = next((r for r in pixels if len(r.camera_names) != 1), None)
     if several is not None:
         raise FormatError(
-            f"{several.paths[0].name}: holds {len(several.camera_names)} cameras; beside other pixel files each must "
-            "hold one"
+            f"{several.paths[0].name}: contains {len(several.camera_names)} cameras; when several pixel files are "
+            "given, each must contain one"
         )
     calibrated = next((r.camera_names for r in recordings if r.cameras and r.pixels is None), ())
     names = [_view_name(r, calibrated) for r in pixels]
@@ -127,7 +127,7 @@ def _with(base: FileContents, other: FileContents) -> FileContents:
                 "the calibration of this recording"
             )
         if other.cameras and base.cameras:
-            raise FormatError(f"{where}: both hold a calibration: give one")
+            raise FormatError(f"{where}: both contain a calibration: give only one")
         order = [other.camera_names.index(n) for n in base.camera_names if n in other.camera_names]
         order = order if len(order) == len(other.camera_names) else list(range(len(other.camera_names)))
         changes["camera_names"] = base.camera_names or other.camera_names

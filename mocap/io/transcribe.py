@@ -35,7 +35,7 @@ Knows = Callable[[Head], bool]
 
 @contextmanager
 def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterator[tuple[Path, tuple[str, ...]]]:
-    """The file to read in place of another, while the context lasts, and what is to be said of how it was read.
+    """The file to read in place of another, while the context lasts, and sentences on how it was read.
 
     Args:
         path: What the user named.
@@ -48,7 +48,7 @@ def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterat
     if is_workbook(path):
         text, told = sheet_text(path, sheet)
     elif sheet is not None:
-        raise FormatError(f"{path.name}: is no workbook (.xlsx), but the sheet {sheet!r} is stated: leave it out")
+        raise FormatError(f"{path.name}: is not a workbook (.xlsx), but the sheet {sheet!r} was stated: leave it out")
     else:
         text, told = _one_form(path, known)
     if text is None:
@@ -61,7 +61,7 @@ def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterat
 
 
 def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
-    """The text of a file in the one form, and what is to be said of it; None where it is in it, or no text."""
+    """The text of a file in the one form, and sentences on that; None where it has it already, or is not text."""
     try:
         with path.open("rb") as stream:
             start = stream.read(LENGTH)
@@ -191,7 +191,9 @@ def _with_commas(path: Path, text: str, separator: str) -> str:
         try:
             writer.writerow(next(csv.reader([line], delimiter=separator), []))
         except csv.Error as error:
-            raise FormatError(f"{path.name}: line {number} has no cells ({error}): export it again") from None
+            raise FormatError(
+                f"{path.name}: line {number} cannot be split into cells ({error}): export it again"
+            ) from None
     return out.getvalue() if not rest else out.getvalue().removesuffix("\n")
 
 
@@ -201,7 +203,7 @@ def _empty(line: str) -> bool:
 
 
 def _trimmed(text: str) -> tuple[str, tuple[str, ...]]:
-    """A text without the empty columns that end each line, and what is to be said of empty rows at its end.
+    """A text without the empty columns that end each line, and a sentence on empty rows at its end.
 
     Rows of commas only are frames in which nothing was seen, unless the first column counts: a table without titles
     (as coefficients), or one with a frame or a time in each row.
@@ -216,10 +218,10 @@ def _trimmed(text: str) -> tuple[str, tuple[str, ...]]:
     last = next((i for i in range(end, 0, -1) if lines[i - 1].strip(", \t")), 0)
     if last == end:
         return "\n".join(lines), ()
-    told = f"the last {end - last} lines hold nothing but separators".replace(" 1 lines hold", " line holds")
+    told = f"the last {end - last} lines contain nothing but separators".replace(" 1 lines contain", " line contains")
     if _COUNTED.fullmatch(first[0].strip(' "')) or all(_NUMBER.fullmatch(cell) for cell in first):
         return "\n".join([*lines[:last], *lines[end:]]), (f"{told}: left out",)
-    return "\n".join(lines), (f"{told}: read as frames that show nothing",)
+    return "\n".join(lines), (f"{told}: read as frames in which nothing was seen",)
 
 
 def _surplus(line: str) -> int:

@@ -26,13 +26,15 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     """
     lines = read_lines(path)
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
-        raise FormatError(f"{path.name}: does not begin with PathFileType and four lines of a head: no TRC file")
+        raise FormatError(
+            f"{path.name}: does not begin with PathFileType and the four header lines of a TRC file: export it again"
+        )
     separator = "\t" if "\t" in lines[1] else ","
     keys, told = ([cell.strip() for cell in lines[i].split(separator)] for i in (1, 2))
     head = dict(zip(keys, told, strict=False))
     lacking = [key for key in ("NumFrames", "NumMarkers", "Units") if not head.get(key)]
     if lacking:
-        raise FormatError(f"{path.name}: lines 2 and 3 do not say {lacking[0]}; expected {', '.join(_KEYS)}")
+        raise FormatError(f"{path.name}: lines 2 and 3 do not state {lacking[0]}; expected {', '.join(_KEYS)}")
     titles = [cell.strip() for cell in lines[3].split(separator)]
     names = [from_cell(title) for title in titles[2:] if title]
     if not re.match(r"frame", titles[0], re.IGNORECASE) or head["NumMarkers"] != str(len(names)):
@@ -42,7 +44,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         )
     rows = [(i, line) for i, line in enumerate(lines[5:], start=6) if line.strip(", \t")]
     if not rows:
-        raise FormatError(f"{path.name}: no frames after the head: export it again")
+        raise FormatError(f"{path.name}: no frames after the header: export it again")
     width = 2 + 3 * len(names)
     text = [line for _, line in rows]
     values = numbers(path, text, separator=separator, columns=width, first_line=rows[0][0])
@@ -56,7 +58,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     if str(len(rows)) != head["NumFrames"]:
         findings.append(f"{len(rows)} rows, but NumFrames says {head['NumFrames']}: the file is cut, or was edited")
     if zero.any():
-        findings.append(f"{zero.sum()} samples at exactly (0, 0, 0) are taken as not seen")
+        findings.append(f"{zero.sum()} samples at exactly (0, 0, 0) were read as missing")
     unit = head["Units"].lower()
     if unit not in UNIT_M:
         metres(path, unit)
@@ -83,7 +85,7 @@ def _rate(path: Path, times: Array, told: str) -> tuple[float | None, list[str]]
         return (said if abs(said - fps) * (times[-1] - times[0]) < 0.5 else fps), findings
     return fps, [
         *findings,
-        f"DataRate says {told or 'nothing'}, the column Time {fps:.6g} frames a second: Time is used",
+        f"DataRate says {told or 'nothing'}, the column Time {fps:.6g} frames a second: the column Time is used",
     ]
 
 
@@ -98,7 +100,7 @@ def _write(path: Path, recording: FileContents) -> None:
     tracks = points_of(path, recording)
     bad = next((name for name in tracks.names if not name.strip() or re.search(r"[\t\r\n]", name)), None)
     if bad is not None:
-        raise FormatError(f"{path.name}: marker name {bad!r} is empty or holds a tab or a line's end: rename it")
+        raise FormatError(f"{path.name}: marker name {bad!r} is empty or contains a tab or line end: rename it")
     unit = recording.unit or "m"
     fps, count = recording.fps or 1.0, len(tracks.t_s)
     values = tracks.xyz_m / metres(path, unit)

@@ -1,4 +1,4 @@
-"""Positions whose unit no file and no user states: how long the animal would be, and which unit that speaks for."""
+"""Positions whose unit is stated by no file and no user: the length of the animal suggests the unit."""
 
 import numpy as np
 
@@ -50,7 +50,7 @@ def guessed(long: float) -> str:
 
 
 def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[str, ...]]:
-    """A recording with positions in metres, and what is to be said of that where nobody states the unit.
+    """A recording with positions in metres, and findings on the unit where nobody states it.
 
     Args:
         recording: As read; only positions without cameras are guessed at.
@@ -67,32 +67,35 @@ def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileCon
     long, vague = length(xyz), noise(xyz)
     if not np.isfinite(long):
         return recording, ()
-    unit, what = guessed(long), "the animal" if len(recording.names) > 1 else "the way of the marker"
+    unit, what = guessed(long), "the animal" if len(recording.names) > 1 else "the path of the marker"
     if unit != "m":
         return recording.with_unit(unit), (
-            f"NO UNIT IS STATED: guessed to be {unit}, in which {what} is {_m(long * UNIT_M[unit])} long (in metres it "
-            f"would be {_m(long)}): state the unit (m, {', '.join(_UNITS)}), above all if this is wrong",
+            f"NO UNIT IS STATED: lengths are assumed to be in {unit}, so that {what} is {_m(long * UNIT_M[unit])} "
+            f"long (in metres it would be {_m(long)}): state the unit (m, {', '.join(_UNITS)}), in particular if "
+            "this is wrong",
         )
     others = ", ".join(f"{unit} if it is {_m(long * UNIT_M[unit])} long" for unit in _UNITS)
     if long > LONGEST_M or vague > WIDEST_NOISE_M:
         jitter = f" and jitters by {_m(vague)}" if vague > WIDEST_NOISE_M else ""
         return recording, (
-            f"NO UNIT IS STATED: taken as metres, in which {what} would be {_m(long)} long{jitter}: all lengths below "
-            f"are wrong unless that is so; state the unit: {others}",
+            f"NO UNIT IS STATED: lengths are assumed to be in metres, so that {what} is {_m(long)} long{jitter}. If "
+            f"that is wrong, all lengths below are wrong: state the unit: {others}",
         )
     doubt = f"; if that is wrong, state the unit: {others}" if long > LONG_M else ""
-    return recording, (f"no unit is stated: taken as metres, in which {what} is {_m(long)} long{doubt}",)
+    return recording, (
+        f"no unit is stated: lengths are assumed to be in metres, so that {what} is {_m(long)} long{doubt}",
+    )
 
 
 def too_long(xyz_m: Array) -> tuple[str, ...]:
-    """What is to be said of an animal that cameras show longer than any is: the calibration is in another unit."""
+    """A finding where cameras show an animal longer than any is: the calibration is in another unit."""
     long = length(xyz_m)
     if not long > LONGEST_M:
         return ()
     others = ", ".join(f"{unit} if it is {_m(long * UNIT_M[unit])} long" for unit in _UNITS)
     return (
-        f"THE ANIMAL IS {_m(long)} LONG by the calibration, whose lengths count as metres: all lengths below are wrong "
-        f"unless that is so; state the unit of the calibration: {others}",
+        f"THE ANIMAL IS {_m(long)} LONG if the calibration is in metres, as is assumed. If that is wrong, all "
+        f"lengths below are wrong: state the unit of the calibration: {others}",
     )
 
 

@@ -28,7 +28,8 @@ def read_csv(path: Path) -> FileContents:
     head = [line.rstrip(",").split(",") for line in lines[start + 1 : start + 5]]
     if len(head) < 4 or [cell.strip() for cell in head[2][:2]] != ["Frame", "Sub Frame"]:
         raise FormatError(
-            f"{path.name}: lines {start + 2} to {start + 5} should hold the rate, marker names, Frame,Sub Frame,X,Y,Z "
+            f"{path.name}: lines {start + 2} to {start + 5} should contain the rate, marker names, Frame,Sub "
+            "Frame,X,Y,Z "
             "and units: export it again"
         )
     axes = [cell.strip().upper() for cell in head[2][2:]]
@@ -53,7 +54,7 @@ def read_csv(path: Path) -> FileContents:
             "export it again"
         )
     if not rows:
-        raise FormatError(f"{path.name}: no frames after the head: export it again")
+        raise FormatError(f"{path.name}: no frames after the header: export it again")
     values = numbers(path, rows, separator=",", columns=2 + len(axes), first_line=start + 6)
     return point_recording(
         path,
@@ -63,7 +64,7 @@ def read_csv(path: Path) -> FileContents:
         unit=units.pop(),
         frames=frame_numbers(path, values[:, 0], first_line=start + 6),
         fps=rate(path, head[0][0]),
-        findings=("filled samples are not told from measured ones in this format",),
+        findings=("this format does not distinguish filled from measured samples",),
     )
 
 

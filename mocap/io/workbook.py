@@ -44,7 +44,7 @@ def is_workbook(path: Path) -> bool:
 
 
 def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
-    """A sheet as the text of a CSV file, and what is to be said of it.
+    """A sheet as the text of a CSV file, and sentences on how it was read.
 
     Args:
         path: The workbook.
@@ -81,7 +81,9 @@ def sheet_text(path: Path, sheet: str | None) -> tuple[str, tuple[str, ...]]:
         rows.pop()
     width = max((len(row) for row in rows), default=0)
     if not width:
-        raise FormatError(f"{path.name}: the sheet {name!r} is empty: state another (there are {', '.join(sheets)})")
+        raise FormatError(
+            f"{path.name}: the sheet {name!r} is empty: state another one (there are {', '.join(sheets)})"
+        )
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows([*row, *[""] * (width - len(row))] for row in rows)
     return out.getvalue(), ((f"read from the sheet {name!r}",) if len(sheets) > 1 else ())

@@ -21,8 +21,11 @@ from mocap.io.lines import frame_numbers, numbers, read_lines
 
 _OFFSETS = re.compile(r"(?:cam\d+_offset)+")
 _BODY = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
-_NO_RATE = "the file does not hold the frame rate"
-_NO_PIXELS = "the file says neither where pixels are counted from (0 or 1, upper or lower left) nor if undistorted"
+_NO_RATE = "the file does not state the frame rate"
+_NO_PIXELS = (
+    "the file states neither where pixels are counted from (0 or 1, upper or lower left) nor whether they "
+    "are undistorted"
+)
 
 
 def _is_pixels(head: Head) -> bool:
@@ -83,7 +86,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     if hertz is not None:
         findings.append(f"points were low-pass filtered at {hertz} Hz by XMALab")
     if frames is None and hertz is None:
-        findings.append("DLTdv 8.4 writes the same columns: which program wrote them, the file does not tell")
+        findings.append("DLTdv 8.4 writes the same columns: the file does not state which program wrote it")
     return point_recording(path, "xmalab-3d", names=names, xyz=xyz, unit=None, frames=frames, findings=tuple(findings))
 
 
@@ -113,7 +116,9 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     filters = {match["filter"] for match in matches if match}
     expected = [f"{name}_{entry}" for name in names for entry in _BODY]
     if not all(matches) or [f"{m['name']}_{m['entry']}" for m in matches if m] != expected:
-        raise FormatError(f"{path.name}: columns are not the 16 entries of a matrix for each rigid body: export again")
+        raise FormatError(
+            f"{path.name}: columns are not the 16 entries of a matrix for each rigid body: export it again"
+        )
     matrices = np.swapaxes(values.reshape(len(values), len(names), 4, 4), 2, 3)
     lost = np.isnan(matrices.reshape(*matrices.shape[:2], 16)).any(axis=-1)
     matrices[np.asarray(lost)] = np.nan
@@ -121,7 +126,7 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     off = np.nanmax(np.abs(rotations @ np.swapaxes(rotations, 2, 3) - np.eye(3)), initial=0.0)
     findings = [_NO_RATE, "the unit of lengths is not in the file"]
     if off > 1e-3:
-        findings.append(f"matrices are no rotations: entries of R R^T are off by up to {off:.2g}")
+        findings.append(f"matrices are not rotations: entries of R R^T differ from the identity by up to {off:.2g}")
     findings += [f"transforms were low-pass filtered at {f[1:-2]} Hz by XMALab" for f in sorted(filters - {None})]
     return FileContents(
         format="xmalab-rigid-bodies",
@@ -136,7 +141,7 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
 FORMATS = (
     Format(
         name="xmalab-rigid-bodies",
-        title="rigid-body transforms of XMALab (CSV, 16 columns a body)",
+        title="rigid-body transforms of XMALab (CSV, 16 columns for each body)",
         knows=_is_bodies,
         read=_bodies,
     ),

@@ -1,4 +1,4 @@
-"""The whole design of a joint: truss, checks, parts; what the report and the pictures are made of."""
+"""The whole design of a joint: truss, checks and parts, as the report and the pictures show them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ ENERGY = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
-    """What is asked of a design; lengths at printed size.
+    """Requirements of a design; lengths at printed size.
 
     Attributes:
         size_m: Printed distance from the joint to its farthest sample.
@@ -215,7 +215,7 @@ def _first_that_can_be_made(
     if wish.printing is None:
         return 0, None, wish.energy_j or 10e-3
     if designs[0].truss.dimension != 2 or designs[0].truss.internal_m.size:
-        raise MakeError("parts are made of planar trusses without internal nodes: give `no_solid` for this one")
+        raise MakeError("parts can only be made of planar trusses without internal nodes: give `no_solid` for this one")
     reasons = []
     for i, design in enumerate(designs):
         try:
@@ -238,8 +238,8 @@ def _kit(
     energy = float(np.sqrt(low * high)) if energy_j is None else energy_j
     if not low <= energy <= high:
         raise MakeError(
-            f"`energy_mj` {energy / MM:.3g}: the parts allow {low / MM:.3g} to {high / MM:.3g}; the wall and the width "
-            "bind below, the strain above"
+            f"`energy_mj` {energy / MM:.3g}: the parts allow {low / MM:.3g} to {high / MM:.3g}; the lower limit is "
+            "set by wall and width, the upper by strain"
         )
     truss = design.truss.scaled(metres=per_unit, joules=energy)
     flexures = shaped(found, truss.stiffness_n_m, printing)

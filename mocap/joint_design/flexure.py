@@ -156,7 +156,10 @@ def forms(rest_m: float, least_m: float, most_m: float, law: Law, printing: Prin
         MakeError: there is none; the message names the limit that binds.
     """
     if law not in PRINTED:
-        raise MakeError(f"{name} follows the law '{law}', and meanders only {', '.join(PRINTED)}: give these as `laws`")
+        raise MakeError(
+            f"{name} has the law '{law}', but printed meander springs can only follow "
+            f"{', '.join(PRINTED)}: give these as `laws`"
+        )
     squeeze, pull = max(rest_m - least_m, 0.0), max(most_m - rest_m, 0.0)
     slot = {"cable": squeeze + SPARE_M, "strut": pull + SPARE_M}.get(law, 0.0)
     room = rest_m - printing.ends_m - (slot if law == "cable" else 0.0)
@@ -170,7 +173,8 @@ def forms(rest_m: float, least_m: float, most_m: float, law: Law, printing: Prin
         needed = printing.ends_m + max(rest_m - least_m, 0.0) + 2.0 * (printing.wall_m + printing.gap_m)
         raise MakeError(
             f"{name} is {rest_m / MM:.1f} mm long at rest and would need {needed / MM:.1f} mm for its eyes, its "
-            "contraction and two beams: the room for a meander binds; give a greater `size_mm` or less `contraction`"
+            "contraction and two beams: there is too little room for a meander spring; give a greater `size_mm` or "
+            "less `contraction`"
         )
     # the positive root of h (h + 3 p) = 3 t delta / (N strain)
     bent = 3.0 * t * travel / (n * printing.material.strain)
@@ -182,15 +186,15 @@ def forms(rest_m: float, least_m: float, most_m: float, law: Law, printing: Prin
     if not possible.any():
         binding = {
             "allowed strain": by_strain,
-            "turn of its beams": by_turn,
+            "rotation of its beams": by_turn,
             "slenderness": by_slenderness + 0.0 * p,
             "wall": SLIM * t + 0.0 * p,
             "pitch": p,
         }
         which = max(binding, key=lambda key: float(np.where(fits, binding[key], np.inf).min()))
         raise MakeError(
-            f"{name} travels {travel / MM:.1f} mm: the {which} asks for a meander "
-            f"{np.where(fits, narrow, np.inf).min() / MM:.1f} mm wide, and `width_mm` allows {printing.width_m / MM:g}"
+            f"{name} travels {travel / MM:.1f} mm: the {which} requires a meander "
+            f"{np.where(fits, narrow, np.inf).min() / MM:.1f} mm wide, but `width_mm` allows {printing.width_m / MM:g}"
         )
     n, t = (np.broadcast_to(part, p.shape)[possible] for part in (n, t))
     p, narrow = p[possible], narrow[possible]
@@ -241,9 +245,10 @@ def energy_range(found: Sequence[Forms], stiffness: Array) -> tuple[float, float
     if low.max() > high.min():
         stiff, soft = int(np.argmin(high)), int(np.argmax(low))
         raise MakeError(
-            f"member {stiff + 1} can be as stiff as its strain allows up to {high[stiff] / MM:.3g} mJ at V = 1, and "
-            f"member {soft + 1} as soft as `width_mm` and the wall allow down to {low[soft] / MM:.3g} mJ: the strain "
-            "and the width bind; give a wider `width_mm`, a thinner `wall_mm` or a material of more `strain`"
+            f"member {stiff + 1} is stiff enough within its allowable strain only up to {high[stiff] / MM:.3g} mJ "
+            f"at V = 1, and member {soft + 1} is soft enough within `width_mm` and the wall only down to "
+            f"{low[soft] / MM:.3g} mJ: no energy suits both; give a wider `width_mm`, a thinner `wall_mm` or a "
+            "material of more `strain`"
         )
     return float(low.max()), float(high.min())
 
@@ -259,7 +264,8 @@ def _narrowest(found: Forms, stiffness_n_m: float, printing: Printing) -> Flexur
     n, t, p, h = (part[fits] for part in (found.beams, found.thickness_m, found.pitch_m, found.narrow_m))
     if not len(n):
         raise MakeError(
-            f"no meander of {stiffness_n_m:.3g} N/m: between two forms of it lies a gap; change `energy_mj`"
+            f"no meander spring has {stiffness_n_m:.3g} N/m: it falls between two possible numbers of beams; change "
+            "`energy_mj`"
         )
     # as narrow as it may be, less deep; where that is too shallow, the least depth and wider
     b = stiffness_n_m * n * h**2 * (h + 3.0 * p) / (young * t**3)

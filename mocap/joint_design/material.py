@@ -1,4 +1,4 @@
-"""What flexures are printed of."""
+"""Materials for printed flexures."""
 
 from dataclasses import dataclass
 
@@ -46,7 +46,7 @@ def material(name: str, *, young_mpa: float | None = None, strain: float | None 
     """
     if name not in MATERIALS:
         raise MakeError(
-            f"`material` {name}: give one of {', '.join(MATERIALS)}, with `young_mpa` and `strain` if need be"
+            f"`material` {name}: give one of {', '.join(MATERIALS)}, with `young_mpa` and `strain` if you know them"
         )
     known = MATERIALS[name]
     young = known.young_pa if young_mpa is None else 1e6 * young_mpa

@@ -43,7 +43,7 @@ def figure_7_and_9(design: JointDesign) -> Canvas:
         axes.set_ylabel("$q_2$ (mm)")
     maps[1].contour(x, y, v, levels=LEVELS, colors="black", linewidths=1.0, linestyles="--")
     maps[0].set_title("white: levels 0.25, 0.5, 0.75; dots: samples", fontsize=9)
-    maps[1].set_title("white: levels of U, cut at 1; black dashed: the same of $V_z$", fontsize=9)
+    maps[1].set_title("white: levels of U, cut at 1; black dashed: the same levels of $V_z$", fontsize=9)
     scale = ScalarMappable(Normalize(0.0, 1.0), "viridis")
     canvas.colorbar(scale, ax=maps, label="normalised: $V_z$, and (U - U stored) / U(V = 1)", shrink=0.8)
     return canvas
@@ -63,7 +63,7 @@ def _surface(axes: Axes3D, x: Array, y: Array, value: Array, name: str) -> None:
 
 
 def motion(design: JointDesign) -> Canvas:
-    """The truss at moments of the recorded way, members coloured by stretch, and U beside V_z along it."""
+    """The truss at moments of the recorded motion, members coloured by stretch, and U beside V_z along it."""
     canvas = Canvas(figsize=(16.0, 7.2), layout="constrained")
     strip, below = cast(NDArray, canvas.subfigures(2, 1, height_ratios=[1.35, 1.0]))
     states = design.way.states

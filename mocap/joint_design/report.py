@@ -99,33 +99,37 @@ def readable(design: JointDesign) -> str:
     lines = [
         f"# {plain(design.source.name)}: a truss with the energy of its potential",
         "",
-        f"{len(design.truss.rest_m)} members; {'; '.join(missed) or 'RMS and overlap as asked'}.",
+        f"{len(design.truss.rest_m)} members; {'; '.join(missed) or 'RMS and overlap are within the goals'}.",
         "",
         "| | |",
         "|---|---|",
-        f"| U beside V_z where V_z < {wish.level:g} | RMS {fit.rms:.3f}, R^2 {fit.r2:.3f} |",
+        f"| difference of U from V_z where V_z < {wish.level:g} | RMS {fit.rms:.3f}, R^2 {fit.r2:.3f} |",
         f"| overlap of level sets at 0.25, 0.5, 0.75 | {low:.2f}, {half:.2f}, {high:.2f} |",
-        f"| least U outside the region | {fit.lowest_outside * wish.level:.2f} (its edge is at {wish.level:g}) |",
-        f"| stiffness beside that of V_z where V_z < 0.5 | off by {100 * fit.stiffness_worst:.0f} % of the greatest at "
-        f"worst, {100 * fit.stiffness_median:.0f} % in the median |",
-        f"| stored at V = 0 | {design.design.stored:.2f} of U(V = 1) |",
-        f"| built with errors ({wish.tolerance.position / MM:g} mm, {100 * wish.tolerance.stiffness:g} % stiffness) | "
+        f"| smallest U outside the region | {fit.lowest_outside * wish.level:.2f} (its edge is at {wish.level:g}) |",
+        f"| error of the stiffness against that of V_z where V_z < 0.5 | {100 * fit.stiffness_worst:.0f} % of the "
+        f"greatest at worst, {100 * fit.stiffness_median:.0f} % in the median |",
+        f"| energy stored at V = 0 | {design.design.stored:.2f} of U(V = 1) |",
+        f"| built with manufacturing errors ({wish.tolerance.position / MM:g} mm, "
+        f"{100 * wish.tolerance.stiffness:g} % stiffness) | "
         f"RMS {np.median(design.built_rms):.3f} in the median, {np.quantile(design.built_rms, 0.95):.3f} at 95 % |",
-        f"| V_z learned again from resampled blocks | RMS {design.doubt[0]:.3f}, "
+        "| uncertainty of V_z itself (learned again from resampled blocks of the recording) | RMS "
+        f"{design.doubt[0]:.3f}, "
         f"overlap {design.doubt[1]:.2f} with itself |",
         f"| mass released with {ENERGY:g} of U(V = 1) | {100 * held.inside:.1f} % of time inside the region, "
         f"{100 * held.inside_half:.1f} % where V_z < 0.5; EAL model {100 * by_v.inside:.1f} %, "
         f"{100 * by_v.inside_half:.1f} % |",
-        f"| energy drift of the two | {held.drift:.1e}, {by_v.drift:.1e} of U(V = 1) |",
-        f"| snaps along the recorded way | {len(design.way.snaps)} |",
+        f"| numerical energy drift of the two | {held.drift:.1e}, {by_v.drift:.1e} of U(V = 1) |",
+        f"| snap-throughs along the recorded motion | {len(design.way.snaps)} |",
     ]
     parts = parts_json(design)
     if parts is not None:
         lines += [
             f"| printed | {design.metre_per_unit / design.source.unit_m:.3g} times the animal's size, U(V = 1) = "
             f"{design.energy_j / MM:.3g} mJ |",
-            f"| parts in {parts['material']} | {parts['volume_mm3'] / 1e3:.1f} cm^3, {parts['mass_g']:.0f} g, "  # type: ignore[operator]
-            f"{parts['height_mm']:.0f} mm high, strain up to {100 * parts['largest_strain']:.1f} % |",  # type: ignore[operator]
+            f"| parts in {parts['material']} | {parts['volume_mm3'] / 1e3:.1f} cm^3, {parts['mass_g']:.0f} g, "
+            f""  # type: ignore[operator]
+            f"{parts['height_mm']:.0f} mm high, strain up to {100 * parts['largest_strain']:.1f} % "
+            f"|",  # type: ignore[operator]
         ]
     return "\n".join(lines) + "\n"
 

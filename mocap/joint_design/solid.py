@@ -166,7 +166,7 @@ def _columns(truss: Truss, flexures: Sequence[Flexure], region_m: Array, printin
                 break
         else:
             raise MakeError(
-                "no place is left for the columns of a top plate: ask for fewer `members` or another `seed`"
+                "there is no room for the columns of a top plate: ask for fewer `members` or another `seed`"
             )
     return np.array(chosen)
 

@@ -34,7 +34,7 @@ class JointSource:
         potential: V_z on coordinates divided by ``unit_m``.
         unit_m: Metres a unit of these.
         t_s: (T,) times of the path; frame numbers where the times are not known.
-        path_m: (T, d) recorded way of the joint's child about its centre; no NaN.
+        path_m: (T, d) recorded path of the joint's child about its centre; no NaN.
     """
 
     name: str
@@ -60,7 +60,7 @@ def read_source(source: Path, joint: str | None, skeleton: Path | None) -> Joint
     if source.is_dir():
         return _from_run(source, joint)
     if not source.is_file():
-        raise MocapError(f"{source}: there is no such file: give a run's folder, a potential, or a model (.npz)")
+        raise MocapError(f"{source}: there is no such file: give the folder of a run, a potential, or a model (.npz)")
     try:
         with np.load(source, allow_pickle=False) as stored:
             is_model = "header" in stored.files
@@ -97,7 +97,9 @@ def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
             if len(known):
                 near[frame] = float(np.median(KDTree(known).query(samples_m)[0]))
     if not near:
-        raise FormatError(f"{tracks}: has no coordinates of {joint!r} in {potential.dimension} dimensions: track again")
+        raise FormatError(
+            f"{tracks}: has no coordinates of {joint!r} in {potential.dimension} dimensions: run mocap track again"
+        )
     frame = min(near, key=lambda key: near[key])
     path_m = table[[f"{joint}_{frame}_{axis}" for axis in "xyz"[: potential.dimension]]].to_numpy(dtype=np.float64)
     known = np.isfinite(path_m).all(axis=1)
@@ -155,12 +157,12 @@ def _joint(names: tuple[str, ...], joint: str | None, skeleton: Path | None, pat
     if skeleton is not None:
         joints = {j.name: j for j in read_skeleton(skeleton).for_markers(names, source=str(path)).joints}
         if joint not in joints:
-            raise MocapError(f"{skeleton}: give `joint`, one of {', '.join(joints) or 'none is there'}")
+            raise MocapError(f"{skeleton}: give `joint`, one of {', '.join(joints) or 'there is none'}")
         return joints[joint]
     parts = tuple(part.strip() for part in (joint or "").split(","))
     if len(parts) != 3 or not set(parts) <= set(names):
         raise MocapError(
-            f"{path}: a model knows markers, not joints: give `skeleton` with `joint`, or `joint` parent,centre,child "
-            f"of its markers {', '.join(names)}"
+            f"{path}: a model contains markers, not joints: give `skeleton` with `joint`, or `joint` as "
+            f"parent,centre,child of its markers {', '.join(names)}"
         )
     return Joint(name=f"{parts[1]}_{parts[2]}", parent=parts[0], centre=parts[1], child=parts[2])

@@ -1,1 +1,1 @@
-"""What a person imports: recordings, tracked motion and models as objects of a notebook."""
+"""The public interface: recordings, tracked motion and models as objects for a notebook."""

@@ -1,4 +1,4 @@
-"""Track a recording, and what comes of it: markers, joints and potentials as objects of a notebook."""
+"""Track a recording; its markers, joints and potentials as objects for a notebook."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -74,7 +74,7 @@ class Joint:
             MocapError: there is no such frame of reference.
         """
         if frame not in self.q_m:
-            raise MocapError(f"there is no frame of reference {frame!r}: give {', '.join(self.q_m)}")
+            raise MocapError(f"there is no frame of reference {frame!r}: give one of {', '.join(self.q_m)}")
         q = self.q_m[frame]
         labels = ("along", "across") if q.shape[1] == 2 else ("x", "y", "z")
         title = f"{self.name}, {frame}"

@@ -44,7 +44,7 @@ def from_pictures(
         CalibrationError: whatever makes that impossible.
     """
     if lens not in ("auto", *CHOICES):
-        raise CalibrationError(f"`lens` {lens!r} is no lens model: auto, {', '.join(CHOICES)}")
+        raise CalibrationError(f"`lens` {lens!r} is not a lens model: give auto, {', '.join(CHOICES)}")
     choices = tuple(CHOICES) if lens == "auto" else (lens,)
     board, views = detect(pictures_of(folder), board, progress=tell)
     lenses = None if known is None else {c.name: rig_lens(c) for c in read_calibration(known)}
@@ -55,7 +55,7 @@ def from_pictures(
             c.name,
             f"{len(views[c.name].corners)} of {len(views[c.name].corners) + len(views[c.name].missed)}",
             i.choice,
-            f"{c.lens.f_px[0]:.1f} ± {sd:.1f}",
+            _focal(c.lens.f_px[0], sd),
             f"{found.camera_px[c.name][0]:.3f}",
             f"{found.camera_px[c.name][1]:.3f}",
             ", ".join(f"{k} {v:.3f}" for k, v in i.held_out_px.items()) or "-",
@@ -67,7 +67,15 @@ def from_pictures(
         f"# Calibration of {len(found.cameras)} cameras: {found.rms_px:.3f} px",
         "",
         *table(
-            ["camera", "boards found", "lens", "f px", "RMS px", "median px", "held-out px by lens model"],
+            [
+                "camera",
+                "boards found",
+                "lens",
+                "f px",
+                "RMS px",
+                "median px",
+                "px on pictures left out of the fit, by lens model",
+            ],
             rows,
         ),
         f"The world is the board of {plain(found.world_frame)}: origin at its first inner corner, x along its rows, z "
@@ -75,8 +83,12 @@ def from_pictures(
         "",
         "Largest residuals: " + ", ".join(f"{plain(n)} {plain(s)} {v:.2f} px" for v, n, s in worst) + ".",
     ]
-    warned = [f"{n}: {share * 100:.1f} % of the picture has no ray" for n, share in found.no_ray.items() if share]
-    warned += [f"{n} {s} agrees with no other view and was left out" for n, s in found.left_out]
+    warned = [
+        f"{n}: {share * 100:.1f} % of the picture lies outside the range of the lens model"
+        for n, share in found.no_ray.items()
+        if share
+    ]
+    warned += [f"{n} {s} agrees with no other view of the board and was left out" for n, s in found.left_out]
     lines += [f"- {plain(w)}" for w in warned]
     numbers = {
         "method": "boards",
@@ -128,7 +140,7 @@ def from_wand(
     else:
         if profile is None or length_m is None:
             raise CalibrationError(
-                f"{file.name}: a wand needs its length and the lenses: give `length_m` and `profile`"
+                f"{file.name}: a wand calibration needs the wand's length and the lenses: give `length_m` and `profile`"
             )
         pixels, said = _pixels_of(file)
         if len(pixels.names) != 2:
@@ -158,7 +170,10 @@ def from_wand(
                 raise
             continue
         results[choice] = found
-        tell(f"free {choice}: wand score {found.good_score:.3f} over {found.good_wands} of {found.wands} wands")
+        tell(
+            f"fitted of the lenses: {choice}; wand score {found.good_score:.3f} over {found.good_wands} of "
+            f"{found.wands} wands"
+        )
     chosen = min(results, key=lambda c: results[c].good_held_out_score)
     best = results[chosen]
     rig: Sequence[RigCamera] = best.cameras
@@ -168,24 +183,25 @@ def from_wand(
         heights = [0.0 if s is None else float(s[1]) for s in sizes]
         upright = [upside_down(c, h) for c, h in zip(rig, heights, strict=True)]
     rows = [
-        [c.name, f"{c.lens.f_px[0]:.1f} ± {sd:.1f}", f"{rms:.2f}", np.round(c.position_m, 3).tolist()]
+        [c.name, _focal(c.lens.f_px[0], sd), f"{rms:.2f}", ", ".join(f"{x:.3f}" for x in c.position_m)]
         for c, sd, rms in zip(best.cameras, best.f_sd_px, best.camera_px, strict=True)
     ]
     lines = [
         f"# Calibration of {len(rig)} cameras with a wand of {length_m:g} m",
         "",
-        f"Wand score (100 SD / mean of its length, linear triangulation) {best.score:.3f} over {best.wands} instants, "
-        f"{best.held_out_score:.3f} on instants held out; over the {best.good_wands} whose clicks are believed "
-        f"{best.good_score:.3f}, **{best.good_held_out_score:.3f}** held out. Free: {chosen}; "
-        f"median error {best.median_px:.2f} px, "
-        f"{best.believed * 100:.0f} % of the sightings believed.",
+        f"Wand score (100 SD / mean of its length, linear triangulation) {best.score:.3f} over {best.wands} frames, "
+        f"{best.held_out_score:.3f} on frames left out of the fit; over the {best.good_wands} frames without "
+        f"outliers {best.good_score:.3f}, **{best.good_held_out_score:.3f}** on those left out of the fit. Fitted "
+        f"of the lenses: {chosen}; median reprojection error {best.median_px:.2f} px, {best.believed * 100:.0f} % "
+        "of the pixels accepted.",
         "",
-        *table(["camera", "f px", "RMS px (all sightings)", "place m"], rows),
-        "The world's origin is the middle of the wand's places; its axes are those of the first camera (x right, "
+        *table(["camera", "f px", "RMS px (outliers included)", "position m"], rows),
+        "The world's origin is the centre of all wand positions; its axes are those of the first camera (x right, "
         f"y {'up, z backward' if lower_left else 'down, z forward'}).",
         "",
-        "A wand cannot tell whether rows count up or down: they were taken as counted from the "
-        f"{'lower' if lower_left else 'upper'} left; otherwise the world is mirrored (state `origin`).",
+        "A wand does not show whether pixel rows are counted upwards or downwards: they were assumed to be counted "
+        "from the "
+        f"{'lower' if lower_left else 'upper'} left. If that is wrong, the world is mirrored: state `origin`.",
     ]
     lines += ["", *(f"- {plain(t)}" for t in told)] if told else []
     numbers = {
@@ -240,7 +256,7 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
     lines = [
         f"# DLT coefficients of {len(fits)} cameras from {len(xyz)} known points",
         "",
-        *table(["camera", "points", "RMS px (2n - 11)", "RMS px of points left out"], rows),
+        *table(["camera", "points", "RMS px (2n - 11)", "RMS px of points left out of the fit"], rows),
         "Lengths are in metres; pixels are counted from the same corner as in the file.",
     ]
     lines += ["", *(f"- {plain(t)}" for t in (*said, *also))] if said or also else []
@@ -276,10 +292,11 @@ def from_tracks(
     lines = [
         f"# {len(rows)} cameras refined from {found.points} points of the recording",
         "",
-        f"Median residual of points held out: {found.before_px:.3f} px before, **{found.after_px:.3f} px** after.",
+        f"Median residual of points left out of the fit: {found.before_px:.3f} px before, **{found.after_px:.3f} "
+        "px** after.",
         "",
-        *table(["camera", "moved mm", "turned degrees", "f over old f"], rows),
-        *(f"- {plain(b)}: {r:.4f} of the wanted length" for b, r in zip(bones, found.length_ratio, strict=True)),
+        *table(["camera", "moved mm", "turned degrees", "focal length / old one"], rows),
+        *(f"- {plain(b)}: {r:.4f} times the stated length" for b, r in zip(bones, found.length_ratio, strict=True)),
         "Coefficients are for the same (undistorted) pixels as before: use the same camera profile with them.",
     ]
     numbers = {
@@ -301,15 +318,20 @@ def _bone(text: str, names: Sequence[str]) -> Bone:
     parts = [p.strip() for p in text.split(",")]
     if len(parts) not in (2, 3) or any(p not in names for p in parts[:2]):
         raise CalibrationError(
-            f"`bone` {text!r}: expected two of {', '.join(names[:30])}, and maybe a length in metres"
+            f"`bone` {text!r}: expected two of {', '.join(names[:30])}, and optionally a length in metres"
         )
     try:
         length = float(parts[2]) if len(parts) == 3 else None
     except ValueError:
-        raise CalibrationError(f"`bone` {text!r}: {parts[2]!r} is no length in metres") from None
+        raise CalibrationError(f"`bone` {text!r}: {parts[2]!r} is not a length in metres") from None
     if length is not None and not length > 0:
-        raise CalibrationError(f"`bone` {text!r}: a length is above 0")
+        raise CalibrationError(f"`bone` {text!r}: the length must be above 0")
     return Bone(first=names.index(parts[0]), second=names.index(parts[1]), length_m=length)
+
+
+def _focal(f_px: float, sd_px: float) -> str:
+    """A focal length and its standard deviation, for a table."""
+    return f"{f_px:.1f} ± {sd_px:.1f}" if sd_px > 0 else f"{f_px:.1f} (not fitted)"
 
 
 def _numbers(path: Path) -> tuple[list[str], Array, tuple[str, ...]]:

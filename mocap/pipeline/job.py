@@ -116,7 +116,7 @@ def _run_job(
                 watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
         name, smoothed = chosen, None
         if chosen == "mixture":
-            with stages.stage("track by a mixture") as progress:
+            with stages.stage("track with a mixture of models") as progress:
                 smoothed = track_mixed(prepared, part, settings=settings, progress=progress)
         if smoothed is None:
             with stages.stage("learn"):
@@ -176,7 +176,7 @@ def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
     own = marker_trial(prepared, part)
     others = {trial.name for trial in for_recording(learned, part_names(prepared, part), own)}
     itself = [trial.name for trial in learned.trials if trial.name not in others]
-    left_out = f"; {', '.join(itself)} is this recording itself, and was left out" if itself else ""
+    left_out = f"; {', '.join(itself)} is this recording itself and was left out" if itself else ""
     return f"learned from {', '.join(t.name for t in learned.trials if t.name in others) or 'no other'}{left_out}"
 
 
@@ -193,4 +193,6 @@ def _choose(
         return "mixture", "the default"
     if rmse["mixture"] <= rmse["constant_velocity"]:
         return "mixture", "it fills hidden samples of this recording better than constant velocity"
-    return "constant_velocity", "it fills hidden samples of this recording better than the mixture with the EAL model"
+    return "constant_velocity", (
+        "it fills hidden samples of this recording better than the mixture that includes the EAL model"
+    )

@@ -48,7 +48,7 @@ def learn_from(
     trials = [_with_markers(recording, names) for recording in recordings]
     seen = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
     if seen.sum() < 4:
-        raise MocapError(f"only {seen.sum()} markers are ever seen in these recordings: a model needs 4")
+        raise MocapError(f"only {seen.sum()} markers are ever seen in these recordings: a model needs at least 4")
     kept = [name for name, ever in zip(names, seen, strict=True) if ever]
     trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
     trunk, bones = [name for name in trunk if name in kept], recordings[0].skeleton.rigid
@@ -73,8 +73,9 @@ def readable_scores(learned: LearnedModel) -> str:
     lines = [
         f"# A model of {len(learned.trials)} recordings",
         "",
-        f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Errors in the hidden gaps "
-        "by which models were chosen, root mean square in mm (per cent inside 95 % intervals, which are set by them):",
+        f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Root mean square errors in mm in "
+        "the hidden gaps on which models were chosen (in brackets the share inside 95 % intervals, whose width was "
+        "set on the same gaps):",
         "",
         "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
         "|---" * (len(lengths) + 1) + "|",
@@ -84,8 +85,13 @@ def readable_scores(learned: LearnedModel) -> str:
         lines.append(f"| {plain(name)} | " + " | ".join(cells) + " |")
     bones = own_trials(learned).bones
     if len(bones.ends):
-        lines += ["", "Distances that hold models with bones (of the skeleton, and pairs found to be as rigid):", ""]
-        lines += ["| markers | mm, in the last recording | varies by |", "|---|---|---|"]
+        lines += [
+            "",
+            "Distances that models with bones keep constant (bones of the skeleton, and pairs of markers "
+            "found to be as rigid):",
+            "",
+        ]
+        lines += ["| markers | length in mm, in the last recording | varies by |", "|---|---|---|"]
         for (a, b), length, sd in zip(bones.ends, bones.length_m, bones.sd_m, strict=True):
             pair = plain(f"{learned.names[a]}, {learned.names[b]}")
             lines.append(f"| {pair} | {1e3 * length:.4g} | {100 * sd / length:.1f} % |")

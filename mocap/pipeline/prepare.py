@@ -1,4 +1,4 @@
-"""From files to what a tracker takes: triangulated, cleaned, freed from the slow errors of rays."""
+"""From files to the input of a tracker: triangulated and cleaned, slowly varying pixel errors removed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -168,8 +168,8 @@ def prepare(source: Recording) -> Prepared:
     uv = np.where((found.rejected | cleaning.any | doubtful)[..., None], np.nan, filmed.ideal_px)
     if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
         raise CalibrationError(
-            f"{source.tracks.name}: every sample was rejected, rays miss each other: check that coefficients, profile "
-            "and pixels belong together"
+            f"{source.tracks.name}: every sample was rejected because the rays of the cameras do not intersect: "
+            "check that coefficients, profile and pixels belong together"
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
@@ -186,13 +186,17 @@ def prepare(source: Recording) -> Prepared:
     told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
     if filmed.late_frames is not None:
         shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
-        told += [f"camera {c.name!r} was read {late:+.2f} frames off, as asked" for c, late in shifts if late]
+        told += [
+            f"camera {c.name!r}: pixels were interpolated to correct its offset of {late:+.2f} frames, as asked"
+            for c, late in shifts
+            if late
+        ]
     contradicted = contradiction(source.pixel_sd, low_px=bias.jitter_px, high_px=shown)
     findings = [*contradicted, filmed.pixel_origin.describe(), *told, *findings]
     if bias.sd_px:
         findings.append(
-            f"rays of one marker miss each other slowly by {bias.sd_px:.2f} px (calibration or lens): removed before "
-            f"tracking, {bias.jitter_px:.2f} px of jitter are left"
+            f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
+            f"tracking; {bias.jitter_px:.2f} px of jitter remain"
         )
     return Prepared(
         name=source.name,
@@ -221,7 +225,11 @@ def prepare(source: Recording) -> Prepared:
             *findings,
             *camera_findings(health, [c.name for c in filmed.cameras]),
             *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
-            *([f"{lost.sum()} samples rejected, {REASONS['rays_miss']}"] if lost.any() else []),
+            *(
+                [f"{lost.sum()} {'sample' if lost.sum() == 1 else 'samples'} rejected ({REASONS['rays_miss']})"]
+                if lost.any()
+                else []
+            ),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),
         ),
@@ -282,7 +290,8 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
         camera_factor=np.zeros((0, len(xyz))),
         findings=(
             *findings,
-            f"positions only: noise from the file or estimated, {np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
+            "positions without cameras: their noise is taken from the file or estimated, "
+            f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),

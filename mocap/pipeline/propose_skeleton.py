@@ -16,7 +16,7 @@ from mocap.pipeline.tracking import marker_trial, part_names, seen_part
 from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text
 
 RIGID = 0.05
-"""The largest share of its length by which a rigid bone varies, as where models look for bones (``filters.bones``)."""
+"""Largest variation of a rigid bone relative to its length, as where models look for bones (``filters.bones``)."""
 SOFT = 0.10
 """The same of a bone that is proposed as soft."""
 TRUNK_MOST = 5
@@ -72,7 +72,7 @@ def propose_skeleton(prepared: Prepared) -> Proposal:
 
 def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
     if len(names) < 2:
-        raise MocapError(f"{trial.name}: shows {len(names)} markers; a skeleton needs two, and joints three")
+        raise MocapError(f"{trial.name}: shows {len(names)} markers; a skeleton needs at least two, and joints three")
     kept = kept_distances(trial)
     bones = spanning_bones(kept)
     trunk = trunk_of(trial, kept, bones)
@@ -87,7 +87,10 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
     alone = [names[m] for m in range(len(names)) if not any(m in bone for bone in bones)]
     comments = {
         "": _PREFACE.format(name=quoted(trial.name), frames=len(trial.t_s), markers=len(names)).splitlines(),
-        "bones": [*_BONES.splitlines(), *([f"Of no bone: {', '.join(map(quoted, alone))}"] if alone else [])],
+        "bones": [
+            *_BONES.splitlines(),
+            *([f"Markers without a bone: {', '.join(map(quoted, alone))}"] if alone else []),
+        ],
         "trunk": (_TRUNK if trunk else _NO_TRUNK).splitlines(),
         "joints": [*_JOINTS.splitlines(), *(stiff or ())],
         "aliases": _ALIASES.format(old=quoted(names[0])).splitlines(),
@@ -105,17 +108,21 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
 _PREFACE = """\
 A proposal from the recording {name} ({frames} frames, {markers} markers): read it, correct it, then
   mocap track FILE --skeleton THIS_FILE
-Distances and angles were measured; names and anatomy were not: what is left and right, a wrist or a toe, you know."""
+Distances and angles were measured; names and anatomy were not:
+which marker is left or right, a wrist or a toe, only you know."""
 _BONES = """\
-Two markers whose distance is one length: the shortest connections of markers that keep their distance.
-"soft": their distance changes by 5 to 10 %; leave out what is no bone, add what you know."""
-_TRUNK = "Markers that move as one body and define its frame: central ones that wobble little in it."
+Pairs of markers at a constant distance: the shortest connections between markers that keep their distance.
+"soft": their distance changes by 5 to 10 %; delete what is not a bone, add the bones that you know."""
+_TRUNK = (
+    "Markers that move together as one rigid body and define its axes: central ones that move little relative "
+    "to each other."
+)
 _NO_TRUNK = """\
-No three markers move as one body: without a trunk all markers define the frame of the body.
-Name those that move as one body, if there are any."""
+No three markers move together as one rigid body: without a trunk all markers define the axes of the body.
+List those that move together, if there are any."""
 _JOINTS = """\
 name = [parent, centre, child]: the shoulder, the elbow and the wrist describe the elbow. Each joint has its column
-in joints.csv and its potential. These are where two bones meet and the angle between them changes."""
+in joints.csv and its potential. Proposed are places where two bones meet and the angle between them changes."""
 _ALIASES = """\
 Other names for the markers: name in the file = name here, for instance {old} = "shoulder_l".
 Then write the new name in all lists above."""
@@ -226,7 +233,9 @@ def _joints(
         low, high = np.quantile(angle, [0.05, 0.95])
         if high - low < max(BENDS_DEG, 4 * noise):
             shown = ", ".join(quoted(names[m]) for m in (parent, centre, child))
-            stiff.append(f"does not bend by more than {max(high - low, noise):.0f} degrees: {shown}")
+            stiff.append(
+                f"Not proposed, because the angle changes by {max(high - low, noise):.0f} degrees or less: {shown}"
+            )
             continue
         name = _file_name(names[centre] if children[centre] == 1 else f"{names[centre]}_{names[child]}", used)
         joint = Joint(name=name, parent=names[parent], centre=names[centre], child=names[child])

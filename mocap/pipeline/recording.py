@@ -1,4 +1,4 @@
-"""The files of a recording: what the user names and states, read and brought to ideal pixels."""
+"""The files of a recording, read and converted to ideal (undistorted) pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -68,16 +68,14 @@ class Recording:
         cameras = {"profile": self.profile, "origin": self.pixel_origin, "calibration_origin": self.calibration_origin}
         for name, value in cameras.items():
             if value is not None and self.calibration is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
-                raise MocapError(
-                    f"`{name}` says something of cameras, but there are no coefficients: give `calibration`"
-                )
+                raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
 
     @cached_property
     def _read(self) -> tuple[FileContents, tuple[str, ...]]:
         recording = read(self.tracks, self.hints)
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
-            raise MocapError(f"{self.tracks.name}: frames per second are not in the file: give `fps`")
+            raise MocapError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
         if self.fps is None and recording.fps is not None:
             check_rate(recording.fps, self.tracks.name)
         recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
@@ -89,13 +87,13 @@ class Recording:
 
         Raises:
             FormatError: it cannot be read.
-            MocapError: nobody tells the frame rate.
+            MocapError: neither the file nor the user states the frame rate.
         """
         return self._read[0]
 
     @property
     def frame_findings(self) -> tuple[str, ...]:
-        """What is to be said first: how the file was read where it leaves that open, and frames that it leaves out."""
+        """The first findings: how the file was read where it leaves that open, and frames that it leaves out."""
         return self._read[1]
 
     @property
@@ -128,7 +126,7 @@ class Recording:
         for title, path in (("calibration", self.calibration), ("skeleton", self.skeleton), ("profile", self.profile)):
             if path is not None:
                 there[title] = path.name
-        stated = {"the file does not hold the frame rate"} if self.fps else set()
+        stated = {"the file does not state the frame rate"} if self.fps else set()
         findings = [f for f in (*self.frame_findings, *found.findings) if f not in stated]
         return there | ({"findings": "; ".join(findings)} if findings else {})
 
@@ -188,7 +186,7 @@ def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tu
     try:
         unique("marker", renamed)
     except ValueError as error:
-        raise SkeletonError(f"{path}: with its aliases {error}") from None
+        raise SkeletonError(f"{path}: after renaming by its aliases, {error}") from None
     return skeleton.for_markers(renamed, source="the recording"), renamed
 
 
@@ -197,19 +195,21 @@ def _pixels_and_cameras(source: Recording) -> tuple[PixelTracks, tuple[Camera, .
     recording = source.contents
     if recording.pixels is None:
         raise FormatError(
-            f"{source.tracks.name}: holds positions ({recording.format}), not pixels: leave the calibration out; is "
-            "this the 2D file?"
+            f"{source.tracks.name}: contains positions ({recording.format}), not pixels: give the file of pixels "
+            "(2D), or leave the calibration out"
         )
     if source.calibration is not None:
         calibration = _calibration(source.calibration)
         calibration = calibration if source.unit is None else calibration.with_unit(source.unit)
         if not calibration.cameras:
-            raise FormatError(f"{source.calibration.name}: holds no cameras ({calibration.format}): give a calibration")
+            raise FormatError(
+                f"{source.calibration.name}: contains no cameras ({calibration.format}): give a calibration"
+            )
         told = tuple(f"{source.calibration.name}: {said}" for said in calibration.assumed)
         return recording.pixels, calibration.cameras, source.calibration.name, told
     if not recording.cameras:
         project = recording.format == "dltdv-project"
-        what = "a project without DLT coefficients" if project else "holds pixels without a calibration"
+        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
         raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give `calibration`")
     return recording.pixels, recording.cameras, source.tracks.name, ()
 
@@ -232,7 +232,9 @@ def load_points(source: Recording) -> MarkerTracks:
     """
     recording = source.contents
     if recording.points is None:
-        raise FormatError(f"{source.tracks.name}: holds no tracks ({recording.format}): give pixels or positions")
+        raise FormatError(
+            f"{source.tracks.name}: contains no tracks ({recording.format}): give a file of pixels or positions"
+        )
     return recording.points
 
 
@@ -250,12 +252,12 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
     pixels, cameras, where, told = _pixels_and_cameras(source)
     if len(pixels.cameras) < 2:
         raise CalibrationError(
-            f"{source.tracks.name}: holds one camera: points in space need two or more views in one file"
+            f"{source.tracks.name}: contains one camera: 3D points need two or more views in one file"
         )
     if len(cameras) != len(pixels.cameras):
         raise CalibrationError(
             f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
-            f"{len(cameras)}: give the coefficients of this recording (a column a camera)"
+            f"{len(cameras)}: give the coefficients of this recording (one column for each camera)"
         )
     check_cameras(cameras, where)
     if source.profile is not None:
@@ -321,7 +323,7 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
     beside = source.contents if path is source.tracks else read(path)
     stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
     if stored is None:
-        return None, [f"{path.name} was not compared: it holds no positions ({beside.format})"]
+        return None, [f"{path.name} was not compared: it contains no positions ({beside.format})"]
     decision = filmed.pixel_origin
     ideal = origin.ideal_pixels(
         filmed.cameras,
@@ -337,9 +339,9 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
         return None, [f"{path.name} was not compared: {error}"]
     total = int(stored.seen.sum())
     if not stale:
-        return (), [f"{path.name}: all {total} stored points follow from the pixels"]
+        return (), [f"{path.name}: all {total} stored points agree with the triangulation of the pixels"]
     worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
     return tuple(stale), [
-        f"{path.name}: {len(stale)} of {total} stored points do not follow from the pixels (up to {worst * 1e3:.1f} mm "
-        "off): they are stale and were computed anew"
+        f"{path.name}: {len(stale)} of {total} stored points differ from the triangulation of the pixels (by up to "
+        f"{worst * 1e3:.1f} mm): they are out of date and were computed again"
     ]

@@ -1,4 +1,4 @@
-"""What a run has to say for itself, as ``report.json`` and as readable text."""
+"""The report of a run, as ``report.json`` and as readable text."""
 
 import re
 from collections.abc import Mapping
@@ -60,7 +60,11 @@ def make_report(
                 "rays": int(prepared.rays_rejected.sum()),
                 "gated_rays": _gated(prepared, tracked),
             },
-            "reasons": {**REASONS, **DOUBTFUL, "rays": "rays dropped from points that the others still fix"},
+            "reasons": {
+                **REASONS,
+                **DOUBTFUL,
+                "rays": "single-camera observations left out of a point that the other cameras still determine",
+            },
             "samples": _rejected_samples(prepared),
         },
         "bad_cameras": _bad_cameras(prepared),
@@ -81,10 +85,10 @@ def make_report(
 
 
 _RAYS = {
-    "rays": "rays left out of points that the other cameras still fix",
-    "gated_rays": "rays too far from where the filter predicted them",
+    "rays": "single-camera observations left out of a point that the other cameras still determine",
+    "gated_rays": "single-camera observations too far from where the filter predicted them",
 }
-"""Rays that were not used, by the key of their number among the rejected."""
+"""Single-camera observations that were not used, by the key of their count among the rejected."""
 
 
 def _quantiles(values: Array) -> dict[str, float | None]:
@@ -97,7 +101,7 @@ def _number(value: float) -> float | None:
 
 
 def _gated(prepared: Prepared, tracked: TrackedMotion) -> int:
-    """Rays that were offered to the filter and not believed."""
+    """Single-camera observations that the filter rejected."""
     return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(prepared.uv_px) else 0
 
 
@@ -110,7 +114,7 @@ def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
 
 
 def _noise(prepared: Prepared) -> dict[str, object]:
-    """What a ray of each camera is worth, its degrees of freedom, and how much worse than the typical a marker is."""
+    """Noise of each camera and its degrees of freedom, and the noise of each marker relative to a typical one."""
     if prepared.filmed is None or prepared.noise is None:
         return {"sd_px": {}, "dof": {}, "marker_scale": {}}
     cameras = [camera.name for camera in prepared.filmed.cameras]
@@ -122,7 +126,7 @@ def _noise(prepared: Prepared) -> dict[str, object]:
 
 
 def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
-    """Runs of frames, from 1, in which a camera was worse than in its good time."""
+    """Runs of frames, from 1, in which a camera had clearly larger errors than usual."""
     cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
     return [
         {
@@ -138,7 +142,7 @@ def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
 
 
 def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
-    """Runs of exchanged names, frames from 1; without a camera they were exchanged in all."""
+    """Runs of identity switches, frames from 1; without a camera the names were swapped in all cameras."""
     cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
     return [
         {
@@ -152,9 +156,9 @@ def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
 
 
 def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
-    """Mean NIS a row, and the share of frames inside the 95 % band of chi-square.
+    """Mean normalised innovation squared per observation, and the share of frames inside the 95 % band of chi-square.
 
-    A filter that knows its uncertainty has 1 a row; rays whose errors follow Student's t count by their weights.
+    A consistent filter has 1; observations whose errors follow Student's t count by their weights.
     """
     ok = np.isfinite(tracked.nis) & (tracked.n_rows > 0)
     if not ok.any():
@@ -168,11 +172,14 @@ def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
 
 
 def _too_narrow(tracked: TrackedMotion) -> list[str]:
-    """A finding where innovations are much larger than the filter expects them."""
+    """A finding where prediction errors (innovations) are much larger than the filter expects."""
     nis = _consistency(tracked)["nis_per_row"]
     if nis is None or nis < 2:
         return []
-    return [f"innovations are {np.sqrt(nis):.1f} times as large as expected: intervals are too narrow by that"]
+    return [
+        f"prediction errors are {np.sqrt(nis):.1f} times as large as the filter expects: its intervals are too "
+        "narrow by that factor"
+    ]
 
 
 def _no_joints(prepared: Prepared, potentials: Mapping[str, JointPotential]) -> list[str]:
@@ -182,9 +189,9 @@ def _no_joints(prepared: Prepared, potentials: Mapping[str, JointPotential]) -> 
     if prepared.skeleton.joints:
         return ["no joint is seen often enough to learn a potential from"]
     return [
-        "no skeleton with joints was given: joints.csv holds none, no potentials were learned, and bones and trunk do "
-        "not help to tell markers apart and to follow the body. mocap skeleton proposes one from "
-        "the recording: correct it, and give it as `skeleton`"
+        "no skeleton with joints was given: joints.csv is empty, no potentials were learned, and identity switches "
+        "and body motion are estimated without bones and trunk. The command mocap skeleton proposes one from the "
+        "recording: correct it, and give it as `skeleton`"
     ]
 
 
@@ -218,7 +225,7 @@ def readable(report: Mapping, *, title: str) -> str:
         "",
         "| samples | share |",
         "|---|---|",
-        f"| seen in 3D and believed | {samples['seen']:.1%} |",
+        f"| seen in 3D and accepted | {samples['seen']:.1%} |",
         f"| filled inside gaps (smoothed) | {samples['smoothed']:.1%} |",
         f"| before the first or after the last sighting (predicted) | {samples['predicted']:.1%} |",
         f"| rejected | {samples['rejected']:.1%} |",
@@ -227,7 +234,7 @@ def readable(report: Mapping, *, title: str) -> str:
         *_gap_lines("Against the truth, inside gaps", report.get("gaps")),
         *_gap_lines("Against the truth, where markers were seen", report.get("measured")),
         *_gap_lines(
-            f"Samples of this recording that were hidden and filled again ({report['validation']['hidden_samples']})",
+            f"Samples hidden from this recording and filled again ({report['validation']['hidden_samples']} samples)",
             report["validation"]["methods"],
         ),
         "## Quality",
@@ -239,14 +246,16 @@ def readable(report: Mapping, *, title: str) -> str:
         residual = report["residual_px"]
         lines.append(
             f"- triangulation residual {residual['50%']:.2f} px (median), {residual['90%']:.2f} px (90 %); "
-            f"pixel noise {noise['jitter']:.2f} px, slow ray errors {noise['slow']:.2f} px"
+            f"pixel noise from frame to frame {noise['jitter']:.2f} px, slowly varying errors (lens, calibration) "
+            f"{noise['slow']:.2f} px"
         )
     by_camera = {name: sd for name, sd in report["cameras_and_markers"]["sd_px"].items() if sd is not None}
     if by_camera:
         dof = report["cameras_and_markers"]["dof"]
         worst = sorted(report["cameras_and_markers"]["marker_scale"].items(), key=lambda item: -item[1])[:3]
         lines.append(
-            "- digitising noise by camera, in px (degrees of freedom of Student's t; few: many large errors): "
+            "- digitising noise by camera, in px (in brackets the degrees of freedom of Student's t: below about 5 "
+            "there are many large errors): "
             + ", ".join(f"{plain(name)} {sd:.2f} ({dof[name]:.1f})" for name, sd in by_camera.items())
             + "; markers with the largest noise, relative to a typical one: "
             + ", ".join(f"{plain(name)} {scale:.2f}" for name, scale in worst)
@@ -254,8 +263,8 @@ def readable(report: Mapping, *, title: str) -> str:
     nis = report["innovation"]
     if nis["nis_per_row"] is not None:
         lines.append(
-            f"- prediction errors (squared) are {nis['nis_per_row']:.2f} of what the filter expects: 1 is right, more "
-            "means intervals that are too narrow"
+            f"- mean squared prediction error {nis['nis_per_row']:.2f} times what the filter expects (1: consistent; "
+            "above 1: its intervals are too narrow)"
         )
     reasons = report["rejected"]["reasons"]
     lines += [
@@ -265,7 +274,10 @@ def readable(report: Mapping, *, title: str) -> str:
     lines += ["", "## Findings", "", *(f"- {_said(finding)}" for finding in report["findings"])]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
-        lines += ["", f"Stale stored points (frame, marker, distance): {stale}"]
+        lines += [
+            "",
+            f"Stored 3D points that differ from the triangulation of their pixels (frame, marker, distance): {stale}",
+        ]
     if report["joints"]:
         lines += [
             "",
@@ -288,12 +300,12 @@ def _said(finding: str) -> str:
 
 
 def _counted(counts: Mapping[str, int], reasons: Mapping[str, str]) -> str:
-    """How many samples for which reason, in words."""
-    return "; ".join(f"{count}: {reasons[key]}" for key, count in counts.items() if count) or "none"
+    """Number of samples for each reason, in words."""
+    return "; ".join(f"{count} ({reasons[key]})" for key, count in counts.items() if count) or "none"
 
 
 def _stale(point: Mapping) -> str:
-    off = "not fixed by its pixels" if point["off_m"] is None else f"{1e3 * point['off_m']:.3f} mm"
+    off = "not determined by its pixels" if point["off_m"] is None else f"{1e3 * point['off_m']:.3f} mm"
     return f"{point['frame']} {plain(point['marker'])} {off}"
 
 
@@ -301,6 +313,16 @@ def _mm(quantiles: Mapping[str, float | None]) -> str:
     if quantiles["50%"] is None:
         return "-"
     return f"{quantiles['50%']:.2f} and {quantiles['90%']:.2f} mm"
+
+
+_METHODS = {
+    "linear": "linear interpolation of each coordinate",
+    "cubic": "cubic splines",
+    "constant_velocity": "Kalman smoother of each marker alone",
+    "eal": "Kalman smoother of the whole pose with its empirical potential",
+    "mixture": "weighted mean of several models, by each model's predicted variance",
+}
+"""What the methods of the tables are."""
 
 
 def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
@@ -311,4 +333,5 @@ def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
         rmse = "-" if value["rmse_mm"] is None else f"{value['rmse_mm']:.2f}"
         coverage = "-" if value["coverage95"] is None else f"{value['coverage95']:.1f} %"
         lines.append(f"| {plain(name)} | {rmse} | {coverage} |")
-    return [*lines, ""]
+    told = "; ".join(f"{plain(name)}, {_METHODS[name]}" for name in methods if name in _METHODS)
+    return [*lines, "", *([f"Methods: {told}.", ""] if told else [])]

@@ -45,7 +45,7 @@ class Part:
 
 
 def seen_part(prepared: Prepared) -> Part:
-    """Frames and markers worth tracking."""
+    """Frames and markers that are seen often enough to be tracked."""
     seen = np.isfinite(prepared.xyz_m[..., 0])
     frames = np.flatnonzero(seen.any(axis=1))
     return Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=np.flatnonzero(seen.any(axis=0)))
@@ -55,14 +55,14 @@ def why_no_pose(prepared: Prepared, part: Part) -> str | None:
     """Why a whole-pose model cannot be learned from this recording; None where it can."""
     seen = np.isfinite(prepared.xyz_m[part.frames][:, part.markers, 0])
     if seen.shape[1] < 4:
-        return f"only {seen.shape[1]} markers are seen: a pose needs 4"
+        return f"only {seen.shape[1]} markers are seen: a pose needs at least 4"
     spread = np.nanstd(prepared.xyz_m[part.frames][:, part.markers], axis=0)
     noise = np.sqrt(np.nanmedian(np.trace(prepared.cov_m2, axis1=-2, axis2=-1)) / 3) / prepared.stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
-        return "nothing moves by more than the noise"
+        return "no marker moves by more than its noise"
     together = int((seen.mean(axis=1) >= 0.6).sum())
     if together < 40:
-        return f"only {together} frames show 60 % of the markers together: a pose needs 40"
+        return f"only {together} frames show 60 % of the markers together: a pose needs at least 40"
     return None
 
 

@@ -1,4 +1,4 @@
-"""Triangulation alone: what DLTdv would compute, or better if asked."""
+"""Triangulation alone: as DLTdv computes it, or with a minimal reprojection error."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How far each camera's pixels are from what the filter says."""
+"""How far each camera's pixels are from the filter's estimate."""
 
 from dataclasses import dataclass
 

@@ -238,7 +238,10 @@ def _map_bounds(run: Stored, path: str) -> rrb.VisualBounds2D:
 
 def _health(runs: Sequence[Stored]) -> rrb.Container:
     """Innovations and likelihood, a column a run."""
-    series = ((paths.NIS, "innovation squared per row, 95 % band"), (paths.LOG_LIKELIHOOD, "log-likelihood (nat)"))
+    series = (
+        (paths.NIS, "squared prediction error over its expected value (NIS), 95 % band"),
+        (paths.LOG_LIKELIHOOD, "log-likelihood (nat)"),
+    )
     columns = [
         rrb.Vertical(*(series_view(f"{paths.run(i)}{path}", f"{run.name}: {what}") for path, what in series))
         for i, run in enumerate(runs)

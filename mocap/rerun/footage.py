@@ -49,14 +49,14 @@ def with_footage(run: Run, movies: Sequence[Movie], *, offsets: tuple[Array, str
     if len(movies) != len(cameras):
         raise MocapError(
             f"`video`: {len(movies)} movies ({', '.join(m.path.name for m in movies)}) for {len(cameras)} cameras: "
-            "give one a camera in the order of the cameras, or a folder that holds one a camera"
+            "give one for each camera, in the order of the cameras, or a folder that contains one for each"
         )
     offset_frames, source = offsets
     rows, columns = offset_frames.shape
     if columns not in (1, len(cameras)) or rows not in (1, n_frames):
         raise MocapError(
             f"offsets of movies {source}: {rows} rows of {columns} for {n_frames} frames of {len(cameras)} cameras: "
-            "give `video_offset`, one for all or one a camera"
+            "give `video_offset` once for all cameras, or once for each"
         )
     whole = np.round(np.nan_to_num(offset_frames)).astype(np.int64)
     shifts = np.broadcast_to(whole, (n_frames, len(cameras)))
@@ -86,10 +86,10 @@ def _sentence(camera: Camera, footage: Footage, source: str) -> str:
     how = f"{offsets[0]:+d}" if len(offsets) == 1 else f"{offsets[0]:+d} to {offsets[-1]:+d}"
     there = int(footage.there.sum())
     missing = "" if there == len(footage.frames) else f"; {len(footage.frames) - there} frames have no picture"
-    lens = "" if camera.lens is None else " taken as straight" if footage.straight else " straightened"
+    lens = "" if camera.lens is None else " taken as free of distortion" if footage.straight else " straightened"
     return (
-        f"{camera.name}: {footage.movie.path.name}{lens}, {footage.movie.n_frames} frames, its frame is that of the "
-        f"tracks {how} ({source}){missing}"
+        f"{camera.name}: {footage.movie.path.name}{lens}, {footage.movie.n_frames} frames, frame of the movie = "
+        f"frame of the tracks {how} ({source}){missing}"
     )
 
 
@@ -111,8 +111,8 @@ def offsets_of(tracks: Path | None, stated: Sequence[int] | None) -> tuple[Array
     if tracks is None:
         return np.zeros((1, 1)), "not stated"
     if tracks.suffix.lower() == ".mat":
-        return read_project(tracks, fps=1.0).offset_frames, "as the project says"
+        return read_project(tracks, fps=1.0).offset_frames, "from the project"
     beside = tracks.with_name(tracks.name.replace("xypts", "offsets"))
     if beside != tracks and beside.is_file():
-        return read_as(by_name("dltdv-offsets"), beside, Hints()).tables["offset_frames"], f"as {beside.name} says"
+        return read_as(by_name("dltdv-offsets"), beside, Hints()).tables["offset_frames"], f"from {beside.name}"
     return np.zeros((1, 1)), "not stated"

@@ -153,7 +153,7 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
         trail=(paths.TRAILS, _TRAIL),
     )
     lines = [
-        series_view(paths.NIS, "Normalised innovation squared per row (expected 1)", legend=False),
+        series_view(paths.NIS, "Squared prediction error over its expected value (NIS, expected 1)", legend=False),
         series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
     ]
     content = rrb.Horizontal(view, rrb.Vertical(*lines), column_shares=[3, 2])
@@ -162,7 +162,7 @@ def live_blueprint(scene: Scene) -> rrb.Blueprint:
 
 def _log_line_looks(rec: rr.RecordingStream) -> None:
     for path, name, color in (
-        (paths.NIS, "NIS / rows", palette.SKY_BLUE),
+        (paths.NIS, "NIS (expected 1)", palette.SKY_BLUE),
         (paths.LOG_LIKELIHOOD, "log-likelihood", palette.GREEN),
     ):
         rec.log(path, rr.SeriesLines(names=name, colors=color, widths=1.5), static=True)

@@ -118,8 +118,10 @@ def _log_energies(rec: rr.RecordingStream, design: JointDesign) -> None:
 
 def _blueprint(design: JointDesign, planar: bool) -> rrb.Blueprint:
     name = design.source.name
-    truss = rrb.Spatial3DView(origin=TRUSS, name=f"{name}: the truss over the recorded way", background=palette.GROUND)
-    along = rrb.TimeSeriesView(origin=ENERGY, name="V_z and U along the way")
+    truss = rrb.Spatial3DView(
+        origin=TRUSS, name=f"{name}: the truss over the recorded motion", background=palette.GROUND
+    )
+    along = rrb.TimeSeriesView(origin=ENERGY, name="V_z and U along the motion")
     rows: list[rrb.Container | rrb.View] = [rrb.Horizontal(truss, along)]
     if planar:
         surfaces = (

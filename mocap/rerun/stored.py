@@ -82,7 +82,9 @@ def read_recording(path: Path, *, name: str) -> Stored:
         axes = _static(chunks, paths.WORLD, "ViewCoordinates:xyz")[0]
         first, t_s, xyz = _body(chunks)
     except (KeyError, ValueError, OSError, RuntimeError) as error:
-        raise StoredError(f"{file}: not a recording of mocap track or mocap demo ({error}): make it anew") from None
+        raise StoredError(
+            f"{file}: not a recording of mocap track or mocap demo ({error}): run the command again"
+        ) from None
     body = context[0][0]["class_description"]
     up = np.array([{_UP: 1.0, _DOWN: -1.0}.get(code, 0.0) for code in axes])
     return Stored(

@@ -1,4 +1,4 @@
-"""A run as files that hold all of it, to the last bit: ``markers.nc``, ``run.nc``, ``skeleton.toml``, potentials."""
+"""A run as files from which it can be restored exactly: ``markers.nc``, ``run.nc``, ``skeleton.toml``, potentials."""
 
 import json
 from collections.abc import Mapping
@@ -97,7 +97,7 @@ def read_run(folder: Path) -> Run:
     for name in (MARKERS, REST, SKELETON, "report.json", "report.md"):
         if not (folder / name).is_file():
             raise FormatError(
-                f"{folder}: holds no {name}: expected a folder that `mocap track` or save() of this version wrote"
+                f"{folder}: contains no {name}: expected a folder that `mocap track` or save() of this version wrote"
             )
     rest, header = _opened(folder / REST)
     table, _ = _opened(folder / MARKERS)

@@ -42,7 +42,7 @@ def test_an_entry_is_made_from_its_seed(name, tmp_path):
 def test_nothing_is_overwritten_and_nothing_half_made(tmp_path, monkeypatch):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("mine")
-    with pytest.raises(MocapError, match="full exists and holds other files"):
+    with pytest.raises(MocapError, match="full exists and contains other files"):
         make("pendulum_planar", tmp_path / "full")
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
     with pytest.raises(MocapError, match="'bats' cannot be made; what can: bat, bat_30"):
@@ -67,7 +67,11 @@ def test_the_command_lists_makes_and_finds(tmp_path, monkeypatch):
     monkeypatch.setenv("MOCAP_REAL_DATA", str(tmp_path))
     (tmp_path / "snake_gap_vicon").mkdir()
     assert run(app, ["data", "path", "snake_gap_vicon"]).stdout.strip() == str(tmp_path / "snake_gap_vicon")
-    with pytest.raises(MocapError, match=r"mouse_mocap_qtm: not there: get it from https://github\.com/nRIM"):
+    with pytest.raises(
+        MocapError,
+        match=r"mouse_mocap_qtm: this recording is not there: get it from "
+        r"https://github\.com/nRIM",
+    ):
         real_path("mouse_mocap_qtm")
     with pytest.raises(MocapError, match="no real recording is called 'cat'"):
         real_path("cat")

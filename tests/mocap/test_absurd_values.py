@@ -131,8 +131,8 @@ def test_frames_from_below_zero_and_frames_that_jump_are_told(tmp_path):
     head, rows = text_of("vicon.csv")
     (tmp_path / "v.csv").write_text(head + "\n".join(["-81" + rows[0][1:], *rows[1:], ""]))
     findings = " ".join(read(tmp_path / "v.csv").findings)
-    assert "frames are counted from -81" in findings
-    assert "jump 1 times, the farthest from -81 to 2" in findings
+    assert "the first frame number is -81" in findings
+    assert "jump 1 times; the largest jump is from -81 to 2" in findings
     np.testing.assert_array_equal(frame_numbers(tmp_path, [-2.0, -1.0, 0.0], first_line=1), [-2, -1, 0])
 
 
@@ -179,7 +179,7 @@ def test_covariances_are_checked(tmp_path, covariance, definite):
     if definite:
         plausible(replace(recording, points=points))
     else:
-        with pytest.raises(FormatError, match="the covariance of marker 'a' in frame 2 is none"):
+        with pytest.raises(FormatError, match="the covariance of marker 'a' in frame 2 is not a covariance"):
             plausible(replace(recording, points=points))
 
 
@@ -293,7 +293,7 @@ def test_a_process_that_cannot_start_is_said_to_be_that(tmp_path, monkeypatch):
         raise OSError(12, "Cannot allocate memory")
 
     monkeypatch.setattr(apart.subprocess, "run", none_left)
-    with pytest.raises(FormatError, match="no process can be started to read it: Cannot allocate memory"):
+    with pytest.raises(FormatError, match=r"the process that reads it could not be started \(Cannot allocate memory"):
         read(tmp_path / "a.h5")
 
 

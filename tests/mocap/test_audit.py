@@ -129,7 +129,7 @@ def test_stale_points_are_found():
     uv[:, 40, 2] += 15.0
     (found,) = alarms(scene.audit(uv_px=uv, stored=stored))
     assert (found.kind, found.markers, found.frames) == ("stale points", ("pt3",), (41,))
-    assert "edited later" in found.text
+    assert "edited after" in found.text
 
 
 def test_exchanged_columns_are_found():
@@ -239,7 +239,7 @@ def test_rows_from_below_are_right_handed():
 
 @pytest.mark.parametrize(
     ("change", "says"),
-    [("undistorted", "undistorted already"), ("none given", "give the camera profile"), ("twice", "undistorted twice")],
+    [("undistorted", "already undistorted"), ("none given", "give the camera profile"), ("twice", "undistorted twice")],
 )
 def test_lenses_applied_wrongly_are_found(change, says):
     """Pixels undistorted before; distorted ones without a lens; and coefficients for pixels undistorted twice.

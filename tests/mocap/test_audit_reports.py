@@ -48,7 +48,7 @@ def rounded(uv):
 @pytest.mark.parametrize(
     ("spoil", "kind", "says"),
     [
-        (late_rows, "camera offsets", "cameras do not run in step"),
+        (late_rows, "camera offsets", "cameras are not synchronised"),
         (rounded, "quantised pixels", "are multiples of 1 px"),
     ],
 )
@@ -77,5 +77,5 @@ def test_cameras_are_brought_in_step_only_when_asked(files):
     late = asked.filmed.late_frames
     assert late is not None
     np.testing.assert_allclose(late, [0, 0, 2, 0], atol=0.1)
-    assert any("camera 'cam3' was read" in finding for finding in asked.findings)
+    assert any("camera 'cam3': pixels were interpolated" in finding for finding in asked.findings)
     assert np.nanmedian(asked.residual_px) < 0.6 < 0.8 * np.nanmedian(as_is.residual_px)

@@ -21,7 +21,7 @@ ROW_OF_11 = ",".join(["1.5"] * 11) + "\n"
 PIXELS = {
     "empty": ("", "the file is empty"),
     "blank lines only": ("\n\n  \n", "the file is empty"),
-    "header only": (HEAD, "holds no rows"),
+    "header only": (HEAD, "contains no rows"),
     "no header": ("1,2\n3,4\n", "column 1 is '1'.*is this the 2D file"),
     "the 3D file": ("p_X,p_Y,p_Z\n1,2,3\n", "column 1 is 'p_X'.*is this the 2D file"),
     "a word": (HEAD + "1,2\n3,left\n", "line 3, p_cam1_Y: 'left' is not a number; correct it or write NaN"),
@@ -38,7 +38,7 @@ PIXELS = {
     "the same name twice": ("p_cam1_X,p_cam1_Y,p_cam1_X,p_cam1_Y\n1,2,3,4\n", "'p' appears twice.*rename one"),
     "a camera short": (
         "p_cam1_X,p_cam1_Y,p_cam2_X,p_cam2_Y,q_cam1_X,q_cam1_Y\n1,2,3,4,5,6\n",
-        "marker 'q' has no X and Y columns for cam2: 6 columns are not 2 markers x 2 cameras x 2",
+        "marker 'q' has no X and Y columns for cam2: 6 columns do not make 2 markers x 2 cameras x 2",
     ),
     "not text": (b"\x93NUMPY\x01\x00v\xff\xfe\n1,2\n", "not a text file"),
     "UTF-16": ((HEAD + "1,2\n").encode("utf-16"), "not a text file"),
@@ -53,7 +53,7 @@ POINTS = {
 
 COEFFICIENTS = {
     "a row short": ("1,2\n" * 10, "10 rows x 2 columns; expected DLT coefficients: 11 rows"),
-    "2D": ("1,2\n" * 8, "8 rows are a 2D DLT, which gives no 3D"),
+    "2D": ("1,2\n" * 8, "8 rows are a 2D DLT, from which no 3D points can be computed"),
     "transposed": (ROW_OF_11 * 4, "4 rows x 11 columns.*transposed"),
     "with a header": ("a,b\n" + "1,2\n" * 11, "line 1, column 1: 'a' is not a number"),
     "a coefficient short": ("1,2\n" * 10 + "1,NaN\n", "L11 of camera 2 is missing: calibrate again"),
@@ -181,10 +181,10 @@ def test_profiles_of_other_camera_models_are_named(tmp_path, columns, kind):
     ("line", "message"),
     [
         ("1 2 3", "line 2 has 3 columns; expected 12"),
-        (LINE.replace("887", "x"), "line 2 holds something that is not a number"),
-        ("2" + LINE[1:].replace("2560", "nan"), "line 2 holds something that is not a number"),
+        (LINE.replace("887", "x"), "line 2 contains something that is not a number"),
+        ("2" + LINE[1:].replace("2560", "nan"), "line 2 contains something that is not a number"),
         ("2" + LINE[1:].replace("1698", "0"), "line 2 describes no camera"),
-        ("2" + LINE[1:].replace("1698", "inf"), "line 2 holds something that is not a number"),
+        ("2" + LINE[1:].replace("1698", "inf"), "line 2 contains something that is not a number"),
     ],
 )
 def test_broken_profile_lines(tmp_path, line, message):

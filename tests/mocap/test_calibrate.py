@@ -119,7 +119,7 @@ def test_known_points_and_refinement_as_files(mocap, tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("images", ".", "--square-mm", 20, "--out", "x"), "say which board was filmed"),
+        (("images", ".", "--square-mm", 20, "--out", "x"), "state which board was filmed"),
         (("images", ".", "--checkerboard", "9by6", "--square-mm", 20, "--out", "x"), "expected columns x rows"),
         (("images", ".", "--charuco", "7x5", "--square-mm", 20, "--out", "x"), "give --marker-mm"),
         (("images", ".", "--charuco", "7x5", "--square-mm", 20, "--marker-mm", 30, "--out", "x"), "do not fit into"),

@@ -67,7 +67,7 @@ def test_views_that_overlap_in_a_chain_are_enough():
         n: replace(v, corners={s: c for s, c in v.corners.items() if not s.startswith("1-")}) for n, v in views.items()
     }
     with pytest.raises(
-        CalibrationError, match=r"cameras 'cam3', 'cam4', 'cam5' never see the board at an instant when"
+        CalibrationError, match=r"cameras 'cam3', 'cam4', 'cam5' never see the board at the same time as"
     ):
         calibrate_boards(cut, BOARD, choices=("brown2",))
 
@@ -154,13 +154,17 @@ def test_implausible_calibrations_are_refused():
         T = np.eye(4)
         T[:3, 3] = [*rng.uniform(-0.3, 0.1, 2), 1.5]
         flat[str(k)] = T
-    with pytest.raises(CalibrationError, match=r"focal length open|no known|principal point|focal length of"):
+    with pytest.raises(
+        CalibrationError,
+        match=r"not determine its focal length|no known|principal point|focal "
+        r"length of",
+    ):
         calibrate_boards(seen(rng, (camera,), flat), BOARD, choices=("brown2",))
     few = {k: flat[k] for k in list(flat)[:3]}
     with pytest.raises(CalibrationError, match="found in 3 pictures, and 5 are needed"):
         calibrate_boards(seen(rng, (camera,), few), BOARD)
     _, views = session(7, rig(8)[:2])
-    with pytest.raises(CalibrationError, match="the world frame 'x' shows the board to no camera"):
+    with pytest.raises(CalibrationError, match="no camera sees the board in the world frame 'x'"):
         calibrate_boards(views, BOARD, world_frame="x", choices=("brown2",))
 
 
@@ -207,7 +211,7 @@ def test_folders_of_pictures(tmp_path):
         pictures_of(tmp_path / "nothing")
     (tmp_path / "odd").mkdir()
     (tmp_path / "odd" / "picture.png").touch()
-    with pytest.raises(CalibrationError, match="the name does not tell camera and frame"):
+    with pytest.raises(CalibrationError, match="the name does not state camera and frame"):
         pictures_of(tmp_path / "odd")
 
 

@@ -57,7 +57,7 @@ def test_a_bumped_camera_is_named(twin):
     assert (np.delete(found.factor, 2, axis=0) == 1).all()
     (sentence,) = camera_findings(found, [f"cam{i + 1}" for i in range(len(uv))])
     assert "camera cam3 from frame 15" in sentence
-    assert "as if it had been moved" in sentence
+    assert "as if it had been knocked" in sentence
 
 
 def test_a_camera_out_of_focus_is_named(twin):

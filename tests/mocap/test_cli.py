@@ -287,7 +287,7 @@ def test_a_recording_in_which_nothing_moves(mocap, files, tmp_path):
     assert code == 0, err
     model = json.loads((out / "report.json").read_text())["model"]
     assert model["name"] == "constant_velocity"
-    assert "nothing moves" in model["why"]
+    assert "no marker moves" in model["why"]
 
 
 def test_a_failure_while_writing_leaves_nothing(mocap, files, tmp_path, monkeypatch):

@@ -68,7 +68,7 @@ def test_convert_asks_for_what_no_file_says(mocap, tmp_path):
     np.testing.assert_allclose(read(out).points.xyz_m, swing().points.xyz_m * 1e-3, atol=1e-9)
     code, _, err = mocap("convert", out, tmp_path / "b_xyzpts.csv")
     assert code == 0
-    assert "not held: the frame rate, 250" in err
+    assert "not written: the frame rate, 250" in err
     assert mocap("convert", out, tmp_path / "b.bvh")[0] == 1
 
 
@@ -78,7 +78,7 @@ def test_views_and_calibration_become_a_dltdv_set(mocap, tmp_path):
     views = [folder / name / f"minimal_{name}_proofread.analysis.h5" for name in ("back", "mid", "side", "top")]
     code, _, err = mocap("convert", *views, folder / "calibration.toml", tmp_path / "mouse_xypts.csv")
     assert code == 0, err
-    assert "not held: scores" in err
+    assert "not written: scores" in err
     ends = ("xypts.csv", "xyzpts.csv", "xyzres.csv", "offsets.csv", "dltCoefs.csv", "profile.txt")
     assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, *(f"mouse_{end}" for end in ends)}
     np.testing.assert_allclose(read(tmp_path / "mouse_xypts.csv").pixels.uv_px[3], read(views[3]).pixels.uv_px[0],
@@ -106,7 +106,7 @@ def test_a_unit_that_is_stated_scales(tmp_path):
     plain, scaled = (prepare(Recording(tracks=tmp_path / "a_xyzpts.csv", fps=250, unit=unit)) for unit in (None, "cm"))
     np.testing.assert_allclose(scaled.xyz_m, plain.xyz_m / 100, atol=1e-12)
     write(swing(), tmp_path / "a.trc")
-    with pytest.raises(MocapError, match="states that lengths are in m, not in mm"):
+    with pytest.raises(MocapError, match="states lengths in m, not in mm"):
         prepare(Recording(tracks=tmp_path / "a.trc", unit="mm"))
 
 
@@ -116,12 +116,12 @@ def test_files_without_tracks_or_cameras_are_named(tmp_path):
     (tmp_path / "px.csv").write_text("pt1_cam1_X,pt1_cam1_Y\n1,2\n")
     write(swing(), tmp_path / "a.trc")
     for file, error, message in (
-        ("res.csv", MocapError, "holds no tracks"),
+        ("res.csv", MocapError, "contains no tracks"),
         ("px.csv", CalibrationError, "without a calibration: calibrate, or give `calibration`"),
     ):
         with pytest.raises(error, match=message):
             prepare(Recording(tracks=tmp_path / file, fps=100))
-    with pytest.raises(MocapError, match=r"a\.trc: holds positions"):
+    with pytest.raises(MocapError, match=r"a\.trc: contains positions"):
         prepare(Recording(tracks=tmp_path / "a.trc", calibration=tmp_path / "px.csv"))
-    with pytest.raises(MocapError, match=r"a\.trc: holds no cameras"):
+    with pytest.raises(MocapError, match=r"a\.trc: contains no cameras"):
         prepare(Recording(tracks=tmp_path / "px.csv", calibration=tmp_path / "a.trc", fps=100))

@@ -53,7 +53,7 @@ def test_values_are_those_of_another_reader(name):
 
 
 HEAD = {
-    "points": (2, "4 points by its first block, 3 by POINT:USED"),
+    "points": (2, "4 points in its first block, 3 in POINT:USED"),
     "analog values": (3, "1 analog values a frame, by ANALOG:USED 0"),
     "begin of the data": (9, "data begin at"),
     "real scale": (8, "the scale of the points is"),
@@ -70,7 +70,7 @@ def test_a_word_of_the_first_block_that_contradicts_the_rest(tmp_path, what):
     changed = {"points": number + 1, "analog values": number + 1, "begin of the data": number - 1}.get(what, 0x7F00)
     struct.pack_into("<H", data, place, changed)
     (tmp_path / "a.c3d").write_bytes(data)
-    with pytest.raises(FormatError, match=rf"^a\.c3d: the head of this C3D file is damaged .*{message}.*export it"):
+    with pytest.raises(FormatError, match=rf"^a\.c3d: the header of this C3D file is damaged .*{message}.*export it"):
         read_c3d(tmp_path / "a.c3d")
 
 
@@ -83,7 +83,7 @@ def test_the_size_tells_which_number_of_frames_is_right(tmp_path, last):
     (tmp_path / "a.c3d").write_bytes(data)
     got = read_c3d(tmp_path / "a.c3d")
     np.testing.assert_array_equal(got.points.xyz_m, whole.points.xyz_m)
-    assert f"the first block announces {last} frames, 40 are there: was the file cut, or edited?" in got.findings
+    assert f"the first block states {last} frames, but the file contains 40: was it cut or edited?" in got.findings
 
 
 def test_bytes_lost_within_the_data_are_seen(tmp_path):
@@ -92,7 +92,7 @@ def test_bytes_lost_within_the_data_are_seen(tmp_path):
     assert len(data) % 512 == 0
     for changed in (data[:9000] + data[9001:], data[:9000] + b"\0" + data[9000:], data[:9000] + data[9512:]):
         (tmp_path / "a.c3d").write_bytes(changed)
-        with pytest.raises(FormatError, match=r"a\.c3d: .*(do not fill|are announced)"):
+        with pytest.raises(FormatError, match=r"a\.c3d: .*(do not fill|are stated)"):
             read_c3d(tmp_path / "a.c3d")
 
 
@@ -105,7 +105,7 @@ def test_whole_blocks_after_the_data_are_told(tmp_path):
     got = read_c3d(tmp_path / "a.c3d")
     np.testing.assert_array_equal(got.points.xyz_m, whole.points.xyz_m)
     frames = 40 * 3 * 16  # bytes; the last block is filled up
-    assert f"{1024 + -frames % 512} bytes after the last frame are not read" in got.findings
+    assert f"{1024 + -frames % 512} bytes after the last frame were ignored" in got.findings
 
 
 @pytest.mark.parametrize("back", [1, 2, 3], ids=["size", "rank", "type"])
@@ -114,7 +114,7 @@ def test_a_record_that_does_not_fit_is_refused(tmp_path, back):
     data = bytearray(made(tmp_path / "a.c3d").read_bytes())
     data[value_at(data, b"LABELS", rank=2) - back - (back == 1)] = 127
     (tmp_path / "a.c3d").write_bytes(data)
-    with pytest.raises(FormatError, match=r"a\.c3d: (the head of this C3D file is damaged|3 points, but)"):
+    with pytest.raises(FormatError, match=r"a\.c3d: (the header of this C3D file is damaged|3 points, but)"):
         read_c3d(tmp_path / "a.c3d")
 
 
@@ -132,7 +132,7 @@ def test_a_frame_rate_stated_twice(tmp_path):
     (tmp_path / "a.c3d").write_bytes(data)
     recording = read_c3d(tmp_path / "a.c3d")
     assert recording.fps == 200
-    assert "the frame rate is 200, by POINT:RATE 100: the first is used" in recording.findings
+    assert "the frame rate is 200 in the header, 100 in POINT:RATE: the first is used" in recording.findings
     struct.pack_into("<f", data, 20, 1e-38)
     (tmp_path / "a.c3d").write_bytes(data)
     with pytest.raises(FormatError, match="the frame rate is 1e-38"):
@@ -159,7 +159,7 @@ def test_words_for_residuals_that_no_writer_makes(tmp_path):
     (tmp_path / "a.c3d").write_bytes(data)
     recording = read_c3d(tmp_path / "a.c3d")
     assert recording.points.seen.sum() == 118
-    assert any(finding.startswith("2 samples have a word for residual") for finding in recording.findings)
+    assert any(finding.startswith("2 samples have an invalid entry for residual") for finding in recording.findings)
 
 
 def test_more_frames_than_sixteen_bits_count(tmp_path):

@@ -168,7 +168,7 @@ def test_sleap_views_meet_in_the_calibrated_cameras():
     median = np.nanmedian(np.linalg.norm(off, axis=-1), axis=(1, 2))
     assert (median[[0, 1, 3]] < 12).all()
     assert median[2] > 60
-    with pytest.raises(FormatError, match="both hold a calibration"):
+    with pytest.raises(FormatError, match="both contain a calibration"):
         joined([whole, read(folder / "calibration.toml")])
 
 

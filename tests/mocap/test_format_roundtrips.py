@@ -151,7 +151,9 @@ def test_a_hundred_thousand_frames_come_back(tmp_path):
     recording = points(["hip joint", "knee, left"], xyz)
     for name, (file, tolerance) in FILES.items():
         if name == "c3d":
-            with pytest.raises(FormatError, match="100000 frames, but a C3D file holds 65535: split it"):
+            with pytest.raises(
+                FormatError, match="100000 frames, but a C3D file can contain 65535: split the recording"
+            ):
                 write(recording, tmp_path / file, name)
             short = slice(0, MOST_FRAMES)
             recording = points(list(recording.names), xyz[short])
@@ -172,9 +174,9 @@ def test_what_is_lost_is_listed(tmp_path):
     assert any("1 filled samples are left as gaps" in text for text in losses)
     np.testing.assert_array_equal(read(tmp_path / "a.trc").points.seen[:, 0], [True, False, True, True])
     losses = write(recording, tmp_path / "a.trc", filled=True)
-    assert any("look like measured" in text for text in losses)
+    assert any("written like measured" in text for text in losses)
     assert read(tmp_path / "a.trc").points.seen.all()
-    assert any("the first frame is 30" in text for text in write(recording, tmp_path / "a_xyzpts.csv"))
+    assert any("the number of the first frame, 30" in text for text in write(recording, tmp_path / "a_xyzpts.csv"))
     assert not any("scores" in text for text in write(recording, tmp_path / "a.parquet"))
 
 
@@ -184,18 +186,18 @@ def test_what_a_format_cannot_hold_at_all_is_refused(tmp_path):
     camera = dlt_camera("cam1", np.arange(11.0))
     pixels = replace(recording, points=None, cameras=(camera,), camera_names=("cam1",))
     cases = [
-        (recording, "a.toml", "cannot hold what made.csv holds"),
-        (pixels, "a.c3d", "cannot hold what made.csv holds"),
-        (replace(recording, fps=None), "a.trc", "states the frame rate: give `fps`"),
-        (replace(recording, unit=None), "a.c3d", "states the unit of lengths: give `unit`"),
-        (recording, "a.xyz", "means no format that is written"),
-        (points(["a\tb"], np.ones((2, 1, 3))), "a.trc", "holds a tab"),
+        (recording, "a.toml", "cannot store what made.csv contains"),
+        (pixels, "a.c3d", "cannot store what made.csv contains"),
+        (replace(recording, fps=None), "a.trc", "needs the frame rate .give `fps`."),
+        (replace(recording, unit=None), "a.c3d", "needs the unit of lengths .give `unit`."),
+        (recording, "a.xyz", "no format is written to files with this ending"),
+        (points(["a\tb"], np.ones((2, 1, 3))), "a.trc", "contains a tab"),
         (points(["x" * 121], np.ones((2, 1, 3))), "a.c3d", "longer than 120 bytes"),
     ]
     for held, file, message in cases:
         with pytest.raises(FormatError, match=message):
             write(held, tmp_path / file)
     mirror = Camera(name="cam1", matrix=np.array([[800.0, 0, 0, 1], [0, -800, 0, 1], [0, 0, 1, 5]]), size_px=(9, 9))
-    with pytest.raises(FormatError, match="looks into a mirror"):
+    with pytest.raises(FormatError, match="has a mirrored"):
         write(replace(pixels, cameras=(mirror,)), tmp_path / "a.toml")
     assert list(tmp_path.iterdir()) == []

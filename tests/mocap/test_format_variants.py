@@ -171,7 +171,7 @@ def test_columns_can_be_stated(tmp_path):
     """Titles or numbers, with and without a header; what is not there is named."""
     path = tmp_path / "a.csv"
     path.write_text("t,foo,bar,baz,u,v\n0,1,2,3,4,5\n1,6,7,8,9,10\n")
-    with pytest.raises(FormatError, match="state which columns hold what"):
+    with pytest.raises(FormatError, match="state what the columns are"):
         read(path)
     recording = read(path, Hints(columns=parse_columns("tip=foo,bar,baz; time=t")))
     np.testing.assert_array_equal(recording.points.xyz_m[:, 0], [[1, 2, 3], [6, 7, 8]])

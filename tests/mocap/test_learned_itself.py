@@ -33,4 +33,4 @@ def test_the_report_says_that_it_was_left_out(tmp_path, monkeypatch, capsys):
         main()
     assert not stopped.value.code
     report = json.loads(capsys.readouterr().out)
-    assert report["model"]["why"] == "learned from other; walk is this recording itself, and was left out"
+    assert report["model"]["why"] == "learned from other; walk is this recording itself and was left out"

@@ -157,7 +157,7 @@ def test_validation_measures_the_learned_model_too(mocap, flights, model, tmp_pa
 def test_what_was_learned_is_told(model):
     """Errors by length of gap, a row for each model and the mixture; bones found without a skeleton: of the file."""
     learned = load_model(model)
-    text, _, bones = readable_scores(learned).partition("Distances that hold models")
+    text, _, bones = readable_scores(learned).partition("Distances that models with bones keep")
     with np.load(model) as file:
         arm = file["bone_ends"].tolist().index([learned.names.index(name) for name in ("shoulder_l", "elbow_l")])
         assert f"| shoulder_l, elbow_l | {1e3 * file['bone_length_m'][arm]:.4g} | " in bones

@@ -129,7 +129,7 @@ def test_saving_again_needs_to_be_told(tracked, saved):
 
 def test_a_folder_without_a_result_is_refused(tmp_path):
     """The message names the folder and what was expected."""
-    with pytest.raises(mocap.MocapError, match=r"holds no markers\.nc: expected a folder that .*track"):
+    with pytest.raises(mocap.MocapError, match=r"contains no markers\.nc: expected a folder that .*track"):
         mocap.load(tmp_path)
 
 
@@ -176,7 +176,7 @@ def test_plots_show_the_samples_they_are_of(tracked):
     assert np.isfinite(joint.q_m["world"][joint.filled]).all()
     points = tracked.potential(name).plot().get_lines()[0]
     np.testing.assert_allclose(points.get_xdata(), 1e3 * tracked.potential(name).samples_m[:, 0])
-    with pytest.raises(mocap.MocapError, match="give world, body, plane, limb"):
+    with pytest.raises(mocap.MocapError, match="give one of world, body, plane, limb"):
         joint.plot("room")
     with pytest.raises(mocap.MocapError, match="no potential of a joint 'ear'"):
         tracked.potential("ear")

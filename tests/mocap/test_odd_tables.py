@@ -66,9 +66,9 @@ def test_a_letter_far_down_is_seen(tmp_path):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ("é".encode() + b"\xe9,b\n1,2\n", "line 1 is not a text in UTF-8 though other lines are"),
-        (b"a_X,a_Y,a_Z\n1,2,\x81\n", "line 2 is not a text in UTF-8; expected"),
-        (b"a_X,a_Y,a_Z\n1,2,\x01\xe9\n", "line 2 is not a text in UTF-8; expected"),
+        ("é".encode() + b"\xe9,b\n1,2\n", "line 1 is not UTF-8 text though other lines are"),
+        (b"a_X,a_Y,a_Z\n1,2,\x81\n", "line 2 is not UTF-8 text; expected"),
+        (b"a_X,a_Y,a_Z\n1,2,\x01\xe9\n", "line 2 is not UTF-8 text; expected"),
         ("a_X,a_Y,a_Z\n1,2,3\n".encode("utf-16")[:-1], "UTF-16 that is cut"),
         (b"a_X;a_Y;a_Z\n1,5;2;3\n1.5;2;3\n", r"line 3: '1\.5' has a decimal point .* decimal commas \(1,5\)"),
         (b"a_X;a_Y;a_Z\n1.234,5;2;3\n1,5;2;3\n", r"line 2: '1\.234,5' has a decimal point"),
@@ -141,7 +141,9 @@ def test_empty_rows_of_pixels_are_frames(tmp_path):
     path = tmp_path / "x.csv"
     path.write_text(",".join(COLUMNS) + ",,\n1,2,3,4,,\n,,,,,\n5,6,7,8,,\n,,,,,\n")
     assert pixels(path).shape == (2, 4, 1, 2)
-    assert "the last line holds nothing but separators: read as frames that show nothing" in read(path).findings
+    assert (
+        "the last line contains nothing but separators: read as frames in which nothing was seen" in read(path).findings
+    )
 
 
 def test_empty_rows_after_frame_numbers_are_none(tmp_path):
@@ -176,7 +178,7 @@ def test_typed_titles_that_are_not_whole(tmp_path):
     """A coordinate that is missing leaves the table a plain one, which asks for its columns."""
     path = tmp_path / "x.csv"
     path.write_text("t3L cam1 X,t3L cam1 Y,t3L cam2 X\n1,2,3\n")
-    with pytest.raises(FormatError, match="state which columns hold what"):
+    with pytest.raises(FormatError, match="state what the columns are"):
         read(path)
 
 
@@ -224,7 +226,7 @@ def test_the_sheet_is_stated(tmp_path):
 def test_a_sheet_of_a_file_without_sheets(tmp_path):
     """A sheet that is stated of a text is a mistake, and not ignored."""
     (tmp_path / "x.csv").write_text(POINTS)
-    with pytest.raises(FormatError, match="is no workbook"):
+    with pytest.raises(FormatError, match="is not a workbook"):
         read(tmp_path / "x.csv", Hints(sheet="1"))
 
 

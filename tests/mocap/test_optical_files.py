@@ -152,7 +152,7 @@ def test_small_vicon_file(tmp_path, before, after):
 
 DAMAGED_TSV = {
     "empty": ("", "the file is empty"),
-    "cut in a number": (TSV.removesuffix("0\t\r\n"), "the last line has no end.*cut"),
+    "cut in a number": (TSV.removesuffix("0\t\r\n"), "the last line has no line end.*cut"),
     "cut between rows": (TSV.split("12\t")[0], "1 rows, but NO_OF_FRAMES says 2"),
     "no names": (re.sub(r"MARKER_NAMES[^\n]*\n", "", TSV), "no line MARKER_NAMES"),
     "a name short": (TSV.replace("\troot\r", "\r"), "NO_OF_MARKERS is 2, with 1 names"),
@@ -161,7 +161,10 @@ DAMAGED_TSV = {
     "infinite": (TSV.replace("\t5\t", "\tinf\t"), "line 7, cell 4: 'inf' is not a finite number"),
     "a cell short": (TSV.replace("\t5\t", "\t"), "line 7 has 7 cells, expected 8"),
     "no rate": (TSV.replace("FREQUENCY\t100", "FREQUENCY\t0"), "the frame rate is 0"),
-    "another rate": (TSV.replace("FREQUENCY\t100", "FREQUENCY\t120"), "line 6: frame 11 at 120 Hz is not at 0.1 s"),
+    "another rate": (
+        TSV.replace("FREQUENCY\t100", "FREQUENCY\t120"),
+        "line 6: frame 11 at 120 Hz does not fall on 0.1 s",
+    ),
     "neither titles nor times, one cell left": (
         re.sub(r"Frame\tTime[^\n]*\n", "", TSV).replace("11\t0.10000\t1", "1"),
         "2 names and 6 columns|line 6 has",
@@ -172,9 +175,9 @@ DAMAGED_TSV = {
 DAMAGED_CSV = {
     "empty": ("", "the file is empty"),
     "another table": ("pt1_X,pt1_Y\r\n1,2\r\n", "no line Trajectories"),
-    "cut in a number": (CSV.removesuffix("\r\n"), "the last line has no end"),
-    "cut in the head": (CSV.split("Frame,")[0], "should hold the rate"),
-    "no frames": (CSV.split("11,0")[0], "no frames after the head"),
+    "cut in a number": (CSV.removesuffix("\r\n"), "the last line has no line end"),
+    "cut in the head": (CSV.split("Frame,")[0], "should contain the rate"),
+    "no frames": (CSV.split("11,0")[0], "no frames after the header"),
     "a word": (CSV.replace("4,5,6", "4,x5,6"), "line 7, cell 4: 'x5' is not a finite number"),
     "a cell short": (CSV.replace("4,5,6", "4,6"), "line 7 has 7 cells, expected 8"),
     "no unit": (CSV.replace("mm", ""), r"units are \[\]"),
@@ -234,4 +237,4 @@ def test_a_recording_longer_than_its_head_can_say_is_called_cut(tmp_path):
         file["data"]["points"] = np.ones((4, 1, 5))
         file.write(str(path))
         findings = " ".join(read_c3d(path).findings)
-        assert ("TRIAL:ACTUAL_END_FIELD announces 70000 frames, 5 are there" in findings) == cut
+        assert ("TRIAL:ACTUAL_END_FIELD states 70000 frames, but the file contains 5" in findings) == cut

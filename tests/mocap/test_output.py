@@ -52,7 +52,7 @@ def test_a_folder_with_other_files_is_written_beside_only_when_asked(tmp_path):
     other.mkdir()
     write(tmp_path / "empty", {"x": "1"})
     (other / "thesis.tex").write_text("years")
-    with pytest.raises(OutputError, match="holds other files"):
+    with pytest.raises(OutputError, match="contains other files"):
         write(other, {"x": "1"})
     write(other, {"x": "1"}, replace=True)
     write(other, {"x": "2"}, replace=True, beside=True)

@@ -45,7 +45,7 @@ def test_a_flipped_file_is_told(pixels):
 def test_a_lens_that_looks_the_same_upside_down_is_not_guessed():
     """A lens in the middle of the picture fits both ways up, with other points: the user is asked, then believed."""
     cameras, _, uv = filmed(True)
-    with pytest.raises(CalibrationError, match=r"the pixel origin cannot be told: .* state `origin`"):
+    with pytest.raises(CalibrationError, match=r"the pixel origin cannot be determined: .* state `origin`"):
         decide_origin(cameras, uv, height_px=HEIGHT)
     stated = decide_origin(cameras, uv, origin="upper-left", height_px=HEIGHT)
     assert (stated.pixels, stated.stated) == ("upper-left", True)

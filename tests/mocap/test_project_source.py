@@ -105,7 +105,7 @@ def test_what_tables_alone_need_is_asked_for(mocap, files, tmp_path):
     code, _, err = mocap("triangulate", files["pixels"], "--out", tmp_path / "a.csv")
     assert code == 1
     assert "give --calibration" in err
-    with pytest.raises(MocapError, match="`origin` says something of cameras"):
+    with pytest.raises(MocapError, match="`origin` concerns cameras"):
         Recording(tracks=tmp_path / "a_xyzpts.csv", fps=FPS, pixel_origin="upper-left")
     assert Recording(tracks=files["project"], fps=FPS, pixel_origin="upper-left").filmed
 
@@ -116,7 +116,7 @@ def test_a_project_that_is_none(mocap, tmp_path):
     path.write_text("pt1_X\n")
     code, _, err = mocap("track", path, "--fps", 100, "--out", tmp_path / "run")
     assert code == 1
-    assert "x.mat: holds no rows of numbers" in err
+    assert "x.mat: contains no rows of numbers" in err
     assert len(err.strip().splitlines()) == 1
 
 
@@ -133,4 +133,4 @@ def test_real_projects_are_their_tables():
     )
     np.testing.assert_array_equal(np.isfinite(project.xyz_m), np.isfinite(tables.xyz_m))
     np.testing.assert_allclose(project.xyz_m, tables.xyz_m, rtol=0, atol=2e-7)
-    assert any("9 of 3285 stored points do not follow" in finding for finding in project.findings)
+    assert any("9 of 3285 stored points differ" in finding for finding in project.findings)

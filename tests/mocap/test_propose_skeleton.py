@@ -157,8 +157,8 @@ def test_what_no_skeleton_comes_from(tmp_path):
         propose_skeleton(prepare(Recording(tracks=tmp_path / "1.csv", fps=100)))
     found = propose_skeleton(prepare(Recording(tracks=tmp_path / "4.csv", fps=100)))
     assert (found.skeleton.bones, found.skeleton.trunk, found.skeleton.joints) == ((), (), ())
-    assert "No three markers move as one body" in found.text
-    assert 'Of no bone: "m0", "m1", "m2", "m3"' in found.text
+    assert "No three markers move together as one rigid body" in found.text
+    assert 'Markers without a bone: "m0", "m1", "m2", "m3"' in found.text
 
 
 @pytest.fixture

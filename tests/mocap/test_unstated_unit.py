@@ -63,7 +63,9 @@ def test_what_can_be_millimetres_only_is_read_so(tmp_path, size_m):
     bat = make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m
     xyz = bat * size_m / length(bat)
     source = Recording(tracks=table(tmp_path / "x.csv", 1e3 * xyz), fps=100)
-    assert source.frame_findings[0].startswith("NO UNIT IS STATED: guessed to be mm, in which the animal is ")
+    assert source.frame_findings[0].startswith(
+        "NO UNIT IS STATED: lengths are assumed to be in mm, so that the animal is "
+    )
     np.testing.assert_allclose(source.contents.points.xyz_m, xyz, rtol=1e-12)
 
 
@@ -74,7 +76,9 @@ def test_what_no_metres_can_be_is_told_loudly(tmp_path):
     path = table(tmp_path / "x.csv", 1e3 * bat)
     source = Recording(tracks=path, fps=100)
     said = source.frame_findings[0]
-    assert said.startswith(f"NO UNIT IS STATED: taken as metres, in which the animal would be {long} m long")
+    assert said.startswith(
+        f"NO UNIT IS STATED: lengths are assumed to be in metres, so that the animal is {long} m long"
+    )
     assert f"mm if it is {long} mm long" in said
     np.testing.assert_allclose(source.contents.points.xyz_m, 1e3 * bat, rtol=1e-12)
     stated = Recording(tracks=path, fps=100, unit="mm")
@@ -87,7 +91,7 @@ def test_noise_that_no_cameras_have(tmp_path, rng):
     bee = 0.012 * rng.normal(size=(1, 5, 3)) / 3 + np.linspace(0, 0.5, 200)[:, None, None]
     path = table(tmp_path / "x.csv", 1e3 * (bee + rng.normal(size=bee.shape) * 2e-4))
     said = Recording(tracks=path, fps=100).frame_findings[0]
-    assert said.startswith("NO UNIT IS STATED: taken as metres")
+    assert said.startswith("NO UNIT IS STATED: lengths are assumed to be in metres")
     told = re.search(r"jitters by (\d+) mm", said)
     assert told is not None
     assert abs(int(told[1]) - 200) < 30  # 3000 fourth differences, each correlated with 4 others, tell it to 5 %
@@ -98,7 +102,7 @@ def test_metres_are_told_once_and_quietly(tmp_path):
     bat = make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m
     source = Recording(tracks=table(tmp_path / "x.csv", bat), fps=100)
     assert source.frame_findings[0] == (
-        f"no unit is stated: taken as metres, in which the animal is {1e3 * length(bat):.3g} mm long"
+        f"no unit is stated: lengths are assumed to be in metres, so that the animal is {1e3 * length(bat):.3g} mm long"
     )
 
 
@@ -117,14 +121,14 @@ def test_real_recordings_whose_unit_is_known():
     """A mouse in millimetres is told of; bats in metres are bats; what states its unit is not doubted."""
     said = in_metres(read(real("mouse_charuco_4cam", "points3d.h5")))[1]
     assert len(said) == 1
-    assert "would be 153 m long" in said[0]
+    assert "is 153 m long" in said[0]
     assert "mm if it is 153 mm long" in said[0]
     folder = real("bat_windtunnel_dltdv8", "derived_csv")
     for path in sorted(folder.rglob("*_xyzpts.csv")):
         recording, said = in_metres(read(path))
         assert recording.unit is None
         assert len(said) == 1
-        assert "taken as metres, in which the animal is" in said[0]
+        assert "lengths are assumed to be in metres, so that the animal is" in said[0]
     assert in_metres(read(real("snake_gap_vicon", "040_Snake94_gap02_3.csv")))[1] == ()
 
 

@@ -43,7 +43,7 @@ def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
         nis = np.where(tracked.n_rows > 0, tracked.nis / tracked.n_rows, np.nan)
     band = np.column_stack([low, high])
     log_line(rec, f"{paths.NIS}/band", t_s, band, name=("2.5 %", "97.5 %"), color=palette.GREY)
-    log_line(rec, f"{paths.NIS}/value", t_s, nis, name="NIS / rows", color=palette.SKY_BLUE)
+    log_line(rec, f"{paths.NIS}/value", t_s, nis, name="NIS (expected 1)", color=palette.SKY_BLUE)
     log_line(rec, paths.LOG_LIKELIHOOD, t_s, tracked.log_likelihood, name="log-likelihood", color=palette.GREEN)
     log_line(rec, paths.ROWS, t_s, tracked.n_rows.astype(np.float64), name="rows", color=palette.ORANGE)
 
@@ -51,11 +51,15 @@ def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
 def tab(layout: Layout) -> rrb.Container:
     """Is the filter consistent, frame by frame?"""
     limit = (0.0, layout.nis_limit)
-    views = [series_view(paths.NIS, "Normalised innovation squared per row, 95 % band (expected 1)", y_range=limit)]
+    views = [
+        series_view(
+            paths.NIS, "Squared prediction error over its expected value (NIS), 95 % band (expected 1)", y_range=limit
+        )
+    ]
     errors = layout.errors
     if errors is not None:
         innovation, residual = (
-            "Innovation before the update, rms",
+            "Prediction error (innovation) before the update, rms",
             "Residual after smoothing, rms",
         )
         if len(errors.cameras) <= _LINES:
@@ -72,7 +76,7 @@ def tab(layout: Layout) -> rrb.Container:
             ]
     views += [
         series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
-        series_view(paths.ROWS, "Observations used in each frame (rows)", legend=False),
+        series_view(paths.ROWS, "Pixel or position coordinates used in each frame", legend=False),
         gap_lanes_view(),
     ]
     return rrb.Grid(*views, grid_columns=2, name="Filter health")

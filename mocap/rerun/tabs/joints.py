@@ -69,7 +69,7 @@ def heat_map_view(layout: Layout, name: str) -> rrb.View:
     (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
     return rrb.Spatial2DView(
         origin=paths.heat_map(name),
-        name=f"{name}: range V < {RANGE:g} (white), preferred half (red)",
+        name=f"{name}: range V < {RANGE:g} (white), preferred configurations (red)",
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[-y1, -y0]),
         overrides={f"{paths.heat_map(name)}/trail": last_frames(layout.trail_frames)},
@@ -115,7 +115,7 @@ def volume_view(layout: Layout, name: str) -> rrb.View:
     cloud = layout.blocks[name]
     return rrb.Spatial3DView(
         origin=paths.volume(name),
-        name=f"{name} in the body (mm): 1 - V_z, dense where it goes",
+        name=f"{name} in body axes (mm): 1 - V_z, dense where it often is",
         background=palette.GROUND,
         line_grid=False,
         eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),
@@ -142,7 +142,12 @@ def _log_potential(rec: rr.RecordingStream, name: str, t_s: Array, land: Landsca
 def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, energy: JointEnergy) -> None:
     """V_z on the way with the bound of Theorem 3, and the energy that this bound rests on."""
     log_line(
-        rec, f"{path}/potential/bound", t_s, energy.bound, name="Theorem 3, let go at its fastest", color=palette.GREY
+        rec,
+        f"{path}/potential/bound",
+        t_s,
+        energy.bound,
+        name="Theorem 3, released at the fastest instant",
+        color=palette.GREY,
     )
     log_line(rec, f"{path}/potential/value", t_s, value, name="V_z(q(t))", color=palette.ORANGE)
     lines = {

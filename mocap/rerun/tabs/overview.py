@@ -1,4 +1,4 @@
-"""Tab: the scene, the cameras that saw most, and who was seen when."""
+"""Tab: the scene, the cameras that saw most, and when each marker was seen."""
 
 import rerun as rr
 import rerun.blueprint as rrb

@@ -75,7 +75,7 @@ def test_outlines_keep_their_walls():
 @pytest.mark.parametrize(
     ("rest", "low", "high", "law", "says"),
     [
-        (0.03, 0.012, 0.04, "linear", "room for a meander binds"),
+        (0.03, 0.012, 0.04, "linear", "too little room for a meander"),
         (0.05, 0.022, 0.30, "linear", "`width_mm` allows"),
         (0.05, 0.04, 0.06, "tape", "law 'tape'"),
     ],

@@ -156,7 +156,7 @@ def test_movies_that_do_not_fit_are_refused(tmp_path):
     film(tmp_path / "a.mp4", [discs(np.zeros((0, 2)))] * 4, "mpeg4")
     movie = open_movie(tmp_path / "a.mp4")
     zero = (np.zeros((1, 1)), "")
-    with pytest.raises(MocapError, match=r"1 movies .a.mp4. for 2 cameras: give one a camera"):
+    with pytest.raises(MocapError, match=r"1 movies .a.mp4. for 2 cameras: give one for each camera"):
         with_footage(run, [movie], offsets=zero)
     with pytest.raises(MocapError, match="3 for 4 frames of 2 cameras"):
         with_footage(run, [movie, movie], offsets=(np.zeros((1, 3)), ""))
@@ -164,7 +164,7 @@ def test_movies_that_do_not_fit_are_refused(tmp_path):
         with_footage(run, [replace(movie, size_px=(640, 800)), movie], offsets=zero)
     (tmp_path / "b.mp4").write_text("no movie")
     (tmp_path / "empty").mkdir()
-    for path, words in (("b.mp4", "convert it"), ("empty", "holds no pictures"), ("none.mp4", "no such movie")):
+    for path, words in (("b.mp4", "convert it"), ("empty", "contains no pictures"), ("none.mp4", "no such movie")):
         with pytest.raises(MocapError, match=words):
             open_movie(tmp_path / path)
 

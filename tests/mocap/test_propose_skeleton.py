@@ -92,7 +92,7 @@ def test_known_skeletons_are_found(tmp_path, make, kind):
     The shortest bones are some times the noise, and of a chain without limbs (neck, back, tail) the trunk may be either
     end: its joints then bear the other end's name.
     """
-    recording = make(seed=3)
+    recording = make(seed=3, n_frames=300)
     truth = recording.skeleton
     files = write_recording(recording, tmp_path, others=True)
     cameras = {"calibration": files["coefficients"], "profile": files["profile"]} if kind == "pixels" else {}

@@ -83,5 +83,5 @@ def settled(
             picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
             if len(np.unique(picture.reshape(-1, 3), axis=0)) >= enough and shows(picture):
                 return picture
-        time.sleep(0.2)
+        time.sleep(0.4)
     raise TimeoutError(f"the page did not come to rest within {_START_S:g} s")

@@ -60,28 +60,6 @@ def asked_for(browser):
     return [m["params"]["request"]["url"] for m in messages if m["method"] == "Network.requestWillBeSent"]
 
 
-def test_a_shared_folder_shows_the_markers_and_reaches_nobody(browser, recordings, tmp_path):
-    """From a plain web server, with no other host known: markers and bones are there, and the page asked nobody else.
-
-    Of a run without positions the same page shows none of their colours.
-    """
-    site = tmp_path / "site"
-    write_site([recordings / "flight.rrd"], site)
-    assert {path.name for path in site.iterdir()} == {*FILES, "index.html", "viewer.html", "recording.rrd"}
-    seen = {}
-    with served(site) as address:
-        for name in ("flight", "empty"):
-            shutil.copyfile(recordings / f"{name}.rrd", site / "recording.rrd")
-            browser.get(f"{address}?renderer=webgl")
-            shows = has_markers if name == "flight" else (lambda _picture: True)
-            seen[name] = scene_of(settled(browser, SETTLED_COLORS, shows))
-        elsewhere = [url for url in asked_for(browser) if not url.startswith((address, "data:", "blob:"))]
-        assert not elsewhere
-    for color in (palette.SKY_BLUE, palette.GREY):
-        assert amount(seen["flight"], color) > 40
-    assert amount(seen["empty"], palette.SKY_BLUE) == 0
-
-
 def test_the_web_viewer_shows_the_markers(browser, recordings):
     """What mocap view --web serves."""
     viewer = open_viewer(recordings / "flight.rrd", web=True)
@@ -170,9 +148,24 @@ def test_names_are_text_of_the_first_page(attacked):
     assert "onerror" not in (attacked / "viewer.html").read_text(encoding="utf-8").replace("window.onerror", "")
 
 
-def test_names_do_not_run_in_the_shared_page(browser, attacked):
-    """Those of the run, of its markers and its folder: in the first page and in the viewer, which shows the run."""
-    with served(attacked) as address:
+def test_a_shared_folder_shows_the_markers_runs_no_names_and_reaches_nobody(browser, attacked, recordings, tmp_path):
+    """From a plain web server, with no other host known: markers and bones are there, and the page asked nobody else.
+
+    Names of the run, its markers and its folder do not run, in the first page and in the viewer. Of a run without
+    positions the same page shows none of the colours.
+    """
+    site = shutil.copytree(attacked, tmp_path / "site")
+    assert {path.name for path in site.iterdir()} == {*FILES, "index.html", "viewer.html", "recording.rrd"}
+    asked_for(browser)  # what pages of other tests did
+    with served(site) as address:
         browser.get(f"{address}?renderer=webgl")
-        assert has_markers(settled(browser, SETTLED_COLORS, has_markers))
+        seen = scene_of(settled(browser, SETTLED_COLORS, has_markers))
         assert not ran(browser)
+        shutil.copyfile(recordings / "empty.rrd", site / "recording.rrd")
+        browser.get(f"{address}?renderer=webgl")
+        empty = scene_of(settled(browser, SETTLED_COLORS))
+        elsewhere = [url for url in asked_for(browser) if not url.startswith((address, "data:", "blob:"))]
+        assert not elsewhere
+    for color in (palette.SKY_BLUE, palette.GREY):
+        assert amount(seen, color) > 40
+    assert amount(empty, palette.SKY_BLUE) == 0

@@ -84,7 +84,7 @@ def viewer():
 def test_a_bent_film_lies_under_the_ideal_pixels(viewer, tmp_path, coder, y_up, lead):
     """Straightened and shifted as stated, every disc is where the marker's ideal pixel is, and nowhere else.
 
-    Unstraightened, or a few frames off, it is not: the film is bent by tens of pixels, and wings beat.
+    Unstraightened, or a few frames off, a movie is not: the film is bent by tens of pixels, and wings beat.
     """
     run = bent_run(y_up=y_up)
     ideal, path = filmed(run, tmp_path, coder, lead=lead)
@@ -96,7 +96,7 @@ def test_a_bent_film_lies_under_the_ideal_pixels(viewer, tmp_path, coder, y_up, 
         "late": {"offsets": (np.array([[lead - 5]]), "as stated")},
     }
     found = {}
-    for name, options in view.items():
+    for name, options in view.items() if coder == "mpeg4" else [("right", view["right"])]:
         folder = tmp_path / name
         folder.mkdir()
         shown = loaded(viewer, with_footage(run, movies, **options), folder)
@@ -104,9 +104,8 @@ def test_a_bent_film_lies_under_the_ideal_pixels(viewer, tmp_path, coder, y_up, 
         found[name] = share_found(picture, ideal[SEEN], MAGENTA)
         if name == "right":
             assert share_found(picture, ideal[SEEN] + 2 * SHIFT_PX, MAGENTA) < 0.5
-    assert found["right"] == 1.0
-    assert found["bent"] < 0.7
-    assert found["late"] < 0.7
+    assert found.pop("right") == 1.0
+    assert all(share < 0.7 for share in found.values()), found
 
 
 def test_an_av1_film_is_taken_as_it_is(viewer, tmp_path):

@@ -53,7 +53,7 @@ def hold_bones(
     *,
     about: Differences | None = None,
 ) -> Gaussian:
-    """A state held by its bones: an implicit step of the penalised mechanics, as ``enforce`` makes it for V_z.
+    """A state held by its bones: the most probable one under V_b and the prediction, as ``enforce`` finds it for V_z.
 
     The difference of two markers has the mean d and, across it, the covariance P. Their distance then has the mean
     |d| + tr P / 2|d| and, besides the part that is linear in the state, the variance tr P^2 / 2|d|^2 (second order): of

@@ -1,4 +1,9 @@
-"""A potential enforced implicitly: one implicit Euler step of the penalised mechanics, as an update of the state."""
+"""A potential as an update of the state: its most probable value under exp(-V) and the prediction.
+
+The metric of the step is the prediction's P^-1. The implicit Euler step of the penalised mechanics has M / dt^2 there:
+this is no time integrator, it conserves nothing, moves velocities only as far as P couples them to positions, and the
+paper's theorems on trajectories say nothing of it.
+"""
 
 from collections.abc import Callable
 

@@ -116,7 +116,7 @@ class PoseMotion(MotionModel):
     and angular acceleration: the path is where it is linearised, and drops out of what is predicted. The shape z has
     ``mechanics``; the residual e of each coordinate is a Matern-3/2 process, e'' + 2 a e' + a^2 e = noise, with its own
     variance. With an empirical potential the shape is held by that (``enforce``), in place of the constraints that
-    nobody knows: together the empirical-analytical Lagrangian of the paper. Constraints that are known, the lengths of
+    nobody knows, as in the paper's empirical-analytical models. Constraints that are known, the lengths of
     rigid bones, hold shape and residual (``hold_bones``).
 
     Attributes:

@@ -57,7 +57,10 @@ class FreeShape(ShapeMechanics):
 
 @dataclass(frozen=True, eq=False)
 class LinearShape(ShapeMechanics):
-    """zddot = force - stiffness z - damping zdot: a Lagrangian of quadratic potential with Rayleigh's dissipation.
+    """zddot = force - stiffness z - damping zdot, fitted to recordings.
+
+    It is no Lagrangian system: neither matrix is held to be symmetric (on real sets the antisymmetric part of the
+    stiffness is 0.5 to 0.7 of the symmetric one), and damping may be negative, as muscles do work.
 
     Attributes:
         stiffness: (r, r) in 1/s^2, the mass being 1.

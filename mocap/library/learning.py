@@ -67,7 +67,7 @@ def learn(
     Args:
         recordings: As ``mocap.read`` gives them, of one frame rate; markers of the same name are the same.
         seed: Which samples are hidden to choose and to calibrate.
-        progress: Called with a line for each recording and each candidate.
+        progress: Called with a line for each recording, and for each in which hidden gaps are filled.
 
     Raises:
         MocapError: they cannot be learned from together.

@@ -32,7 +32,7 @@ def designed(potential_file, tmp_path_factory):
 
     out = tmp_path_factory.mktemp("joint") / "elbow"
     result = CliRunner().invoke(
-        app, ["design-joint", str(potential_file), "--out", str(out), "--starts", "1", "--seed", "1", "--json"]
+        app, ["design-joint", str(potential_file), "--out", str(out), "--starts", "2", "--seed", "1", "--json"]
     )
     assert result.exit_code == 0, result.output
     return out, json.loads(result.stdout)

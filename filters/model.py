@@ -8,12 +8,11 @@ import numpy as np
 from filters.hide import gap_lengths
 from filters.mixture import Mixture, mixed_residuals
 from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
-from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.records import Estimate
-from filters.tune import MODELS, USUAL_EFFORT, Effort, Tuned, calibrated, hidden_gaps, mixed
+from filters.tune import MODELS, SHARP_MARKER, USUAL_EFFORT, Effort, Tuned, calibrated, hidden_gaps, mixed
 from mocap.errors import MocapError
 from mocap.skeleton import Skeleton, ends_among
 
@@ -119,7 +118,7 @@ def learn_from_itself(
         None: no gap could be hidden.
     """
     rng, effort = np.random.default_rng(0), Effort(most_frames=300, times=2)
-    models = (MarkerSettings(), settings)
+    models = (SHARP_MARKER, settings)
     try:
         found = learn_model(names, trunk, [recording], rng, bones=bones, models=models, effort=effort)
     except MocapError:

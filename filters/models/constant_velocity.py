@@ -21,7 +21,7 @@ class MarkerSettings(TrajectoryModel):
             on both sides of a gap are averaged over to know with what velocity a marker left and came back.
     """
 
-    acceleration: float = 0.3
+    acceleration: float = 1.0
 
     @property
     def description(self) -> str:

@@ -113,7 +113,7 @@ def readable(found: dict[str, Any]) -> str:
     if found["frames"]:
         counts.append("frame rate not stated" if found["fps"] is None else f"{found['fps']:g} frames per second")
     lines.append("  " + (", ".join(counts) or "no tracks and no cameras"))
-    contained = ", ".join(_CONTAINED.get(part, part) for part in found["holds"]) or "nothing"
+    contained = ", ".join(str(_CONTAINED.get(part, part)) for part in found["holds"]) or "nothing"
     lines.append(f"  contains {contained}; unit {found['units'] or 'not stated'}")
     if found["missing"] is not None:
         gaps = found["gaps"]

@@ -1,5 +1,7 @@
 """What a designed joint is, as JSON and as markdown."""
 
+from typing import Any
+
 import numpy as np
 
 from eal.joint_design import GOAL, LEVELS, Truss
@@ -70,7 +72,7 @@ def truss_json(truss: Truss) -> Json:
     }
 
 
-def parts_json(design: JointDesign) -> Json | None:
+def parts_json(design: JointDesign) -> dict[str, Any] | None:
     """Volume and mass of each part, and whether its walls hold."""
     kit = design.kit
     if kit is None:
@@ -127,9 +129,7 @@ def readable(design: JointDesign) -> str:
             f"| printed | {design.metre_per_unit / design.source.unit_m:.3g} times the animal's size, U(V = 1) = "
             f"{design.energy_j / MM:.3g} mJ |",
             f"| parts in {parts['material']} | {parts['volume_mm3'] / 1e3:.1f} cm^3, {parts['mass_g']:.0f} g, "
-            f""  # type: ignore[operator]
-            f"{parts['height_mm']:.0f} mm high, strain up to {100 * parts['largest_strain']:.1f} % "
-            f"|",  # type: ignore[operator]
+            f"{parts['height_mm']:.0f} mm high, strain up to {100 * parts['largest_strain']:.1f} % |",
         ]
     return "\n".join(lines) + "\n"
 

@@ -2,6 +2,7 @@
 
 from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.finding import Finding, alarms
+from mocap.audit.geometry import fit_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.samples import pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, stale_points
@@ -14,6 +15,7 @@ __all__ = [
     "audit_filmed",
     "audit_recording",
     "estimate_offsets",
+    "fit_findings",
     "in_step",
     "late_cameras",
     "pixel_findings",

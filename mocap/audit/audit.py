@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 
 from mocap.arrays import Array
-from mocap.audit.finding import Finding
+from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
 from mocap.audit.offsets import offset_findings
 from mocap.audit.samples import pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
+from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.origin import PixelOrigin, decide_origin, ideal_pixels
+from mocap.cameras.origin import PixelOrigin, StatedOrigin, decide_origin, ideal_pixels
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
 from mocap.io.contents import FileContents
@@ -42,7 +43,7 @@ def audit_filmed(
     found.append(
         Finding(
             kind="pixel origin",
-            alarm=False,
+            alarm=decision.guessed,
             text=decision.describe(),
             numbers={"residual_px": decision.residual_px}
             | ({"next_px": decision.next_px} if decision.next_px < float("inf") else {}),
@@ -53,7 +54,11 @@ def audit_filmed(
     late = offset_findings(cameras, ideal_px)
     explained = [f for f in late if f.alarm and 3 * f.numbers["after_px"] < f.numbers["before_px"]]
     foreign = [] if explained else fit_findings(cameras, ideal_px)
-    found += foreign or [*late, *lens_findings(cameras, pixels.uv_px, decision)]
+    if any(f.kind != "large residual" for f in foreign):
+        found += foreign
+    else:
+        lenses = lens_findings(cameras, pixels.uv_px, decision)
+        found += [*late, *lenses, *([] if alarms(lenses) else foreign)]
     matrices = stacked(cameras)
     found += sizes(linear(matrices, ideal_px))
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
@@ -62,10 +67,14 @@ def audit_filmed(
     return sorted(found, key=lambda f: not f.alarm)
 
 
-def audit_recording(recording: FileContents) -> list[Finding]:
+def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin()) -> list[Finding]:  # noqa: B008
     """All checks of a file, or of files that belong together; alarms first.
 
     Lengths are judged only where their unit is known.
+
+    Args:
+        recording: The file's contents.
+        stated: What the user states about corners and picture height, as ``mocap track`` takes it.
     """
     pixels, points, cameras = recording.pixels, recording.points, recording.cameras
     if pixels is None or not cameras or len(pixels.cameras) != len(cameras) or len(cameras) < 2:
@@ -75,7 +84,18 @@ def audit_recording(recording: FileContents) -> list[Finding]:
             found += [f for f in point_findings(points) if recording.unit is not None or f.kind != "units"]
         return sorted(found, key=lambda f: not f.alarm)
     try:
-        decision = decide_origin(cameras, pixels.uv_px, origin=recording.pixel_origin)
+        decision = decide_origin(
+            cameras,
+            pixels.uv_px,
+            origin=stated.origin or recording.pixel_origin,
+            coefficients=stated.calibration_origin,
+            height_px=stated.image_height_px,
+        )
+    except ArrangementError as error:
+        told = error.arrangement
+        numbers = {"residual_px": told.residual_px, "undone_px": told.undone_px}
+        named = Finding(kind=told.kind, alarm=True, text=str(error), numbers=numbers, cameras=told.cameras)
+        return [named, *pixel_findings(pixels), *camera_findings(cameras, y_up=None)]
     except CalibrationError as error:
         asked = Finding(kind="pixel origin", alarm=True, text=str(error))
         plain = undistorted(cameras, pixels.uv_px)

@@ -6,12 +6,13 @@ tens of pixels; one whose lens is applied upside down by a few.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, find_arrangement
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
@@ -20,6 +21,21 @@ PixelCorner = Literal["upper-left", "lower-left"]
 BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 CLEARLY = 1.2
 """A choice is clear where the next best leaves a residual so many times as large."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedOrigin:
+    """What the user states about corners.
+
+    Attributes:
+        origin: Corner of the pixels.
+        calibration_origin: Corner of the coefficients.
+        image_height_px: Image height, for flips.
+    """
+
+    origin: PixelCorner | None = None
+    calibration_origin: PixelCorner | None = None
+    image_height_px: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,6 +50,7 @@ class PixelOrigin:
         height_px: Image height that flips use; None where nothing is flipped.
         residual_px: Median triangulation residual of the decision.
         next_px: That of the best choice that would have given other points; inf where there is none.
+        guessed: Whether pixels and coefficients were found to count from different corners, and nobody stated it.
     """
 
     pixels: PixelCorner
@@ -43,6 +60,7 @@ class PixelOrigin:
     height_px: float | None
     residual_px: float
     next_px: float
+    guessed: bool = False
 
     def describe(self) -> str:
         """One sentence for reports."""
@@ -51,6 +69,8 @@ class PixelOrigin:
             return f"pixel origin {self.pixels} ({source}); residual {self.residual_px:.2f} px"
         margin = "" if np.isinf(self.next_px) else f", {self.next_px:.2f} px otherwise"
         flip = "" if self.pixels == self.coefficients else f"; coefficients from the {self.coefficients}"
+        if self.guessed:
+            flip += " (not stated, found by the residual: state `origin` and `calibration_origin`)"
         how = "as stated" if self.stated else "chosen by the smaller residual"
         return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
 
@@ -118,6 +138,7 @@ def decide_origin(
         most_points: Points to judge by.
 
     Raises:
+        ArrangementError: the pixels fit only with mirrored axes, shifted, or with the cameras in another order.
         CalibrationError: choices that give different points fit alike, or what was stated fits clearly worse than what
             was not.
     """
@@ -148,6 +169,9 @@ def decide_origin(
         )
     alike = [t for t in allowed if _same(t, allowed[0])]
     best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))
+    found = find_arrangement(cameras, uv_px, height_px=height_px) if best[0] > LOOKED_AT_PX else None
+    if found is not None and BETTER * found.undone_px < best[0]:
+        raise ArrangementError(replace(found, residual_px=best[0]))
     size = float(np.nanmax(uv_px, initial=1.0) - np.nanmin(uv_px, initial=0.0))
     if best[0] > max(0.03 * size, 10.0):
         raise CalibrationError(
@@ -176,6 +200,7 @@ def decide_origin(
         height_px=best[3],
         residual_px=best[0],
         next_px=min(rest, default=np.inf),
+        guessed=best[1] != best[2] and (origin is None or coefficients is None),
     )
 
 

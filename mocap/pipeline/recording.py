@@ -273,7 +273,7 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
     decision = origin.decide_origin(
         cameras,
         pixels.uv_px,
-        origin=source.pixel_origin,
+        origin=source.pixel_origin or source.contents.pixel_origin,
         coefficients=source.calibration_origin,
         height_px=source.image_height_px,
     )

@@ -63,7 +63,10 @@ def test_flipping_twice_is_nothing():
 def test_coefficients_of_another_rig_are_told():
     """Rays that miss by hundreds of pixels in every convention belong to other cameras: an error that says so."""
     cameras, _, uv = filmed(False)
-    other = np.roll(uv, 1, axis=0)
+    turned = np.array([[1, -0.6, 0], [0.6, 1, 0], [0, 0, 1]])
+    other = (uv - [640, 512]) @ turned[:2, :2] + np.array([[300, 40], [-200, 90], [90, -300], [-100, -80]])[
+        :, None, None
+    ]
     with pytest.raises(CalibrationError, match="coefficients do not belong to these pixels"):
         decide_origin(cameras, other, height_px=HEIGHT)
 

@@ -5,7 +5,7 @@ from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import fit_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.samples import pixel_findings, point_findings
-from mocap.audit.stored import StalePoint, stale_points
+from mocap.audit.stored import StalePoint, other_world, stale_points
 
 __all__ = [
     "Finding",
@@ -18,6 +18,7 @@ __all__ = [
     "fit_findings",
     "in_step",
     "late_cameras",
+    "other_world",
     "pixel_findings",
     "point_findings",
     "stale_points",

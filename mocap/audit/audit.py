@@ -67,6 +67,11 @@ def audit_filmed(
     return sorted(found, key=lambda f: not f.alarm)
 
 
+def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:
+    """Whether any point is seen by two of the cameras that are calibrated."""
+    return len(pixels.cameras) == len(cameras) > 1 and bool((pixels.seen.sum(axis=0) >= 2).any())
+
+
 def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin()) -> list[Finding]:  # noqa: B008
     """All checks of a file, or of files that belong together; alarms first.
 
@@ -77,7 +82,7 @@ def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin
         stated: What the user states about corners and picture height, as ``mocap track`` takes it.
     """
     pixels, points, cameras = recording.pixels, recording.points, recording.cameras
-    if pixels is None or not cameras or len(pixels.cameras) != len(cameras) or len(cameras) < 2:
+    if pixels is None or not cameras or not _meet(pixels, cameras):
         found = [] if pixels is None else pixel_findings(pixels)
         found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)
         if points is not None:

@@ -125,7 +125,12 @@ def readable(found: dict[str, Any]) -> str:
     lines.append(f"  contains {contained}; unit {found['units'] or 'not stated'}")
     if found["missing"] is not None:
         gaps = found["gaps"]
-        text = f"  {100 * found['missing']:.1f} % missing; {_count(gaps['count'], 'gap')} inside the tracks"
+        blank = found["undigitised"]
+        without = [_count(blank["frames"], "frame")] if blank["frames"] else []
+        without += [_count(len(blank["markers"]), "marker")] if blank["markers"] else []
+        text = f"  {100 * found['missing']:.1f} % missing"
+        text += f" where anything was digitised; {' and '.join(without)} without a sample" if without else ""
+        text += f"; {_count(gaps['count'], 'gap')} inside the tracks"
         if gaps["count"]:
             longest = _count(gaps["longest_frames"], "frame")
             text += f", median length {gaps['median_frames']:g}, longest {longest}"

@@ -333,8 +333,14 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
         height_px=decision.height_px,
         iterations=3,
     )
+    if not stored.seen.any():
+        return None, []
+    xyz = triangulate.linear(filmed.matrices, ideal)
+    elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
+    if elsewhere is not None:
+        return None, [f"{path.name}: {elsewhere.text}"]
     try:
-        stale = audit.stale_points(triangulate.linear(filmed.matrices, ideal), stored)
+        stale = audit.stale_points(xyz, stored)
     except ValueError as error:
         return None, [f"{path.name} was not compared: {error}"]
     total = int(stored.seen.sum())

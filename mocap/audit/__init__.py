@@ -3,6 +3,7 @@
 from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import fit_findings
+from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.samples import pixel_findings, point_findings
 from mocap.audit.stored import StalePoint, other_world, stale_points
@@ -17,6 +18,7 @@ __all__ = [
     "estimate_offsets",
     "fit_findings",
     "in_step",
+    "jump_findings",
     "late_cameras",
     "other_world",
     "pixel_findings",

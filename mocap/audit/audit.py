@@ -2,16 +2,19 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from mocap.arrays import Array
 from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
+from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import offset_findings
 from mocap.audit.samples import pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.origin import PixelOrigin, StatedOrigin, decide_origin, ideal_pixels
-from mocap.cameras.triangulate import linear
+from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelTracks
@@ -60,11 +63,19 @@ def audit_filmed(
         lenses = lens_findings(cameras, pixels.uv_px, decision)
         found += [*late, *lenses, *([] if alarms(lenses) else foreign)]
     matrices = stacked(cameras)
-    found += sizes(linear(matrices, ideal_px))
+    xyz = linear(matrices, ideal_px)
+    found += [*sizes(xyz), *jump_findings(_believed(matrices, ideal_px, xyz), pixels.t_s, pixels.names)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
         solved = ideal_px if stored_px is None else stored_px
         found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
     return sorted(found, key=lambda f: not f.alarm)
+
+
+def _believed(matrices: Array, ideal_px: Array, xyz_m: Array) -> Array:
+    """Points whose rays meet about as those of most points do; NaN else."""
+    miss = residual_px(matrices, ideal_px, xyz_m)
+    usual = np.nanmedian(miss) if np.isfinite(miss).any() else np.nan
+    return np.where((miss <= 5 * usual)[..., None], xyz_m, np.nan)
 
 
 def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:
@@ -87,6 +98,7 @@ def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin
         found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)
         if points is not None:
             found += [f for f in point_findings(points) if recording.unit is not None or f.kind != "units"]
+            found += jump_findings(points.xyz_m, points.t_s, points.names)
         return sorted(found, key=lambda f: not f.alarm)
     try:
         decision = decide_origin(

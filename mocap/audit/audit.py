@@ -104,9 +104,10 @@ def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin
         decision = decide_origin(
             cameras,
             pixels.uv_px,
-            origin=stated.origin or recording.pixel_origin,
+            origin=stated.origin,
             coefficients=stated.calibration_origin,
             height_px=stated.image_height_px,
+            usual=recording.pixel_origin,
         )
     except ArrangementError as error:
         told = error.arrangement

@@ -238,6 +238,22 @@ def load_points(source: Recording) -> MarkerTracks:
     return recording.points
 
 
+def _decided(source: Recording, cameras: Sequence[Camera], uv_px: Array) -> origin.PixelOrigin:
+    """The corner of the pixels; an error names the file."""
+    try:
+        return origin.decide_origin(
+            cameras,
+            uv_px,
+            origin=source.pixel_origin,
+            coefficients=source.calibration_origin,
+            height_px=source.image_height_px,
+            usual=source.contents.pixel_origin,
+        )
+    except CalibrationError as error:
+        error.args = (f"{source.tracks.name}: {error}",)
+        raise
+
+
 def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
     """Read pixels and cameras, decide the pixel origin, undistort.
 
@@ -270,13 +286,7 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         raise CalibrationError(
             f"{source.tracks.name}: no marker is seen by two cameras at once: no point can be triangulated"
         )
-    decision = origin.decide_origin(
-        cameras,
-        pixels.uv_px,
-        origin=source.pixel_origin or source.contents.pixel_origin,
-        coefficients=source.calibration_origin,
-        height_px=source.image_height_px,
-    )
+    decision = _decided(source, cameras, pixels.uv_px)
     ideal = origin.ideal_pixels(
         cameras,
         pixels.uv_px,

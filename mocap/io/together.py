@@ -23,7 +23,7 @@ def joined(recordings: Sequence[FileContents]) -> FileContents:
     Raises:
         FormatError: two files hold the same, or the files do not belong together.
     """
-    recordings = _one_set_of_lenses(recordings)
+    recordings = _one_rig(_one_set_of_lenses(recordings))
     pixels = [r for r in recordings if r.pixels is not None]
     base = _views(pixels, recordings) if pixels else next((r for r in recordings if r.points is not None), None)
     if base is None:
@@ -49,6 +49,26 @@ def _one_set_of_lenses(recordings: Sequence[FileContents]) -> list[FileContents]
         paths=tuple(path for r in single for path in r.paths),
         camera_names=tuple(f"cam{c + 1}" for c in range(len(single))),
         lenses=tuple(r.lenses[0] for r in single),
+        findings=tuple(dict.fromkeys(f for r in single for f in r.findings)),
+    )
+    return [*(r for r in recordings if r not in single), whole]
+
+
+def _one_rig(recordings: Sequence[FileContents]) -> list[FileContents]:
+    """The recordings with calibrations of one camera each put together."""
+    single = [r for r in recordings if len(r.cameras) == 1 and r.pixels is None]
+    if len(single) < 2:
+        return list(recordings)
+    names = [r.camera_names[0] for r in single]
+    if len(set(names)) != len(names):
+        raise FormatError(
+            f"{single[0].paths[0].name}: two cameras are called {max(names, key=names.count)!r}: rename one"
+        )
+    whole = replace(
+        single[0],
+        paths=tuple(path for r in single for path in r.paths),
+        camera_names=tuple(names),
+        cameras=tuple(r.cameras[0] for r in single),
         findings=tuple(dict.fromkeys(f for r in single for f in r.findings)),
     )
     return [*(r for r in recordings if r not in single), whole]

@@ -1,8 +1,8 @@
 """Planted faults: what share of them the audit finds and names, and how many clean recordings it accuses wrongly.
 
 Twins (a lizard in 4 cameras, a bat in a wind tunnel in 4) are audited as ``mocap info`` audits files, clean and with
-one fault each, in several sizes. A fault is found where an alarm of its kind names its cameras or markers; alarms of other
-kinds that a clean twin does not raise are counted apart. A clean recording is wrongly accused by any alarm.
+one fault each, in several sizes. A fault is found where an alarm of its kind names its cameras or markers; alarms of
+other kinds are counted apart. A clean recording is wrongly accused by any alarm.
 
     python -m benchmarks.faults [--quick] [--seeds 10] [--clean 200] [--only jump]
 """
@@ -314,7 +314,7 @@ def fault_table(seeds: int, only: str | None = None) -> Iterator[tuple[str, floa
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Planted faults: which of them the audit finds.")
     parser.add_argument("--quick", action="store_true", help="2 seeds, 6 clean recordings")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--clean", type=int, default=200)

@@ -49,7 +49,8 @@ SparseCameras = Annotated[
 Columns = Annotated[
     str | None,
     typer.Option(
-        help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or column numbers from 1)."
+        help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or column numbers from 1). Two "
+        "columns are pixels, also with a third that is titled likelihood, score or confidence; frame=n, likelihood=p."
     ),
 ]
 Sheet = Annotated[
@@ -119,7 +120,7 @@ class RecordingOptions(CameraOptions):
         own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
         return super().stated() | own
 
-    def read(self, tracks: Path, **more: Any) -> "Recording":
+    def read(self, tracks: Path | list[Path], **more: Any) -> "Recording":
         """The recording in a file, with what is stated about it."""
         import mocap
 

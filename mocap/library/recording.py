@@ -1,5 +1,6 @@
 """Read a recording: tracks, their calibration and skeleton, and what is stated about them."""
 
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -14,7 +15,7 @@ PathText = str | PathLike[str]
 
 
 def read(
-    tracks: PathText,
+    tracks: PathText | Sequence[PathText],
     *,
     calibration: PathText | None = None,
     fps: float | None = None,
@@ -35,7 +36,8 @@ def read(
     ``mocap.learn`` take it.
 
     Args:
-        tracks: Pixels or positions; a project of DLTdv8 holds its calibration too.
+        tracks: Pixels or positions; a project of DLTdv8 holds its calibration too. Several: the views of one trial, a
+            camera a file, and their calibration.
         calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
         fps: Frames a second, where the files do not hold it (or hold another).
         unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
@@ -59,8 +61,10 @@ def read(
     def path(given: PathText | None) -> Path | None:
         return None if given is None else Path(given)
 
+    files = [Path(tracks)] if isinstance(tracks, str | PathLike) else [Path(one) for one in tracks]
     recording = Recording(
-        tracks=Path(tracks),
+        tracks=files[0],
+        beside=tuple(files[1:]),
         calibration=path(calibration),
         fps=fps,
         unit=unit,

@@ -19,6 +19,7 @@ from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
+from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
@@ -32,6 +33,7 @@ class Recording:
 
     Attributes:
         tracks: Pixels or positions, of any format; a project of DLTdv8 holds its cameras too.
+        beside: Files that belong to it: the other views, and a calibration.
         fps: Frames a second; None: as the file says.
         calibration: Calibration, of any format; None: ``tracks`` holds it, or positions.
         profile: Camera profile.
@@ -47,6 +49,7 @@ class Recording:
     """
 
     tracks: Path
+    beside: tuple[Path, ...] = ()
     fps: float | None = None
     calibration: Path | None = None
     profile: Path | None = None
@@ -73,6 +76,8 @@ class Recording:
     @cached_property
     def _read(self) -> tuple[FileContents, tuple[str, ...]]:
         recording = read(self.tracks, self.hints)
+        if self.beside:
+            recording = joined([recording, *(read(path, self.hints) for path in self.beside)])
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
@@ -108,7 +113,7 @@ class Recording:
     @property
     def inputs(self) -> tuple[Path | None, ...]:
         """The files that the user named."""
-        return (self.tracks, self.calibration, self.profile, self.skeleton, self.stored_points)
+        return (self.tracks, *self.beside, self.calibration, self.profile, self.skeleton, self.stored_points)
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""

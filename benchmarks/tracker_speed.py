@@ -22,6 +22,7 @@ import numpy as np
 from datasets import make_bat
 from datasets.rig import tunnel_cameras
 from eal.threads import one_blas_thread
+from filters.anatomy import Anatomy
 from filters.live import live, looks
 from filters.models.base import TrialSet
 from filters.models.constant_velocity import learn_constant_velocity
@@ -95,7 +96,7 @@ def twin(n_frames: int, settings: PoseSettings) -> Case:
     seen = filmed(truth.truth.xyz_m[:n_frames], t_s)
     trunk = [truth.truth.names.index(name) for name in truth.skeleton.trunk]
     own = MarkerTrial(name="bat", t_s=t_s, xyz_m=seen.xyz_m, sd_m=np.full(seen.xyz_m.shape[:2], 1e-3))
-    return Case(settings.fit(TrialSet([own], trunk)).motion, seen, t_s)
+    return Case(settings.fit(TrialSet([own], Anatomy(tuple(trunk)))).motion, seen, t_s)
 
 
 def best(calls: dict[str, Callable[[], None]], rounds: int) -> dict[str, tuple[float, float]]:
@@ -155,7 +156,7 @@ def mouse() -> None:
     own = MarkerTrial(name="mouse", t_s=tracks.t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 1e-4))
     start = time.perf_counter()
     with one_blas_thread():
-        model = PoseSettings().fit(TrialSet([own], trunk)).motion
+        model = PoseSettings().fit(TrialSet([own], Anatomy(tuple(trunk)))).motion
     learned = time.perf_counter() - start
     case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), tracks.t_s)
     (wall, cpu) = best({"smooth": case.smoothed}, 1)["smooth"]

@@ -1,4 +1,4 @@
-"""Where the gaps of the benchmark lie: kinds of gaps of ``filters.hide``."""
+"""Where the gaps of the benchmark lie: kinds of gaps of ``filters.hide``, and excerpts of trials."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,8 +24,6 @@ RULES = Rules(
 
 Cell = tuple[str, int]
 """A scenario and a length."""
-Shown = Hidden[Trial]
-"""A trial with gaps."""
 
 
 def cells(*, scenarios: Sequence[str] = SCENARIOS, lengths: Sequence[int] = GAPS) -> list[Cell]:
@@ -47,7 +45,7 @@ def groups(trial: Trial) -> dict[str, Group]:
     }
 
 
-def hide(trial: Trial, wanted: Sequence[Cell], rng: np.random.Generator) -> list[Shown]:
+def hide(trial: Trial, wanted: Sequence[Cell], rng: np.random.Generator) -> list[Hidden[Trial]]:
     """A gap of every wanted kind that the trial has room for, in as few copies of the trial as random placing allows.
 
     When each kind has its gap, each is placed once more where a copy still has room.
@@ -67,7 +65,13 @@ def excerpt(trial: Trial, frames: int, rng: np.random.Generator) -> Trial:
     cut = gaps.excerpt(np.isfinite(trial.xyz_m[..., 0]), frames, rng)
     if len(trial.t_s) <= frames:
         return trial
-    return replace(trial, name=f"{trial.name}@{cut.start}", t_s=trial.t_s[cut], xyz_m=trial.xyz_m[cut])
+    return replace(
+        trial,
+        name=f"{trial.name}@{cut.start}",
+        t_s=trial.t_s[cut],
+        xyz_m=trial.xyz_m[cut],
+        film=None if trial.film is None else trial.film.cut(cut),
+    )
 
 
 __all__ = [
@@ -78,7 +82,6 @@ __all__ = [
     "SPACING",
     "Cell",
     "Gap",
-    "Shown",
     "cells",
     "excerpt",
     "groups",

@@ -16,7 +16,7 @@ from filters.models.pose import PoseSettings
 from filters.tune import MODELS, Effort
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.prepare import Prepared, prepare_tracks
+from mocap.pipeline.prepare import Prepared, prepare_pixels, prepare_tracks
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 
@@ -34,8 +34,10 @@ def tracks_of(trial: Trial) -> MarkerTracks:
 
 
 def recording(trial: Trial) -> Prepared:
-    """A trial as the product prepares it: cleaned, with a skeleton of markers and trunk."""
+    """A trial as the product prepares it: from pixels if it has a film, cleaned, with markers and trunk."""
     skeleton = Skeleton(name="markers and trunk", markers=trial.names, trunk=trial.trunk)
+    if trial.film is not None:
+        return prepare_pixels(trial.film.pixels, trial.film.cameras, skeleton, name=trial.name)
     return prepare_tracks(tracks_of(trial), skeleton, name=trial.name)
 
 
@@ -51,6 +53,7 @@ class Ours:
 
     name: str
     models: tuple[TrajectoryModel, ...] = MODELS
+    reads_rays: bool = True
 
     def learn(self, training: Sequence[Trial]) -> Filler:
         """``learn_from`` the training trials; what is filled later is tracked by ``run_job``."""

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-KEYS = ["set", "scenario", "gap", "method", "seed"]
-TABLE = [*KEYS, "rmse_mm", "coverage95", "nll", "ms_per_frame"]
-FOLDS = [*KEYS, "trial", "samples", "rmse_mm", "coverage95", "nll", "seconds", "frames"]
-CELL = ["set", "scenario", "gap"]
+CELL = ["set", "scenario", "gap", "rays", "trained_on"]
+KEYS = [*CELL, "method", "seed"]
+NAMED = ["set", "scenario", "gap", "method", "seed"]
+TABLE = [*NAMED, "rmse_mm", "coverage95", "nll", "ms_per_frame", "rays", "trained_on"]
+FOLDS = [*NAMED, "trial", "samples", "rmse_mm", "coverage95", "nll", "seconds", "frames", "rays", "trained_on"]
 
 
 def pooled(folds: pd.DataFrame) -> pd.DataFrame:

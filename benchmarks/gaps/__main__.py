@@ -20,7 +20,7 @@ from benchmarks.gaps.cells import QUICK, QUICK_SETS, Extent, Task, results
 from benchmarks.gaps.ours import alone, ours
 from benchmarks.gaps.peers import released
 from benchmarks.gaps.registry import methods
-from benchmarks.gaps.sets import SETS, load
+from benchmarks.gaps.sets import SETS, load, size
 from benchmarks.gaps.table import FOLDS, against_best, as_sentence, as_text, pooled, ratios, summary
 from mocap.errors import MocapError
 
@@ -59,11 +59,11 @@ def main() -> int:
     tasks = []
     for name in args.sets or (QUICK_SETS if args.quick else tuple(SETS)):
         try:
-            trials = load(name)
+            count = size(name)
         except (MocapError, OSError, ValueError) as error:
             print(f"{name}: left out: {error}", file=sys.stderr)
             continue
-        folds = range(min(len(trials), extent.folds))
+        folds = range(min(count, extent.folds))
         tasks += [Task(name=name, trial=k, method=method, extent=extent) for k in folds for method in chosen]
     if not tasks:
         print("no set could be loaded: set MOCAP_REAL_DATA to the folder of the recordings", file=sys.stderr)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby
 from multiprocessing import get_context
 
@@ -45,7 +46,7 @@ class Extent:
         return self.training < 100
 
 
-QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), rays=(0, 1), folds=1, training=2, frames=160)
+QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
 QUICK_SETS = ("bat", "mouse", "snake_glide")
 
@@ -60,9 +61,10 @@ class Task:
     extent: Extent
 
 
+@lru_cache(maxsize=4)
 def fold_trials(name: str, left_out: int, extent: Extent) -> list[Trial]:
-    """The trials of a fold, as many and as long as wanted; the last is left out."""
-    trials = load(name)
+    """The trials of a fold, as many and as long as wanted; the last is left out. Methods that follow get the same."""
+    trials = load(name, extent.folds + extent.training if extent.short else None)
     others = [trials[i] for i in teachers(name, trials, left_out)][: extent.training]
     if extent.short:
         rng = np.random.default_rng(0)
@@ -75,7 +77,7 @@ def trained_on(trials: Sequence[Trial]) -> str:
     *others, left_out = trials
     if left_out.animal not in {trial.animal for trial in others}:
         return "other animal"
-    return "several gaits" if len({trial.gait for trial in others}) > 1 else "same"
+    return "several gaits" if len({trial.gait for trial in trials}) > 1 else "same"
 
 
 def run(task: Task) -> tuple[list[dict], str | None]:
@@ -121,9 +123,10 @@ def empty_rows(task: Task) -> list[dict]:
     for seed in task.extent.seeds:
         shown = shown_trials(trials[-1], seed, wanted, frames=task.extent.frames, rays=task.extent.rays)
         held: dict[tuple[str, int, int], int] = {}
-        for copy, gap in ((copy, gap) for copy in shown for gap in copy.gaps):
-            cell = (gap.kind, gap.length, copy.rays)
-            held[cell] = held.get(cell, 0) + int(gap.scored.sum()) * gap.length
+        for copy in shown:
+            for gap in copy.gaps:
+                cell = (gap.kind, gap.length, copy.rays)
+                held[cell] = held.get(cell, 0) + int(gap.scored.sum()) * gap.length
         for (scenario, length, rays), samples in sorted(held.items()):
             values = {"scenario": scenario, "gap": length, "rays": rays, "samples": samples} | nothing
             out.append(row(task, seed, trials, values))

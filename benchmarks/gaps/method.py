@@ -6,6 +6,7 @@ from typing import Protocol, runtime_checkable
 
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
+from mocap.cameras.origin import PixelCorner
 from mocap.records import PixelTracks
 
 
@@ -16,10 +17,14 @@ class Film:
     Attributes:
         pixels: As digitised, with the trial's markers and times.
         cameras: The C cameras.
+        pixel_origin: Corner that pixel rows are counted from, and
+        calibration_origin: that of the cameras, as decided on the whole recording.
     """
 
     pixels: PixelTracks
     cameras: tuple[Camera, ...]
+    pixel_origin: PixelCorner
+    calibration_origin: PixelCorner
 
     def cut(self, frames: slice) -> "Film":
         """Some of its frames, the times of which begin at 0."""
@@ -81,8 +86,9 @@ class Filler(Protocol):
 class Method(Protocol):
     """A way of filling gaps.
 
-    A method that uses the rays of ``Trial.film`` says so by an attribute ``reads_rays`` (``reads_rays``); all others see
-    the same whatever rays are left, and fill once. One that is shown the answer has ``learn_with_truth``.
+    One that uses the rays of ``Trial.film`` says so by an attribute ``reads_rays``; all others see the same whatever
+    rays are left, and fill once. One that needs a film says so by ``needs_film``. One that is shown the answer has
+    ``learn_with_truth``.
     """
 
     @property
@@ -106,4 +112,9 @@ class Oracle(Protocol):
 
 def reads_rays(method: Method) -> bool:
     """Whether a method uses the rays of markers that are seen by one camera."""
-    return bool(getattr(method, "reads_rays", False))
+    return bool(getattr(method, "reads_rays", False)) or needs_film(method)
+
+
+def needs_film(method: Method) -> bool:
+    """Whether a method is of pixels only."""
+    return bool(getattr(method, "needs_film", False))

@@ -11,14 +11,14 @@ import zlib
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 
 from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, cells, excerpt, hide
 from benchmarks.gaps.method import Estimate, Filler, Method, Oracle, Trial, reads_rays
-from benchmarks.gaps.rays import Shown, with_rays
-from filters.hide import Hidden
+from benchmarks.gaps.rays import RAYS, Shown, with_rays
 from filters import score as one_score
 from mocap.arrays import Array
 
@@ -82,6 +82,14 @@ class Outcome:
 def shown_trials(
     trial: Trial, seed: int, wanted: Sequence[Cell], *, frames: int = TEST_FRAMES, rays: Sequence[int] = (0,)
 ) -> list[Shown]:
+    """``shown_once``, which is computed once for all methods of a fold."""
+    return list(shown_once(trial, seed, tuple(wanted), frames, tuple(rays)))
+
+
+@lru_cache(maxsize=8)
+def shown_once(
+    trial: Trial, seed: int, wanted: tuple[Cell, ...], frames: int, rays: tuple[int, ...]
+) -> tuple[Shown, ...]:
     """The gaps that every method meets in a trial with a seed: the same with each number of rays that is left.
 
     Args:
@@ -97,7 +105,7 @@ def shown_trials(
     for left in rays if trial.film is not None else (0,):
         which = np.random.default_rng([seed, zlib.crc32(trial.name.encode()), 2])
         out += [with_rays(copy, left, which) for copy in copies]
-    return out
+    return tuple(out)
 
 
 def evaluate(filler: Filler, shown: Sequence[Shown], *, by_rays: bool = True) -> Outcome:
@@ -181,7 +189,7 @@ class Validation:
     """
 
     rest: tuple[Trial, ...]
-    shown: tuple[Hidden[Trial], ...]
+    shown: tuple[Shown, ...]
 
 
 def validation(training: Sequence[Trial]) -> list[Validation]:
@@ -195,7 +203,9 @@ def validation(training: Sequence[Trial]) -> list[Validation]:
         rng = np.random.default_rng([k, zlib.crc32(trial.name.encode()), 1])
         # other trials begin with another scenario
         wanted = [(SCENARIOS[(i + k) % len(SCENARIOS)], length) for i, length in enumerate(now.lengths)]
-        shown = hide(excerpt(trial, now.frames, rng), wanted, rng)
+        copies = hide(excerpt(trial, now.frames, rng), wanted, rng)
+        left = RAYS if trial.film is not None else (0,)  # what may be left of a film goes round, too
+        shown = [with_rays(copy, left[i % len(left)], rng) for i, copy in enumerate(copies)]
         rest = [other for i, other in enumerate(training) if i != k]
         if not rest:
             out += [Validation(rest=(copy.shown,), shown=(copy,)) for copy in shown]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.gaps.sets import SETS, load, noise_sd, stations
+from benchmarks.gaps.sets import SETS, load, stations
+from benchmarks.gaps.takes import noise_sd
 from tests.real_data import FOLDER
 
 REAL = {

@@ -6,6 +6,7 @@ visible samples, and has its one to three main hyper-parameters chosen on hidden
 
 from benchmarks.gaps.method import Method
 from benchmarks.gaps.peers import (
+    anipose_3d,
     gaussian,
     gpdm,
     interpolation,
@@ -21,5 +22,5 @@ from benchmarks.gaps.peers import (
 
 def peers() -> list[Method]:
     """All peers, simple ones first."""
-    families = (interpolation, kalman, rays, low_rank, pca, neighbours, gaussian, manifold, gpdm, released)
+    families = (interpolation, kalman, rays, anipose_3d, low_rank, pca, neighbours, gaussian, manifold, gpdm, released)
     return [method for family in families for method in family.peers()]

@@ -3,9 +3,9 @@
 ``constant_velocity_pixels`` is the smoother of ``kalman`` with the rays of all cameras as observations.
 ``eks_multicam`` is the multi-camera ensemble Kalman smoother in its form for calibrated cameras: a random walk of the
 marker in three dimensions, observed through the projection of each camera, the variance of views that disagree with the
-others inflated (Biderman, Whiteway et al. 2024, Nature Methods 21, and the package ensemble-kalman-smoother). Here a view
-is left out where rays do not meet and it misses what is predicted. Both are given the pixels that the product believes, with slow ray
-errors removed, and its deviation of each.
+others inflated (Biderman, Whiteway et al. 2024, Nature Methods 21, and the package ensemble-kalman-smoother). Here a
+view is left out where rays do not meet and it misses what is predicted. Both are given the pixels that the product
+believes, with slow ray errors removed, and its deviation of each.
 """
 
 from collections.abc import Sequence
@@ -50,7 +50,7 @@ def rays_of(trial: Trial) -> Rays:
 
 
 def projected(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
-    """Pixels (..., 2) of points (..., 3), each in a camera of its own (..., 3, 4), and their derivatives (..., 2, 3)."""
+    """Pixels (..., 2) of points (..., 3), each in a camera (..., 3, 4), and their derivatives (..., 2, 3)."""
     flat = np.einsum("...ij,...j->...i", matrices[..., :3], xyz_m) + matrices[..., 3]
     uv = flat[..., :2] / flat[..., 2:]
     return uv, (matrices[..., :2, :3] - uv[..., None] * matrices[..., 2:, :3]) / flat[..., 2, None, None]

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.gaps.method import Trial
+from benchmarks.gaps.rays import Shown
 from filters import hide as gaps
-from filters.hide import Gap, Group, Hidden, Rules
+from filters.hide import Gap, Group, Rules
 
 SCENARIOS = ("single", "pair", "limb", "all")
 """One marker of a limb, two of the same limb, a whole limb, all limbs at once."""
@@ -45,10 +46,10 @@ def groups(trial: Trial) -> dict[str, Group]:
     }
 
 
-def hide(trial: Trial, wanted: Sequence[Cell], rng: np.random.Generator) -> list[Hidden[Trial]]:
+def hide(trial: Trial, wanted: Sequence[Cell], rng: np.random.Generator) -> list[Shown]:
     """A gap of every wanted kind that the trial has room for, in as few copies of the trial as random placing allows.
 
-    When each kind has its gap, each is placed once more where a copy still has room.
+    No ray is left in gaps. When each kind has its gap, each is placed once more where a copy still has room.
 
     Args:
         trial: As measured.
@@ -57,7 +58,7 @@ def hide(trial: Trial, wanted: Sequence[Cell], rng: np.random.Generator) -> list
     """
     known = groups(trial)
     kinds = [(known[scenario], length) for scenario, length in wanted]
-    return [Hidden(trial=trial, gaps=copy) for copy in gaps.hide(np.isfinite(trial.xyz_m[..., 0]), kinds, rng, RULES)]
+    return [Shown(trial=trial, gaps=copy) for copy in gaps.hide(np.isfinite(trial.xyz_m[..., 0]), kinds, rng, RULES)]
 
 
 def excerpt(trial: Trial, frames: int, rng: np.random.Generator) -> Trial:

@@ -45,7 +45,7 @@ class Shown(Hidden[Trial]):
         return replace(blank, film=replace(self.trial.film, pixels=pixels))
 
 
-def with_rays(copy: Hidden[Trial], rays: int, rng: np.random.Generator) -> Shown:
+def with_rays(copy: Shown, rays: int, rng: np.random.Generator) -> Shown:
     """A trial whose gaps keep the rays of a camera, or of two, drawn for each gap.
 
     Args:

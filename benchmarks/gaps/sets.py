@@ -207,6 +207,8 @@ RECORDED: dict[str, Callable[[], list[Trial]]] = {
 """Sets of real recordings, by name."""
 SETS = (*RECORDED, *twins.TWINS)
 """Names of all sets."""
+FILMED = ("bat", "bat_wing", "bat_other", "bat_flights", *twins.TWINS)
+"""Sets with pixels."""
 OTHERS = ("bat_other", "snake_other", "twin_scaled")
 """Sets in which a trial is learned from other animals only."""
 

@@ -80,7 +80,14 @@ def _flight(flight: str) -> Take:
     """A flight in the wind tunnel."""
     (path,) = sorted((DATA / "bat_windtunnel_dltdv8").joinpath(*flight.split("_")).glob("*dvProject.mat"))
     project = read_project(path, fps=700)
-    pixels = replace(project.pixels, names=WIND_TUNNEL_POINTS)
+    seen = np.flatnonzero(project.pixels.seen.any(axis=(0, 2)))
+    part = slice(int(seen[0]), int(seen[-1]) + 1)
+    pixels = replace(
+        project.pixels,
+        names=WIND_TUNNEL_POINTS,
+        t_s=project.pixels.t_s[part],
+        uv_px=project.pixels.uv_px[:, part],
+    )
     skeleton = Skeleton(name="markers only", markers=WIND_TUNNEL_POINTS)
     found = prepare_pixels(pixels, project.cameras, skeleton, name=flight)
     rows = found.filmed.pixel_origin  # type: ignore[union-attr]  # pixels were prepared
@@ -195,7 +202,8 @@ def gait() -> list[Trial]:
     return trials_of(blocks("Eb015", tracks.t_s, measured, 3), tracks.names, trunk=trunk, limbs=legs)
 
 
-def _twins(name: str, count: int) -> list[Trial]:
+def twin_trials(name: str, count: int) -> list[Trial]:
+    """The first so many trials of a set of twins."""
     takes, skeleton, limbs = twins.TWINS[name].make(count)
     return trials_of(takes, skeleton.markers, trunk=skeleton.trunk, limbs=limbs)
 
@@ -221,7 +229,7 @@ def teachers(name: str, trials: Sequence[Trial], left_out: int) -> list[int]:
 
 @cache
 def _loaded(name: str, count: int) -> tuple[Trial, ...]:
-    return tuple(RECORDED[name]() if name in RECORDED else _twins(name, count))
+    return tuple(RECORDED[name]() if name in RECORDED else twin_trials(name, count))
 
 
 def load(name: str, count: int | None = None) -> list[Trial]:

@@ -24,6 +24,9 @@ from mocap.arrays import Array
 from mocap.body import smooth_series
 from mocap.pipeline.tracking import marker_trial, seen_part
 
+MOST = 0.8
+"""Share of a pose that is seen where its shape is taken for known."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Informed(PoseSettings):
@@ -49,9 +52,10 @@ class Informed(PoseSettings):
 
 
 def motion_in(subspace: PoseSubspace, poses: PoseTrial) -> Motion:
-    """The motion of a trial's shape in a subspace, where at least as many coordinates are seen as it has dimensions."""
+    """The motion of a trial's shape in a subspace, in the frames that show most of the pose."""
     z = shapes_in(subspace, poses.y)
-    known = np.isfinite(poses.y).sum(axis=1) >= 3 * subspace.basis.shape[1]
+    share = np.isfinite(poses.y).mean(axis=1)
+    known = share >= min(MOST, float(np.median(share)))
     z = smooth_series(z, known.astype(float), dt_s=poses.dt_s, cutoff_hz=min(30.0, 0.2 / poses.dt_s))
     rate = np.gradient(z, poses.dt_s, axis=0)
     acceleration = np.gradient(rate, poses.dt_s, axis=0)

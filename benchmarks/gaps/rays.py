@@ -11,6 +11,8 @@ from mocap.arrays import Array
 
 RAYS = (0, 1, 2)
 """Cameras that are left: none (the marker is dark), one, or two of which the second was clicked in a wrong place."""
+CLICK_PX = 1.0
+"""Deviation of a wrong click from that of the marker which was taken for the right one: nobody clicks twice alike."""
 SEES = 0.9
 """A camera is drawn among those that see such a share of what is hidden."""
 
@@ -40,7 +42,8 @@ class Shown(Hidden[Trial]):
             seen = self.trial.film.pixels.uv_px[:, gap.frames]
             uv_px[right, gap.frames, gap.hidden] = seen[right][:, gap.hidden].swapaxes(0, 1)
             if self.rays > 1:
-                uv_px[wrong, gap.frames, gap.hidden] = wrong_clicks(seen[wrong])[:, gap.hidden].swapaxes(0, 1)
+                noise = np.random.default_rng(gap.start).normal(0, CLICK_PX, seen[wrong].shape)
+                uv_px[wrong, gap.frames, gap.hidden] = (wrong_clicks(seen[wrong]) + noise)[:, gap.hidden].swapaxes(0, 1)
         pixels = replace(self.trial.film.pixels, uv_px=uv_px)
         return replace(blank, film=replace(self.trial.film, pixels=pixels))
 

@@ -11,7 +11,7 @@ from benchmarks.gaps.peers.anipose_3d import PointOptimiser
 from benchmarks.gaps.peers.kalman import filter_series, smooth_series, transition
 from benchmarks.gaps.peers.rays import Rays, filter_rays, projected
 from benchmarks.gaps.protocol import evaluate
-from benchmarks.gaps.rays import with_rays, wrong_clicks
+from benchmarks.gaps.rays import CLICK_PX, with_rays, wrong_clicks
 from datasets.rig import tank_cameras
 from mocap.cameras.camera import project, record, stacked
 from mocap.records import PixelTracks
@@ -42,7 +42,7 @@ def make_trial(n_frames=80, seed=0):
 def test_as_many_rays_are_left_as_it_says():
     """In gaps no camera, one, or two see a hidden marker; the first is the same; elsewhere every click is as it was.
 
-    The second of two has the click of the marker that is nearest to the right one in its picture.
+    The second of two has the click of the marker that is nearest to the right one in its picture, to click noise.
     """
     trial = make_trial()
     (copy, *_) = hide(trial, [("limb", 25), ("single", 10)], np.random.default_rng(0))
@@ -63,7 +63,7 @@ def test_as_many_rays_are_left_as_it_says():
         found = shown[2].shown.film.pixels.uv_px[wrong, gap.start]
         for m in np.flatnonzero(gap.hidden):
             away = np.linalg.norm(clicked[wrong, gap.start] - clicked[wrong, gap.start, m], axis=1)
-            np.testing.assert_array_equal(found[m], clicked[wrong, gap.start, np.argsort(away)[1]])
+            np.testing.assert_allclose(found[m], clicked[wrong, gap.start, np.argsort(away)[1]], atol=5 * CLICK_PX)
 
 
 def test_a_marker_that_is_alone_in_a_picture_has_no_wrong_click():

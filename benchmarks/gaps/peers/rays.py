@@ -22,6 +22,8 @@ from mocap.arrays import Array
 
 GATE = 13.82
 """99.9 % of a chi-square variable of two degrees of freedom: of rays that do not meet, one farther off is left out."""
+WIDE = 0.05
+"""A ray is not taken by a marker that is predicted more vaguely than this share of its distance from the camera."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,12 +35,14 @@ class Rays:
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
         sd_px: (C, T, M) deviation of a coordinate.
         xyz_m: (T, M, 3) points in which they meet; NaN where fewer than two are believed.
+        cov_m2: (T, M, 3, 3) their covariance.
     """
 
     matrices: Array
     uv_px: Array
     sd_px: Array
     xyz_m: Array
+    cov_m2: Array
 
 
 def rays_of(trial: Trial) -> Rays:
@@ -46,7 +50,13 @@ def rays_of(trial: Trial) -> Rays:
     found = recording(trial)
     if found.filmed is None:
         raise ValueError(f"{trial.name} has no pixels")
-    return Rays(matrices=found.filmed.matrices, uv_px=found.uv_px, sd_px=found.ray_sd_px, xyz_m=found.xyz_m)
+    return Rays(
+        matrices=found.filmed.matrices,
+        uv_px=found.uv_px,
+        sd_px=found.ray_sd_px,
+        xyz_m=found.xyz_m,
+        cov_m2=found.cov_m2,
+    )
 
 
 def projected(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
@@ -59,8 +69,9 @@ def projected(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
 def filter_rays(rays: Rays, step: Array, noise: Array, *, mean: Array, cov: Array) -> Pass:
     """Extended Kalman filter of all markers at once: states of ``order`` derivatives times three coordinates.
 
-    In each frame the ray that is nearest to the prediction is taken first. Where two rays or more do not meet, one that
-    misses what is known by then by more than ``GATE`` is left out.
+    Rays that meet are observed through the point in which they do, which needs no linearisation. Elsewhere the ray that
+    is nearest to the prediction is taken first, and of several one that misses what is known by then by more than
+    ``GATE`` is left out.
 
     Args:
         rays: What is seen.
@@ -71,9 +82,11 @@ def filter_rays(rays: Rays, step: Array, noise: Array, *, mean: Array, cov: Arra
     """
     n_frames, n_markers = rays.xyz_m.shape[:2]
     size, each = len(step), np.arange(n_markers)
-    seen = np.isfinite(rays.uv_px[..., 0])
+    met = np.isfinite(rays.xyz_m[..., 0])
+    seen = np.isfinite(rays.uv_px[..., 0]) & ~met
     sd_px = np.where(np.isfinite(rays.sd_px), rays.sd_px, 1.0)
-    doubtful = (seen.sum(axis=0) > 1) & np.isnan(rays.xyz_m[..., 0])
+    several = seen.sum(axis=0) > 1
+    point_cov = np.where(met[..., None, None], rays.cov_m2, np.eye(3))
     out = Pass(
         np.empty((n_frames, n_markers, size, 1)),
         np.empty((n_frames, n_markers, size, size)),
@@ -85,19 +98,25 @@ def filter_rays(rays: Rays, step: Array, noise: Array, *, mean: Array, cov: Arra
         if t:
             mean, cov = mean @ step.T, step @ cov @ step.T + noise
         out.ahead_mean[t, ..., 0], out.ahead_cov[t] = mean, cov
+        gain = cov[:, :, :3] @ np.linalg.inv(cov[:, :3, :3] + point_cov[t]) * met[t, :, None, None]
+        mean = mean + np.einsum("mij,mj->mi", gain, np.where(met[t, :, None], rays.xyz_m[t] - mean[:, :3], 0.0))
+        cov = cov - gain @ cov[:, :3]
         miss = np.linalg.norm(rays.uv_px[:, t] - projected(rays.matrices[:, None], mean[:, :3])[0], axis=-1)
         order = np.argsort(np.where(seen[:, t], miss, np.inf), axis=0)
         for camera in order[: int(seen[:, t].sum(axis=0).max())]:
-            uv, slope = projected(rays.matrices[camera], mean[:, :3])
-            innovation = np.where(seen[camera, t, each, None], rays.uv_px[camera, t, each] - uv, 0.0)
+            matrix = rays.matrices[camera]
+            uv, slope = projected(matrix, mean[:, :3])
+            away = np.einsum("mi,mi->m", matrix[:, 2, :3], mean[:, :3]) + matrix[:, 2, 3]
+            vague = np.sqrt(np.trace(cov[:, :3, :3], axis1=1, axis2=2) / 3) > WIDE * np.abs(away)
+            taken = seen[camera, t, each] & ~vague
+            innovation = np.where(taken[:, None], rays.uv_px[camera, t, each] - uv, 0.0)
             total = slope @ cov[:, :3, :3] @ slope.swapaxes(-1, -2)
             inverse = np.linalg.inv(total + (sd_px[camera, t, each] ** 2)[:, None, None] * np.eye(2))
             near = np.einsum("mi,mij,mj->m", innovation, inverse, innovation) < GATE
-            used = seen[camera, t, each] & (near | ~doubtful[t])
-            gain = cov[:, :, :3] @ slope.swapaxes(-1, -2) @ inverse * used[:, None, None]
+            gain = cov[:, :, :3] @ slope.swapaxes(-1, -2) @ inverse * (taken & (near | ~several[t]))[:, None, None]
             mean = mean + np.einsum("mij,mj->mi", gain, innovation)
             cov = cov - gain @ slope @ cov[:, :3]
-            cov = 0.5 * (cov + cov.swapaxes(-1, -2))
+        cov = 0.5 * (cov + cov.swapaxes(-1, -2))
         out.mean[t, ..., 0], out.cov[t] = mean, cov
     return out
 

@@ -109,19 +109,23 @@ def affine_rays(xyz, sd_px):
     matrices = np.stack([np.column_stack([np.diag([1e3 * far, 1e3 * far, 1.0]) @ r, [0, 0, far]]) for r in turns])
     uv = project(matrices, xyz)
     sd = np.full(uv.shape[:3], sd_px)
-    return Rays(matrices=matrices, uv_px=uv, sd_px=sd, xyz_m=xyz)
+    cov = np.tile(0.5 * (1e-3 * sd_px) ** 2 * np.eye(3), (*xyz.shape[:2], 1, 1))
+    return Rays(matrices=matrices, uv_px=uv, sd_px=sd, xyz_m=xyz, cov_m2=cov)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_on_parallel_rays_it_is_the_kalman_smoother_of_positions(order):
     """The smoother of single markers, each coordinate measured once with half of a ray's variance, is the answer.
 
-    Each is seen by two cameras, but for a gap in all of them.
+    Each is seen by two cameras, but for a gap in all of them. Of one marker the points are known, of the other the rays
+    alone.
     """
     rng = np.random.default_rng(0)
     xyz = np.cumsum(rng.normal(0, 1e-3, (40, 2, 3)), axis=0)
-    rays = affine_rays(xyz, 2.0)
-    rays.uv_px[:, 15:22, 0] = np.nan
+    rays = affine_rays(np.array(xyz), 2.0)
+    rays.xyz_m[:, 1] = np.nan
+    rays.uv_px[:, 15:22] = np.nan
+    rays.xyz_m[15:22] = np.nan
     y = np.where(np.isnan(rays.uv_px[0, ..., :1]), np.nan, xyz)
     step, unit = transition(order)
     cov = np.tile(np.diag([1e-2, 1e-4][:order]), (2, 1, 1))

@@ -30,6 +30,7 @@ class Extent:
         folds: Trials that are left out, at most.
         training: Trials to learn from, at most.
         frames: Of a trial, at most, in tests and (``--quick``) in training.
+        copies: Copies of a trial that gaps are spread over, at most; None: as many as they need.
     """
 
     seeds: tuple[int, ...] = (0, 1, 2)
@@ -39,6 +40,7 @@ class Extent:
     folds: int = 100
     training: int = 100
     frames: int = TEST_FRAMES
+    copies: int | None = None
 
     @property
     def short(self) -> bool:
@@ -46,9 +48,10 @@ class Extent:
         return self.training < 100
 
 
-QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160)
+QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160, copies=1)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
-QUICK_SETS = ("bat", "mouse", "snake_glide")
+QUICK_SETS = ("bat", "mouse", "bat_other", "snake_other", "bat_flights", "twin_speeds")
+"""Two of each: one animal in one gait, other animals, several gaits; the last can be made without recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +99,7 @@ def run(task: Task) -> tuple[list[dict], str | None]:
                 wanted=wanted,
                 frames=task.extent.frames,
                 rays=task.extent.rays,
+                copies=task.extent.copies,
             )
     except Exception as error:  # a method may fail in any way; the others go on
         return empty_rows(task), f"{type(error).__name__}: {error}"
@@ -121,7 +125,8 @@ def empty_rows(task: Task) -> list[dict]:
     nothing = dict.fromkeys(("rmse_mm", "coverage95", "nll", "seconds", "frames"), np.nan)
     out = []
     for seed in task.extent.seeds:
-        shown = shown_trials(trials[-1], seed, wanted, frames=task.extent.frames, rays=task.extent.rays)
+        extent = task.extent
+        shown = shown_trials(trials[-1], seed, wanted, frames=extent.frames, rays=extent.rays, copies=extent.copies)
         held: dict[tuple[str, int, int], int] = {}
         for copy in shown:
             for gap in copy.gaps:

@@ -81,16 +81,14 @@ class Outcome:
 
 
 def shown_trials(
-    trial: Trial, seed: int, wanted: Sequence[Cell], *, frames: int = TEST_FRAMES, rays: Sequence[int] = (0,)
+    trial: Trial,
+    seed: int,
+    wanted: Sequence[Cell],
+    *,
+    frames: int = TEST_FRAMES,
+    rays: Sequence[int] = (0,),
+    copies: int | None = None,
 ) -> list[Shown]:
-    """``shown_once``, which is computed once for all methods of a fold."""
-    return list(shown_once(trial, seed, tuple(wanted), frames, tuple(rays)))
-
-
-@lru_cache(maxsize=8)
-def shown_once(
-    trial: Trial, seed: int, wanted: tuple[Cell, ...], frames: int, rays: tuple[int, ...]
-) -> tuple[Shown, ...]:
     """The gaps that every method meets in a trial with a seed: the same with each number of rays that is left.
 
     Args:
@@ -99,13 +97,22 @@ def shown_once(
         wanted: Kinds of gaps.
         frames: Longer trials are cut.
         rays: Cameras that are left; more than 0 only where the trial has a film.
+        copies: Copies of the trial that gaps are spread over, at most; None: as many as they need.
     """
+    return list(_shown(trial, seed, tuple(wanted), frames, tuple(rays), copies))
+
+
+@lru_cache(maxsize=8)
+def _shown(
+    trial: Trial, seed: int, wanted: tuple[Cell, ...], frames: int, rays: tuple[int, ...], copies: int | None
+) -> tuple[Shown, ...]:
+    """``shown_trials``, once for all methods of a fold."""
     rng = np.random.default_rng([seed, zlib.crc32(trial.name.encode())])
-    copies = hide(excerpt(trial, frames, rng), wanted, rng)
+    hidden = hide(excerpt(trial, frames, rng), wanted, rng)[:copies]
     out = []
     for left in rays if trial.film is not None else (0,):
         which = np.random.default_rng([seed, zlib.crc32(trial.name.encode()), 2])
-        out += [with_rays(copy, left, which) for copy in copies]
+        out += [with_rays(copy, left, which) for copy in hidden]
     return tuple(out)
 
 
@@ -171,15 +178,14 @@ def run_fold(
     wanted: Sequence[Cell],
     frames: int = TEST_FRAMES,
     rays: Sequence[int] = (0,),
+    copies: int | None = None,
 ) -> list[Outcome]:
     """Learn from all trials but one, and fill that one: an outcome a seed."""
     training = [trial for i, trial in enumerate(trials) if i != left_out]
     truth = trials[left_out]
     filler = method.learn_with_truth(training, truth) if isinstance(method, Oracle) else method.learn(training)
-    return [
-        evaluate(filler, shown_trials(truth, seed, wanted, frames=frames, rays=rays), by_rays=reads_rays(method))
-        for seed in seeds
-    ]
+    shown = [shown_trials(truth, seed, wanted, frames=frames, rays=rays, copies=copies) for seed in seeds]
+    return [evaluate(filler, part, by_rays=reads_rays(method)) for part in shown]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -50,8 +50,8 @@ class Extent:
 
 QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160, copies=1)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
-QUICK_SETS = ("bat", "mouse", "bat_other", "snake_other", "bat_flights", "twin_speeds")
-"""Two of each: one animal in one gait, other animals, several gaits; the last can be made without recordings."""
+QUICK_SETS = ("twin_speeds", "bat", "bat_flights", "bat_other", "snake_other", "mouse")
+"""Two of each: several gaits, other animals, one animal in one gait; the first can be made without recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,14 +18,14 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.gaps import plots
-from benchmarks.gaps.cells import QUICK, QUICK_SETS, Extent, Task, results
+from benchmarks.gaps.cells import QUICK, QUICK_SETS, Extent, Task, fold_trials, results
 from benchmarks.gaps.comparison import as_lines, comparison, overall
 from benchmarks.gaps.method import needs_film
 from benchmarks.gaps.oracle import EalOracle
 from benchmarks.gaps.ours import alone, ours
 from benchmarks.gaps.peers import released
 from benchmarks.gaps.registry import methods
-from benchmarks.gaps.sets import FILMED, SETS, load, size
+from benchmarks.gaps.sets import FILMED, SETS, size
 from benchmarks.gaps.table import FOLDS, against_best, as_sentence, as_text, pooled, ratios, summary
 from mocap.errors import MocapError
 
@@ -110,7 +110,7 @@ def _collect(tasks: Sequence[Task], args: argparse.Namespace) -> list[dict]:
         done = {key[:3] for key in whole if all((*key[:3], seed) in whole for seed in tasks[0].extent.seeds)}
         done -= {(r["set"], r["trial"], r["method"]) for r in rows[-1:]}  # it may have been cut off in the middle
         rows = [r for r in rows if (r["set"], r["trial"], r["method"]) in done]
-        tasks = [t for t in tasks if (t.name, load(t.name)[t.trial].name, t.method) not in done]
+        tasks = [t for t in tasks if (t.name, fold_trials(t.name, t.trial, t.extent)[-1].name, t.method) not in done]
     pd.DataFrame(rows, columns=FOLDS).to_csv(path, index=False)
     written = before = time.perf_counter()
     for count, (task, new, trouble) in enumerate(results(tasks, args.jobs), start=1):

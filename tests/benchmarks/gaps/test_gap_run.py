@@ -52,9 +52,9 @@ class Zero:
 def benchmark(monkeypatch, tmp_path):
     """Runs the command on a small set with two methods; returns its table and what is in the folder."""
     monkeypatch.setattr(command, "size", lambda _: 3)
+    monkeypatch.setattr(cells, "load", lambda *_: make_trials())
     cells.fold_trials.cache_clear()
     for module in (command, cells):
-        monkeypatch.setattr(module, "load", lambda *_: make_trials())
         monkeypatch.setattr(module, "methods", lambda: (Zero("zero"), Zero("broken", fails=True)))
 
     def go(*arguments):

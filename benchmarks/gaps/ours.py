@@ -53,7 +53,7 @@ def ours() -> list[Method]:
     """The product, and the same with other potentials (controls)."""
     return [
         Ours("EAL"),
-        Ours("EAL quadratic", _with(potential="quadratic motion")),
+        Ours("EAL quadratic", _with(potential="quadratic limb motion")),
         Ours("EAL none", _with(potential="none")),
     ]
 

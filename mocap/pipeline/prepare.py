@@ -359,6 +359,7 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
             *findings,
             "positions without cameras: their noise is taken from the file or estimated, "
             f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
+            *(f.text for f in audit.jump_findings(xyz, tracks.t_s, names)),
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),

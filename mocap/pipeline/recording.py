@@ -273,6 +273,7 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         calibration_origin=source.calibration_origin,
         image_height_px=source.image_height_px,
         correct_lag=source.correct_lag,
+        usual_origin=source.contents.pixel_origin,
         told=told,
     )
 
@@ -287,6 +288,7 @@ def film_of(
     calibration_origin: origin.PixelCorner | None = None,
     image_height_px: float | None = None,
     correct_lag: bool = False,
+    usual_origin: origin.PixelCorner | None = None,
     told: tuple[str, ...] = (),
 ) -> Filmed:
     """Pixels and cameras that are in memory: decide the pixel origin, undistort.
@@ -300,6 +302,7 @@ def film_of(
         calibration_origin: See above.
         image_height_px: See above.
         correct_lag: See above.
+        usual_origin: Where the program that wrote the file counts pixels from.
         told: Sentences on how they were read.
 
     Raises:
@@ -310,9 +313,18 @@ def film_of(
         raise FormatError(f"{name}: no marker is ever seen: there is nothing to track; digitise first")
     if not (pixels.seen.sum(axis=0) >= 2).any():
         raise CalibrationError(f"{name}: no marker is seen by two cameras at once: no point can be triangulated")
-    decision = origin.decide_origin(
-        cameras, pixels.uv_px, origin=pixel_origin, coefficients=calibration_origin, height_px=image_height_px
-    )
+    try:
+        decision = origin.decide_origin(
+            cameras,
+            pixels.uv_px,
+            origin=pixel_origin,
+            coefficients=calibration_origin,
+            height_px=image_height_px,
+            usual=usual_origin,
+        )
+    except CalibrationError as error:
+        error.args = (f"{name}: {error}",)
+        raise
     ideal = origin.ideal_pixels(
         cameras,
         pixels.uv_px,
@@ -371,8 +383,14 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
         height_px=decision.height_px,
         iterations=3,
     )
+    if not stored.seen.any():
+        return None, []
+    xyz = triangulate.linear(filmed.matrices, ideal)
+    elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
+    if elsewhere is not None:
+        return None, [f"{path.name}: {elsewhere.text}"]
     try:
-        stale = audit.stale_points(triangulate.linear(filmed.matrices, ideal), stored)
+        stale = audit.stale_points(xyz, stored)
     except ValueError as error:
         return None, [f"{path.name} was not compared: {error}"]
     total = int(stored.seen.sum())

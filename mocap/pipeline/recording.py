@@ -11,14 +11,16 @@ import numpy as np
 from mocap import audit
 from mocap.arrays import Array, unique
 from mocap.cameras import origin, triangulate
-from mocap.cameras.camera import Camera, check_cameras, stacked
+from mocap.cameras.camera import Camera, check_cameras, stacked, undistorted
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
 from mocap.io import dltdv
 from mocap.io.contents import FileContents
+from mocap.io.crop import crops_beside, crops_of, matched
 from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
+from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
@@ -44,6 +46,8 @@ class Recording:
         unit: Unit of lengths, where the files do not state it; None: metres.
         correct_lag: Whether cameras that run late by the audit are read between their frames.
         hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
+        views: Further pixel files of the same trial, where each holds one camera.
+        crop: Files or folders with crop offsets (``mocap.io.crop``); empty: those beside the tracks, if any.
     """
 
     tracks: Path
@@ -59,6 +63,8 @@ class Recording:
     unit: str | None = None
     correct_lag: bool = False
     hints: Hints = field(default_factory=Hints)
+    views: tuple[Path, ...] = ()
+    crop: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -72,7 +78,7 @@ class Recording:
 
     @cached_property
     def _read(self) -> tuple[FileContents, tuple[str, ...]]:
-        recording = read(self.tracks, self.hints)
+        recording = self._whole()
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
@@ -80,6 +86,22 @@ class Recording:
             check_rate(recording.fps, self.tracks.name)
         recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
         return recording, (*told, *recording.assumed, *left_out)
+
+    def _whole(self) -> FileContents:
+        """The tracks, with those of further views in the order of the calibration where names tell."""
+        if not self.views:
+            return read(self.tracks, self.hints)
+        files = [read(path, self.hints) for path in (self.tracks, *self.views)]
+        other = next((f for f in files if f.pixels is None), None)
+        if other is not None:
+            raise FormatError(
+                f"{other.paths[0].name}: contains no pixels ({other.format}); several files of one trial must each "
+                "contain the pixels of one camera"
+            )
+        if self.calibration is not None:
+            cameras = _calibration(self.calibration)
+            files.append(replace(cameras, names=(), frames=np.zeros(0, np.int64), pixels=None, points=None, lenses=()))
+        return replace(joined(files), cameras=(), unit=None)
 
     @property
     def contents(self) -> FileContents:
@@ -108,7 +130,8 @@ class Recording:
     @property
     def inputs(self) -> tuple[Path | None, ...]:
         """The files that the user named."""
-        return (self.tracks, self.calibration, self.profile, self.skeleton, self.stored_points)
+        named = (self.tracks, *self.views, self.calibration, self.profile, self.skeleton, self.stored_points)
+        return (*named, *(path for path in self.crop if path.is_file()))
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
@@ -126,6 +149,8 @@ class Recording:
         for title, path in (("calibration", self.calibration), ("skeleton", self.skeleton), ("profile", self.profile)):
             if path is not None:
                 there[title] = path.name
+        if self.crop:
+            there["crop offsets"] = ", ".join(path.name for path in self.crop)
         stated = {"the file does not state the frame rate"} if self.fps else set()
         findings = [f for f in (*self.frame_findings, *found.findings) if f not in stated]
         return there | ({"findings": "; ".join(findings)} if findings else {})
@@ -264,6 +289,8 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         with as_table(source.profile) as (profile, said):
             cameras = with_profile(cameras, profile)
         told += tuple(f"{source.profile.name}: {s}" for s in said)
+    pixels, cropped = in_whole_picture(source, pixels, cameras)
+    told += cropped
     if not pixels.seen.any():
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track; digitise first")
     if not (pixels.seen.sum(axis=0) >= 2).any():
@@ -304,6 +331,90 @@ def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float =
         return np.nan, None
     shown = triangulate.apparent_sd(filmed.matrices, filmed.ideal_px, relative=np.asarray(relative))
     return shown, max(stated_px, shown)
+
+
+def in_whole_picture(
+    source: Recording, pixels: PixelTracks, cameras: Sequence[Camera]
+) -> tuple[PixelTracks, tuple[str, ...]]:
+    """Pixels of cropped films in the whole picture: with the crop offsets that are given, or lie beside the tracks.
+
+    Offsets that the user gives are added; those that merely lie there only if rays then meet better.
+
+    Args:
+        source: The recording.
+        pixels: As in its files.
+        cameras: Of the whole pictures.
+
+    Returns:
+        The pixels, and a sentence on what was done.
+
+    Raises:
+        FormatError: the offsets cannot be read, or are not those of these cameras and frames.
+        MocapError: rows are counted from the lower left, while offsets are of the upper left corner.
+    """
+    beside = () if source.crop else tuple(crops_beside((source.tracks, *source.views)))
+    files = source.crop or beside
+    if not files:
+        return pixels, ()
+    views = _view_names(source, pixels)
+    crops = crops_of(files)
+    offsets = matched(crops, views)
+    if offsets is None and not beside and len(source.crop) == len(views) == len(crops):
+        offsets = list(crops.values())  # one a camera, in their order
+    if offsets is None:
+        if beside:
+            return pixels, ()
+        raise FormatError(
+            f"crop offsets of {', '.join(crops)} do not name the cameras {', '.join(names[0] for names in views)}: "
+            "give a file for each camera, in their order, or name the files as the cameras"
+        )
+    where = ", ".join(path.name for path in files)
+    if source.pixel_origin == "lower-left":
+        raise MocapError(f"{where}: crop offsets are of the upper left corner: `origin` must be upper-left")
+    shifted = replace(pixels, uv_px=_added(source, pixels, offsets))
+    before, after = (_typical_residual(cameras, tracks.uv_px) for tracks in (pixels, shifted))
+    result = f"the median triangulation residual is {after:.2f} px with them, {before:.2f} px without"
+    if beside and not after < before:
+        return pixels, (f"crop offsets beside the tracks ({where}) were not added: {result}",)
+    moving = sum(len(offset) > 1 for offset in offsets)
+    how = "a window that moves" if moving else "constant"
+    return shifted, (f"crop offsets ({where}; {how}) were added to the pixels: {result}",)
+
+
+def _typical_residual(cameras: Sequence[Camera], uv_px: Array) -> float:
+    """Median triangulation residual, rows counted from the upper left; inf where no point is seen twice."""
+    ideal = undistorted(cameras, uv_px)
+    residual = triangulate.residual_px(stacked(cameras), ideal, triangulate.linear(stacked(cameras), ideal))
+    return float(np.nanmedian(residual)) if np.isfinite(residual).any() else np.inf
+
+
+def _view_names(source: Recording, pixels: PixelTracks) -> list[tuple[str, ...]]:
+    """Words by which each view may be known: the stem of its file where it has one of its own, and its camera."""
+    paths = [path.stem for path in source.contents.paths[: len(pixels.cameras)]] if source.views else []
+    paths = paths if len(paths) == len(pixels.cameras) else [""] * len(pixels.cameras)
+    return [(path, camera) if path else (camera,) for path, camera in zip(paths, pixels.cameras, strict=True)]
+
+
+def _added(source: Recording, pixels: PixelTracks, offsets: Sequence[Array]) -> Array:
+    """(C, T, M, 2) pixels plus the offsets of their frames; row n of moving offsets is that of the film's frame n.
+
+    Raises:
+        FormatError: offsets end before the recording does.
+    """
+    contents = source.contents
+    row = np.rint(pixels.t_s * (contents.fps or 1.0)).astype(np.int64)
+    late = contents.tables.get("offset_frames", np.zeros((len(row), len(offsets))))
+    out = pixels.uv_px.copy()
+    for camera, offset in enumerate(offsets):
+        at = row + np.rint(np.nan_to_num(late[:, camera])).astype(np.int64) if len(offset) > 1 else 0 * row
+        seen = pixels.seen[camera].any(axis=1)
+        if seen.any() and (at[seen].max() >= len(offset) or at[seen].min() < 0):
+            raise FormatError(
+                f"crop offsets of camera {pixels.cameras[camera]!r} have {len(offset)} rows, but it is seen in its "
+                f"frame {at[seen].max() + 1}: give the offsets of this film, a row a frame"
+            )
+        out[camera] += offset[np.clip(at, 0, len(offset) - 1), None]
+    return out
 
 
 def stored_points(source: Recording) -> Path | None:

@@ -1,4 +1,4 @@
-"""Gaps made on purpose in measured trials: one rule of where they may lie, for searches, validation and benchmarks."""
+"""Gaps made on purpose in measured trials: one rule of where they may lie, for learning, validation and benchmarks."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -233,7 +233,7 @@ def lengths_for(n_frames: int) -> list[int]:
 def hide_neighbours(trial: MarkerTrial, rng: np.random.Generator, *, turn: int | None = None) -> Hidden[MarkerTrial]:
     """Hide markers as recordings lose them: one, it with its neighbours, half, three quarters; for 10 to 100 frames.
 
-    For searches: at most one gap of each length for each size of group, in one copy of the trial. Lengths are placed
+    At most one gap of each length for each size of group, in one copy of the trial. Lengths are placed
     from one of them on downwards: a trial that has no room for all holds others each time.
 
     Args:

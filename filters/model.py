@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from filters.hidden_gaps import MODELS, SHARP_MARKER, USUAL_EFFORT, Effort, Mixed, calibrated, hidden_gaps, mixed
 from filters.hide import gap_lengths
 from filters.mixture import Mixture, mixed_residuals
 from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
@@ -12,7 +13,6 @@ from filters.models.pose import PoseSettings
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.records import Estimate
-from filters.tune import MODELS, SHARP_MARKER, USUAL_EFFORT, Effort, Tuned, calibrated, hidden_gaps, mixed
 from mocap.errors import MocapError
 from mocap.skeleton import Skeleton, ends_among
 
@@ -76,16 +76,30 @@ def learn_model(
         MocapError: the trials differ in rate, or show too little to hide gaps in.
     """
     check_rates(trials)
-    body = [names.index(name) for name in trunk if name in names] or list(range(len(names)))
-    gaps = hidden_gaps(trials, body, rng, named=ends_among(names, bones), effort=effort, tell=tell)
+    every = TrialSet(trials, _body(names, trunk), ends_among(names, bones))
+    gaps = hidden_gaps(trials, every.trunk, rng, named=every.named, effort=effort, tell=tell)
     if not gaps.hidden:
         raise MocapError(
             "no gap could be hidden in these trials: that needs a marker that is seen in three frames before and after "
             "ten others; give longer or more complete trials"
         )
     tell("settings are learned from all recordings")
-    every = TrialSet(trials, body, ends_among(names, bones))
     found = mixed(gaps, [model.tuned(every) for model in models])
+    return _learned(found, names, trunk, trials, bones)
+
+
+def _body(names: Sequence[str], trunk: Sequence[str]) -> list[int]:
+    """Indices of the trunk's markers; all where none of them is there."""
+    return [names.index(name) for name in trunk if name in names] or list(range(len(names)))
+
+
+def _learned(
+    found: Mixed,
+    names: Sequence[str],
+    trunk: Sequence[str],
+    trials: Sequence[MarkerTrial],
+    bones: Sequence[tuple[str, str]],
+) -> LearnedModel:
     return LearnedModel(
         names=tuple(names),
         trunk=tuple(trunk),
@@ -117,13 +131,12 @@ def learn_from_itself(
     Returns:
         None: no gap could be hidden.
     """
-    rng, effort = np.random.default_rng(0), Effort(most_frames=300, times=2)
-    models = (SHARP_MARKER, settings)
-    try:
-        found = learn_model(names, trunk, [recording], rng, bones=bones, models=models, effort=effort)
-    except MocapError:
+    every = TrialSet([recording], _body(names, trunk), ends_among(names, bones))
+    effort = Effort(most_frames=300, times=2)
+    gaps = hidden_gaps(every.trials, every.trunk, np.random.default_rng(0), named=every.named, effort=effort)
+    if not gaps.hidden:
         return None
-    return replace(found, trials=())
+    return _learned(mixed(gaps, [SHARP_MARKER, settings.tuned(every)]), names, trunk, (), bones)
 
 
 def check_rates(trials: Sequence[MarkerTrial]) -> None:
@@ -139,7 +152,7 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
         raise MocapError(f"trials of one model need one frame rate, but have frames a second: {listed}")
 
 
-def scores_of(found: Tuned) -> dict[str, dict[str, list[float]]]:
+def scores_of(found: Mixed) -> dict[str, dict[str, list[float]]]:
     """Errors and coverage of each model and of the mixture on what was hidden, by length of gap."""
     mixed, length = mixed_residuals(found.mixture, found.residuals), found.residuals[0].length
     named = [(model.description, part) for model, part in zip(found.models, found.residuals, strict=True)]
@@ -229,8 +242,7 @@ def own_trials(learned: LearnedModel) -> TrialSet:
 
 
 def _trial_set(learned: LearnedModel, names: Sequence[str], trials: Sequence[MarkerTrial]) -> TrialSet:
-    trunk = [names.index(name) for name in learned.trunk if name in names] or list(range(len(names)))
-    return TrialSet(trials, trunk, ends_among(names, learned.bones))
+    return TrialSet(trials, _body(names, learned.trunk), ends_among(names, learned.bones))
 
 
 def track_with(

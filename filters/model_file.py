@@ -17,7 +17,7 @@ from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.errors import FormatError
 
-FORMAT = "eal-mocap model 8"
+FORMAT = "eal-mocap model 9"
 _DAMAGE = (
     OSError,
     LookupError,

@@ -1,4 +1,4 @@
-"""How estimates compare with what was hidden: the one score of searches, validation and benchmarks."""
+"""How estimates compare with what was hidden: the one score of learning, validation and benchmarks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -102,19 +102,6 @@ class Residuals:
         """Mean over lengths of the logarithm of the root mean square distance in metres."""
         squared = np.sum(self.error_m**2, axis=1)
         return float(np.mean([0.5 * np.log(squared[self.length == n].mean()) for n in np.unique(self.length)]))
-
-    @property
-    def cost(self) -> float:
-        """What a search makes small: the error, and how badly stated variances tell large errors from small ones.
-
-        Mean over lengths of (log rmse + the negative log density of a coordinate after the stated deviations were
-        scaled by one best factor) / 2; the factor is learned afterwards (``Mixture.widen``).
-        """
-        density = []
-        for n in np.unique(self.length):
-            variance, squared = self.expected[self.length == n], self.error_m[self.length == n] ** 2
-            density.append(0.5 * np.log(variance).mean() + 0.5 * np.log(np.mean(squared / variance)))
-        return 0.5 * (self.log_rmse + float(np.mean(density)))
 
     def some(self, which: NDArray[np.bool_]) -> "Residuals":
         """Of some of the samples."""

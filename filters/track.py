@@ -175,7 +175,7 @@ def smooth(
         if number and about is not None:
             moved = estimate.xyz_m - np.array([a.mean for a in about])
             sd = np.sqrt(np.trace(estimate.cov_m2, axis1=-2, axis2=-1) / 3)
-            if np.abs(moved).max(axis=-1).max() <= 0 or (np.abs(moved).max(axis=-1) / sd).max() < settled:
+            if (np.abs(moved).max(axis=-1) <= settled * sd).all():
                 break
         about = found
     return estimate

@@ -10,10 +10,8 @@ import numpy as np
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.protocol import plan
+from filters.hidden_gaps import MODELS, Effort
 from filters.models.base import TrajectoryModel
-from filters.models.delayed_poses import DelaySettings
-from filters.models.pose import PoseSettings
-from filters.tune import MODELS, Effort
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.prepare import Prepared, prepare_tracks
@@ -80,10 +78,6 @@ def ours() -> list[Method]:
 
 
 def alone() -> list[Method]:
-    """Parts of the product: the EAL model not mixed, without its regression, and the regression."""
+    """Parts of the product: the EAL model not mixed, with its regression and without."""
     eal = MODELS[-1]
-    return [
-        Ours("EAL alone", (eal,)),
-        Ours("EAL alone, no regression", (replace(eal, regression=0.0),)),
-        Ours("regression alone", (DelaySettings(ranks=PoseSettings(ranks=(8,)).ranks), eal)[:1]),
-    ]
+    return [Ours("EAL alone", (eal,)), Ours("EAL alone, no regression", (replace(eal, regression=0.0),))]

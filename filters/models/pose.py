@@ -76,9 +76,10 @@ class PoseSettings(TrajectoryModel):
 
     @property
     def description(self) -> str:
-        """Its mechanics, and what holds it."""
-        bones = " + bones" if self.bones else ""
-        return _MECHANICS[self.mechanics] + _HELD.get(self.potential, f" + {self.potential} potential") + bones
+        """Its mechanics, what holds it, and what it observes."""
+        held = _HELD.get(self.potential, f" + {self.potential} potential")
+        others = (" + bones" if self.bones else "") + (" + regression on other markers" if self.regression else "")
+        return _MECHANICS[self.mechanics] + held + others
 
     @property
     def _regression(self) -> DelaySettings:

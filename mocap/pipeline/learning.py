@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort
 from filters.model import LearnedModel, learn_model, own_trials
 from filters.models.base import TrajectoryModel
 from filters.poses import MarkerTrial
-from filters.tune import MODELS, USUAL_EFFORT, Effort
 from mocap.errors import MocapError
 from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare

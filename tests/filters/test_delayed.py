@@ -10,7 +10,7 @@ from filters.models.delayed_poses import Delayed, DelaySettings, completed, fill
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.records import Estimate
-from tests.filters.test_tuning import trial_of
+from tests.filters.test_gaps_in_trials import trial_of
 
 SETTINGS = DelaySettings(ranks=(2,))
 TRUNK = [0, 1, 2, 3]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from datasets import make_bat
+from filters.hidden_gaps import Effort
 from filters.hide import hide_neighbours
 from filters.model import LearnedModel, learn_model, track_with, trials_for
 from filters.model_file import load_model, save_model
@@ -13,7 +14,6 @@ from filters.models.constant_velocity import learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.track import smooth
-from filters.tune import Effort
 from mocap.errors import MocapError
 from tests.filters.small_model import same, small_model
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from filters.ensemble import Gaussian
 from filters.motion.base import Step
 from filters.motion.constant_velocity import ConstantVelocity, white_acceleration
-from filters.motion.pose import BodyPath, PoseMotion, body_path
+from filters.motion.pose import BodyPath, PoseMotion, Regression, body_path
 from filters.motion.shape import FreeShape, LinearShape
 from filters.subspace import PoseSubspace
 from mocap.body import BodyFrames
@@ -252,3 +252,31 @@ def test_the_model_holds_its_shape():
             assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-9
         assert (np.diff(sizes) < 0).all()
         assert sizes[-1] < 0.1 * sizes[0]
+
+
+def test_a_regression_is_one_more_observation():
+    """Conditioning on the positions that a regression has is the product of Gaussians, written out with matrices.
+
+    A marker and a frame without any are left as they are.
+    """
+    rng = np.random.default_rng(10)
+    plain = pose()
+    n = plain.points.n
+    state = Gaussian(1e-3 * rng.normal(size=n), 1e-3 * lower(rng, n))  # turns so small that markers are linear in them
+    xyz, cov = np.full((FRAMES, MARKERS, 3), np.nan), np.full((FRAMES, MARKERS, 3, 3), np.nan)
+    mean, rows = plain.deviations(state, STEP.frame)
+    for marker in (0, 2):
+        root = 1e-3 * lower(rng, 3)
+        xyz[STEP.frame, marker], cov[STEP.frame, marker] = mean[marker] + 2e-3 * rng.normal(size=3), root @ root.T
+    model = pose(regression=Regression(xyz, cov))
+    slope = np.linalg.solve(state.factor[: plain.reads, : plain.reads].T, rows[:, [0, 2]].reshape(plain.reads, -1)).T
+    slope = np.pad(slope, ((0, 0), (0, n - plain.reads)))
+    noise = np.zeros((6, 6))
+    noise[:3, :3], noise[3:, 3:] = cov[STEP.frame, 0], cov[STEP.frame, 2]
+    information = np.linalg.inv(state.cov) + slope.T @ np.linalg.solve(noise, slope)
+    away = (xyz[STEP.frame, [0, 2]] - mean[[0, 2]]).ravel()
+    found = model.constrain(state, STEP)
+    best = np.linalg.solve(information, slope.T @ np.linalg.solve(noise, away))
+    np.testing.assert_allclose(found.mean - state.mean, best, atol=1e-6 * np.abs(best).max())
+    np.testing.assert_allclose(found.cov, np.linalg.inv(information), atol=1e-6 * state.cov.max())
+    assert model.constrain(state, Step(STEP.frame + 1, STEP.dt_s, STEP.noise)) is state

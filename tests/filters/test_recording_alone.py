@@ -9,7 +9,7 @@ from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from filters.observations import PositionObservations
-from tests.filters.test_tuning import trial_of
+from tests.filters.test_gaps_in_trials import trial_of
 
 NAMES = tuple("abcdefgh")
 SETTINGS = PoseSettings(ranks=(2,))

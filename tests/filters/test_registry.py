@@ -6,14 +6,14 @@ from dataclasses import is_dataclass, replace
 import numpy as np
 import pytest
 
+from filters.hidden_gaps import Effort, hidden_gaps, mixed
 from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.delayed_poses import DelaySettings
 from filters.models.pose import PoseSettings
 from filters.models.registry import MODELS, read, written
 from filters.observations import PositionObservations
-from filters.tune import Effort, hidden_gaps, mixed
-from tests.filters.test_tuning import trial_of
+from tests.filters.test_gaps_in_trials import trial_of
 
 POSE = PoseSettings(ranks=(2,), mechanics="linear", weight=1 / 3)
 EXAMPLES = {

@@ -1,4 +1,4 @@
-"""Weights and intervals of a learned tracker, from gaps hidden in its own training trials."""
+"""Gaps hidden in training trials: how models are mixed, and how wide intervals must be, is learned from them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -134,7 +134,7 @@ def calibrated(mixture: Mixture, models: Sequence[TrajectoryModel], trials: Tria
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Tuned:
+class Mixed:
     """Models and how they are mixed.
 
     Attributes:
@@ -148,7 +148,7 @@ class Tuned:
     residuals: tuple[Residuals, ...]
 
 
-def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel]) -> Tuned:
+def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel]) -> Mixed:
     """How models are mixed, by how they fill hidden gaps."""
     residuals = tuple(gaps.fill(model) for model in models)
-    return Tuned(models=tuple(models), mixture=learn_mixture(residuals), residuals=residuals)
+    return Mixed(models=tuple(models), mixture=learn_mixture(residuals), residuals=residuals)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from filters.hidden_gaps import Effort, HiddenGaps, hidden_gaps
 from filters.hide import Hidden
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from filters.poses import MarkerTrial
-from filters.tune import Effort, HiddenGaps, hidden_gaps
 from tests.filters.test_learned_models import DT_S, flapping
 
 

@@ -64,6 +64,7 @@ SLOW = {
     "mocap/test_click_noise.py": 3,
     "mocap/test_convert.py": 2,
     "mocap/test_crop_offsets.py": 12,
+    "mocap/test_likelihoods.py": 4,
     "mocap/test_film_extra.py": 10,
     "mocap/test_format_files.py": 8,
     "mocap/test_format_roundtrips.py": 30,

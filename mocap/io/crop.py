@@ -8,6 +8,7 @@ import csv
 import pickle
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -91,18 +92,23 @@ def crops_of(paths: Sequence[Path]) -> dict[str, Array]:
     """
     found: dict[str, Array] = {}
     for path in paths:
-        files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
-        files = [file for file in files if has_crops(file)] or files if path.is_dir() else files
-        inside: dict[str, Array] = {}
-        for file in files:
-            try:
-                inside |= read_crops(file)
-            except FormatError:
-                if not path.is_dir():
-                    raise
+        inside = _of_folder(path) if path.is_dir() else read_crops(path)
         if not inside:
             raise FormatError(f"{path}: this folder contains no crop offsets; expected {KNOWN}")
         found |= inside
+    return found
+
+
+def _of_folder(folder: Path) -> dict[str, Array]:
+    """Of the files that MATLAB or DeepLabCut wrote; without any, of its tables."""
+    files = sorted(file for file in folder.iterdir() if file.is_file())
+    found: dict[str, Array] = {}
+    for file in files:
+        if has_crops(file):
+            found |= read_crops(file)
+    for file in () if found else files:
+        with suppress(FormatError):
+            found |= read_crops(file)
     return found
 
 

@@ -14,7 +14,14 @@ from mocap.cleaning.bias import ray_bias
 from mocap.cleaning.camera_health import BadTime, camera_health, shifted_back
 from mocap.cleaning.clean import REASONS, clean
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise, click_noise
-from mocap.cleaning.findings import camera_findings, cleaning_findings, exchange_findings, never_seen
+from mocap.cleaning.findings import (
+    camera_findings,
+    cleaning_findings,
+    exchange_findings,
+    likelihood_findings,
+    never_seen,
+)
+from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
 from mocap.cleaning.position_noise import position_sd
 from mocap.cleaning.robust_rays import student_t
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
@@ -63,6 +70,8 @@ class Prepared:
         bad_cameras: Runs of frames in which a camera was bad.
         noise: Relative scales of cameras and markers, and degrees of freedom of cameras, by which rays were weighed;
             None without cameras.
+        likelihoods: What the likelihoods of clicks were found to be worth; contained in ``ray_sd_px``. None: there are
+            none, or nothing can be learned of them.
         swaps: Runs of frames in which two markers bore each other's names; undone in all that is above.
         stale: Stored points that do not follow from the pixels; None where there was no file to compare.
         audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
@@ -88,6 +97,7 @@ class Prepared:
     findings: tuple[str, ...] = ()
     bad_cameras: tuple[BadTime, ...] = ()
     noise: ClickNoise | None = None
+    likelihoods: LikelihoodNoise | None = None
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
     audited: tuple[audit.Finding, ...] = ()
@@ -156,12 +166,14 @@ def prepare(source: Recording) -> Prepared:
     filmed = load_filmed(source, iterations=None)
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
+    likely, unlikely, relative = _by_likelihood(filmed, source.contents.score)
+    filmed = replace(filmed, ideal_px=np.where(unlikely[..., None], np.nan, filmed.ideal_px))
     health = camera_health(filmed.matrices, filmed.ideal_px)
-    worse = health.factor
+    worse = health.factor[..., None] * relative
     filmed = replace(filmed, ideal_px=shifted_back(filmed.ideal_px, health))
-    shown, gate = by_pixels(filmed, source.pixel_sd, worse[..., None])
-    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse[..., None])
-    filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names, worse)
+    shown, gate = by_pixels(filmed, source.pixel_sd, worse)
+    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse)
+    filmed, found, swaps, doubtful, worse = _names_put_right(filmed, found, skeleton, names, worse)
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     t_s = filmed.pixels.t_s
     cleaning = clean(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
@@ -174,13 +186,15 @@ def prepare(source: Recording) -> Prepared:
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     uv = uv - bias.bias_px
-    start = triangulate.linear(filmed.matrices, uv, relative=worse[..., None])
+    start = triangulate.linear(filmed.matrices, uv, relative=worse)
     noise = click_noise(filmed.matrices, uv, start, relative=worse)
     xyz, cov, ray_sd, ray_scale = student_t(
         filmed.matrices, uv, start, sd_px=bias.jitter_px, relative=worse, noise=noise
     )
     ratio = 1.0 if source.pixel_sd is None else source.pixel_sd / bias.jitter_px
-    lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
+    pointless = np.isnan(found.xyz_m[..., 0])
+    lost = found.rejected.any(axis=0) & pointless
+    unsure = unlikely.any(axis=0) & pointless & ~lost
     stale, findings = audit_points(source, filmed)
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
     told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
@@ -212,17 +226,19 @@ def prepare(source: Recording) -> Prepared:
         jitter_px=source.pixel_sd or bias.jitter_px,
         bias_px=bias.sd_px,
         residual_px=found.residual_px,
-        rejected={"rays_miss": lost, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
-        rays_rejected=found.rejected,
+        rejected={"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
+        rays_rejected=found.rejected | unlikely,
         max_speed_m_s=cleaning.max_speed_m_s,
-        camera_factor=worse,
+        camera_factor=health.factor,
         bad_cameras=health.bad,
         noise=noise,
+        likelihoods=likely,
         findings=(
             *(too_long(xyz) if source.unit is None else ()),
             *source.frame_findings,
             *filmed.told,
             *findings,
+            *likelihood_findings(likely, source.contents.score is not None, int(unlikely.sum()), int(unsure.sum())),
             *camera_findings(health, [c.name for c in filmed.cameras]),
             *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
             *(
@@ -238,6 +254,16 @@ def prepare(source: Recording) -> Prepared:
         audited=tuple(audited),
         stated_over_shown=ratio,
     )
+
+
+def _by_likelihood(filmed: Filmed, likelihood: Array | None) -> tuple[LikelihoodNoise | None, NDArray[np.bool_], Array]:
+    """What likelihoods are worth; (C, T, M) clicks that are not believed, and deviations relative to a usual click."""
+    shape = filmed.ideal_px.shape[:3]
+    found = None if likelihood is None else likelihood_noise(filmed.matrices, filmed.ideal_px, likelihood)
+    if found is None or likelihood is None:
+        return None, np.zeros(shape, dtype=bool), np.ones(shape)
+    unlikely = np.isfinite(filmed.ideal_px[..., 0]) & ~found.believed(likelihood)
+    return found, unlikely, found.factors(likelihood)
 
 
 def _prepare_points(source: Recording) -> Prepared:
@@ -307,16 +333,16 @@ def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
 
 def _names_put_right(
     filmed: Filmed, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
-) -> tuple[Filmed, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_]]:
-    """Pixels and points with exchanged names undone; the runs, and (T, M) samples that may be of either marker."""
+) -> tuple[Filmed, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_], Array]:
+    """Pixels and points with exchanged names undone; runs, (T, M) samples that may be of either, and ``relative``."""
     rays = exchanged_rays(filmed.matrices, filmed.ideal_px, found, relative=relative)
     uv = filmed.ideal_px
     if rays:
-        uv = exchange_rays(uv, rays)
-        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px, relative=relative[..., None])
+        uv, relative = exchange_rays(uv, rays), exchange_rays(relative, rays)
+        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px, relative=relative)
     points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
     if points.swaps:
-        uv = exchange_rays(uv, points.swaps)
+        uv, relative = exchange_rays(uv, points.swaps), exchange_rays(relative, points.swaps)
         found = replace(
             found,
             xyz_m=exchange(found.xyz_m, points.swaps),
@@ -324,4 +350,4 @@ def _names_put_right(
             residual_px=exchange(found.residual_px, points.swaps),
             rejected=exchange_rays(found.rejected, points.swaps),
         )
-    return replace(filmed, ideal_px=uv), found, (*rays, *points.swaps), points.unsure
+    return replace(filmed, ideal_px=uv), found, (*rays, *points.swaps), points.unsure, relative

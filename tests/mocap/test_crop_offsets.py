@@ -164,3 +164,17 @@ def test_two_digitisers_of_a_real_flight():
     assert 0.4 < np.nanmedian(prepared.residual_px) < 1.0
     with pytest.raises(mocap.MocapError, match=r"pixels span 4\d\d x \d+, the calibration 1280 x 1024: cropped\?"):
         prepare(mocap.read(project_file, **stated))
+
+
+def test_deeplabcut_counts_pixels_from_0_and_matlab_from_1(flight, tmp_path):
+    """Clicks whose first pixel is (0, 0) with an undistortion by easyWand, whose first is (1, 1): exact points, told.
+
+    Without the pixel all points would be off the same way: by 1 px at 2 m and f = 1200 px, 2 mm.
+    """
+    xyz, windows, _, calibration, cropped = flight
+    views = write_views(tmp_path, cropped + windows[:, :, None] - 1.0)
+    lens = tmp_path / "cam1Tforms.mat"
+    savemat(lens, {"camud": {"tdata": np.array([1200.0, 1212.0, 640.0, 512.0, 0.0, 0, 0, 0, 0, 3])}})
+    prepared = prepare(mocap.read(views, calibration=calibration, fps=100, profile=lens))
+    np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
+    assert any("counts pixels from 0" in said for said in prepared.findings)

@@ -13,9 +13,17 @@ from mocap.cleaning.swaps import DOUBTFUL, Swap
 
 
 def exchange_findings(
-    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str]
+    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str], *, clicks: int = 0
 ) -> list[str]:
-    """A sentence for every identity switch, and one for all that are shorter than three frames."""
+    """A sentence for every identity switch, one for all that are shorter than three frames, one on what is ambiguous.
+
+    Args:
+        swaps: Identity switches that were undone.
+        doubtful: (T, M) samples of ambiguous identity.
+        names: The M markers.
+        cameras: The C cameras.
+        clicks: Clicks of ambiguous identity that were left out.
+    """
     out, short = [], 0
     for swap in swaps:
         if len(swap.frames) < 3:
@@ -28,6 +36,11 @@ def exchange_findings(
         )
     if short:
         out.append(f"{short} identity switches of one or two frames: the names were swapped back")
+    if clicks:
+        out.append(
+            f"{clicks} clicks left out: in their frames cameras disagree on which of two markers is which, and neither "
+            "the rays nor the paths of the clicks decide it"
+        )
     if doubtful.any():
         out.append(f"{_samples(doubtful)} rejected ({DOUBTFUL['doubtful_name']})")
     return out

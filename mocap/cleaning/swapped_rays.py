@@ -104,7 +104,7 @@ class _Rays:
         few = found.rejected.any(axis=0) & (self.seen.sum(axis=0) <= 3)
         far = np.nan_to_num(self.miss) > FAR * self.sd
         self.suspect: Mask = self.seen & (found.rejected | far | few)
-        self.detail = max(float(np.log(_extent(uv_px) / (np.sqrt(2 * np.pi) * self.sd))), 0.0)
+        self.detail = max(float(np.log(extent_px(uv_px) / (np.sqrt(2 * np.pi) * self.sd))), 0.0)
 
     def suspected_pairs(self) -> tuple[NDArray[np.int64], ...]:
         """Camera, frame and two markers (a < b), both suspected, or one and the other not seen there.
@@ -188,7 +188,7 @@ class _Rays:
         return gain
 
 
-def _extent(uv_px: Array) -> float:
+def extent_px(uv_px: Array) -> float:
     """Width in pixels of the region in which clicks lie: twice the median spread of the markers of a frame."""
     seen = np.isfinite(uv_px[..., 0])
     n = np.maximum(seen.sum(axis=2), 1)[..., None]

@@ -24,7 +24,8 @@ from mocap.cleaning.findings import (
 from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
 from mocap.cleaning.position_noise import position_sd
 from mocap.cleaning.robust_rays import student_t
-from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
+from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
+from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.unstated_unit import too_long
@@ -173,7 +174,8 @@ def prepare(source: Recording) -> Prepared:
     filmed = replace(filmed, ideal_px=shifted_back(filmed.ideal_px, health))
     shown, gate = by_pixels(filmed, source.pixel_sd, worse)
     found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse)
-    filmed, found, swaps, doubtful, worse = _names_put_right(filmed, found, skeleton, names, worse)
+    named = _names_put_right(filmed, found, skeleton, names, worse)
+    filmed, found, swaps, doubtful, worse = named.filmed, named.found, named.swaps, named.doubtful, named.relative
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     t_s = filmed.pixels.t_s
     cleaning = clean(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
@@ -227,7 +229,7 @@ def prepare(source: Recording) -> Prepared:
         bias_px=bias.sd_px,
         residual_px=found.residual_px,
         rejected={"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
-        rays_rejected=found.rejected | unlikely,
+        rays_rejected=found.rejected | unlikely | named.ambiguous,
         max_speed_m_s=cleaning.max_speed_m_s,
         camera_factor=health.factor,
         bad_cameras=health.bad,
@@ -240,7 +242,9 @@ def prepare(source: Recording) -> Prepared:
             *findings,
             *likelihood_findings(likely, source.contents.score is not None, int(unlikely.sum()), int(unsure.sum())),
             *camera_findings(health, [c.name for c in filmed.cameras]),
-            *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
+            *exchange_findings(
+                swaps, doubtful, names, [c.name for c in filmed.cameras], clicks=int(named.ambiguous.sum())
+            ),
             *(
                 [f"{lost.sum()} {'sample' if lost.sum() == 1 else 'samples'} rejected ({REASONS['rays_miss']})"]
                 if lost.any()
@@ -331,23 +335,65 @@ def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
     return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Named:
+    """Pixels and points with exchanged names undone.
+
+    Attributes:
+        filmed: The pixels; without ambiguous ones.
+        found: The points.
+        swaps: Runs of frames that were undone.
+        doubtful: (T, M) samples that may be of either of two markers.
+        ambiguous: (C, T, M) clicks that may be of either of two markers.
+        relative: (C, T, M) deviations of rays, exchanged as the rays are.
+    """
+
+    filmed: Filmed
+    found: triangulate.Triangulation
+    swaps: tuple[Swap, ...]
+    doubtful: NDArray[np.bool_]
+    ambiguous: NDArray[np.bool_]
+    relative: Array
+
+
 def _names_put_right(
     filmed: Filmed, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
-) -> tuple[Filmed, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_], Array]:
-    """Pixels and points with exchanged names undone; runs, (T, M) samples that may be of either, and ``relative``."""
-    rays = exchanged_rays(filmed.matrices, filmed.ideal_px, found, relative=relative)
-    uv = filmed.ideal_px
-    if rays:
+) -> _Named:
+    """Undo exchanges of names in single cameras, then in all.
+
+    Up to ``CAMERAS`` cameras a single ray says little: there exchanges are proposals, of which a model of all cameras'
+    states decides.
+    """
+    matrices, uv = filmed.matrices, filmed.ideal_px
+    rays = exchanged_rays(matrices, uv, found, relative=relative)
+    ambiguous = np.zeros(uv.shape[:3], dtype=bool)
+    few = len(uv) <= CAMERAS
+    if rays and few:
+        settled = settle_all(matrices, uv, rays, sd_px=found.sd_px, relative=relative, extent_px=extent_px(uv))
+        uv, relative, rays, ambiguous = settled
+        ambiguous &= np.isfinite(uv[..., 0])
+        uv = np.where(ambiguous[..., None], np.nan, uv)
+    elif rays:
         uv, relative = exchange_rays(uv, rays), exchange_rays(relative, rays)
-        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px, relative=relative)
+    if rays or ambiguous.any():
+        found = triangulate.robust(matrices, uv, sd_px=found.sd_px, relative=relative)
+    doubtful = ambiguous.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
-    if points.swaps:
-        uv, relative = exchange_rays(uv, points.swaps), exchange_rays(relative, points.swaps)
+    swaps = [swap for swap in points.swaps if not (few and mixed(swap, rays, ambiguous))]
+    if swaps:
+        uv, relative = exchange_rays(uv, swaps), exchange_rays(relative, swaps)
         found = replace(
             found,
-            xyz_m=exchange(found.xyz_m, points.swaps),
-            cov_m2=exchange(found.cov_m2, points.swaps),
-            residual_px=exchange(found.residual_px, points.swaps),
-            rejected=exchange_rays(found.rejected, points.swaps),
+            xyz_m=exchange(found.xyz_m, swaps),
+            cov_m2=exchange(found.cov_m2, swaps),
+            residual_px=exchange(found.residual_px, swaps),
+            rejected=exchange_rays(found.rejected, swaps),
         )
-    return replace(filmed, ideal_px=uv), found, (*rays, *points.swaps), points.unsure, relative
+    return _Named(
+        filmed=replace(filmed, ideal_px=uv),
+        found=found,
+        swaps=(*rays, *swaps),
+        doubtful=points.unsure | exchange(doubtful, swaps),
+        ambiguous=ambiguous,
+        relative=relative,
+    )

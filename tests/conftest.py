@@ -80,6 +80,7 @@ SLOW = {
     "mocap/test_propose_skeleton.py": 25,
     "mocap/test_ray_bias.py": 2,
     "mocap/test_stated_noise.py": 9,
+    "mocap/test_swap_states.py": 4,
     "mocap/test_swapped_names.py": 16,
     "mocap/test_trouble.py": 9,
     "mocap/test_unstated_unit.py": 3,

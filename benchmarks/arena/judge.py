@@ -15,6 +15,10 @@ RIGHT_M = 0.01
 """A pair counts as put right if both points are within that of their own landmarks."""
 
 
+SAME_PX = 5.0
+"""Clicks of two markers that lie closer than that are not judged: an exchange changes nothing."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Errors:
     """How far points are from what people say.
@@ -95,7 +99,7 @@ def names(flight: Flight, outcome: Outcome) -> Names:
             if swap.camera is not None and camera != swap.camera:
                 continue
             gain = _crossed(uv[swap.frames][:, pair], there[swap.frames][:, pair])
-            total += Names(right=int((gain > 0).sum()), wrong=int((gain < 0).sum()))
+            total += Names(right=int((gain > SAME_PX).sum()), wrong=int((gain < -SAME_PX).sum()))
     return total
 
 

@@ -64,10 +64,12 @@ def settle(
 
     The state of a frame is the set of cameras in which they are. Its log density: how the rays of both markers meet
     (``_fits``) and how far the markers are from the others (``_distances``), over ``SAME_ERROR_FRAMES``; from frame to
-    frame how the clicks of each move in each picture (``_moves``), less ``CHANGE`` for each camera that changes. Undone
-    are only runs that begin and end with all names right, and in which at no time all cameras are exchanged: of others
-    it cannot be told which side is right. Probabilities of states follow from all frames by the
-    forward-backward recursions (Rabiner 1989).
+    frame how the clicks of each move in each picture (``_moves``), less ``CHANGE`` for each camera that changes.
+    Probabilities of states follow from all frames by the forward-backward recursions (Rabiner 1989).
+
+    Undone are only exchanges in half of the cameras or fewer, in runs that begin and end with all names right and in
+    which at no time all cameras are exchanged (of others it cannot be told which side is right), and of these only
+    frames whose own rays do not object.
 
     Args:
         matrices: (C, 3, 4) projections, at most ``CAMERAS``.
@@ -84,9 +86,12 @@ def settle(
     own = (fits + _distances(xyz_m, points, pair)) / SAME_ERROR_FRAMES - RARE * states.sum(axis=1)
     between = _moves(uv, _drift(uv_px), states) - CHANGE * np.abs(states[:, None] - states[None]).sum(axis=-1)
     sure = _posterior(own, between)  # (T, S)
-    some = (states.sum(axis=1) > 0) & (states.sum(axis=1) < len(matrices))  # in all cameras: rays say nothing of it
+    count = states.sum(axis=1)
+    some = (count > 0) & (count < len(matrices))  # in all cameras: rays say nothing of it
     best = np.argmax(sure, axis=1)
-    certain = (sure.max(axis=1) >= CERTAIN) & some[best] & _returns(states.sum(axis=1)[best], len(matrices))
+    certain = (sure.max(axis=1) >= CERTAIN) & some[best] & _returns(count[best], len(matrices))
+    certain &= 2 * count[best] <= len(matrices)  # most cameras are right
+    certain &= np.take_along_axis(fits, best[:, None], 1)[:, 0] >= fits[:, 0]  # the frame's own rays do not object
     seen = np.isfinite(uv[..., 0]).any(axis=2)
     apart = np.linalg.norm(uv[:, :, 0] - uv[:, :, 1], axis=-1)
     tells = ~(apart < 3 * sd_px * spread.max(axis=2))  # otherwise it is all the same

@@ -232,7 +232,7 @@ def _posterior(own: Array, between: Array) -> Array:
     for t in range(n - 2, -1, -1):
         backward[t] = logsumexp(between[t + 1] + (own[t + 1] + backward[t + 1])[None], axis=1)
     total = forward + backward
-    return np.exp(total - logsumexp(total, axis=1, keepdims=True))
+    return np.exp(total - np.asarray(logsumexp(total, axis=1, keepdims=True)))
 
 
 def runs(pair: Pair, settled: Settled) -> list[Swap]:

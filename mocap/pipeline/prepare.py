@@ -22,6 +22,7 @@ from mocap.cleaning.findings import (
     never_seen,
 )
 from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
+from mocap.cleaning.persistence import persistent_px
 from mocap.cleaning.position_noise import position_sd
 from mocap.cleaning.robust_rays import student_t
 from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
@@ -61,6 +62,7 @@ class Prepared:
         stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
             of a pixel; 1: nothing is stated.
         bias_px: Standard deviation of the slow ray errors that were removed.
+        persistent_px: (M,) standard deviation of a pixel coordinate of errors that no filter averages out.
         residual_px: (T, M) residuals of triangulation before correction; NaN without.
         rejected: (T, M) masks by reason.
         rays_rejected: (C, T, M) rays that miss.
@@ -90,6 +92,7 @@ class Prepared:
     ray_scale_px: Array
     jitter_px: float
     bias_px: float
+    persistent_px: Array
     residual_px: Array
     rejected: dict[str, NDArray[np.bool_]]
     rays_rejected: NDArray[np.bool_]
@@ -186,6 +189,7 @@ def prepare(source: Recording) -> Prepared:
             "check that coefficients, profile and pixels belong together"
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
+    lasting = persistent_px(filmed.matrices, uv, found.xyz_m, relative=worse)
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     uv = uv - bias.bias_px
     start = triangulate.linear(filmed.matrices, uv, relative=worse)
@@ -227,6 +231,7 @@ def prepare(source: Recording) -> Prepared:
         ray_scale_px=ray_scale * ratio,
         jitter_px=source.pixel_sd or bias.jitter_px,
         bias_px=bias.sd_px,
+        persistent_px=lasting,
         residual_px=found.residual_px,
         rejected={"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
         rays_rejected=found.rejected | unlikely | named.ambiguous,
@@ -309,6 +314,7 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
         ray_scale_px=np.zeros(shape),
         jitter_px=np.nan,
         bias_px=0.0,
+        persistent_px=np.zeros(len(names)),
         residual_px=np.full(xyz.shape[:2], np.nan),
         rejected={
             "rays_miss": np.zeros(xyz.shape[:2], dtype=bool),
@@ -393,7 +399,7 @@ def _names_put_right(
         filmed=replace(filmed, ideal_px=uv),
         found=found,
         swaps=(*rays, *swaps),
-        doubtful=points.unsure | exchange(doubtful, swaps),
+        doubtful=points.unsure | (exchange(doubtful.astype(float), swaps) > 0),
         ambiguous=ambiguous,
         relative=relative,
     )

@@ -1,0 +1,603 @@
+"""The passes over a film: forward while it is decoded, backward over the dots that were kept, and again after clicks.
+
+Forward, each frame's windows follow from the frames before; dots are looked for in these windows only. Backward, they
+follow from the frames before and after, so that what a crossing left open is decided by what came after it.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.cameras import triangulate
+from mocap.cameras.camera import Camera, stacked
+from mocap.digitise.clicks import Click
+from mocap.digitise.dots import DotLook, Grey, find_dots, look_of
+from mocap.digitise.films import Films
+from mocap.digitise.motion import State, fused, positioned, predicted
+from mocap.digitise.meeting import Lengths, meetings, name_points, violated
+from mocap.digitise.naming import GATE, Named, name_dots, seen_from, update, window_cov
+from mocap.digitise.pose import PoseGaussian, fit_poses
+from mocap.digitise.straight import Straightening, straightening_of
+from mocap.errors import MocapError
+from mocap.io.movies import FIRST_PIXEL
+from mocap.skeleton import Skeleton, ends_among
+
+CLICK_SD_PX = 1.0
+DOT_SD_PX = 0.4
+_FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
+"""Speeds that are tried at the start, in lengths of the animal a frame."""
+_TRIAL_FRAMES = 3
+_WIDE_PX = 60.0
+_POSE_COUNTS = 1 / 6
+"""What the other markers tell of one that is not seen errs alike for about so many frames."""
+_LEARN_AT = (30, 60, 120, 240, 480, 960)
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(eq=False)
+class Tracks:
+    """What is known of T frames of M markers in C cameras; grows while a film is decoded and is mended by clicks.
+
+    Attributes:
+        dots: Of each frame (C, K, 3): recorded column and row counted as DLTdv does, and response; NaN: fewer dots.
+        ideal: The same places without distortion (C, K, 2).
+        dot: (C, T, M) number of the dot that is the marker's; -1: none.
+        xyz_m: (T, M, 3) positions.
+        cov_m2: (T, M, 3, 3) their covariances.
+        rays: (T, M) number of cameras that show a marker.
+        doubtful: (T, M) True where a dot may be the marker's or another's.
+        forward: (T, M, 90) states before the frame's own dots are seen, from the frames before.
+        backward: The same from the frames after.
+    """
+
+    dots: list[Array]
+    ideal: list[Array]
+    dot: NDArray[np.int64]
+    xyz_m: Array
+    cov_m2: Array
+    rays: NDArray[np.int64]
+    doubtful: NDArray[np.bool_]
+    forward: NDArray[np.float32]
+    backward: NDArray[np.float32]
+
+
+@dataclass(eq=False)
+class Engine:
+    """Films, cameras and clicks, and what follows from them.
+
+    Attributes:
+        films: Opened films.
+        cameras: C cameras of them.
+        skeleton: The animal; its M markers are named.
+        poses: How the animal moves; None: learned from the film itself as far as it is named.
+        clicks: All clicks.
+        tracks: What is known so far; empty before ``decode``.
+    """
+
+    films: Films
+    cameras: Sequence[Camera]
+    skeleton: Skeleton
+    poses: PoseGaussian | None = None
+    clicks: list[Click] = field(default_factory=list)
+    look: DotLook | None = None
+    sd_px: float = DOT_SD_PX
+
+    def __post_init__(self) -> None:
+        """Prepare what does not change."""
+        self.names = self.skeleton.markers
+        self.matrices = stacked(self.cameras)
+        sizes = [movie.size_px for movie in self.films.movies]
+        self.straight: list[Straightening] = [
+            straightening_of(camera, size) for camera, size in zip(self.cameras, sizes, strict=True)
+        ]
+        self.sizes = sizes
+        shape = (self.films.n_frames, len(self.names))
+        n_cameras = len(self.cameras)
+        self.tracks = Tracks(
+            dots=[np.full((n_cameras, 0, 3), np.nan)] * shape[0],
+            ideal=[np.full((n_cameras, 0, 2), np.nan)] * shape[0],
+            dot=np.full((n_cameras, *shape), -1),
+            xyz_m=np.full((*shape, 3), np.nan),
+            cov_m2=np.full((*shape, 3, 3), np.nan),
+            rays=np.zeros(shape, dtype=np.int64),
+            doubtful=np.zeros(shape, dtype=bool),
+            forward=np.full((*shape, 90), np.nan, dtype=np.float32),
+            backward=np.full((*shape, 90), np.nan, dtype=np.float32),
+        )
+        self.density = np.ones(shape[1])
+        self.most = np.zeros(shape[1])
+        self.length_m = 1.0
+        self.learned_at = 0
+        self.own_poses = self.poses is None
+        trunk = [self.names.index(name) for name in self.skeleton.trunk]
+        self.trunk = trunk
+        ends = np.array(ends_among(self.names, self.skeleton.rigid), dtype=int).reshape(-1, 2)
+        self.lengths = Lengths(ends, np.full(len(ends), np.nan), np.full(len(ends), np.nan))
+        self.measured = np.zeros(len(ends), dtype=int)
+
+    # ------------------------------------------------------------------ start
+
+    def first_points(self) -> tuple[int, Array, Array]:
+        """The first frame with clicks of enough markers: its number, positions (M, 3) and covariances (M, 3, 3).
+
+        Raises:
+            MocapError: no frame has a marker that was clicked in two cameras.
+        """
+        shape = self.tracks.dot.shape
+        frames = sorted({click.frame for click in self.clicks})
+        best: tuple[int, int] = (0, -1)
+        for frame in frames:
+            uv = self._clicked(frame)
+            n = int((np.isfinite(uv[..., 0]).sum(axis=0) >= 2).sum())
+            if n > best[0]:
+                best = n, frame
+        if best[0] < 1:
+            raise MocapError(
+                "`start`: no marker is clicked in two cameras in one frame: click each marker in two or more films of "
+                "a frame that shows it"
+            )
+        frame = best[1]
+        ideal = self._ideal(self._clicked(frame))
+        xyz = triangulate.linear(self.matrices, ideal)
+        there = np.isfinite(xyz[:, 0])
+        self.length_m = float(np.linalg.norm(np.ptp(xyz[there], axis=0))) if there.sum() > 1 else 0.1
+        self.length_m = max(self.length_m, 1e-3)
+        xyz, cov = triangulate.refine(self.matrices, ideal, xyz, sd_px=CLICK_SD_PX)
+        guess = None if self.poses is None else self.poses.given(np.nan_to_num(xyz), there)
+        for m in np.flatnonzero(~there):
+            if guess is None:
+                xyz[m], cov[m] = xyz[there].mean(axis=0), np.eye(3) * self.length_m**2
+            else:
+                xyz[m], cov[m] = guess[0][m], 2 * guess[1][m]
+        del shape
+        return frame, xyz, cov
+
+    def _clicked(self, frame: int) -> Array:
+        """(C, M, 2) places that were clicked in a frame; NaN: none."""
+        out = np.full((len(self.cameras), len(self.names), 2), np.nan)
+        for click in self.clicks:
+            if click.frame == frame:
+                out[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
+        return out
+
+    def _ideal(self, uv_px: Array) -> Array:
+        """(C, ..., 2) ideal pixels of recorded ones."""
+        return np.stack([straight(uv) for straight, uv in zip(self.straight, uv_px, strict=True)])
+
+    # ------------------------------------------------------------------ dots
+
+    def _dots(self, pictures: "list[Grey | None]", windows: "Sequence[tuple[int, int, int, int] | None]") -> Array:
+        """(C, K, 3) dots of a frame in a window (left, top, right, bottom) of each picture; None: in all of it."""
+        assert_look = self.look
+        found = []
+        for picture, window in zip(pictures, windows, strict=True):
+            if picture is None or assert_look is None:
+                found.append(np.zeros((0, 3)))
+                continue
+            left, top, right, bottom = window or (0, 0, picture.shape[1], picture.shape[0])
+            part = picture[top:bottom, left:right]
+            found.append(find_dots(part, assert_look, corner=(left, top)) + [FIRST_PIXEL, FIRST_PIXEL, 0.0])
+        most = max(map(len, found))
+        out = np.full((len(found), most, 3), np.nan)
+        for c, dots in enumerate(found):
+            out[c, : len(dots)] = dots
+        return out
+
+    def _keep(self, frame: int, dots: Array) -> None:
+        self.tracks.dots[frame] = dots.astype(np.float32)
+        self.tracks.ideal[frame] = self._ideal(dots[..., :2])
+
+    def _windows(self, state: State) -> "list[tuple[int, int, int, int] | None]":
+        """The part of each picture in which markers are expected; None: anywhere."""
+        uv, jacobian = seen_from(self.matrices, state.xyz_m)
+        s = window_cov(jacobian, state.cov_m2, self.sd_px)
+        reach = 4.0 * np.sqrt(np.maximum(s[..., 0, 0], s[..., 1, 1]))
+        margin = 12.0 + (4.0 * self.look.radius_px if self.look else 0.0)
+        out: list[tuple[int, int, int, int] | None] = []
+        for c, (width, height) in enumerate(self.sizes):
+            known = np.isfinite(uv[c, :, 0]) & (reach[c] < 4 * _WIDE_PX)
+            if known.sum() < 0.5 * len(known):
+                out.append(None)
+                continue
+            lens = self.cameras[c].lens
+            at = uv[c, known] if lens is None else lens.distort(uv[c, known])
+            at = at - FIRST_PIXEL
+            r = reach[c, known][:, None] + margin
+            low, high = (at - r).min(axis=0), (at + r).max(axis=0)
+            left, top = (int(np.clip(x, 0, n - 1)) for x, n in zip(low, (width, height), strict=True))
+            right, bottom = (int(np.clip(x, 1, n)) for x, n in zip(high, (width, height), strict=True))
+            out.append((left, top, max(right, left + 1), max(bottom, top + 1)))
+        return out
+
+    # ------------------------------------------------------------------ one frame
+
+    def _observed(self, frame: int, state: State) -> tuple[Named, State]:
+        """Name the dots of a frame about a prediction; the state after it."""
+        ideal = self.tracks.ideal[frame]
+        known, clicks = self._known(frame, ideal)
+        reach = 2.2 * self.look.radius_px if self.look else 6.0
+        options = {"sd_px": self.sd_px, "reach_px": reach, "known": known, "clicks": clicks}
+        named = name_dots(self.matrices, ideal, state.xyz_m, state.cov_m2, **options)
+        named = self._by_bones(named, state)
+        guess = None
+        lost = named.rays == 0
+        if lost.any() and self.poses is not None:
+            guess = self.poses.given(named.xyz_m, named.rays >= 2)
+        if guess is not None:
+            better = lost & (np.trace(guess[1], axis1=1, axis2=2) < 4 * np.trace(state.cov_m2, axis1=1, axis2=2))
+            xyz, cov = _weighted(state.xyz_m, state.cov_m2, guess[0], guess[1] / _POSE_COUNTS, better)
+            state = positioned(state, xyz, cov, better)
+        if lost.any():
+            state = self._within_bones(state, named)
+        if (named.rays < 2).any():
+            found = self._meeting(ideal, state, named)
+            if found is not None:
+                known = np.where(known >= 0, known, found)
+                named = name_dots(self.matrices, ideal, state.xyz_m, state.cov_m2, **(options | {"known": known}))
+                named = self._by_bones(named, state)
+        return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
+
+    def _meeting(self, ideal: Array, state: State, named: Named) -> NDArray[np.int64] | None:
+        """(C, M) dots of markers that were found where rays of unnamed dots meet; None: there are none."""
+        wanted = np.flatnonzero(named.rays < 2)
+        free = np.isfinite(ideal[..., 0])
+        for c in range(len(free)):
+            dots = named.dot[c][named.rays >= 2]
+            free[c, dots[dots >= 0]] = False
+        uv, jacobian = seen_from(self.matrices, state.xyz_m[wanted])
+        s = window_cov(jacobian, state.cov_m2[wanted], self.sd_px)
+        away = ideal[:, :, None] - uv[:, None]
+        with np.errstate(invalid="ignore"):
+            near = np.einsum("ckmi,cmij,ckmj->ckm", away, np.linalg.inv(s), away) < GATE
+        free &= near.any(axis=2)
+        points, made = meetings(self.matrices, ideal, free, sd_px=self.sd_px)
+        error_m = self.sd_px / float(np.nanmedian(np.linalg.norm(jacobian, axis=(-2, -1))) / np.sqrt(2))
+        pairs = name_points(
+            points, made, wanted, state.xyz_m, state.cov_m2, named.rays >= 2, self.lengths, error_m=error_m
+        )  # fmt: skip
+        if not pairs:
+            return None
+        found = named.dot.copy()
+        found[:, named.rays < 2] = -1
+        for marker, point in pairs:
+            found[:, marker] = made[point]
+        return found
+
+    def _by_bones(self, named: Named, state: State) -> Named:
+        """Without the names of markers whose bones are too long or too short; the one moved by more loses its."""
+        clicked = np.zeros(len(self.names), dtype=bool)
+        both = named.rays >= 1
+        for a, b in violated(named.xyz_m, named.cov_m2, self.lengths):
+            if not (both[a] and both[b]):
+                continue
+            far = [np.nan_to_num(named.surprise[m], nan=50.0) / named.rays[m] for m in (a, b)]
+            clicked[b if far[1] >= far[0] else a] = True
+        if not clicked.any():
+            return named
+        dot, rays = named.dot.copy(), named.rays.copy()
+        dot[:, clicked], rays[clicked] = -1, 0
+        xyz, cov = named.xyz_m.copy(), named.cov_m2.copy()
+        xyz[clicked], cov[clicked] = state.xyz_m[clicked], state.cov_m2[clicked]
+        surprise = np.where(clicked, np.nan, named.surprise)
+        return Named(dot, xyz, cov, named.doubtful | clicked, surprise, rays)
+
+    def _within_bones(self, state: State, named: Named) -> State:
+        """A marker that is not found is no farther from its neighbours than their bones are long."""
+        xyz, cov = state.xyz_m.copy(), state.cov_m2.copy()
+        changed = np.zeros(len(xyz), dtype=bool)
+        found = named.rays >= 1
+        for (a, b), long in zip(self.lengths.ends, self.lengths.length_m, strict=True):
+            for lost, other in ((a, b), (b, a)):
+                if found[lost] or not found[other] or not np.isfinite(long) or changed[lost]:
+                    continue
+                if np.trace(cov[lost]) > long**2:
+                    out = xyz[lost] - named.xyz_m[other]
+                    size = max(float(np.linalg.norm(out)), 1e-9)
+                    xyz[lost] = named.xyz_m[other] + out * min(1.0, long / size)
+                    cov[lost] = named.cov_m2[other] + np.eye(3) * long**2 / 3
+                    changed[lost] = True
+        return positioned(state, xyz, cov, changed) if changed.any() else state
+
+    def _measure_bones(self, named: Named) -> None:
+        """Running mean of the lengths of the rigid bones whose ends are named."""
+        a, b = self.lengths.ends.T
+        both = (named.rays[a] >= 2) & (named.rays[b] >= 2)
+        long = np.linalg.norm(named.xyz_m[a] - named.xyz_m[b], axis=1)
+        count = self.measured + both
+        mean = np.where(np.isnan(self.lengths.length_m), long, self.lengths.length_m)
+        mean = mean + np.where(both, (long - mean) / np.maximum(np.minimum(count, 100), 1), 0.0)
+        self.measured = count
+        self.lengths = Lengths(
+            self.lengths.ends, np.where(count > 0, mean, np.nan), 0.03 * np.nan_to_num(mean) + 2e-3 * self.length_m
+        )
+
+    def _known(self, frame: int, ideal: Array) -> tuple[NDArray[np.int64], Array]:
+        """Dots that clicks name (C, M), and ideal places of clicks where there is no dot (C, M, 2)."""
+        uv = self._clicked(frame)
+        known = np.full(uv.shape[:2], -1)
+        if not np.isfinite(uv).any():
+            return known, uv
+        at = self._ideal(uv)
+        reach = max(4.0, 1.5 * self.look.radius_px if self.look else 4.0)
+        for c, m in np.argwhere(np.isfinite(at[..., 0])):
+            away = np.linalg.norm(ideal[c] - at[c, m], axis=-1)
+            if len(away) and np.nanmin(away, initial=np.inf) < reach:
+                k = int(np.nanargmin(away))
+                if k not in known[c]:
+                    known[c, m] = k
+                    at[c, m] = np.nan
+        return known, at
+
+    # ------------------------------------------------------------------ passes
+
+    def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
+        """Decode the films once: forward pass and dots; then the backward pass.
+
+        Raises:
+            MocapError: there are no clicks to begin with.
+        """
+        start, xyz, cov = self.first_points()
+        n = self.films.n_frames
+        if self.look is None:
+            self.look = self._look(start)
+        state: State | None = None
+        waiting: list[int] = []
+        for frame, pictures in enumerate(self.films.pictures()):
+            progress("finding and naming dots", frame / n)
+            if state is None:
+                self._keep(frame, self._dots(pictures, [None] * len(pictures)))
+                if frame >= start:
+                    waiting.append(frame)
+                if len(waiting) > _TRIAL_FRAMES or (waiting and frame == n - 1):
+                    state = self._started(start, xyz, cov)
+                    for late in waiting:
+                        state = self._forward(late, state)
+                continue
+            ahead = self._ahead(state)
+            self._keep(frame, self._dots(pictures, self._windows(ahead)))
+            state = self._forward(frame, state)
+        self._estimate_sd(range(start, n))
+        self._backward(n - 1, 0, None, progress=progress)
+
+    def _look(self, start: int) -> DotLook:
+        uv = self._clicked(start)
+        pictures, places = [], []
+        for c in range(len(self.cameras)):
+            there = np.isfinite(uv[c, :, 0])
+            picture = self.films.picture(c, start) if there.any() else None
+            if picture is not None:
+                pictures.append(picture)
+                places.append(uv[c, there] - FIRST_PIXEL)
+        found = look_of(pictures, places)
+        if found is None:
+            raise MocapError(
+                "there are no dots where markers were clicked: check that the clicks belong to these films, and that "
+                "they count rows from the upper left corner"
+            )
+        return found
+
+    def _started(self, start: int, xyz: Array, cov: Array) -> State:
+        """The state before the first clicked frame's dots, at the speed with which most can be named."""
+        best: tuple[float, State, Array] | None = None
+        for share in _FIRST_SPEEDS:
+            speed = share * self.length_m
+            density = np.full(len(xyz), (0.3 * speed) ** 2)
+            state = first_state(xyz, cov, speed)
+            self.density = density
+            trial, rays = state, 0.0
+            for frame in range(start, min(start + _TRIAL_FRAMES, self.films.n_frames)):
+                if frame > start:
+                    trial = self._ahead(trial)
+                named, trial = self._observed(frame, trial)
+                rays += float(np.sum(named.rays >= 2)) if frame > start else 0.0
+            if best is None or rays > 1.02 * best[0]:
+                best = rays, state, density
+        if best is None:
+            raise MocapError("the films have no frame in step: check `offset_frames`")
+        self.density = best[2]
+        return best[1]
+
+    @property
+    def fastest(self) -> float:
+        """Greatest density of the jerk: a twentieth of the animal's length in a frame."""
+        return (0.05 * self.length_m) ** 2
+
+    def _forward(self, frame: int, state: State) -> State:
+        """One frame on: ``state`` is that after the frame before, or the first one."""
+        first = np.isnan(self.tracks.forward[:, 0, 0]).all() if frame else True
+        ahead = state if first else self._ahead(state)
+        self.tracks.forward[frame] = packed(ahead)
+        named, state = self._observed(frame, ahead)
+        self._take(frame, named)
+        self._adapt(named)
+        self._measure_bones(named)
+        if self.own_poses and frame + 1 in _LEARN_AT:
+            self.learn_poses(frame + 1)
+        return state
+
+    def _ahead(self, state: State) -> State:
+        """A frame later; a marker of which nothing is known any more is somewhere near the others."""
+        ahead = predicted(state, self.density)
+        sd = np.sqrt(np.trace(ahead.cov_m2, axis1=1, axis2=2))
+        lost = ~(sd < 0.5 * self.length_m)
+        if not lost.any():
+            return ahead
+        x, cov = ahead.x.copy(), ahead.cov.copy()
+        middle = x[~lost, :3].mean(axis=0) if not lost.all() else np.nan_to_num(x[:, :3]).mean(axis=0)
+        near = np.linalg.norm(x[:, :3] - middle, axis=1) < self.length_m
+        x[lost & ~near, :3], x[lost, 3:] = middle, 0.0
+        spread = self.length_m * np.repeat([0.25, 0.05, 0.02], 3)
+        cov[lost] = np.diag(spread**2)
+        return State(x, cov)
+
+    def _adapt(self, named: Named) -> None:
+        """Follow how much markers surprise the model: fast up, slowly down, and up while a marker is not found."""
+        known = np.isfinite(named.surprise)
+        ratio = np.clip(named.surprise[known], 0.0, 30.0)
+        self.density[known] *= np.clip(1 + np.where(ratio > 1, 0.15, 0.04) * (ratio - 1), 0.9, 3.0)
+        self.density[named.rays == 0] *= 1.3
+        self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
+        floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
+        self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.length_m) ** 2), self.fastest)
+
+    def _take(self, frame: int, named: Named) -> None:
+        t = self.tracks
+        t.dot[:, frame], t.xyz_m[frame], t.cov_m2[frame] = named.dot, named.xyz_m, named.cov_m2
+        t.rays[frame], t.doubtful[frame] = named.rays, named.doubtful
+
+    def _backward(
+        self, last: int, first: int, state: State | None, *, progress: Progress = lambda _stage, _share: None
+    ) -> None:
+        """From ``last`` to ``first``: windows of the frames on both sides; ``state``: before ``last``, time reversed."""
+        for frame in range(last, first - 1, -1):
+            progress("naming dots again with what came after", (last - frame) / max(last - first, 1))
+            ahead = None if state is None else self._ahead(state)
+            forward = self.tracks.forward[frame]
+            known = np.isfinite(forward[:, 0]).all()
+            if ahead is None:
+                if not known:
+                    continue
+                ahead = unpacked(forward).turned().looser(1e4)
+            self.tracks.backward[frame] = packed(ahead)
+            both = fused(unpacked(forward), ahead.turned()) if known else ahead.turned()
+            named, _ = self._observed(frame, both)
+            self._take(frame, named)
+            # the dots that both sides named, seen from the frames after alone
+            seen = self._places(frame, named)
+            prior = np.linalg.inv(ahead.cov_m2)
+            sd = np.full(seen.shape[:2], self.sd_px)
+            xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, prior)
+            state = positioned(ahead, xyz, cov, named.rays > 0)
+
+    def _places(self, frame: int, named: Named) -> Array:
+        """(C, M, 2) ideal pixels of named dots and clicks; NaN: none."""
+        ideal = self.tracks.ideal[frame]
+        camera = np.arange(len(self.cameras))[:, None]
+        if not ideal.shape[1]:
+            out = np.full((*named.dot.shape, 2), np.nan)
+        else:
+            out = np.where((named.dot >= 0)[..., None], ideal[camera, np.maximum(named.dot, 0)], np.nan)
+        _, clicks = self._known(frame, ideal)
+        return np.where(np.isfinite(clicks), clicks, out)
+
+    def rerun(self, clicks: Iterable[Click], *, margin: int = 20) -> tuple[int, int]:
+        """Take more clicks; only the frames about them are named again. Returns the first and last of these."""
+        new = list(clicks)
+        self.clicks += new
+        first, last = self._touched(sorted({click.frame for click in new}), margin)
+        start = unpacked(self.tracks.forward[first])
+        state = start
+        for frame in range(first, last + 1):
+            ahead = state if frame == first else self._ahead(state)
+            self.tracks.forward[frame] = packed(ahead)
+            named, state = self._observed(frame, ahead)
+            self._take(frame, named)
+        after = None
+        if last + 1 < self.films.n_frames:
+            ahead = unpacked(self.tracks.backward[last + 1])
+            dots = Named(
+                self.tracks.dot[:, last + 1], ahead.xyz_m, ahead.cov_m2, self.tracks.doubtful[last + 1],
+                ahead.x[:, 0], self.tracks.rays[last + 1],
+            )  # fmt: skip
+            seen = self._places(last + 1, dots)
+            sd = np.full(seen.shape[:2], self.sd_px)
+            xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, np.linalg.inv(ahead.cov_m2))
+            after = positioned(ahead, xyz, cov, np.isfinite(seen[..., 0]).any(axis=0))
+        self._backward(last, first, after)
+        return first, last
+
+    def _touched(self, frames: Sequence[int], margin: int) -> tuple[int, int]:
+        """Frames that clicks may change: to where their markers are sure on both sides, and a margin."""
+        markers = sorted({click.marker for click in self.clicks if click.frame in set(frames)})
+        sure = (self.tracks.rays[:, markers] >= 2).all(axis=1)
+        begun = np.isfinite(self.tracks.forward[:, 0, 0])
+        begin = int(np.argmax(begun)) if begun.any() else 0
+        first, last = frames[0], frames[-1]
+        run = 0
+        while first > begin and run < margin:
+            first -= 1
+            run = run + 1 if sure[first] else 0
+        run = 0
+        while last < self.films.n_frames - 1 and run < margin:
+            last += 1
+            run = run + 1 if sure[last] else 0
+        return max(first, begin), last
+
+    def again(self) -> None:
+        """Both passes over the dots that were kept, with the poses and the noise as they are known now."""
+        begun = np.isfinite(self.tracks.forward[:, 0, 0])
+        if not begun.any():
+            return
+        start = int(np.argmax(begun))
+        state = unpacked(self.tracks.forward[start])
+        for frame in range(start, self.films.n_frames):
+            ahead = state if frame == start else self._ahead(state)
+            self.tracks.forward[frame] = packed(ahead)
+            named, state = self._observed(frame, ahead)
+            self._take(frame, named)
+        self._backward(self.films.n_frames - 1, 0, None)
+
+    # ------------------------------------------------------------------ what is learned
+
+    def learn_poses(self, end: int | None = None) -> None:
+        """Learn the pose from the frames that are named so far."""
+        t = self.tracks
+        known = np.where((t.rays[:end] >= 2)[..., None], t.xyz_m[:end], np.nan)
+        found = fit_poses(known, self.trunk, least_sd_m=1e-3 * self.length_m)
+        self.poses = found or self.poses
+
+    def _estimate_sd(self, frames: Iterable[int]) -> None:
+        """Standard deviation of a dot, from how the rays of named dots meet."""
+        camera = np.arange(len(self.cameras))[:, None]
+        chosen = []
+        for frame in list(frames)[:: max(1, self.films.n_frames // 200)]:
+            dot, ideal = self.tracks.dot[:, frame], self.tracks.ideal[frame]
+            if ideal.shape[1]:
+                chosen.append(np.where((dot >= 0)[..., None], ideal[camera, np.maximum(dot, 0)], np.nan))
+        if not chosen:
+            return
+        uv = np.stack(chosen, axis=1)
+        try:
+            found = triangulate.apparent_sd(self.matrices, uv)
+        except ValueError:
+            return
+        if np.isfinite(found):
+            self.sd_px = float(np.clip(found, 0.15, 2.0))
+
+
+def first_state(xyz_m: Array, cov_m2: Array, speed_m: float) -> State:
+    """A state whose velocities are not known, up to a speed in metres a frame."""
+    n = len(xyz_m)
+    x, cov = np.zeros((n, 9)), np.zeros((n, 9, 9))
+    x[:, :3], cov[:, :3, :3] = xyz_m, cov_m2
+    cov[:, 3:6, 3:6] = np.eye(3) * speed_m**2
+    cov[:, 6:, 6:] = np.eye(3) * (0.5 * speed_m) ** 2
+    return State(x, cov)
+
+
+def packed(state: State) -> NDArray[np.float32]:
+    """(M, 90) of a state."""
+    return np.concatenate([state.x, state.cov.reshape(len(state.x), 81)], axis=1).astype(np.float32)
+
+
+def unpacked(row: NDArray[np.float32]) -> State:
+    """The state of (M, 90)."""
+    full = row.astype(np.float64)
+    cov = full[:, 9:].reshape(-1, 9, 9)
+    cov = 0.5 * (cov + np.swapaxes(cov, 1, 2))
+    # single precision leaves a covariance whose smallest values are rounding
+    scale = np.einsum("mii->mi", cov)
+    return State(full[:, :9], cov + 1e-6 * scale[:, :, None] * np.eye(9))
+
+
+def _weighted(a: Array, a_cov: Array, b: Array, b_cov: Array, which: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Two opinions on positions as one, for some markers; the others stay."""
+    xyz, cov = a.copy(), a_cov.copy()
+    gain = np.swapaxes(np.linalg.solve(a_cov[which] + b_cov[which], a_cov[which]), 1, 2)
+    xyz[which] += np.einsum("mij,mj->mi", gain, b[which] - a[which])
+    cov[which] -= gain @ a_cov[which]
+    return xyz, 0.5 * (cov + np.swapaxes(cov, 1, 2))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from mocap.arrays import Array
-from mocap.digitise.naming import MARGIN, seen_from
+from mocap.digitising.naming import MARGIN, seen_from
 
 MOST_RAYS = 24
 _GATE = 16.3

@@ -71,7 +71,8 @@ def name_dots(
     """Name the dots of a frame.
 
     In each camera dots and markers are assigned (Hungarian method); the cost of a pair is -2 log of the density of the
-    dot in the predicted window (the squared Mahalanobis distance and log det of its covariance). A name is sure if no exchange with another marker or another dot is nearly as likely. What is
+    dot in the predicted window (the squared Mahalanobis distance and log det of its covariance). A name is sure if no
+    exchange with another marker or another dot is nearly as likely. What is
     sure in one camera narrows the windows of all others, and the assignment is done again; a ray that misses what the
     others say (epipolar consistency) is dropped.
 
@@ -96,7 +97,7 @@ def name_dots(
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
         white = np.linalg.inv(window_cov(jacobian, cov, sd_px))
-        chosen, doubtful = _assigned(uv, white, dots, known, sd_px=sd_px, reach_px=reach_px)
+        chosen, doubtful = _assigned(uv, white, dots, known, reach_px=reach_px)
         at, cov, chosen = _fused(matrices, dots, chosen, known, xyz_m, cov_m2, prior, sd_px, clicks)
         if (chosen == before).all():
             break
@@ -112,7 +113,7 @@ def name_dots(
 
 
 def _assigned(
-    uv: Array, white: Array, dots: Array, known: NDArray[np.int64], *, sd_px: float, reach_px: float
+    uv: Array, white: Array, dots: Array, known: NDArray[np.int64], *, reach_px: float
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Sure names (C, M), and markers with a dot in their window that is not sure."""
     n_cameras, n_markers = uv.shape[:2]
@@ -181,8 +182,10 @@ def _fused(
     camera = np.arange(len(matrices))[:, None]
     for attempt in range(4):
         has = chosen >= 0
-        seen = np.where(has[..., None], dots[camera, np.maximum(chosen, 0)], np.nan) if dots.shape[1] else np.full(
-            (*chosen.shape, 2), np.nan
+        seen = (
+            np.where(has[..., None], dots[camera, np.maximum(chosen, 0)], np.nan)
+            if dots.shape[1]
+            else np.full((*chosen.shape, 2), np.nan)
         )
         sd = np.full(chosen.shape, sd_px)
         if clicks is not None:
@@ -191,7 +194,7 @@ def _fused(
         at, cov = update(matrices, seen, sd, xyz_m, cov_m2, prior)
         if attempt == 3:
             break
-        uv, jacobian = seen_from(matrices, at)
+        uv, _ = seen_from(matrices, at)
         miss = np.where(has[..., None], seen - uv, 0.0)
         left = np.sum(miss**2, axis=-1) / sd_px**2
         worst = np.where(known >= 0, 0.0, left)
@@ -205,7 +208,9 @@ def _fused(
     return at, cov, chosen
 
 
-def update(matrices: Array, seen: Array, sd_px: Array, xyz_m: Array, cov_m2: Array, prior: Array) -> tuple[Array, Array]:
+def update(
+    matrices: Array, seen: Array, sd_px: Array, xyz_m: Array, cov_m2: Array, prior: Array
+) -> tuple[Array, Array]:
     """Positions with the pixels that are seen: two iterations of the Gauss-Newton update, all markers at once.
 
     Args:

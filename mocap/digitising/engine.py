@@ -13,26 +13,24 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
-from mocap.digitise.clicks import Click
-from mocap.digitise.dots import DotLook, Grey, find_dots, look_of
-from mocap.digitise.films import Films
-from mocap.digitise.motion import State, fused, positioned, predicted
-from mocap.digitise.meeting import Lengths, meetings, name_points, violated
-from mocap.digitise.naming import GATE, Named, name_dots, seen_from, update, window_cov
-from mocap.digitise.pose import PoseGaussian, fit_poses
-from mocap.digitise.straight import Straightening, straightening_of
+from mocap.digitising.clicks import Click
+from mocap.digitising.dots import DotLook, Grey, find_dots, look_of
+from mocap.digitising.films import Films
+from mocap.digitising.meeting import Lengths
+from mocap.digitising.motion import State, fused, positioned, predicted
+from mocap.digitising.naming import Named, seen_from, update, window_cov
+from mocap.digitising.observer import Observer
+from mocap.digitising.pose import PoseGaussian, fit_poses
+from mocap.digitising.straight import Straightening, straightening_of
 from mocap.errors import MocapError
 from mocap.io.movies import FIRST_PIXEL
 from mocap.skeleton import Skeleton, ends_among
 
 CLICK_SD_PX = 1.0
-DOT_SD_PX = 0.4
 _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
 """Speeds that are tried at the start, in lengths of the animal a frame."""
 _TRIAL_FRAMES = 3
 _WIDE_PX = 60.0
-_POSE_COUNTS = 1 / 6
-"""What the other markers tell of one that is not seen errs alike for about so many frames."""
 _LEARN_AT = (30, 60, 120, 240, 480, 960)
 
 Progress = Callable[[str, float], None]
@@ -84,7 +82,6 @@ class Engine:
     poses: PoseGaussian | None = None
     clicks: list[Click] = field(default_factory=list)
     look: DotLook | None = None
-    sd_px: float = DOT_SD_PX
 
     def __post_init__(self) -> None:
         """Prepare what does not change."""
@@ -110,16 +107,13 @@ class Engine:
         )
         self.density = np.ones(shape[1])
         self.most = np.zeros(shape[1])
-        self.length_m = 1.0
         self.learned_at = 0
         self.own_poses = self.poses is None
         trunk = [self.names.index(name) for name in self.skeleton.trunk]
         self.trunk = trunk
         ends = np.array(ends_among(self.names, self.skeleton.rigid), dtype=int).reshape(-1, 2)
-        self.lengths = Lengths(ends, np.full(len(ends), np.nan), np.full(len(ends), np.nan))
-        self.measured = np.zeros(len(ends), dtype=int)
-
-    # ------------------------------------------------------------------ start
+        lengths = Lengths(ends, np.full(len(ends), np.nan), np.full(len(ends), np.nan))
+        self.observer = Observer(self.matrices, lengths, np.zeros(len(ends), dtype=np.int64), poses=self.poses)
 
     def first_points(self) -> tuple[int, Array, Array]:
         """The first frame with clicks of enough markers: its number, positions (M, 3) and covariances (M, 3, 3).
@@ -127,7 +121,6 @@ class Engine:
         Raises:
             MocapError: no frame has a marker that was clicked in two cameras.
         """
-        shape = self.tracks.dot.shape
         frames = sorted({click.frame for click in self.clicks})
         best: tuple[int, int] = (0, -1)
         for frame in frames:
@@ -144,16 +137,15 @@ class Engine:
         ideal = self._ideal(self._clicked(frame))
         xyz = triangulate.linear(self.matrices, ideal)
         there = np.isfinite(xyz[:, 0])
-        self.length_m = float(np.linalg.norm(np.ptp(xyz[there], axis=0))) if there.sum() > 1 else 0.1
-        self.length_m = max(self.length_m, 1e-3)
+        self.observer.length_m = float(np.linalg.norm(np.ptp(xyz[there], axis=0))) if there.sum() > 1 else 0.1
+        self.observer.length_m = max(self.observer.length_m, 1e-3)
         xyz, cov = triangulate.refine(self.matrices, ideal, xyz, sd_px=CLICK_SD_PX)
         guess = None if self.poses is None else self.poses.given(np.nan_to_num(xyz), there)
         for m in np.flatnonzero(~there):
             if guess is None:
-                xyz[m], cov[m] = xyz[there].mean(axis=0), np.eye(3) * self.length_m**2
+                xyz[m], cov[m] = xyz[there].mean(axis=0), np.eye(3) * self.observer.length_m**2
             else:
                 xyz[m], cov[m] = guess[0][m], 2 * guess[1][m]
-        del shape
         return frame, xyz, cov
 
     def _clicked(self, frame: int) -> Array:
@@ -168,19 +160,17 @@ class Engine:
         """(C, ..., 2) ideal pixels of recorded ones."""
         return np.stack([straight(uv) for straight, uv in zip(self.straight, uv_px, strict=True)])
 
-    # ------------------------------------------------------------------ dots
-
     def _dots(self, pictures: "list[Grey | None]", windows: "Sequence[tuple[int, int, int, int] | None]") -> Array:
         """(C, K, 3) dots of a frame in a window (left, top, right, bottom) of each picture; None: in all of it."""
-        assert_look = self.look
+        look = self.look
         found = []
         for picture, window in zip(pictures, windows, strict=True):
-            if picture is None or assert_look is None:
+            if picture is None or look is None:
                 found.append(np.zeros((0, 3)))
                 continue
             left, top, right, bottom = window or (0, 0, picture.shape[1], picture.shape[0])
             part = picture[top:bottom, left:right]
-            found.append(find_dots(part, assert_look, corner=(left, top)) + [FIRST_PIXEL, FIRST_PIXEL, 0.0])
+            found.append(find_dots(part, look, corner=(left, top)) + np.array([FIRST_PIXEL, FIRST_PIXEL, 0.0]))
         most = max(map(len, found))
         out = np.full((len(found), most, 3), np.nan)
         for c, dots in enumerate(found):
@@ -194,7 +184,7 @@ class Engine:
     def _windows(self, state: State) -> "list[tuple[int, int, int, int] | None]":
         """The part of each picture in which markers are expected; None: anywhere."""
         uv, jacobian = seen_from(self.matrices, state.xyz_m)
-        s = window_cov(jacobian, state.cov_m2, self.sd_px)
+        s = window_cov(jacobian, state.cov_m2, self.observer.sd_px)
         reach = 4.0 * np.sqrt(np.maximum(s[..., 0, 0], s[..., 1, 1]))
         margin = 12.0 + (4.0 * self.look.radius_px if self.look else 0.0)
         out: list[tuple[int, int, int, int] | None] = []
@@ -213,126 +203,9 @@ class Engine:
             out.append((left, top, max(right, left + 1), max(bottom, top + 1)))
         return out
 
-    # ------------------------------------------------------------------ one frame
-
     def _observed(self, frame: int, state: State) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction; the state after it."""
-        ideal = self.tracks.ideal[frame]
-        known, clicks = self._known(frame, ideal)
-        reach = 2.2 * self.look.radius_px if self.look else 6.0
-        options = {"sd_px": self.sd_px, "reach_px": reach, "known": known, "clicks": clicks}
-        named = name_dots(self.matrices, ideal, state.xyz_m, state.cov_m2, **options)
-        named = self._by_bones(named, state)
-        guess = None
-        lost = named.rays == 0
-        if lost.any() and self.poses is not None:
-            guess = self.poses.given(named.xyz_m, named.rays >= 2)
-        if guess is not None:
-            better = lost & (np.trace(guess[1], axis1=1, axis2=2) < 4 * np.trace(state.cov_m2, axis1=1, axis2=2))
-            xyz, cov = _weighted(state.xyz_m, state.cov_m2, guess[0], guess[1] / _POSE_COUNTS, better)
-            state = positioned(state, xyz, cov, better)
-        if lost.any():
-            state = self._within_bones(state, named)
-        if (named.rays < 2).any():
-            found = self._meeting(ideal, state, named)
-            if found is not None:
-                known = np.where(known >= 0, known, found)
-                named = name_dots(self.matrices, ideal, state.xyz_m, state.cov_m2, **(options | {"known": known}))
-                named = self._by_bones(named, state)
-        return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
-
-    def _meeting(self, ideal: Array, state: State, named: Named) -> NDArray[np.int64] | None:
-        """(C, M) dots of markers that were found where rays of unnamed dots meet; None: there are none."""
-        wanted = np.flatnonzero(named.rays < 2)
-        free = np.isfinite(ideal[..., 0])
-        for c in range(len(free)):
-            dots = named.dot[c][named.rays >= 2]
-            free[c, dots[dots >= 0]] = False
-        uv, jacobian = seen_from(self.matrices, state.xyz_m[wanted])
-        s = window_cov(jacobian, state.cov_m2[wanted], self.sd_px)
-        away = ideal[:, :, None] - uv[:, None]
-        with np.errstate(invalid="ignore"):
-            near = np.einsum("ckmi,cmij,ckmj->ckm", away, np.linalg.inv(s), away) < GATE
-        free &= near.any(axis=2)
-        points, made = meetings(self.matrices, ideal, free, sd_px=self.sd_px)
-        error_m = self.sd_px / float(np.nanmedian(np.linalg.norm(jacobian, axis=(-2, -1))) / np.sqrt(2))
-        pairs = name_points(
-            points, made, wanted, state.xyz_m, state.cov_m2, named.rays >= 2, self.lengths, error_m=error_m
-        )  # fmt: skip
-        if not pairs:
-            return None
-        found = named.dot.copy()
-        found[:, named.rays < 2] = -1
-        for marker, point in pairs:
-            found[:, marker] = made[point]
-        return found
-
-    def _by_bones(self, named: Named, state: State) -> Named:
-        """Without the names of markers whose bones are too long or too short; the one moved by more loses its."""
-        clicked = np.zeros(len(self.names), dtype=bool)
-        both = named.rays >= 1
-        for a, b in violated(named.xyz_m, named.cov_m2, self.lengths):
-            if not (both[a] and both[b]):
-                continue
-            far = [np.nan_to_num(named.surprise[m], nan=50.0) / named.rays[m] for m in (a, b)]
-            clicked[b if far[1] >= far[0] else a] = True
-        if not clicked.any():
-            return named
-        dot, rays = named.dot.copy(), named.rays.copy()
-        dot[:, clicked], rays[clicked] = -1, 0
-        xyz, cov = named.xyz_m.copy(), named.cov_m2.copy()
-        xyz[clicked], cov[clicked] = state.xyz_m[clicked], state.cov_m2[clicked]
-        surprise = np.where(clicked, np.nan, named.surprise)
-        return Named(dot, xyz, cov, named.doubtful | clicked, surprise, rays)
-
-    def _within_bones(self, state: State, named: Named) -> State:
-        """A marker that is not found is no farther from its neighbours than their bones are long."""
-        xyz, cov = state.xyz_m.copy(), state.cov_m2.copy()
-        changed = np.zeros(len(xyz), dtype=bool)
-        found = named.rays >= 1
-        for (a, b), long in zip(self.lengths.ends, self.lengths.length_m, strict=True):
-            for lost, other in ((a, b), (b, a)):
-                if found[lost] or not found[other] or not np.isfinite(long) or changed[lost]:
-                    continue
-                if np.trace(cov[lost]) > long**2:
-                    out = xyz[lost] - named.xyz_m[other]
-                    size = max(float(np.linalg.norm(out)), 1e-9)
-                    xyz[lost] = named.xyz_m[other] + out * min(1.0, long / size)
-                    cov[lost] = named.cov_m2[other] + np.eye(3) * long**2 / 3
-                    changed[lost] = True
-        return positioned(state, xyz, cov, changed) if changed.any() else state
-
-    def _measure_bones(self, named: Named) -> None:
-        """Running mean of the lengths of the rigid bones whose ends are named."""
-        a, b = self.lengths.ends.T
-        both = (named.rays[a] >= 2) & (named.rays[b] >= 2)
-        long = np.linalg.norm(named.xyz_m[a] - named.xyz_m[b], axis=1)
-        count = self.measured + both
-        mean = np.where(np.isnan(self.lengths.length_m), long, self.lengths.length_m)
-        mean = mean + np.where(both, (long - mean) / np.maximum(np.minimum(count, 100), 1), 0.0)
-        self.measured = count
-        self.lengths = Lengths(
-            self.lengths.ends, np.where(count > 0, mean, np.nan), 0.03 * np.nan_to_num(mean) + 2e-3 * self.length_m
-        )
-
-    def _known(self, frame: int, ideal: Array) -> tuple[NDArray[np.int64], Array]:
-        """Dots that clicks name (C, M), and ideal places of clicks where there is no dot (C, M, 2)."""
-        uv = self._clicked(frame)
-        known = np.full(uv.shape[:2], -1)
-        if not np.isfinite(uv).any():
-            return known, uv
-        at = self._ideal(uv)
-        reach = max(4.0, 1.5 * self.look.radius_px if self.look else 4.0)
-        for c, m in np.argwhere(np.isfinite(at[..., 0])):
-            away = np.linalg.norm(ideal[c] - at[c, m], axis=-1)
-            if len(away) and np.nanmin(away, initial=np.inf) < reach:
-                k = int(np.nanargmin(away))
-                if k not in known[c]:
-                    known[c, m] = k
-                    at[c, m] = np.nan
-        return known, at
-
-    # ------------------------------------------------------------------ passes
+        return self.observer.observed(self.tracks.ideal[frame], self._ideal(self._clicked(frame)), state)
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Decode the films once: forward pass and dots; then the backward pass.
@@ -344,6 +217,7 @@ class Engine:
         n = self.films.n_frames
         if self.look is None:
             self.look = self._look(start)
+        self.observer.radius_px = self.look.radius_px
         state: State | None = None
         waiting: list[int] = []
         for frame, pictures in enumerate(self.films.pictures()):
@@ -384,7 +258,7 @@ class Engine:
         """The state before the first clicked frame's dots, at the speed with which most can be named."""
         best: tuple[float, State, Array] | None = None
         for share in _FIRST_SPEEDS:
-            speed = share * self.length_m
+            speed = share * self.observer.length_m
             density = np.full(len(xyz), (0.3 * speed) ** 2)
             state = first_state(xyz, cov, speed)
             self.density = density
@@ -404,17 +278,17 @@ class Engine:
     @property
     def fastest(self) -> float:
         """Greatest density of the jerk: a twentieth of the animal's length in a frame."""
-        return (0.05 * self.length_m) ** 2
+        return (0.05 * self.observer.length_m) ** 2
 
     def _forward(self, frame: int, state: State) -> State:
         """One frame on: ``state`` is that after the frame before, or the first one."""
-        first = np.isnan(self.tracks.forward[:, 0, 0]).all() if frame else True
+        first = bool(np.isnan(self.tracks.forward[:, 0, 0]).all())
         ahead = state if first else self._ahead(state)
         self.tracks.forward[frame] = packed(ahead)
         named, state = self._observed(frame, ahead)
         self._take(frame, named)
         self._adapt(named)
-        self._measure_bones(named)
+        self.observer.measure_bones(named)
         if self.own_poses and frame + 1 in _LEARN_AT:
             self.learn_poses(frame + 1)
         return state
@@ -423,14 +297,14 @@ class Engine:
         """A frame later; a marker of which nothing is known any more is somewhere near the others."""
         ahead = predicted(state, self.density)
         sd = np.sqrt(np.trace(ahead.cov_m2, axis1=1, axis2=2))
-        lost = ~(sd < 0.5 * self.length_m)
+        lost = ~(sd < 0.5 * self.observer.length_m)
         if not lost.any():
             return ahead
         x, cov = ahead.x.copy(), ahead.cov.copy()
         middle = x[~lost, :3].mean(axis=0) if not lost.all() else np.nan_to_num(x[:, :3]).mean(axis=0)
-        near = np.linalg.norm(x[:, :3] - middle, axis=1) < self.length_m
+        near = np.linalg.norm(x[:, :3] - middle, axis=1) < self.observer.length_m
         x[lost & ~near, :3], x[lost, 3:] = middle, 0.0
-        spread = self.length_m * np.repeat([0.25, 0.05, 0.02], 3)
+        spread = self.observer.length_m * np.repeat([0.25, 0.05, 0.02], 3)
         cov[lost] = np.diag(spread**2)
         return State(x, cov)
 
@@ -442,7 +316,7 @@ class Engine:
         self.density[named.rays == 0] *= 1.3
         self.most = np.maximum(self.most, np.where(known, self.density, 0.0))
         floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
-        self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.length_m) ** 2), self.fastest)
+        self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
 
     def _take(self, frame: int, named: Named) -> None:
         t = self.tracks
@@ -452,7 +326,7 @@ class Engine:
     def _backward(
         self, last: int, first: int, state: State | None, *, progress: Progress = lambda _stage, _share: None
     ) -> None:
-        """From ``last`` to ``first``: windows of the frames on both sides; ``state``: before ``last``, time reversed."""
+        """From ``last`` to ``first``, windows of the frames on both sides; ``state``: of the frame after ``last``."""
         for frame in range(last, first - 1, -1):
             progress("naming dots again with what came after", (last - frame) / max(last - first, 1))
             ahead = None if state is None else self._ahead(state)
@@ -469,7 +343,7 @@ class Engine:
             # the dots that both sides named, seen from the frames after alone
             seen = self._places(frame, named)
             prior = np.linalg.inv(ahead.cov_m2)
-            sd = np.full(seen.shape[:2], self.sd_px)
+            sd = np.full(seen.shape[:2], self.observer.sd_px)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, prior)
             state = positioned(ahead, xyz, cov, named.rays > 0)
 
@@ -481,7 +355,7 @@ class Engine:
             out = np.full((*named.dot.shape, 2), np.nan)
         else:
             out = np.where((named.dot >= 0)[..., None], ideal[camera, np.maximum(named.dot, 0)], np.nan)
-        _, clicks = self._known(frame, ideal)
+        _, clicks = self.observer.known(ideal, self._ideal(self._clicked(frame)))
         return np.where(np.isfinite(clicks), clicks, out)
 
     def rerun(self, clicks: Iterable[Click], *, margin: int = 20) -> tuple[int, int]:
@@ -504,17 +378,17 @@ class Engine:
                 ahead.x[:, 0], self.tracks.rays[last + 1],
             )  # fmt: skip
             seen = self._places(last + 1, dots)
-            sd = np.full(seen.shape[:2], self.sd_px)
+            sd = np.full(seen.shape[:2], self.observer.sd_px)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, np.linalg.inv(ahead.cov_m2))
-            after = positioned(ahead, xyz, cov, np.isfinite(seen[..., 0]).any(axis=0))
+            after = positioned(ahead, xyz, cov, self.tracks.rays[last + 1] > 0)
         self._backward(last, first, after)
         return first, last
 
     def _touched(self, frames: Sequence[int], margin: int) -> tuple[int, int]:
         """Frames that clicks may change: to where their markers are sure on both sides, and a margin."""
         markers = sorted({click.marker for click in self.clicks if click.frame in set(frames)})
-        sure = (self.tracks.rays[:, markers] >= 2).all(axis=1)
-        begun = np.isfinite(self.tracks.forward[:, 0, 0])
+        sure = np.asarray((self.tracks.rays[:, markers] >= 2).all(axis=1))
+        begun = np.isfinite(np.asarray(self.tracks.forward)[:, 0, 0])
         begin = int(np.argmax(begun)) if begun.any() else 0
         first, last = frames[0], frames[-1]
         run = 0
@@ -529,7 +403,7 @@ class Engine:
 
     def again(self) -> None:
         """Both passes over the dots that were kept, with the poses and the noise as they are known now."""
-        begun = np.isfinite(self.tracks.forward[:, 0, 0])
+        begun = np.isfinite(np.asarray(self.tracks.forward)[:, 0, 0])
         if not begun.any():
             return
         start = int(np.argmax(begun))
@@ -541,14 +415,12 @@ class Engine:
             self._take(frame, named)
         self._backward(self.films.n_frames - 1, 0, None)
 
-    # ------------------------------------------------------------------ what is learned
-
     def learn_poses(self, end: int | None = None) -> None:
         """Learn the pose from the frames that are named so far."""
         t = self.tracks
         known = np.where((t.rays[:end] >= 2)[..., None], t.xyz_m[:end], np.nan)
-        found = fit_poses(known, self.trunk, least_sd_m=1e-3 * self.length_m)
-        self.poses = found or self.poses
+        found = fit_poses(known, self.trunk, least_sd_m=1e-3 * self.observer.length_m)
+        self.poses = self.observer.poses = found or self.poses
 
     def _estimate_sd(self, frames: Iterable[int]) -> None:
         """Standard deviation of a dot, from how the rays of named dots meet."""
@@ -566,7 +438,7 @@ class Engine:
         except ValueError:
             return
         if np.isfinite(found):
-            self.sd_px = float(np.clip(found, 0.15, 2.0))
+            self.observer.sd_px = float(np.clip(found, 0.15, 2.0))
 
 
 def first_state(xyz_m: Array, cov_m2: Array, speed_m: float) -> State:
@@ -592,12 +464,3 @@ def unpacked(row: NDArray[np.float32]) -> State:
     # single precision leaves a covariance whose smallest values are rounding
     scale = np.einsum("mii->mi", cov)
     return State(full[:, :9], cov + 1e-6 * scale[:, :, None] * np.eye(9))
-
-
-def _weighted(a: Array, a_cov: Array, b: Array, b_cov: Array, which: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Two opinions on positions as one, for some markers; the others stay."""
-    xyz, cov = a.copy(), a_cov.copy()
-    gain = np.swapaxes(np.linalg.solve(a_cov[which] + b_cov[which], a_cov[which]), 1, 2)
-    xyz[which] += np.einsum("mij,mj->mi", gain, b[which] - a[which])
-    cov[which] -= gain @ a_cov[which]
-    return xyz, 0.5 * (cov + np.swapaxes(cov, 1, 2))

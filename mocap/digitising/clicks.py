@@ -101,4 +101,3 @@ def places(clicks: Iterable[Click], shape: tuple[int, int, int]) -> Array:
     for click in clicks:
         out[click.camera, click.frame, click.marker] = np.nan if click.uv_px is None else click.uv_px
     return out
-

@@ -6,6 +6,7 @@ The time unit is the frame. A state is [position, velocity, acceleration] in met
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap.arrays import Array
 
@@ -55,7 +56,7 @@ def predicted(state: State, density: Array) -> State:
     return State(state.x @ STEP.T, STEP @ state.cov @ STEP.T + density[:, None, None] * JERK)
 
 
-def positioned(state: State, xyz_m: Array, cov_m2: Array, which: Array) -> State:
+def positioned(state: State, xyz_m: Array, cov_m2: Array, which: NDArray[np.bool_]) -> State:
     """The state when positions are known as they are after an update: (M, 3), (M, 3, 3), for markers (M,) of bool.
 
     With the gain B = C_xp C_pp^-1 of the state on its position, x = x + B (p' - p), C = C + B (C_pp' - C_pp) B^T.

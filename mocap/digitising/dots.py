@@ -95,20 +95,27 @@ def look_of(pictures: Sequence[Grey], clicks: Sequence[Array], *, reach_px: floa
         None: there is nothing like a dot at most of the places.
     """
     best: tuple[float, DotLook] | None = None
-    for bright in (True, False):
-        for radius in _RADII_PX:
-            at, everywhere = [], []
-            for picture, places in zip(pictures, clicks, strict=True):
-                found = response(picture, radius, bright=bright)
-                everywhere.append(float(np.percentile(found, 99)))
-                reach = round(reach_px)
-                for u, v in np.rint(places).astype(int):
-                    part = found[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1]
-                    if part.size:
-                        at.append(float(part.max()))
-            if not at:
-                return None
-            usual = float(np.median(at))
-            if usual > 0 and (best is None or usual > best[0]):
+    reach, margin = round(reach_px), 40
+    parts = []
+    for picture, places in zip(pictures, clicks, strict=True):
+        for u, v in np.rint(places).astype(int):
+            left, top = max(u - margin, 0), max(v - margin, 0)
+            part = picture[top : v + margin, left : u + margin]
+            if part.size:
+                parts.append(
+                    (
+                        part,
+                        slice(max(v - top - reach, 0), v - top + reach + 1),
+                        slice(max(u - left - reach, 0), u - left + reach + 1),
+                    )
+                )
+    if not parts:
+        return None
+    for radius in _RADII_PX:
+        found = [(response(part, radius, bright=True), rows, columns) for part, rows, columns in parts]
+        for bright, sign in ((True, 1.0), (False, -1.0)):
+            usual = float(np.median([(sign * f[rows, columns]).max(initial=0.0) for f, rows, columns in found]))
+            # of responses that are nearly equal that of the smaller dot: it tells neighbours apart
+            if usual > 0 and (best is None or usual > 1.1 * best[0]):
                 best = usual, DotLook(radius_px=radius, bright=bright, least=0.25 * usual)
     return None if best is None or best[0] < 4.0 else best[1]

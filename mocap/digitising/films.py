@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.digitise.dots import Grey
+from mocap.digitising.dots import Grey
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.movies import PICTURES, Movie, by_number, open_movie
 

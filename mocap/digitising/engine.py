@@ -50,6 +50,7 @@ class Tracks:
         doubtful: (T, M) True where a dot may be the marker's or another's.
         forward: (T, M, 90) states before the frame's own dots are seen, from the frames before.
         backward: The same from the frames after.
+        density: (T, M) density of the jerk that each marker was predicted with.
     """
 
     dots: list[Array]
@@ -61,6 +62,7 @@ class Tracks:
     doubtful: NDArray[np.bool_]
     forward: NDArray[np.float32]
     backward: NDArray[np.float32]
+    density: Array
 
 
 @dataclass(eq=False)
@@ -104,6 +106,7 @@ class Engine:
             doubtful=np.zeros(shape, dtype=bool),
             forward=np.full((*shape, 90), np.nan, dtype=np.float32),
             backward=np.full((*shape, 90), np.nan, dtype=np.float32),
+            density=np.ones(shape),
         )
         self.density = np.ones(shape[1])
         self.most = np.zeros(shape[1])
@@ -236,6 +239,11 @@ class Engine:
             state = self._forward(frame, state)
         self._estimate_sd(range(start, n))
         self._backward(n - 1, 0, None, progress=progress)
+        # once more over the dots, with the poses of the whole film and the noise as it was found
+        self._estimate_sd(range(start, n))
+        if self.own_poses:
+            self.learn_poses()
+        self.again(progress=progress)
 
     def _look(self, start: int) -> DotLook:
         uv = self._clicked(start)
@@ -287,6 +295,7 @@ class Engine:
         self.tracks.forward[frame] = packed(ahead)
         named, state = self._observed(frame, ahead)
         self._take(frame, named)
+        self.tracks.density[frame] = self.density
         self._adapt(named)
         self.observer.measure_bones(named)
         if self.own_poses and frame + 1 in _LEARN_AT:
@@ -329,6 +338,7 @@ class Engine:
         """From ``last`` to ``first``, windows of the frames on both sides; ``state``: of the frame after ``last``."""
         for frame in range(last, first - 1, -1):
             progress("naming dots again with what came after", (last - frame) / max(last - first, 1))
+            self.density = self.tracks.density[min(frame + 1, last)]
             ahead = None if state is None else self._ahead(state)
             forward = self.tracks.forward[frame]
             known = np.isfinite(forward[:, 0]).all()
@@ -343,7 +353,7 @@ class Engine:
             # the dots that both sides named, seen from the frames after alone
             seen = self._places(frame, named)
             prior = np.linalg.inv(ahead.cov_m2)
-            sd = np.full(seen.shape[:2], self.observer.sd_px)
+            sd = self._deviations(frame, named)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, prior)
             state = positioned(ahead, xyz, cov, named.rays > 0)
 
@@ -358,6 +368,14 @@ class Engine:
         _, clicks = self.observer.known(ideal, self._ideal(self._clicked(frame)))
         return np.where(np.isfinite(clicks), clicks, out)
 
+    def _deviations(self, frame: int, named: Named) -> Array:
+        """(C, M) standard deviations of the places of named dots."""
+        sd = self.observer.deviations(self.tracks.ideal[frame])
+        if not sd.shape[1]:
+            return np.ones(named.dot.shape)
+        camera = np.arange(len(self.cameras))[:, None]
+        return np.where(named.dot >= 0, sd[camera, np.maximum(named.dot, 0)], CLICK_SD_PX)
+
     def rerun(self, clicks: Iterable[Click], *, margin: int = 20) -> tuple[int, int]:
         """Take more clicks; only the frames about them are named again. Returns the first and last of these."""
         new = list(clicks)
@@ -366,6 +384,7 @@ class Engine:
         start = unpacked(self.tracks.forward[first])
         state = start
         for frame in range(first, last + 1):
+            self.density = self.tracks.density[frame]
             ahead = state if frame == first else self._ahead(state)
             self.tracks.forward[frame] = packed(ahead)
             named, state = self._observed(frame, ahead)
@@ -378,7 +397,7 @@ class Engine:
                 ahead.x[:, 0], self.tracks.rays[last + 1],
             )  # fmt: skip
             seen = self._places(last + 1, dots)
-            sd = np.full(seen.shape[:2], self.observer.sd_px)
+            sd = self._deviations(last + 1, dots)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, np.linalg.inv(ahead.cov_m2))
             after = positioned(ahead, xyz, cov, self.tracks.rays[last + 1] > 0)
         self._backward(last, first, after)
@@ -401,7 +420,7 @@ class Engine:
             run = run + 1 if sure[last] else 0
         return max(first, begin), last
 
-    def again(self) -> None:
+    def again(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Both passes over the dots that were kept, with the poses and the noise as they are known now."""
         begun = np.isfinite(np.asarray(self.tracks.forward)[:, 0, 0])
         if not begun.any():
@@ -409,11 +428,12 @@ class Engine:
         start = int(np.argmax(begun))
         state = unpacked(self.tracks.forward[start])
         for frame in range(start, self.films.n_frames):
+            self.density = self.tracks.density[frame]
             ahead = state if frame == start else self._ahead(state)
             self.tracks.forward[frame] = packed(ahead)
             named, state = self._observed(frame, ahead)
             self._take(frame, named)
-        self._backward(self.films.n_frames - 1, 0, None)
+        self._backward(self.films.n_frames - 1, 0, None, progress=progress)
 
     def learn_poses(self, end: int | None = None) -> None:
         """Learn the pose from the frames that are named so far."""

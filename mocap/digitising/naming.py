@@ -17,6 +17,8 @@ UNSEEN = GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
 _FAR = 1e6
 ROUNDS = 3
+NARROW_PX = 3.0
+"""A dot that only one camera shows is named in windows of less than this standard deviation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,7 @@ def name_dots(
     xyz_m: Array,
     cov_m2: Array,
     *,
-    sd_px: float,
+    sd_px: Array,
     reach_px: float,
     known: NDArray[np.int64] | None = None,
     clicks: Array | None = None,
@@ -81,7 +83,7 @@ def name_dots(
         dots: (C, K, 2) ideal pixels of dots; NaN where there are fewer.
         xyz_m: (M, 3) predicted positions.
         cov_m2: (M, 3, 3) covariances of the predictions.
-        sd_px: Standard deviation of a dot's coordinate.
+        sd_px: (C, K) standard deviation of each dot's coordinate.
         reach_px: Markers that are predicted closer to each other in a picture than this may be one dot there.
         known: (C, M) dots whose marker is known, by a click; -1: not.
         clicks: (C, M, 2) places that a person clicked where there is no dot; NaN: none.
@@ -89,6 +91,7 @@ def name_dots(
     n_cameras, n_markers = len(matrices), len(xyz_m)
     known = np.full((n_cameras, n_markers), -1) if known is None else known
     prior = np.linalg.inv(cov_m2)
+    least = 1.5 * float(np.nanmin(sd_px)) if np.isfinite(sd_px).any() else 1.0
     at, cov = xyz_m, cov_m2
     chosen = known.copy()
     doubtful = np.zeros(n_markers, dtype=bool)
@@ -96,7 +99,7 @@ def name_dots(
         before = chosen
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
-        white = np.linalg.inv(window_cov(jacobian, cov, sd_px))
+        white = np.linalg.inv(window_cov(jacobian, cov, least))
         chosen, doubtful = _assigned(uv, white, dots, known, reach_px=reach_px)
         at, cov, chosen = _fused(matrices, dots, chosen, known, xyz_m, cov_m2, prior, sd_px, clicks)
         if (chosen == before).all():
@@ -174,29 +177,35 @@ def _fused(
     xyz_m: Array,
     cov_m2: Array,
     prior: Array,
-    sd_px: float,
+    sd_px: Array,
     clicks: Array | None,
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """Positions and covariances with the chosen dots; dots that the other rays contradict are dropped."""
     chosen = chosen.copy()
     camera = np.arange(len(matrices))[:, None]
+    narrow = _narrow(matrices, xyz_m, cov_m2)
     for attempt in range(4):
+        # one ray tells nothing of its distance, and no other ray checks it
+        alone = ((chosen >= 0).sum(axis=0) == 1) & (known < 0).all(axis=0)
+        if clicks is not None:
+            alone &= ~np.isfinite(clicks[..., 0]).any(axis=0)
+        chosen = np.where(alone & ~narrow, -1, chosen)
         has = chosen >= 0
         seen = (
             np.where(has[..., None], dots[camera, np.maximum(chosen, 0)], np.nan)
             if dots.shape[1]
             else np.full((*chosen.shape, 2), np.nan)
         )
-        sd = np.full(chosen.shape, sd_px)
+        sd = np.where(has, sd_px[camera, np.maximum(chosen, 0)], 1.0) if dots.shape[1] else np.ones(chosen.shape)
         if clicks is not None:
             clicked = np.isfinite(clicks[..., 0])
-            seen, sd = np.where(clicked[..., None], clicks, seen), np.where(clicked, max(1.0, sd_px), sd)
+            seen, sd = np.where(clicked[..., None], clicks, seen), np.where(clicked, 1.0, sd)
         at, cov = update(matrices, seen, sd, xyz_m, cov_m2, prior)
         if attempt == 3:
             break
         uv, _ = seen_from(matrices, at)
         miss = np.where(has[..., None], seen - uv, 0.0)
-        left = np.sum(miss**2, axis=-1) / sd_px**2
+        left = np.sum(miss**2, axis=-1) / sd**2
         worst = np.where(known >= 0, 0.0, left)
         m = np.flatnonzero(worst.max(axis=0) > RAY_GATE)
         if not len(m):
@@ -206,6 +215,14 @@ def _fused(
         both = m[pair]
         chosen[:, both] = known[:, both]
     return at, cov, chosen
+
+
+def _narrow(matrices: Array, xyz_m: Array, cov_m2: Array) -> NDArray[np.bool_]:
+    """(C, M) True where the predicted window is so small that a dot in it needs no other camera."""
+    _, jacobian = seen_from(matrices, xyz_m)
+    s = window_cov(jacobian, cov_m2, 0.0)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.maximum(s[..., 0, 0], s[..., 1, 1]) < NARROW_PX**2)
 
 
 def update(

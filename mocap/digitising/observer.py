@@ -50,9 +50,8 @@ class Observer:
             What it shows, and the state after it.
         """
         known, clicks = self.known(ideal, clicked)
-        naming = partial(
-            name_dots, self.matrices, ideal, sd_px=self.sd_px, reach_px=2.2 * self.radius_px, clicks=clicks
-        )
+        sd_px = self.deviations(ideal)
+        naming = partial(name_dots, self.matrices, ideal, sd_px=sd_px, reach_px=2.2 * self.radius_px, clicks=clicks)
         named = naming(state.xyz_m, state.cov_m2, known=known)
         named = self._by_bones(named, state)
         guess = None
@@ -73,6 +72,18 @@ class Observer:
                 named = self._by_bones(named, state)
         return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
 
+    def deviations(self, ideal: Array) -> Array:
+        """(C, K) standard deviation of a coordinate of each dot: dots near each other pull each other."""
+        if not ideal.shape[1]:
+            return np.zeros(ideal.shape[:2])
+        away = np.linalg.norm(ideal[:, :, None] - ideal[:, None], axis=-1)
+        i = np.arange(ideal.shape[1])
+        away[:, i, i] = np.inf
+        nearest = np.nan_to_num(away, nan=np.inf).min(axis=2)
+        return self.sd_px * np.where(
+            nearest < 3 * self.radius_px, 3.0, np.where(nearest < 4 * self.radius_px, 2.0, 1.0)
+        )
+
     def _meeting(self, ideal: Array, state: State, named: Named) -> NDArray[np.int64] | None:
         """(C, M) dots of markers that were found where rays of unnamed dots meet; None: there are none."""
         wanted = np.flatnonzero(named.rays < 2)
@@ -86,6 +97,13 @@ class Observer:
         with np.errstate(invalid="ignore"):
             near = np.einsum("ckmi,cmij,ckmj->ckm", away, np.linalg.inv(s), away) < GATE
         free &= near.any(axis=2)
+        # a dot where a marker is that is known belongs to that one, though it may be unsure in this camera
+        others = np.flatnonzero(named.rays >= 2)
+        taken, _ = seen_from(self.matrices, named.xyz_m[others])
+        with np.errstate(invalid="ignore"):
+            free &= ~(np.linalg.norm(ideal[:, :, None] - taken[:, None], axis=-1) < max(2.0, 5 * self.sd_px)).any(
+                axis=2
+            )
         points, made = meetings(self.matrices, ideal, free, sd_px=self.sd_px)
         error_m = self.sd_px / float(np.nanmedian(np.linalg.norm(jacobian, axis=(-2, -1))) / np.sqrt(2))
         pairs = name_points(
@@ -139,13 +157,18 @@ class Observer:
         a, b = self.lengths.ends.T
         both = (named.rays[a] >= 2) & (named.rays[b] >= 2)
         long = np.linalg.norm(named.xyz_m[a] - named.xyz_m[b], axis=1)
-        count = self.measured + both
+        self.measured = self.measured + both
+        share = 1 / np.clip(self.measured, 1, 100)
         mean = np.where(np.isnan(self.lengths.length_m), long, self.lengths.length_m)
-        mean = mean + np.where(both, (long - mean) / np.maximum(np.minimum(count, 100), 1), 0.0)
-        self.measured = count
-        self.lengths = Lengths(
-            self.lengths.ends, np.where(count > 0, mean, np.nan), 0.03 * np.nan_to_num(mean) + 2e-3 * self.length_m
-        )
+        error = np.where(both, long - mean, 0.0)
+        # 3 % at first, as if from five measurements
+        sd = np.where(np.isnan(self.lengths.sd_m), 0.03 * long, self.lengths.sd_m)
+        share_sd = 1 / np.clip(self.measured + 5, 6, 100)
+        sd = np.where(both, np.sqrt(np.maximum(sd**2 + (error**2 - sd**2) * share_sd, 0.0)), sd)
+        mean = mean + error * share
+        known = self.measured > 0
+        least = 2e-3 * self.length_m
+        self.lengths = Lengths(self.lengths.ends, np.where(known, mean, np.nan), np.maximum(np.nan_to_num(sd), least))
 
     def known(self, ideal: Array, clicked: Array) -> tuple[NDArray[np.int64], Array]:
         """Dots that clicks name (C, M), and ideal places of clicks where there is no dot (C, M, 2)."""

@@ -4,10 +4,10 @@
 ``table.csv`` (twin, seed, cameras, disturbance, method, clicks_per_100, within_1px, wrong_names_per_1000, frames_per_s)
 and ``space.csv`` (the same rows: share of positions within 0.3 mm, and inside 95 % intervals).
 
-A person is simulated who clicks within 0.3 px (standard deviation of a coordinate). Of the peers, which follow each marker
-in each film on its own, the person watches every frame and clicks wherever a track is off by more than 1 px, but for one
-position in a hundred; frames in which the film does not show the marker cost nothing, its return costs a click. Of ours,
-the person clicks two cameras of one frame and then answers what is asked, up to a budget.
+A person is simulated who clicks within 0.3 px (standard deviation of a coordinate). Of the peers, which follow each
+marker in each film on its own, the person watches every frame and clicks wherever a track is off by more than 1 px, but
+for one position in a hundred; frames in which the film does not show the marker cost nothing, its return costs a click.
+Of ours, the person clicks two cameras of one frame and then answers what is asked, up to a budget.
 """
 
 import argparse
@@ -108,7 +108,7 @@ def filmed(twin: str, seed: int, cameras: int, disturbance: str, n_frames: int, 
 def ours(film: Filmed, *, budget_per_100: float) -> Result:
     """``mocap.digitise``, with a person who answers."""
     shown, rng = film.shown_px, np.random.default_rng(0)
-    n_cameras, n_frames, n_markers = shown.shape[:3]
+    n_frames, n_markers = shown.shape[1:3]
     seen = np.isfinite(shown[..., 0])
 
     def answer(camera: int, frame: int, marker: int) -> tuple[float, float] | None:

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.digitising.pose import LEAST, PoseGaussian
-from mocap.digitising.register import GATE, recognise
+from mocap.digitising.register import GATE, SURE, recognise, unlikely
 from mocap.errors import MocapError
 
-SURE = 9.0
-"""A name is given where every other one is less likely by exp(4.5), 90 times."""
 _ANCHORS, _SAMPLES, _LAGS = 12, 12, 30
 _NEEDED_MARGIN = 12.0
+_GHOSTS = 2.0
+"""A point is rather a marker than a ghost, by e."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +103,8 @@ def label(xyz_m: Array, poses: PoseGaussian, *, jump_m: float | None = None) -> 
     state = _State(xyz_m, segments, poses)
     if not state.anchor():
         raise MocapError(
-            "the animal of the model is recognised in no frame of this recording: the model must know these markers, in "
-            "the same places on the animal; check the unit of lengths"
+            "the animal of the model is recognised in no frame of this recording: the model must know these "
+            "markers, in the same places on the animal; check the unit of lengths"
         )
     while state.grow():
         pass
@@ -125,6 +125,9 @@ class _State:
         self.owner = np.full(shape, -1)  # segment that is a marker in a frame
         self.at = np.full((*shape, 3), np.nan)
         self.lag_m2 = self._lags()
+        size_m = np.maximum(np.ptp(poses.mean, axis=0), 0.1 * np.ptp(poses.mean))
+        # what belongs to no marker is anywhere about the animal: -2 log density, in the units of ``unlikely``
+        self.ghost = 2 * float(np.log(np.prod(1.5 * size_m / 1e-3)) - 1.5 * np.log(2 * np.pi))
 
     def _lags(self) -> Array:
         """(L + 1,) variance by which straight lines miss trajectories so many frames later, in one coordinate."""
@@ -181,12 +184,13 @@ class _State:
             if found is None or found.margin < _NEEDED_MARGIN:
                 continue
             here = {self.segments[i].column: i for i in self.present(frame)}
-            for marker in np.flatnonzero(found.point >= 0):
+            for marker in np.flatnonzero(found.sure):
                 segment = here[int(columns[found.point[marker]])]
                 if self.marker[segment] < 0 and self.free(segment, int(marker)):
                     self.name(segment, int(marker))
-            done = True
-            break
+                    done = True
+            if done:
+                break
         return done
 
     def cost(self, segment: int, guesses: dict[tuple[int, int], tuple[Array, Array]]) -> Array:
@@ -200,13 +204,11 @@ class _State:
                 continue
             at, spread = found
             away = self.xyz[frame, s.column] - at
-            d2 = np.einsum("mi,mij,mj->m", away, np.linalg.inv(spread), away)
-            total += d2 + np.log(np.linalg.det(spread / 1e-6))
+            total += unlikely(away, spread)
             counted += 1
         if not counted:
             return np.full(len(total), np.inf)
-        # samples of one segment err alike: they count as two
-        cost = total / counted * min(counted, 2)
+        cost = total / counted  # samples of one segment err alike: they count as one
         for marker in range(len(cost)):
             if not self.free(segment, marker):
                 cost[marker] = np.inf
@@ -258,7 +260,7 @@ class _State:
             marker = int(np.argmin(cost))
             if not self.fits(i, marker, guesses):
                 continue
-            rest = np.delete(cost, marker)
+            rest = np.append(np.delete(cost, marker), self.ghost + _GHOSTS)
             margin = float(rest.min(initial=np.inf) - cost[marker])
             rivals = [
                 c[marker] - cost[marker]

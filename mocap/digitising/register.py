@@ -12,6 +12,9 @@ from mocap.digitising.pose import LEAST, PoseGaussian, rigid
 
 GATE = 16.3
 """Chi-square of three degrees of freedom that one right point in a thousand exceeds."""
+SURE = 12.0
+"""A name is given where every other one is less likely by exp(6), 400 times."""
+_DOF = 5.0
 _TRIPLES, _TRIED, _KEPT = 10, 1500, 40
 
 
@@ -21,11 +24,13 @@ class Registration:
 
     Attributes:
         point: (M,) point of each marker; -1: none.
+        sure: (M,) True where no exchange with another marker or point is nearly as likely.
         cost: Of the assignment: squared distances in deviations, and ``GATE`` for each marker without a point.
         margin: By which the cost of the next best, different assignment is greater.
     """
 
     point: NDArray[np.int64]
+    sure: NDArray[np.bool_]
     cost: float
     margin: float
 
@@ -71,7 +76,40 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
         return None
     # an assignment that differs in a point or two only is the same one, less well settled
     others = [c for k, c in ranked[1:] if np.sum((np.array(k) != best) & (np.array(k) >= 0)) > 2]
-    return Registration(best, ranked[0][1], (others[0] if others else np.inf) - ranked[0][1])
+    return Registration(
+        best, _sure(points, poses, best), ranked[0][1], (others[0] if others else np.inf) - ranked[0][1]
+    )
+
+
+def unlikely(away: Array, cov_m2: Array) -> Array:
+    """-2 log density of distances (..., 3) with covariances (..., 3, 3), in mm^-3, but for a constant.
+
+    Student's t of ``_DOF`` degrees of freedom: poses that were not seen before are missed by more than a normal law
+    allows, so that a name is not ruled out by distance alone.
+    """
+    d2 = np.einsum("...i,...ij,...j->...", away, np.linalg.inv(cov_m2), away)
+    return (_DOF + 3) * np.log1p(d2 / _DOF) + np.log(np.linalg.det(cov_m2 / 1e-6))
+
+
+def _sure(points: Array, poses: PoseGaussian, point: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(M,) markers whose point no exchange would explain nearly as well."""
+    seen = point >= 0
+    found = poses.given(np.where(seen[:, None], points[np.maximum(point, 0)], 0.0), seen)
+    if found is None:
+        return np.zeros(len(point), dtype=bool)
+    cost = unlikely(
+        points[None] - found[0][:, None], np.broadcast_to(found[1][:, None], (len(point), len(points), 3, 3))
+    )
+    mine = np.where(seen, cost[np.arange(len(point)), np.maximum(point, 0)], np.inf)
+    out = seen.copy()
+    for m in np.flatnonzero(seen):
+        others = seen.copy()
+        others[m] = False
+        swap = cost[m, point[others]] + cost[others, point[m]] - mine[m] - mine[others]
+        idle = cost[~seen, point[m]] - mine[m]
+        free = np.delete(cost[m], point[seen]) - mine[m]
+        out[m] = min(swap.min(initial=np.inf), idle.min(initial=np.inf), free.min(initial=np.inf)) > SURE
+    return out
 
 
 def settled(points: Array, poses: PoseGaussian, point: NDArray[np.int64]) -> tuple[NDArray[np.int64], float]:

@@ -10,7 +10,14 @@ ROOT = Path(__file__).resolve().parents[1]
 _GROUND = {"mocap", "mocap/cameras", "mocap/io"}
 _MATH = {"eal", "filters"}
 _FLOW = _GROUND | _MATH | {"datasets", "mocap/audit", "mocap/calibration", "mocap/cleaning", "mocap/pipeline"}
-_SHOWN = _FLOW | {"mocap/results", "mocap/plots", "mocap/joint_design", "mocap/reproduce", "mocap/rerun"}
+_SHOWN = _FLOW | {
+    "mocap/results",
+    "mocap/plots",
+    "mocap/joint_design",
+    "mocap/reproduce",
+    "mocap/rerun",
+    "mocap/digitising",
+}
 
 ALLOWED = {
     "eal": set(),
@@ -25,6 +32,7 @@ ALLOWED = {
     "mocap/pipeline": _FLOW,
     "mocap/results": _FLOW,
     "mocap/plots": _FLOW,
+    "mocap/digitising": _FLOW,
     "mocap/joint_design": _FLOW,
     "mocap/reproduce": _FLOW,
     "mocap/rerun": _FLOW | {"mocap/joint_design", "mocap/results"},

@@ -15,7 +15,11 @@ from mocap.arrays import Array
 from mocap.errors import MocapError
 from mocap.io.movies import Movie
 from mocap.io.output import result_folder
+from mocap.kinematics.compute import kinematics
+from mocap.kinematics.points import asked_for
+from mocap.kinematics.records import Kinematics
 from mocap.library.learning import Model, load_model
+from mocap.moving import with_means
 from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.job import Watch, run_job
 from mocap.pipeline.recording import Recording
@@ -24,7 +28,8 @@ from mocap.plots.joint import plot_coordinates
 from mocap.records import Status
 from mocap.results.dataset import markers_dataset
 from mocap.results.stored import read_run
-from mocap.results.tables import write_run
+from mocap.results.tables import write_kinematics, write_run
+from mocap.skeleton import Skeleton
 from mocap.stages import Stages
 
 if TYPE_CHECKING:
@@ -113,6 +118,11 @@ class Tracked:
         """The joints of the skeleton; none where no skeleton was given."""
         return {joint.name: self._joint(joint.name) for joint in self.run.skeleton.joints}
 
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation."""
+        return kinematics(self.run.motion, self.run.skeleton, recording=self.run.name)
+
     def _joint(self, name: str) -> Joint:
         markers, world = self.run.tracked.markers, next(iter(self.run.joints.values()))
         i = world.names.index(name)
@@ -169,6 +179,25 @@ class Tracked:
         from mocap.rerun.record import recording_id
 
         return recording_id(self.run)
+
+    def write_kinematics(self, folder: Path, *, progress: Tell = silent) -> None:
+        """Write ``kinematics.csv`` and ``kinematics.nc`` into an empty folder, as ``result_folder`` gives it."""
+        with Stages(tell=progress).stage("kinematics"):
+            write_kinematics(self.kinematics, folder)
+
+    def with_skeleton(self, skeleton: Skeleton) -> "Tracked":
+        """The same markers, with what another skeleton states of joints, axes, outlines and masses.
+
+        Covariances between markers are those that were kept when the recording was tracked: of quantities that need
+        others ``kinematics.notes`` says so.
+
+        Raises:
+            SkeletonError: it uses a marker that the recording lacks.
+        """
+        names = self.run.tracked.markers.names
+        checked = skeleton.for_markers(names, source=self.name)
+        asked = asked_for(names, checked, n_frames=len(self.run.motion.t_s))
+        return Tracked(replace(self.run, skeleton=checked, motion=with_means(self.run.motion, asked)), self.folder)
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""

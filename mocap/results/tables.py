@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
+from mocap.kinematics.compute import kinematics
+from mocap.kinematics.records import WORDS as REST_WORDS
+from mocap.kinematics.records import Kinematics
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status
 from mocap.results.stored import write_arrays
 
 
 def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None]) -> None:
-    """Write tables, ``markers.nc``, ``run.nc``, the report, the skeleton, ``potentials/`` and ``recording.rrd``.
+    """Write tables, kinematics, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``.
 
     Args:
         run: What to write.
@@ -26,6 +29,7 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
     write_arrays(run, folder)
     write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
+    write_kinematics(kinematics(run.motion, run.skeleton, recording=run.name), folder)
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")
     write_recording(run, folder / "recording.rrd")
@@ -61,6 +65,35 @@ def write_joints(run: Run, path: Path) -> None:
         header.append(f"{joint}_sd")
         columns.append(_text(run.joints["world"].sd_m[:, i], run.joints["world"].sd_m[:, i]))
     _write(path, header, columns)
+
+
+def write_kinematics(found: Kinematics, folder: Path) -> None:
+    """``kinematics.csv``, a row a frame with ``<quantity>_<unit>``, ``..._sd`` and ``..._status``; ``kinematics.nc``.
+
+    Values have as many digits as their smallest standard deviation is worth, two of it.
+    """
+    header = ["frame", "t_s"]
+    columns = [np.arange(1, len(found.t_s) + 1).astype(str), np.char.mod("%.9g", found.t_s)]
+    words = np.array(REST_WORDS)
+    for one in found.quantities:
+        header += [one.name, f"{one.name}_sd", f"{one.name}_status"]
+        columns += [*_with_sd(one.value, one.sd), words[one.rests]]
+    _write(folder / "kinematics.csv", header, columns)
+    dataset = found.to_dataset()
+    packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("value", "sd", "status")}
+    (folder / "kinematics.nc").write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+
+
+def _with_sd(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values and their standard deviations as text, with the decimals that the smallest of these asks for."""
+    positive = sd[np.isfinite(sd) & (sd > 0)]
+    digits = 6 if not len(positive) else int(np.clip(2 - np.floor(np.log10(positive.min())), 0, 9))
+    form = f"%.{digits}f"
+
+    def text(x: np.ndarray) -> np.ndarray:
+        return np.where(np.isfinite(x), np.char.mod(form, np.nan_to_num(x)), "NaN")
+
+    return text(values), text(sd)
 
 
 def _text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:

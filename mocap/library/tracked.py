@@ -16,6 +16,7 @@ from mocap.errors import MocapError
 from mocap.io.movies import Movie
 from mocap.io.output import result_folder
 from mocap.kinematics.compute import kinematics
+from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.library.learning import Model, load_model
@@ -28,13 +29,14 @@ from mocap.plots.joint import plot_coordinates
 from mocap.records import Status
 from mocap.results.dataset import markers_dataset
 from mocap.results.stored import read_run
-from mocap.results.tables import write_kinematics, write_run
+from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from mocap.library.figures import Plots
     from mocap.rerun.viewer import Viewer
 
 Tell = Callable[[str, float], None]
@@ -172,6 +174,7 @@ class Tracked:
 
         with Stages(tell=progress).stage("write"):
             write_run(self.run, folder, write_recording=write_recording)
+            self.write_kinematics(folder)
 
     @property
     def recording_id(self) -> str:
@@ -181,9 +184,41 @@ class Tracked:
         return recording_id(self.run)
 
     def write_kinematics(self, folder: Path, *, progress: Tell = silent) -> None:
-        """Write ``kinematics.csv`` and ``kinematics.nc`` into an empty folder, as ``result_folder`` gives it."""
-        with Stages(tell=progress).stage("kinematics"):
+        """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
+
+        Args:
+            folder: Where to, as ``mocap.io.output.result_folder`` gives it.
+            progress: Called with the name of the stage and the share of it that is done.
+        """
+        from mocap.plots.figures import pictures, report_page, write_pictures
+
+        with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
+            write_cycles(self._cycles, folder / "cycles.csv")
+            shown = list(pictures(self.run, self.kinematics, self._cycles, self.footfalls))
+            page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
+            (folder / "report.html").write_text(page, encoding="utf-8")
+
+    @cached_property
+    def footfalls(self) -> Footfalls | None:
+        """When the stated feet stand; None where none are stated or none stands."""
+        return footfalls(self.run.motion, self.run.skeleton)
+
+    @cached_property
+    def _cycles(self) -> list[Cycle]:
+        return cycles(self.kinematics, self.run.motion, self.run.skeleton)
+
+    @property
+    def cycles(self) -> pd.DataFrame:
+        """Wing beats, strides and waves: a row a cycle, as ``cycles.csv`` has them."""
+        return cycles_table(self._cycles)
+
+    @property
+    def plot(self) -> "Plots":
+        """Figures: ``res.plot.over_time("elbow_l_flexion_deg")``, ``by_phase``, ``gait``, ``stroke``, ``gaps``, ..."""
+        from mocap.library.figures import Plots
+
+        return Plots(self.run, self.kinematics, self._cycles, self.footfalls)
 
     def with_skeleton(self, skeleton: Skeleton) -> "Tracked":
         """The same markers, with what another skeleton states of joints, axes, outlines and masses.

@@ -156,7 +156,7 @@ def _run_job(
         ideal_px=ideal,
         y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
         tracked=tracked,
-        motion=motion_of(prepared, part, tracked, smoothed.rates, asked),
+        motion=motion_of(tracked.markers, part.frames, smoothed.rates, asked),
         joints=joints,
         potentials=potentials,
         spatial_potentials=spatial,

@@ -3,15 +3,12 @@
 import numpy as np
 
 from filters.moving import Rates
-from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.moving import Asked, Motion
-from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.tracking import Part
-from mocap.records import Status
+from mocap.records import MarkerTracks, Status
 
 
-def motion_of(prepared: Prepared, part: Part, tracked: TrackedMotion, rates: Rates | None, asked: Asked) -> Motion:
+def motion_of(markers: MarkerTracks, frames: slice, rates: Rates | None, asked: Asked) -> Motion:
     """Velocities and joint covariances of the smoother, for the positions that were returned.
 
     Where the returned covariance of a marker is not the smoother's own (mixed and widened in gaps, calibration errors
@@ -19,14 +16,12 @@ def motion_of(prepared: Prepared, part: Part, tracked: TrackedMotion, rates: Rat
     correlations with other markers and with velocities.
 
     Args:
-        prepared: The recording.
-        part: Its tracked part.
-        tracked: The markers as returned.
+        markers: The markers as returned.
+        frames: Those that were tracked.
         rates: What the smoother knows; None: velocities are NaN.
         asked: Points and pairs of the whole recording.
     """
-    markers = tracked.markers
-    count, steps, n = len(prepared.names), len(prepared.t_s), len(asked.names)
+    count, steps, n = len(markers.names), len(markers.t_s), len(asked.names)
     weights = asked.all_weights
     xyz = np.einsum("nm,tmi->tni", weights, np.nan_to_num(markers.xyz_m))
     uses = (weights > 0).astype(float)
@@ -39,7 +34,7 @@ def motion_of(prepared: Prepared, part: Part, tracked: TrackedMotion, rates: Rat
     cross = np.full((steps, len(pairs), 6, 6), np.nan, dtype=np.float32)
     if rates is not None:
         here = np.array([asked.names.index(name) for name in rates.asked.names])
-        inside = np.ix_(np.arange(steps)[part.frames], here)
+        inside = np.ix_(np.arange(steps)[frames], here)
         velocity[inside], kept[inside] = rates.velocity_m_s, rates.kept
         scale = np.broadcast_to(np.eye(3), (steps, n, 3, 3)).copy()
         stated = np.full((steps, n, 3, 3), np.nan)
@@ -56,13 +51,13 @@ def motion_of(prepared: Prepared, part: Part, tracked: TrackedMotion, rates: Rat
             if pair not in column:
                 pair, turned = pair[::-1], True
             found = rates.cross[:, i]
-            one, two = scale[part.frames, here[a]], scale[part.frames, here[b]]
+            one, two = scale[frames, here[a]], scale[frames, here[b]]
             done = _carried(one, found, two)
-            cross[part.frames, column[pair]] = np.swapaxes(done, 1, 2) if turned else done
+            cross[frames, column[pair]] = np.swapaxes(done, 1, 2) if turned else done
         velocity[lost] = np.nan
     return Motion(
         names=asked.names,
-        t_s=prepared.t_s,
+        t_s=markers.t_s,
         xyz_m=xyz,
         velocity_m_s=velocity,
         own=own,

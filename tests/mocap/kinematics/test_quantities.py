@@ -1,5 +1,7 @@
 """Quantities against closed forms, and their standard deviations against Monte Carlo."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

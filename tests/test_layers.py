@@ -9,7 +9,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 _GROUND = {"mocap", "mocap/cameras", "mocap/io"}
 _MATH = {"eal", "filters"}
-_FLOW = _GROUND | _MATH | {"datasets", "mocap/audit", "mocap/calibration", "mocap/cleaning", "mocap/pipeline"}
+_FLOW = _GROUND | _MATH | {"datasets", "mocap/audit", "mocap/calibration", "mocap/cleaning", "mocap/kinematics"}
+_FLOW |= {"mocap/pipeline"}
 _SHOWN = _FLOW | {
     "mocap/results",
     "mocap/plots",
@@ -29,6 +30,7 @@ ALLOWED = {
     "mocap/audit": _GROUND,
     "mocap/calibration": {"mocap", "mocap/cameras"},
     "mocap/cleaning": {"mocap", "mocap/cameras"},
+    "mocap/kinematics": {"mocap"},
     "mocap/pipeline": _FLOW,
     "mocap/results": _FLOW,
     "mocap/plots": _FLOW,

@@ -15,6 +15,7 @@ from filters.model import LearnedModel, learn_from_itself, track_with
 from filters.models.base import FittedMotion, TrialSet
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
+from filters.moving import asked_of
 from filters.observations import WHOLE
 from filters.poses import MarkerTrial
 from filters.records import Estimate, TrackedMotion
@@ -24,6 +25,7 @@ from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
 from mocap.pipeline.moved import moved
+from mocap.moving import Asked
 from mocap.pipeline.prepare import Prepared
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, ends_among
@@ -121,13 +123,16 @@ def track_mixed(
     *,
     settings: PoseSettings,
     hidden: Mask | None = None,
+    asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
     names, skeleton = part_names(prepared, part), prepared.skeleton
     own = marker_trial(prepared, part, hidden=hidden)
     learned = learn_from_itself(names, skeleton.trunk, own, settings, bones=skeleton.rigid)
-    return None if learned is None else track_learned(prepared, part, learned, hidden=hidden, progress=progress)
+    if learned is None:
+        return None
+    return track_learned(prepared, part, learned, hidden=hidden, asked=asked, progress=progress)
 
 
 def track_learned(
@@ -136,20 +141,30 @@ def track_learned(
     learned: LearnedModel,
     *,
     hidden: Mask | None = None,
+    asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth the seen part with a model that was learned from other trials."""
     names = part_names(prepared, part)
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
     own = marker_trial(prepared, part, hidden=hidden)
-    return track_with(learned, names, own, observations, progress=progress)
+    points = None if asked is None else asked_of(names, asked)
+    return track_with(learned, names, own, observations, asked=points, progress=progress)
 
 
 def track(
-    prepared: Prepared, part: Part, model: FittedMotion, *, hidden: Mask | None = None, progress: Progress | None = None
+    prepared: Prepared,
+    part: Part,
+    model: FittedMotion,
+    *,
+    hidden: Mask | None = None,
+    asked: Asked | None = None,
+    progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth the seen part."""
-    return model.fill(prepared.observations(part.frames, part.markers, hidden=hidden), progress=progress)
+    points = None if asked is None else asked_of(part_names(prepared, part), asked)
+    observations = prepared.observations(part.frames, part.markers, hidden=hidden)
+    return model.fill(observations, asked=points, progress=progress)
 
 
 def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:

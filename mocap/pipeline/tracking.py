@@ -24,8 +24,8 @@ from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
-from mocap.pipeline.moved import moved
 from mocap.moving import Asked
+from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, ends_among

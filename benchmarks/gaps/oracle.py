@@ -35,10 +35,12 @@ class Informed(PoseSettings):
     whole: tuple[MarkerTrial, ...] = ()
 
     def fit(self, trials: TrialSet) -> FittedMotion:
-        """As ``PoseSettings``, but for V_z."""
+        """As ``PoseSettings``, but for V_z; that too where the trial lacks a marker that it has as a whole."""
         fitted = super().fit(trials)
         last = trials.trials[-1].name.partition("@")[0]
         own = next(trial for trial in self.whole if trial.name.partition("@")[0] == last)
+        if own.xyz_m.shape[1] != trials.trials[-1].xyz_m.shape[1]:  # it was cut to a part that lacks a marker
+            return fitted
         motion = fitted.motion
         if not isinstance(motion, PoseMotion):
             raise TypeError(f"a pose model was expected, but {type(motion).__name__} was fitted")

@@ -15,6 +15,7 @@ from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.records import Estimate
 from mocap.errors import MocapError
+from mocap.moving import Asked
 from mocap.skeleton import Skeleton
 
 
@@ -247,6 +248,7 @@ def track_with(
     recording: MarkerTrial,
     observations: Observations,
     *,
+    asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Track a recording by all models of a learned one, and mix what they say.
@@ -258,14 +260,17 @@ def track_with(
         names: Markers of the recording.
         recording: Its markers as triangulated.
         observations: What each frame shows.
+        asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
 
     Returns:
         Markers that were not seen are those of the mixture; all else is that of the last model, the pose model.
     """
     trials, tells = trials_for(learned, names, recording), shares(progress, len(learned.models))
+    wanted = [None] * (len(learned.models) - 1) + [asked]
     found = [
-        estimate(model, trials, observations, progress=tell) for model, tell in zip(learned.models, tells, strict=True)
+        estimate(model, trials, observations, asked=points, progress=tell)
+        for model, points, tell in zip(learned.models, wanted, tells, strict=True)
     ]
     length = gap_lengths(recording.seen)
     mixture = calibrated(learned.mixture, learned.models, trials) if learned.trials else learned.mixture

@@ -22,6 +22,7 @@ from filters.records import Estimate
 from filters.size import sized_like
 from filters.track import smooth
 from mocap.arrays import Array
+from mocap.moving import Asked
 
 Progress = Callable[[float], None]
 
@@ -65,11 +66,14 @@ class Fitted(ABC):
     """A model that was fitted to trials."""
 
     @abstractmethod
-    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:
+    def fill(
+        self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
+    ) -> Estimate:
         """Estimate the markers of the last trial.
 
         Args:
             observations: What each of its frames shows; a regression takes the trial's own positions instead.
+            asked: Points whose velocities and joint covariances a filter is to keep; None: of none.
             progress: Called with the share done.
         """
 
@@ -87,9 +91,11 @@ class FittedMotion(Fitted):
     t_s: Array
     passes: int = 1
 
-    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:
+    def fill(
+        self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
+    ) -> Estimate:
         """Filter forward, smooth backward."""
-        return smooth(self.motion, observations, self.t_s, passes=self.passes, progress=progress)
+        return smooth(self.motion, observations, self.t_s, passes=self.passes, asked=asked, progress=progress)
 
 
 @dataclass(frozen=True)
@@ -115,11 +121,16 @@ class TrajectoryModel(ABC):
 
 
 def estimate(
-    model: TrajectoryModel, trials: TrialSet, observations: Observations, *, progress: Progress | None = None
+    model: TrajectoryModel,
+    trials: TrialSet,
+    observations: Observations,
+    *,
+    asked: Asked | None = None,
+    progress: Progress | None = None,
 ) -> Estimate:
     """Fit a model to trials and fill the last one; on one BLAS thread, which is faster than two at these sizes."""
     with threadpool_limits(1):
-        return model.fit(trials).fill(observations, progress=progress)
+        return model.fit(trials).fill(observations, asked=asked, progress=progress)
 
 
 def shares(progress: Progress | None, count: int) -> list[Progress | None]:

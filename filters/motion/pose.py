@@ -251,6 +251,45 @@ class PoseMotion(MotionModel):
         position = frames.position_m[frame] + states[:, g][:, :3]
         return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
+    def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
+        """Velocities of the markers, in closed form.
+
+        With u = mean + basis z + e and A = R exp(w), marker and velocity are x = A u + c + p and
+        v = A u' + R (Omega x exp(w) u) + c' + p', where Omega = path rate + g' (rotation) is the angular velocity in
+        body axes, to first order in w, the body's deviation from its path.
+        """
+        _, g, e, g_rate, e_rate = self.parts
+        r, path, basis = self.rank, self.path, self.subspace.basis
+        rotation, n = path.frames.rotation[frame], len(mean)
+        w, (drift, spin) = mean[g][3:], np.split(mean[g_rate], 2)
+        turned = Rotation.from_rotvec(w).as_matrix()
+        whole = rotation @ turned
+        pose = (self.subspace.mean + basis @ mean[:r] + mean[e]).reshape(-1, 3) @ turned.T
+        pose_rate = (basis @ mean[r : 2 * r] + mean[e_rate]).reshape(-1, 3) @ turned.T
+        omega = path.rate_rad_s[frame] + spin
+        relative = pose_rate + np.cross(omega, pose)
+        velocity = relative @ rotation.T + path.velocity_m_s[frame] + drift
+        count = len(pose)
+        out = np.zeros((count, 6, n))
+        position, speed = out[:, :3], out[:, 3:]
+        carried = rotation @ _skew(omega) @ turned  # d v / d u
+        each = np.arange(count)
+        shapes = basis.reshape(count, 3, r)
+        position[:, :, :r] = whole @ shapes
+        speed[:, :, :r], speed[:, :, r : 2 * r] = carried @ shapes, whole @ shapes
+        for column in range(3):
+            position[each, :, e.start + 3 * each + column] = whole[:, column]
+            speed[each, :, e.start + 3 * each + column] = carried[:, column]
+            speed[each, :, e_rate.start + 3 * each + column] = whole[:, column]
+        here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
+        position[:, :, here] = np.eye(3)
+        lever = _skew(pose)
+        position[:, :, there] = -rotation @ lever
+        speed[:, :, there] = -rotation @ (_skew(pose_rate) + _skew(omega) @ lever)
+        speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
+        speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
+        return velocity, out
+
     def constrain(self, state: Gaussian, step: Step, about: "Reference | None" = None) -> Gaussian:
         """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
         dt_s = step.dt_s
@@ -290,3 +329,10 @@ class PoseMotion(MotionModel):
     def informed(self, state: Gaussian) -> Gaussian:
         """The shape and its velocity are some that were recorded."""
         return state if self.usual is None else informed(state, self.usual)
+
+
+def _skew(v: Array) -> Array:
+    """(..., 3, 3) matrices of the cross product with (..., 3) vectors."""
+    x, y, z = np.moveaxis(np.asarray(v), -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)

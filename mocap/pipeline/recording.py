@@ -19,7 +19,9 @@ from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
+from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
+from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
 from mocap.stated import check_rate, check_stated
@@ -44,6 +46,8 @@ class Recording:
         unit: Unit of lengths, where the files do not state it; None: metres.
         correct_lag: Whether cameras that run late by the audit are read between their frames.
         hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
+        views: Further pixel files of the same trial, where each holds one camera.
+        crop: Files or folders with crop offsets (``mocap.io.crop``); empty: those beside the tracks, if any.
     """
 
     tracks: Path
@@ -59,6 +63,8 @@ class Recording:
     unit: str | None = None
     correct_lag: bool = False
     hints: Hints = field(default_factory=Hints)
+    views: tuple[Path, ...] = ()
+    crop: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -72,7 +78,7 @@ class Recording:
 
     @cached_property
     def _read(self) -> tuple[FileContents, tuple[str, ...]]:
-        recording = read(self.tracks, self.hints)
+        recording = self._whole()
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
@@ -80,6 +86,22 @@ class Recording:
             check_rate(recording.fps, self.tracks.name)
         recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
         return recording, (*told, *recording.assumed, *left_out)
+
+    def _whole(self) -> FileContents:
+        """The tracks, with those of further views in the order of the calibration where names tell."""
+        if not self.views:
+            return read(self.tracks, self.hints)
+        files = [read(path, self.hints) for path in (self.tracks, *self.views)]
+        other = next((f for f in files if f.pixels is None), None)
+        if other is not None:
+            raise FormatError(
+                f"{other.paths[0].name}: contains no pixels ({other.format}); several files of one trial must each "
+                "contain the pixels of one camera"
+            )
+        if self.calibration is not None:
+            cameras = _calibration(self.calibration)
+            files.append(replace(cameras, names=(), frames=np.zeros(0, np.int64), pixels=None, points=None, lenses=()))
+        return replace(joined(files), cameras=(), unit=None)
 
     @property
     def contents(self) -> FileContents:
@@ -108,7 +130,8 @@ class Recording:
     @property
     def inputs(self) -> tuple[Path | None, ...]:
         """The files that the user named."""
-        return (self.tracks, self.calibration, self.profile, self.skeleton, self.stored_points)
+        named = (self.tracks, *self.views, self.calibration, self.profile, self.skeleton, self.stored_points)
+        return (*named, *(path for path in self.crop if path.is_file()))
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
@@ -126,6 +149,8 @@ class Recording:
         for title, path in (("calibration", self.calibration), ("skeleton", self.skeleton), ("profile", self.profile)):
             if path is not None:
                 there[title] = path.name
+        if self.crop:
+            there["crop offsets"] = ", ".join(path.name for path in self.crop)
         stated = {"the file does not state the frame rate"} if self.fps else set()
         findings = [f for f in (*self.frame_findings, *found.findings) if f not in stated]
         return there | ({"findings": "; ".join(findings)} if findings else {})
@@ -264,6 +289,9 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         with as_table(source.profile) as (profile, said):
             cameras = with_profile(cameras, profile)
         told += tuple(f"{source.profile.name}: {s}" for s in said)
+    pixels, counted = counted_from_one(source, pixels)
+    pixels, cropped = in_whole_picture(source, pixels, cameras)
+    told += counted + cropped
     return film_of(
         pixels,
         cameras,

@@ -30,7 +30,7 @@ class Extent:
         folds: Trials that are left out, at most.
         training: Trials to learn from, at most.
         frames: Of a trial, at most, in tests and (``--quick``) in training.
-        copies: Copies of a trial that gaps are spread over, at most; None: as many as they need.
+        once: Whether only as many copies of a trial are filled as hold each kind of gap once.
     """
 
     seeds: tuple[int, ...] = (0, 1, 2)
@@ -40,7 +40,7 @@ class Extent:
     folds: int = 100
     training: int = 100
     frames: int = TEST_FRAMES
-    copies: int | None = None
+    once: bool = False
 
     @property
     def short(self) -> bool:
@@ -48,7 +48,7 @@ class Extent:
         return self.training < 100
 
 
-QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160, copies=1)
+QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160, once=True)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
 QUICK_SETS = ("twin_speeds", "bat", "bat_flights", "bat_other", "snake_other", "mouse")
 """Two of each: several gaits, other animals, one animal in one gait; the first can be made without recordings."""
@@ -99,7 +99,7 @@ def run(task: Task) -> tuple[list[dict], str | None]:
                 wanted=wanted,
                 frames=task.extent.frames,
                 rays=task.extent.rays,
-                copies=task.extent.copies,
+                once=task.extent.once,
             )
     except Exception as error:  # a method may fail in any way; the others go on
         return empty_rows(task), f"{type(error).__name__}: {error}"
@@ -126,7 +126,7 @@ def empty_rows(task: Task) -> list[dict]:
     out = []
     for seed in task.extent.seeds:
         extent = task.extent
-        shown = shown_trials(trials[-1], seed, wanted, frames=extent.frames, rays=extent.rays, copies=extent.copies)
+        shown = shown_trials(trials[-1], seed, wanted, frames=extent.frames, rays=extent.rays, once=extent.once)
         held: dict[tuple[str, int, int], int] = {}
         for copy in shown:
             for gap in copy.gaps:

@@ -48,6 +48,7 @@ class Trial:
             one camera or two may be left in it.
         animal: Which it is; "": all trials of the set are of one.
         gait: How it moves; "": all trials of the set are of one kind.
+        bones: Ends of the bones that a user would state, from the trunk outward: what the product learns limbs from.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Trial:
     film: Film | None = None
     animal: str = ""
     gait: str = ""
+    bones: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,18 +14,14 @@ from benchmarks.gaps.method import Filler, Trial
 from benchmarks.gaps.ours import Ours
 from benchmarks.gaps.prepared import recording
 from filters.hidden_gaps import MODELS
-from filters.mechanics import Motion, joined
 from filters.models.base import FittedMotion, TrialSet
-from filters.models.pose import PoseSettings, with_potential
+from filters.models.pose import PoseSettings, recorded_motion, with_potentials
 from filters.motion.pose import PoseMotion
-from filters.poses import MarkerTrial, PoseTrial, poses_of
+from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 from mocap.body import smooth_series
 from mocap.pipeline.tracking import marker_trial, seen_part
-
-MOST = 0.8
-"""Share of a pose that is seen where its shape is taken for known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,27 +35,45 @@ class Informed(PoseSettings):
     whole: tuple[MarkerTrial, ...] = ()
 
     def fit(self, trials: TrialSet) -> FittedMotion:
-        """As ``PoseSettings``, but for V_z."""
+        """As ``PoseSettings``, but for V_z; that too where the trial lacks a marker that it has as a whole."""
         fitted = super().fit(trials)
         last = trials.trials[-1].name.partition("@")[0]
         own = next(trial for trial in self.whole if trial.name.partition("@")[0] == last)
-        *_, poses = poses_of([*trials.trials[:-1], own], trials.trunk, body_hz=self.body_hz, rotating=self.rotating)
+        if own.xyz_m.shape[1] != trials.trials[-1].xyz_m.shape[1]:  # it was cut to a part that lacks a marker
+            return fitted
         motion = fitted.motion
         if not isinstance(motion, PoseMotion):
             raise TypeError(f"a pose model was expected, but {type(motion).__name__} was fitted")
-        free = replace(motion, gradient=None, held=0)
-        return replace(fitted, motion=with_potential(free, motion_in(motion.subspace, poses), self))
+        body = {"body_hz": self.body_hz, "rotating": self.rotating}
+        _, shapes = trials.shapes(ranks=self.ranks, **body)
+        *_, poses = poses_of([*trials.trials[:-1], own], trials.anatomy.trunk, **body)
+        known = truth_in(shapes, poses)
+        recorded = recorded_motion([poses], known, least_known=self.least_known)
+        return replace(fitted, motion=with_potentials(motion, known, recorded, self, trials.anatomy))
 
 
-def motion_in(subspace: PoseSubspace, poses: PoseTrial) -> Motion:
-    """The motion of a trial's shape in a subspace, in the frames that show most of the pose."""
-    z = shapes_in(subspace, poses.y)
+def truth_in(shapes: Shapes, poses: PoseTrial) -> Shapes:
+    """The shapes of one trial, the last of those that a subspace was learned from, before anything was hidden.
+
+    Args:
+        shapes: Of all trials as they were learned from.
+        poses: Of that one, whole.
+    """
+    own = replace(shapes.subspace, mean=shapes.subspace.mean + shapes.offset[-1])
+    found = shapes_in(own, poses.y)
     share = np.isfinite(poses.y).mean(axis=1)
-    known = share >= min(MOST, float(np.median(share)))
-    z = smooth_series(z, known.astype(float), dt_s=poses.dt_s, cutoff_hz=min(30.0, 0.2 / poses.dt_s))
-    rate = np.gradient(z, poses.dt_s, axis=0)
-    acceleration = np.gradient(rate, poses.dt_s, axis=0)
-    return joined([(z[known], rate[known], acceleration[known])], poses.dt_s)
+    smooth = smooth_series(found, share, dt_s=poses.dt_s, cutoff_hz=min(30.0, 0.2 / poses.dt_s))
+    rate = np.gradient(smooth, poses.dt_s, axis=0)
+    return replace(
+        shapes,
+        z=[found],
+        rate=[rate],
+        acceleration=[np.gradient(rate, poses.dt_s, axis=0)],
+        known=[share],
+        offset=shapes.offset[-1:],
+        offset_sd=shapes.offset_sd[-1:],
+        residual=[poses.y - own.mean - found @ own.basis.T],
+    )
 
 
 def shapes_in(subspace: PoseSubspace, y: Array) -> Array:

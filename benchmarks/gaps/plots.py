@@ -40,7 +40,7 @@ def _errors(logs: pd.DataFrame, names: list[str], colours: dict) -> Figure:
     for row, (name, rays) in zip(axes, places, strict=True):
         for ax, scenario in zip(row, scenarios, strict=True):
             _lines(ax, logs.xs((name, scenario, rays), level=("set", "scenario", "rays")), scenario, names, colours)
-        row[0].set_ylabel(f"{name}, {LEFT[rays]}\nRMSE mm")
+        row[0].set_ylabel(f"{name}\n{LEFT[rays]}\nRMSE mm", fontsize=8)
     for ax in axes[-1]:
         ax.set_xlabel("gap, frames")
     handles, labels = axes[0, 0].get_legend_handles_labels()

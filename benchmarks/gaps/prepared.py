@@ -8,7 +8,7 @@ from benchmarks.gaps.method import Film, Trial
 from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
 from mocap.pipeline.recording import film_of
 from mocap.records import MarkerTracks, Status
-from mocap.skeleton import Skeleton
+from mocap.skeleton import Bone, Skeleton
 
 LEAST_SD_M = 5e-5
 """Recordings that were smoothed before show less noise than their markers have."""
@@ -37,8 +37,9 @@ def prepared_film(film: Film, skeleton: Skeleton, *, name: str) -> Prepared:
 
 @lru_cache(maxsize=64)
 def recording(trial: Trial) -> Prepared:
-    """A trial as the product prepares it: from pixels if it has a film, cleaned, with markers and trunk."""
-    skeleton = Skeleton(name="markers and trunk", markers=trial.names, trunk=trial.trunk)
+    """A trial as the product prepares it: from pixels if it has a film, cleaned, with trunk and bones."""
+    bones = tuple(Bone(a=a, b=b) for a, b in trial.bones)
+    skeleton = Skeleton(name="markers, trunk, bones", markers=trial.names, trunk=trial.trunk, bones=bones)
     if trial.film is not None:
         return prepared_film(trial.film, skeleton, name=trial.name)
     return prepare_tracks(tracks_of(trial), skeleton, name=trial.name)

@@ -87,7 +87,7 @@ def shown_trials(
     *,
     frames: int = TEST_FRAMES,
     rays: Sequence[int] = (0,),
-    copies: int | None = None,
+    once: bool = False,
 ) -> list[Shown]:
     """The gaps that every method meets in a trial with a seed: the same with each number of rays that is left.
 
@@ -97,19 +97,23 @@ def shown_trials(
         wanted: Kinds of gaps.
         frames: Longer trials are cut.
         rays: Cameras that are left; more than 0 only where the trial has a film.
-        copies: Copies of the trial that gaps are spread over, at most; None: as many as they need.
+        once: Whether only those copies of the trial are taken that hold a kind of gap which those before lack.
     """
-    return list(_shown(trial, seed, tuple(wanted), frames, tuple(rays), copies))
+    return list(_shown(trial, seed, tuple(wanted), frames, tuple(rays), once))
 
 
 @lru_cache(maxsize=8)
 def _shown(
-    trial: Trial, seed: int, wanted: tuple[Cell, ...], frames: int, rays: tuple[int, ...], copies: int | None
+    trial: Trial, seed: int, wanted: tuple[Cell, ...], frames: int, rays: tuple[int, ...], once: bool
 ) -> tuple[Shown, ...]:
     """``shown_trials``, once for all methods of a fold."""
     rng = np.random.default_rng([seed, zlib.crc32(trial.name.encode())])
-    hidden = hide(excerpt(trial, frames, rng), wanted, rng)[:copies]
-    out = []
+    hidden, held, out = [], set[Cell](), []
+    for copy in hide(excerpt(trial, frames, rng), wanted, rng):
+        new = {(gap.kind, gap.length) for gap in copy.gaps} - held
+        if new or not once:
+            hidden.append(copy)
+        held |= new
     for left in rays if trial.film is not None else (0,):
         which = np.random.default_rng([seed, zlib.crc32(trial.name.encode()), 2])
         out += [with_rays(copy, left, which) for copy in hidden]
@@ -178,13 +182,13 @@ def run_fold(
     wanted: Sequence[Cell],
     frames: int = TEST_FRAMES,
     rays: Sequence[int] = (0,),
-    copies: int | None = None,
+    once: bool = False,
 ) -> list[Outcome]:
     """Learn from all trials but one, and fill that one: an outcome a seed."""
     training = [trial for i, trial in enumerate(trials) if i != left_out]
     truth = trials[left_out]
     filler = method.learn_with_truth(training, truth) if isinstance(method, Oracle) else method.learn(training)
-    shown = [shown_trials(truth, seed, wanted, frames=frames, rays=rays, copies=copies) for seed in seeds]
+    shown = [shown_trials(truth, seed, wanted, frames=frames, rays=rays, once=once) for seed in seeds]
     return [evaluate(filler, part, by_rays=reads_rays(method)) for part in shown]
 
 

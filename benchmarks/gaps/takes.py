@@ -45,7 +45,12 @@ class Take:
 
 
 def trials_of(
-    takes: Sequence[Take], names: Sequence[str], *, trunk: Sequence[str], limbs: Sequence[Sequence[str]]
+    takes: Sequence[Take],
+    names: Sequence[str],
+    *,
+    trunk: Sequence[str],
+    limbs: Sequence[Sequence[str]],
+    bones: Sequence[tuple[str, str]] = (),
 ) -> list[Trial]:
     """Trials of one set, each from the first to the last frame in which anything was seen.
 
@@ -54,6 +59,7 @@ def trials_of(
         names: The M markers.
         trunk: Of them, those of the body.
         limbs: Of them, those of each limb.
+        bones: Ends of the bones that a user would state.
     """
     cut = []
     for take in takes:
@@ -75,6 +81,7 @@ def trials_of(
             film=take.film,
             animal=take.animal,
             gait=take.gait,
+            bones=tuple(bones),
         )
         for take in cut
     ]

@@ -205,21 +205,33 @@ def learn_pose(
         bone_stiffness=settings.bones / motion.tau_s,
         name="pose_constant_velocity",
     )
-    if "limb" in settings.potential and anatomy is not None and anatomy.limbs:
-        learn = partial(held_by, settings=settings, rate=settings.weight / motion.tau_s)
-        limbs = limb_potentials(
-            shapes,
-            own,
-            anatomy,
-            velocities="motion" in settings.potential,
-            least_known=settings.least_known,
-            tau_s=motion.tau_s,
-            learn=learn,
-        )
-        return replace(
-            model, potentials=limbs, name="eal" if "quadratic" not in settings.potential else "pose_quadratic"
-        )
-    return with_potential(model, motion, settings)
+    return with_potentials(model, shapes, motion, settings, anatomy)
+
+
+def with_potentials(
+    model: PoseMotion, shapes: Shapes, motion: Motion, settings: PoseSettings, anatomy: Anatomy | None
+) -> PoseMotion:
+    """The model with its pose held by what the settings name: potentials of limbs, or of the whole pose.
+
+    Args:
+        model: Its subspace, of the trial that is to be tracked.
+        shapes: What limbs are learned from.
+        motion: What the whole pose is learned from, and how fast it is.
+        settings: Choices.
+        anatomy: Limbs; None: none are known.
+    """
+    if "limb" not in settings.potential or anatomy is None or not anatomy.limbs:
+        return with_potential(model, motion, settings)
+    limbs = limb_potentials(
+        shapes,
+        model.subspace,
+        anatomy,
+        velocities="motion" in settings.potential,
+        least_known=settings.least_known,
+        tau_s=motion.tau_s,
+        learn=partial(held_by, settings=settings, rate=settings.weight / motion.tau_s),
+    )
+    return replace(model, potentials=limbs, name=_name(settings))
 
 
 def usual_motion(motion: Motion) -> Gaussian:

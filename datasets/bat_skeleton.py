@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from datasets.bat_wing import DIGITS_M, SEGMENTS
+from mocap.measures import JointAxes, Measures, Segment
 from mocap.skeleton import Bone, Joint, Skeleton
 
 TRUNK = ("sternum", "back", "pelvis", "shoulder_l", "shoulder_r")
@@ -84,6 +85,32 @@ def bat_skeleton() -> Skeleton:
         joints=tuple(joints),
         trunk=TRUNK,
         max_speed_m_s=20.0,
+        measures=_measures(),
+    )
+
+
+def _measures() -> Measures:
+    """What a paper on flight reports; the masses are the twin's own (30 g), not measured ones."""
+    axes, areas, strokes = {}, {}, {}
+    parts = {"trunk": Segment(start="sternum", end="pelvis", mass_g=21.0, centre=0.4)}
+    parts["head"] = Segment(start="head", end="snout", mass_g=4.6, centre=0.3)
+    for side in "lr":
+        shoulder, elbow, wrist = (f"{name}_{side}" for name in ("shoulder", "elbow", "wrist"))
+        tips = [f"{digit}_tip_{side}" for digit in ("d3", "d4", "d5")]
+        across = ("shoulder_r", "shoulder_l")
+        axes[shoulder] = JointAxes(parent=(("pelvis", "back"), across), child=((shoulder, elbow), (elbow, wrist)))
+        areas[f"wing_{side}"] = (shoulder, elbow, wrist, *tips, f"ankle_{side}", "pelvis")
+        strokes[f"wing_{side}"] = (shoulder, wrist)
+        parts[f"arm_{side}"] = Segment(start=shoulder, end=wrist, mass_g=1.5, centre=0.35)
+        parts[f"hand_{side}"] = Segment(start=wrist, end=tips[0], mass_g=0.7, centre=0.3)
+    return Measures(
+        forward=("pelvis", "back"),
+        left=("shoulder_r", "shoulder_l"),
+        axes=axes,
+        distances={"span": ("d3_tip_l", "d3_tip_r")},
+        areas=areas,
+        strokes=strokes,
+        segments=parts,
     )
 
 

@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+from mocap.measures import JointAxes, Measures
 from mocap.skeleton import Bone, Joint, Skeleton
 
 AXIAL = ("snout", "head", "neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3")
@@ -33,6 +34,27 @@ def lizard_skeleton() -> Skeleton:
         joints=tuple(joints),
         trunk=TRUNK,
         max_speed_m_s=3.0,
+        measures=_measures(),
+    )
+
+
+def _measures() -> Measures:
+    """What a paper on locomotion reports."""
+    ahead = {"shoulder": ("spine", "neck"), "hip": ("pelvis", "spine")}
+    axes = {}
+    for limb, (root, middle, end, _) in LIMBS.items():
+        across = ("shoulder_r", "shoulder_l") if limb == "fore" else ("hip_r", "hip_l")
+        for side in "lr":
+            upper, lower = (f"{root}_{side}", f"{middle}_{side}"), (f"{middle}_{side}", f"{end}_{side}")
+            axes[upper[0]] = JointAxes(parent=(ahead[root], across), child=(upper, lower))
+    return Measures(
+        forward=("spine", "neck"),
+        left=("shoulder_r", "shoulder_l"),
+        axes=axes,
+        distances={"snout_vent": ("snout", "pelvis")},
+        feet=("hand_l", "foot_r", "hand_r", "foot_l"),
+        ground="rod",
+        chain=("neck", "spine", "pelvis", "tail_1", "tail_2", "tail_3"),
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.moving import Rates
 from filters.observe import Observed
 from mocap.arrays import Array, frozen
 from mocap.records import MarkerTracks
@@ -19,11 +20,13 @@ class Estimate:
         xyz_m: (T, M, 3) positions in the world; NaN where the model has no estimate.
         cov_m2: (T, M, 3, 3) their covariance.
         observed: What a filter saw in each frame, and how it was believed; empty where nothing was filtered.
+        rates: Velocities and joint covariances of what was asked for; None: nothing was, or the model has none.
     """
 
     xyz_m: Array
     cov_m2: Array
     observed: Sequence[Observed] = ()
+    rates: Rates | None = None
 
     @property
     def log_likelihood(self) -> Array:

@@ -9,11 +9,13 @@ from threadpoolctl import threadpool_limits
 
 from filters.ensemble import Gaussian, Prediction, marker_covariances
 from filters.motion.base import MotionModel, Step
+from filters.moving import RateKeeper
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
 from filters.records import Estimate
 from filters.smoother import smooth_step
 from mocap.arrays import Array
+from mocap.moving import Asked
 
 Progress = Callable[[float], None]
 
@@ -137,6 +139,7 @@ def smooth(
     most_bytes: float = 1e9,
     passes: int = 1,
     settled: float = 0.05,
+    asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
@@ -157,6 +160,7 @@ def smooth(
         most_bytes: See above.
         passes: At most so many; one where the model has nothing to linearise.
         settled: Passes end when no marker moves by more than so many of its standard deviations.
+        asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
     about: list[Reference] | None = None
@@ -170,6 +174,7 @@ def smooth(
             gate_sd=gate_sd,
             most_bytes=most_bytes,
             last=number == passes - 1,
+            asked=asked,
             progress=tell,
         )
         if number and about is not None:
@@ -190,6 +195,7 @@ def _pass(
     gate_sd: float,
     most_bytes: float,
     last: bool,
+    asked: Asked | None,
     progress: Progress | None,
 ) -> tuple[Estimate, list[Reference]]:
     """One pass forward and back, about what the one before it found."""
@@ -211,22 +217,28 @@ def _pass(
             observed.extend(filtered.observed)
         xyz, cov, references = [], [], []
         state, ahead = before[-1], None
+        keeper = None if asked is None else RateKeeper(model, asked)
         for i in range(len(blocks) - 1, -1, -1):
             if filtered is None or i < len(blocks) - 1:
                 filtered = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], **options)
             for frame in reversed(blocks[i]):
-                here = filtered.states.pop()
+                here, after = filtered.states.pop(), ahead
                 state = here if ahead is None or state is None else smooth_step(here, ahead, state)
                 ahead = filtered.predictions.pop()
                 dark = not len(observed[frame].where)
-                mean, covariance = marker_moments(model, model.informed(state) if dark else state, frame)
+                shown = model.informed(state) if dark else state
+                mean, covariance = marker_moments(model, shown, frame)
+                if keeper is not None:
+                    keeper.take(frame, here, after, shown)
                 xyz.append(mean)
                 cov.append(covariance)
                 if not last:
                     references.append(Reference(mean, covariance, model.reference(state)))
                 if progress is not None:
                     progress(1 - 0.5 * frame / n_frames)
-    return Estimate(xyz_m=np.array(xyz[::-1]), cov_m2=np.array(cov[::-1]), observed=observed), references[::-1]
+        rates = None if keeper is None else keeper.rates(n_frames)
+    found = Estimate(xyz_m=np.array(xyz[::-1]), cov_m2=np.array(cov[::-1]), observed=observed, rates=rates)
+    return found, references[::-1]
 
 
 def marker_moments(model: MotionModel, state: Gaussian, frame: int) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mocap.arrays import unique
 from mocap.errors import SkeletonError
+from mocap.measures import Measures, measures_lines, read_measures
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +42,7 @@ class Skeleton:
         trunk: Markers that move as one body and define its frame; empty: all markers do.
         aliases: Name in the file (``pt1``) to name here, for files that number their points.
         max_speed_m_s: No marker moves faster; None: not known.
+        measures: What is measured beyond joints.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Skeleton:
     trunk: tuple[str, ...] = ()
     aliases: dict[str, str] = field(default_factory=dict)
     max_speed_m_s: float | None = None
+    measures: Measures = field(default_factory=Measures)
 
     def __post_init__(self) -> None:
         """Check names."""
@@ -70,11 +73,16 @@ class Skeleton:
         uses = [(f"bone {b.a}-{b.b}", m) for b in self.bones for m in (b.a, b.b)]
         uses += [(f"joint {j.name}", m) for j in self.joints for m in (j.parent, j.centre, j.child)]
         uses += [("trunk", m) for m in self.trunk] + [("aliases", m) for m in self.aliases.values()]
+        uses += list(self.measures.uses())
         for where, marker in uses:
             if marker not in self.markers:
                 raise SkeletonError(
                     f"skeleton {self.name!r}: {where} uses marker {marker!r}, which is not in its markers"
                 )
+        named = {j.name for j in self.joints}
+        for joint in self.measures.axes:
+            if joint not in named:
+                raise SkeletonError(f"skeleton {self.name!r}: measures.axes names {joint!r}, which is no joint of it")
 
     def for_markers(self, names: Sequence[str], *, source: str = "the recording") -> "Skeleton":
         """This skeleton, checked against the markers of a recording.
@@ -105,7 +113,7 @@ def ends_among(names: Sequence[str], bones: Sequence[tuple[str, str]]) -> list[t
     return [(names.index(a), names.index(b)) for a, b in bones if a in names and b in names]
 
 
-_KEYS = {"name", "markers", "bones", "joints", "trunk", "aliases", "max_speed_m_s"}
+_KEYS = {"name", "markers", "bones", "joints", "trunk", "aliases", "max_speed_m_s", "measures"}
 
 
 def read_skeleton(path: Path) -> Skeleton:
@@ -113,7 +121,7 @@ def read_skeleton(path: Path) -> Skeleton:
 
     ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes;
     ``trunk = [...]``; ``max_speed_m_s = 20.0``; a table ``[joints]`` with ``elbow = ["shoulder", "elbow", "wrist"]``;
-    a table ``[aliases]`` with ``pt1 = "shoulder"``.
+    a table ``[aliases]`` with ``pt1 = "shoulder"``; a table ``[measures]`` (docs/kinematics.md).
 
     Raises:
         SkeletonError: the file cannot be read as that.
@@ -136,6 +144,7 @@ def read_skeleton(path: Path) -> Skeleton:
             trunk=_markers("trunk", table.get("trunk", ())),
             aliases={str(k): str(v) for k, v in table.get("aliases", {}).items()},
             max_speed_m_s=float(table["max_speed_m_s"]) if "max_speed_m_s" in table else None,
+            measures=read_measures(table.get("measures", {})),
         )
     except KeyError as error:
         raise SkeletonError(f"{path}: {error.args[0]!r} is missing") from None
@@ -180,6 +189,7 @@ def skeleton_text(skeleton: Skeleton, *, comments: Mapping[str, Sequence[str]] |
         lines.append(f"{quoted(joint.name)} = {quoted(ends)}{behind(f'joint {joint.name}')}")
     lines += ["", *before("aliases"), "[aliases]"]
     lines += [f"{quoted(k)} = {quoted(v)}" for k, v in skeleton.aliases.items()]
+    lines += measures_lines(skeleton.measures, quoted)
     return "\n".join(lines) + "\n"
 
 

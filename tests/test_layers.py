@@ -9,8 +9,16 @@ ROOT = Path(__file__).resolve().parents[1]
 
 _GROUND = {"mocap", "mocap/cameras", "mocap/io"}
 _MATH = {"eal", "filters"}
-_FLOW = _GROUND | _MATH | {"datasets", "mocap/audit", "mocap/calibration", "mocap/cleaning", "mocap/pipeline"}
-_SHOWN = _FLOW | {"mocap/results", "mocap/plots", "mocap/joint_design", "mocap/reproduce", "mocap/rerun"}
+_FLOW = _GROUND | _MATH | {"datasets", "mocap/audit", "mocap/calibration", "mocap/cleaning", "mocap/kinematics"}
+_FLOW |= {"mocap/pipeline"}
+_SHOWN = _FLOW | {
+    "mocap/results",
+    "mocap/plots",
+    "mocap/joint_design",
+    "mocap/reproduce",
+    "mocap/rerun",
+    "mocap/digitising",
+}
 
 ALLOWED = {
     "eal": set(),
@@ -22,9 +30,11 @@ ALLOWED = {
     "mocap/audit": _GROUND,
     "mocap/calibration": {"mocap", "mocap/cameras"},
     "mocap/cleaning": {"mocap", "mocap/cameras"},
+    "mocap/kinematics": {"mocap"},
     "mocap/pipeline": _FLOW,
     "mocap/results": _FLOW,
     "mocap/plots": _FLOW,
+    "mocap/digitising": _FLOW,
     "mocap/joint_design": _FLOW,
     "mocap/reproduce": _FLOW,
     "mocap/rerun": _FLOW | {"mocap/joint_design", "mocap/results"},

@@ -12,14 +12,17 @@ from typing import Any
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from filters.anatomy import Anatomy
 from filters.bones import rigid_bones
 from filters.motion.base import MotionModel
 from filters.motion.bones import Bones
 from filters.observations import Observations
 from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from filters.records import Estimate
+from filters.size import sized_like
 from filters.track import smooth
 from mocap.arrays import Array
+from mocap.moving import Asked
 
 Progress = Callable[[float], None]
 
@@ -30,23 +33,25 @@ class TrialSet:
 
     Attributes:
         trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
-        trunk: Indices of the trunk's markers.
-        named: Indices of the markers of the skeleton's rigid bones.
+        anatomy: What is known of the animal.
         regressed: What regressions made of the last trial, by their settings.
     """
 
     trials: Sequence[MarkerTrial]
-    trunk: Sequence[int]
-    named: Sequence[tuple[int, int]] = ()
+    anatomy: Anatomy
     _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
     _shapes: dict[tuple, Shapes] = field(default_factory=dict)
     regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Other animals are scaled to the size of the last trial's."""
+        self.trials = [*sized_like(self.trials[:-1], self.trials[-1]), self.trials[-1]]
 
     def shapes(self, *, ranks: tuple[int, ...], body_hz: float, rotating: bool) -> tuple[list[PoseTrial], Shapes]:
         """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
         body = (body_hz, rotating)
         if body not in self._poses:
-            self._poses[body] = poses_of(self.trials, self.trunk, body_hz=body_hz, rotating=rotating)
+            self._poses[body] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz, rotating=rotating)
         if (body, ranks) not in self._shapes:
             self._shapes[body, ranks] = shapes_of(self._poses[body], ranks=ranks)
         return self._poses[body], self._shapes[body, ranks]
@@ -54,18 +59,21 @@ class TrialSet:
     @cached_property
     def bones(self) -> Bones:
         """Those of the last trial."""
-        return rigid_bones(self.trials, self.named)
+        return rigid_bones(self.trials, self.anatomy.bones)
 
 
 class Fitted(ABC):
     """A model that was fitted to trials."""
 
     @abstractmethod
-    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:
+    def fill(
+        self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
+    ) -> Estimate:
         """Estimate the markers of the last trial.
 
         Args:
             observations: What each of its frames shows; a regression takes the trial's own positions instead.
+            asked: Points whose velocities and joint covariances a filter is to keep; None: of none.
             progress: Called with the share done.
         """
 
@@ -83,9 +91,11 @@ class FittedMotion(Fitted):
     t_s: Array
     passes: int = 1
 
-    def fill(self, observations: Observations, *, progress: Progress | None = None) -> Estimate:
+    def fill(
+        self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
+    ) -> Estimate:
         """Filter forward, smooth backward."""
-        return smooth(self.motion, observations, self.t_s, passes=self.passes, progress=progress)
+        return smooth(self.motion, observations, self.t_s, passes=self.passes, asked=asked, progress=progress)
 
 
 @dataclass(frozen=True)
@@ -111,11 +121,16 @@ class TrajectoryModel(ABC):
 
 
 def estimate(
-    model: TrajectoryModel, trials: TrialSet, observations: Observations, *, progress: Progress | None = None
+    model: TrajectoryModel,
+    trials: TrialSet,
+    observations: Observations,
+    *,
+    asked: Asked | None = None,
+    progress: Progress | None = None,
 ) -> Estimate:
     """Fit a model to trials and fill the last one; on one BLAS thread, which is faster than two at these sizes."""
     with threadpool_limits(1):
-        return model.fit(trials).fill(observations, progress=progress)
+        return model.fit(trials).fill(observations, asked=asked, progress=progress)
 
 
 def shares(progress: Progress | None, count: int) -> list[Progress | None]:

@@ -24,6 +24,7 @@ from filters.poses import PoseTrial, Shapes, known_shapes, radian
 from filters.records import Estimate
 from mocap.arrays import Array
 from mocap.body import BodyFrames, smooth_series
+from mocap.moving import Asked
 
 EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""
@@ -81,7 +82,13 @@ class FittedDelays(Fitted):
     trials: TrialSet
     settings: DelaySettings
 
-    def fill(self, observations: Observations | None = None, *, progress: Progress | None = None) -> Estimate:  # noqa: ARG002
+    def fill(
+        self,
+        observations: Observations | None = None,  # noqa: ARG002
+        *,
+        asked: Asked | None = None,  # noqa: ARG002
+        progress: Progress | None = None,
+    ) -> Estimate:
         """From the trial's own positions; once for all that ask."""
         known, own = self.trials.regressed, self.settings
         if own not in known:

@@ -80,6 +80,18 @@ class MotionModel(ABC):
         """What ``constrain`` needs of a smoothed state to linearise about it; None: it is linear, here nothing."""
         return None
 
+    def rates(self, mean: Array, frame: int) -> tuple[Array, Array] | None:  # noqa: ARG002
+        """Velocities of the markers, and how positions and velocities depend on the state; None: it has none, here.
+
+        Args:
+            mean: (n,) mean of a state.
+            frame: Which frame it is of.
+
+        Returns:
+            (M, 3) velocities in m/s, and the (M, 6, n) Jacobian of each marker's position and velocity.
+        """
+        return None
+
     def informed(self, state: Gaussian) -> Gaussian:
         """A smoothed state of a frame in which nothing is seen, with what is known of any frame; here nothing."""
         return state

@@ -73,3 +73,9 @@ class ConstantVelocity(MotionModel):
     def markers(self, states: Array, frame: int) -> Array:  # noqa: ARG002
         """The positions themselves."""
         return states.reshape(len(states), -1, 3)
+
+    def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:  # noqa: ARG002
+        """The second half of the state."""
+        count = self.reads // 3
+        jacobian = np.eye(2 * self.reads).reshape(2, count, 3, -1)
+        return mean[self.reads :].reshape(-1, 3), np.moveaxis(jacobian, 0, 1).reshape(count, 6, -1)

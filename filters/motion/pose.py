@@ -1,7 +1,6 @@
 """Motion of the whole pose: a subspace of shapes, a body that moves, a potential that holds the shape."""
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -15,6 +14,7 @@ from filters.motion.base import MotionModel, Step
 from filters.motion.bones import Bones, Differences, differences, hold_bones
 from filters.motion.constant_velocity import white_acceleration
 from filters.motion.enforce import enforce, informed
+from filters.motion.potential import PosePotential
 from filters.motion.shape import ShapeMechanics
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
@@ -99,11 +99,11 @@ class Reference(NamedTuple):
     """Where potentials of a pose are linearised.
 
     Attributes:
-        held: Mean and factor of the components that the potential reads.
+        held: Mean and factor of the coordinates of each potential.
         bones: Differences of the ends of bones; None: it has none.
     """
 
-    held: Gaussian
+    held: tuple[Gaussian, ...]
     bones: Differences | None
 
 
@@ -128,9 +128,7 @@ class PoseMotion(MotionModel):
         body_sd: (12,) the same of g and gdot.
         residual_rate_hz: The rate a of the residual, 1/s.
         usual: Recorded z and zdot: what they are when nothing is seen.
-        gradient: (S, k) leading components to (S, k) gradients of the potential over eps^2, a second; None: no
-            potential.
-        held: The number k of components that the potential reads: r, or 2r if it is one of positions and velocities.
+        potentials: What holds the pose.
         regression: Where a regression has markers that are not seen; None: there is none.
         bones: Distances that markers keep; None: none are known.
         bone_stiffness: Factor on their potential V_b, a second.
@@ -145,11 +143,10 @@ class PoseMotion(MotionModel):
     body_sd: Array
     residual_rate_hz: float
     usual: Gaussian | None = None
-    gradient: Callable[[Array], Array] | None = None
-    held: int = 0
     regression: Regression | None = None
     bones: Bones | None = None
     bone_stiffness: float = 0.0
+    potentials: tuple[PosePotential, ...] = ()
     name: str = "eal"
     linear: bool = True
     reads: int = field(init=False)
@@ -254,9 +251,48 @@ class PoseMotion(MotionModel):
         position = frames.position_m[frame] + states[:, g][:, :3]
         return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
+    def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
+        """Velocities of the markers, in closed form.
+
+        With u = mean + basis z + e and A = R exp(w), marker and velocity are x = A u + c + p and
+        v = A u' + R (Omega x exp(w) u) + c' + p', where Omega = path rate + g' (rotation) is the angular velocity in
+        body axes, to first order in w, the body's deviation from its path.
+        """
+        _, g, e, g_rate, e_rate = self.parts
+        r, path, basis = self.rank, self.path, self.subspace.basis
+        rotation, n = path.frames.rotation[frame], len(mean)
+        w, (drift, spin) = mean[g][3:], np.split(mean[g_rate], 2)
+        turned = Rotation.from_rotvec(w).as_matrix()
+        whole = rotation @ turned
+        pose = (self.subspace.mean + basis @ mean[:r] + mean[e]).reshape(-1, 3) @ turned.T
+        pose_rate = (basis @ mean[r : 2 * r] + mean[e_rate]).reshape(-1, 3) @ turned.T
+        omega = path.rate_rad_s[frame] + spin
+        relative = pose_rate + np.cross(omega, pose)
+        velocity = relative @ rotation.T + path.velocity_m_s[frame] + drift
+        count = len(pose)
+        out = np.zeros((count, 6, n))
+        position, speed = out[:, :3], out[:, 3:]
+        carried = rotation @ _skew(omega) @ turned  # d v / d u
+        each = np.arange(count)
+        shapes = basis.reshape(count, 3, r)
+        position[:, :, :r] = whole @ shapes
+        speed[:, :, :r], speed[:, :, r : 2 * r] = carried @ shapes, whole @ shapes
+        for column in range(3):
+            position[each, :, e.start + 3 * each + column] = whole[:, column]
+            speed[each, :, e.start + 3 * each + column] = carried[:, column]
+            speed[each, :, e_rate.start + 3 * each + column] = whole[:, column]
+        here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
+        position[:, :, here] = np.eye(3)
+        lever = _skew(pose)
+        position[:, :, there] = -rotation @ lever
+        speed[:, :, there] = -rotation @ (_skew(pose_rate) + _skew(omega) @ lever)
+        speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
+        speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
+        return velocity, out
+
     def constrain(self, state: Gaussian, step: Step, about: "Reference | None" = None) -> Gaussian:
         """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
-        pull, dt_s = self.gradient, step.dt_s
+        dt_s = step.dt_s
         if self.regression is not None:
             which, xyz, whitening = self.regression.at(step.frame)
             if len(which):
@@ -264,9 +300,10 @@ class PoseMotion(MotionModel):
                 rows = each_marker(rows[:, which], np.swapaxes(whitening, 1, 2)).reshape(len(rows), -1)
                 away = np.einsum("mji,mi->mj", whitening, xyz - mean[which]).ravel()
                 state = condition(state, np.ascontiguousarray(rows), away, self.reads)[0]
-        if pull is not None:
-            held = None if about is None else about.held
-            state = enforce(state, lambda x: dt_s * pull(x), self.held, about=held)
+        for i, held in enumerate(self.potentials):
+            at = None if about is None else about.held[i]
+            coordinates = held.coordinates(state, self.parts[2], self.reads)
+            state = enforce(state, lambda q, pull=held.gradient: dt_s * pull(q), coordinates, about=at)
         if self.bones is not None:
             stiffness = dt_s * self.bone_stiffness
             ends = None if about is None else about.bones
@@ -274,12 +311,11 @@ class PoseMotion(MotionModel):
         return state
 
     def reference(self, state: Gaussian) -> "Reference | None":
-        """The shape that the potential reads, and the differences of the ends of bones."""
-        if self.gradient is None and self.bones is None:
+        """What the potentials read, and the differences of the ends of bones."""
+        if not self.potentials and self.bones is None:
             return None
-        k = self.held
         return Reference(
-            Gaussian(state.mean[:k], state.factor[:k, :k]),
+            tuple(held.marginal(state, self.parts[2], self.reads) for held in self.potentials),
             None if self.bones is None else differences(self.bones, *self._pose(state)),
         )
 
@@ -293,3 +329,10 @@ class PoseMotion(MotionModel):
     def informed(self, state: Gaussian) -> Gaussian:
         """The shape and its velocity are some that were recorded."""
         return state if self.usual is None else informed(state, self.usual)
+
+
+def _skew(v: Array) -> Array:
+    """(..., 3, 3) matrices of the cross product with (..., 3) vectors."""
+    x, y, z = np.moveaxis(np.asarray(v), -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)

@@ -8,6 +8,7 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
+from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear, residual_px
@@ -114,12 +115,13 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
         ]
     jitter = _jitter(ideal_px)
     if whole > max(0.02 * extent, LARGE_PX):
+        cropped = may_be_cropped(cameras, ideal_px)
         return [
             Finding(
                 kind="foreign calibration",
                 alarm=True,
                 text=f"median triangulation residual {whole:.0f} px, while the pixels themselves span only "
-                f"{extent:.0f} px: the calibration does not belong to these pixels",
+                f"{extent:.0f} px: " + (cropped or "the calibration does not belong to these pixels"),
                 numbers={"residual_px": whole, "extent_px": extent},
                 cameras=tuple(c.name for c in cameras),
             )

@@ -14,6 +14,7 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, find_arrangement
 from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 
@@ -186,6 +187,12 @@ def decide_origin(
         raise ArrangementError(replace(found, residual_px=best[0]))
     size = float(np.nanmax(uv_px, initial=1.0) - np.nanmin(uv_px, initial=0.0))
     if best[0] > max(0.03 * size, 10.0):
+        cropped = may_be_cropped(cameras, uv_px)
+        if cropped is not None:
+            raise CalibrationError(
+                f"the median triangulation residual is {best[0]:.0f} px: {cropped} (or the calibration does not "
+                "belong to these pixels)"
+            )
         raise CalibrationError(
             f"the median triangulation residual is {best[0]:.0f} px: the coefficients do not belong to these "
             "pixels, or the two count rows from different corners: check the files, or give `image_height_px` so "

@@ -150,7 +150,8 @@ def finish(report: object, text: str, out: Path, as_json: bool) -> None:
     learned = "potentials, " if isinstance(report, Mapping) and report.get("joints") else ""
     say(
         "",
-        f"Wrote {out}/: markers.csv and .nc, joints.csv, run.nc, report.json, report.md, {learned}recording.rrd",
+        f"Wrote {out}/: kinematics.csv and .nc, cycles.csv, figures/, report.html, markers.csv and .nc, joints.csv, "
+        f"run.nc, report.json, report.md, {learned}recording.rrd",
         f"Look at it: {typed(program(), 'view', out)}   (in the browser: add --web)",
     )
 

@@ -15,7 +15,9 @@ from mocap.cli.convert import convert
 from mocap.cli.data import data
 from mocap.cli.demo import demo
 from mocap.cli.design_joint import design_joint
+from mocap.cli.digitise import digitise
 from mocap.cli.info import info
+from mocap.cli.kinematics import kinematics
 from mocap.cli.learn import learn
 from mocap.cli.reproduce import reproduce
 from mocap.cli.share import share
@@ -59,7 +61,22 @@ app = typer.Typer(
     epilog=f"{DEBUG} (anywhere on the line) or {DEBUG_VARIABLE}=1: print the full traceback of an internal error, "
     "to report it.",
 )
-for command in (info, convert, triangulate, track, learn, skeleton, demo, view, share, reproduce, design_joint):
+COMMANDS = (
+    info,
+    convert,
+    triangulate,
+    digitise,
+    track,
+    kinematics,
+    learn,
+    skeleton,
+    demo,
+    view,
+    share,
+    reproduce,
+    design_joint,
+)
+for command in COMMANDS:
     app.command()(command)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import finish, progress, say
-from mocap.cli.options import AsJson, Force, Out, RecordingOptions
+from mocap.cli.options import AsJson, Force, Out, RecordingOptions, Views
 from mocap.cli.records import with_records
 from mocap.errors import MocapError
 from mocap.text import as_text
@@ -47,13 +47,7 @@ class VideoOptions:
 
 @with_records
 def track(
-    tracks: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Pixels or positions, in any format that mocap info knows; several: the views of one trial, "
-            "a camera a file, and their calibration."
-        ),
-    ],
+    tracks: Views,
     out: Out,
     stated: RecordingOptions,
     movies: VideoOptions,

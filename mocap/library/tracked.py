@@ -15,7 +15,12 @@ from mocap.arrays import Array
 from mocap.errors import MocapError
 from mocap.io.movies import Movie
 from mocap.io.output import result_folder
+from mocap.kinematics.compute import kinematics
+from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
+from mocap.kinematics.points import asked_for
+from mocap.kinematics.records import Kinematics
 from mocap.library.learning import Model, load_model
+from mocap.moving import with_means
 from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.job import Watch, run_job
 from mocap.pipeline.recording import Recording
@@ -24,12 +29,14 @@ from mocap.plots.joint import plot_coordinates
 from mocap.records import Status
 from mocap.results.dataset import markers_dataset
 from mocap.results.stored import read_run
-from mocap.results.tables import write_run
+from mocap.results.tables import write_cycles, write_kinematics, write_run
+from mocap.skeleton import Skeleton
 from mocap.stages import Stages
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from mocap.library.figures import Plots
     from mocap.rerun.viewer import Viewer
 
 Tell = Callable[[str, float], None]
@@ -113,6 +120,11 @@ class Tracked:
         """The joints of the skeleton; none where no skeleton was given."""
         return {joint.name: self._joint(joint.name) for joint in self.run.skeleton.joints}
 
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation."""
+        return kinematics(self.run.motion, self.run.skeleton, recording=self.run.name)
+
     def _joint(self, name: str) -> Joint:
         markers, world = self.run.tracked.markers, next(iter(self.run.joints.values()))
         i = world.names.index(name)
@@ -162,6 +174,7 @@ class Tracked:
 
         with Stages(tell=progress).stage("write"):
             write_run(self.run, folder, write_recording=write_recording)
+            self.write_kinematics(folder)
 
     @property
     def recording_id(self) -> str:
@@ -169,6 +182,57 @@ class Tracked:
         from mocap.rerun.record import recording_id
 
         return recording_id(self.run)
+
+    def write_kinematics(self, folder: Path, *, progress: Tell = silent) -> None:
+        """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
+
+        Args:
+            folder: Where to, as ``mocap.io.output.result_folder`` gives it.
+            progress: Called with the name of the stage and the share of it that is done.
+        """
+        from mocap.plots.figures import pictures, report_page, write_pictures
+
+        with Stages(tell=progress).stage("kinematics and figures"):
+            write_kinematics(self.kinematics, folder)
+            write_cycles(self._cycles, folder / "cycles.csv")
+            shown = list(pictures(self.run, self.kinematics, self._cycles, self.footfalls))
+            page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
+            (folder / "report.html").write_text(page, encoding="utf-8")
+
+    @cached_property
+    def footfalls(self) -> Footfalls | None:
+        """When the stated feet stand; None where none are stated or none stands."""
+        return footfalls(self.run.motion, self.run.skeleton)
+
+    @cached_property
+    def _cycles(self) -> list[Cycle]:
+        return cycles(self.kinematics, self.run.motion, self.run.skeleton)
+
+    @property
+    def cycles(self) -> pd.DataFrame:
+        """Wing beats, strides and waves: a row a cycle, as ``cycles.csv`` has them."""
+        return cycles_table(self._cycles)
+
+    @property
+    def plot(self) -> "Plots":
+        """Figures: ``res.plot.over_time("elbow_l_flexion_deg")``, ``by_phase``, ``gait``, ``stroke``, ``gaps``, ..."""
+        from mocap.library.figures import Plots
+
+        return Plots(self.run, self.kinematics, self._cycles, self.footfalls)
+
+    def with_skeleton(self, skeleton: Skeleton) -> "Tracked":
+        """The same markers, with what another skeleton states of joints, axes, outlines and masses.
+
+        Covariances between markers are those that were kept when the recording was tracked: of quantities that need
+        others ``kinematics.notes`` says so.
+
+        Raises:
+            SkeletonError: it uses a marker that the recording lacks.
+        """
+        names = self.run.tracked.markers.names
+        checked = skeleton.for_markers(names, source=self.name)
+        asked = asked_for(names, checked, n_frames=len(self.run.motion.t_s))
+        return Tracked(replace(self.run, skeleton=checked, motion=with_means(self.run.motion, asked)), self.folder)
 
     def with_report(self, text: str) -> "Tracked":
         """The same, with more at the end of its report."""

@@ -12,6 +12,8 @@ from filters.motion.base import MotionModel
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.joints import joint_tracks
+from mocap.kinematics.points import asked_for
+from mocap.pipeline.moving import motion_of
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
@@ -92,6 +94,7 @@ def _run_job(
         learned = None if learned is None else renamed(learned, prepared.skeleton)
     if model in ("eal", "mixture") and reason is not None:
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
+    asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
     scores, hidden = {}, 0
     if validated:
         with stages.stage("validate on hidden samples") as progress:
@@ -107,7 +110,7 @@ def _run_job(
     if learned is not None:
         name, why = "learned", _learned_from(learned, prepared, part)
         with stages.stage("track") as progress:
-            smoothed = track_learned(prepared, part, learned, progress=progress)
+            smoothed = track_learned(prepared, part, learned, asked=asked, progress=progress)
     else:
         chosen, why = _choose(model, reason, scores)
         alone = "eal" if chosen == "mixture" else chosen
@@ -117,13 +120,13 @@ def _run_job(
         name, smoothed = chosen, None
         if chosen == "mixture":
             with stages.stage("track with a mixture of models") as progress:
-                smoothed = track_mixed(prepared, part, settings=settings, progress=progress)
+                smoothed = track_mixed(prepared, part, settings=settings, asked=asked, progress=progress)
         if smoothed is None:
             with stages.stage("learn"):
                 own = learn_motion(prepared, part, alone, settings=settings)
             name = own.motion.name
             with stages.stage("track") as progress:
-                smoothed = track(prepared, part, own, progress=progress)
+                smoothed = track(prepared, part, own, asked=asked, progress=progress)
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
         joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
@@ -153,6 +156,7 @@ def _run_job(
         ideal_px=ideal,
         y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
         tracked=tracked,
+        motion=motion_of(tracked.markers, part.frames, smoothed.rates, asked),
         joints=joints,
         potentials=potentials,
         spatial_potentials=spatial,

@@ -14,6 +14,7 @@ from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.io.movies import Movie
+from mocap.moving import Motion
 from mocap.records import JointTracks, PixelTracks
 from mocap.skeleton import Skeleton
 
@@ -91,6 +92,7 @@ class Run:
         ideal_px: Undistorted pixels as tracked, NaN where not seen; None without cameras.
         y_up: True where the pixel y axis of the file points up (lower-left origin).
         tracked: The result of the tracker.
+        motion: Markers with velocities and joint covariances.
         joints: Joint tracks by frame of reference.
         potentials: One empirical potential a joint, by joint name, in the planes of its limb.
         spatial_potentials: The same in three coordinates in the body.
@@ -107,6 +109,7 @@ class Run:
     ideal_px: PixelTracks | None
     y_up: bool
     tracked: TrackedMotion
+    motion: Motion
     joints: Mapping[str, JointTracks]
     potentials: Mapping[str, JointPotential]
     spatial_potentials: Mapping[str, JointPotential]

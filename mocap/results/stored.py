@@ -11,13 +11,14 @@ from eal import load_potential
 from filters.records import TrackedMotion
 from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
+from mocap.moving import Motion
 from mocap.pipeline.run import JointPotential, Run
 from mocap.records import JointTracks, MarkerTracks, PixelTracks
 from mocap.results.dataset import INDIVIDUAL, markers_dataset
 from mocap.skeleton import read_skeleton, write_skeleton
 
 FORMAT = "eal-mocap run 1"
-MARKERS, REST, SKELETON = "markers.nc", "run.nc", "skeleton.toml"
+MARKERS, REST, MOTION, SKELETON = "markers.nc", "run.nc", "motion.nc", "skeleton.toml"
 PLANAR, SPATIAL = "potentials", "spatial_potentials"
 """Folders of potentials in the planes of limbs, and in the three coordinates of the body."""
 _PACKED = {"zlib": True, "complevel": 1, "shuffle": True}
@@ -34,6 +35,7 @@ def write_arrays(run: Run, folder: Path) -> None:
     """
     _write(markers_dataset(run.tracked, run.repaired), folder / MARKERS)
     _write(_rest(run), folder / REST)
+    (folder / MOTION).write_bytes(_motion(run.motion).to_netcdf(engine="h5netcdf"))
     write_skeleton(folder / SKELETON, run.skeleton)
     for kind, potentials in _potentials(run).items():
         for name, potential in potentials.items():
@@ -49,6 +51,44 @@ def _write(dataset: xr.Dataset, path: Path) -> None:
     packed = {name: _PACKED for name, found in dataset.data_vars.items() if found.ndim and found.size}
     # made in memory: a full disk ends the HDF5 library with a segmentation fault
     path.write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+
+
+def _motion(motion: Motion) -> xr.Dataset:
+    """Velocities and joint covariances of points; covariances are float32 and hardly pack, so they are not packed."""
+    own, cross = ("time", "point", "row", "column"), ("time", "pair", "row", "column")
+    return xr.Dataset(
+        {
+            "position": (("time", "point", "space"), motion.xyz_m, {"units": "m"}),
+            "velocity": (("time", "point", "space"), motion.velocity_m_s, {"units": "m/s"}),
+            "covariance": (own, motion.own),
+            "pairs": (("pair", "two"), motion.pairs),
+            "pair_covariance": (cross, motion.cross),
+            "velocity_change": (("time", "point", "space"), motion.kept.astype(np.float32)),
+            "measured": (("time", "point"), motion.measured.astype(np.int8)),
+        },
+        coords={"time": ("time", motion.t_s, {"units": "s"}), "point": list(motion.names), "space": list("xyz")},
+        attrs={"header": json.dumps({"format": FORMAT})},
+    )
+
+
+def read_motion(folder: Path) -> Motion:
+    """Velocities and joint covariances that ``write_arrays`` wrote.
+
+    Raises:
+        FormatError: there are none, or they cannot be read.
+    """
+    found, _ = _opened(folder / MOTION)
+    return Motion(
+        names=tuple(map(str, found["point"].values)),
+        t_s=found["time"].values,
+        xyz_m=found["position"].values,
+        velocity_m_s=found["velocity"].values,
+        own=found["covariance"].values,
+        pairs=found["pairs"].values,
+        cross=found["pair_covariance"].values,
+        kept=found["velocity_change"].values,
+        measured=found["measured"].values.astype(bool),
+    )
 
 
 def _rest(run: Run) -> xr.Dataset:
@@ -94,7 +134,7 @@ def read_run(folder: Path) -> Run:
     Raises:
         FormatError: the folder holds no run, or one of another version.
     """
-    for name in (MARKERS, REST, SKELETON, "report.json", "report.md"):
+    for name in (MARKERS, REST, MOTION, SKELETON, "report.json", "report.md"):
         if not (folder / name).is_file():
             raise FormatError(
                 f"{folder}: contains no {name}: expected a folder that `mocap track` or save() of this version wrote"
@@ -153,6 +193,7 @@ def read_run(folder: Path) -> Run:
         ideal_px=ideal,
         y_up=header["y_up"],
         tracked=tracked,
+        motion=read_motion(folder),
         joints=joints,
         potentials=potentials[PLANAR],
         spatial_potentials=potentials[SPATIAL],

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
+from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.records import WORDS as REST_WORDS
+from mocap.kinematics.records import Kinematics
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status
 from mocap.results.stored import write_arrays
 
 
 def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None]) -> None:
-    """Write tables, ``markers.nc``, ``run.nc``, the report, the skeleton, ``potentials/`` and ``recording.rrd``.
+    """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``.
 
     Args:
         run: What to write.
@@ -61,6 +64,43 @@ def write_joints(run: Run, path: Path) -> None:
         header.append(f"{joint}_sd")
         columns.append(_text(run.joints["world"].sd_m[:, i], run.joints["world"].sd_m[:, i]))
     _write(path, header, columns)
+
+
+def write_kinematics(found: Kinematics, folder: Path) -> None:
+    """``kinematics.csv``, a row a frame with ``<quantity>_<unit>``, ``..._sd`` and ``..._status``; ``kinematics.nc``.
+
+    Values have as many digits as their smallest standard deviation is worth, two of it.
+    """
+    header = ["frame", "t_s"]
+    columns = [np.arange(1, len(found.t_s) + 1).astype(str), np.char.mod("%.9g", found.t_s)]
+    words = np.array(REST_WORDS)
+    for one in found.quantities:
+        header += [one.name, f"{one.name}_sd", f"{one.name}_status"]
+        columns += [*_with_sd(one.value, one.sd), words[one.rests]]
+    with (folder / "kinematics.csv").open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(as_cells(header))
+        writer.writerows(zip(*[c.tolist() for c in columns], strict=True))
+    dataset = found.to_dataset()
+    packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("value", "sd", "status")}
+    (folder / "kinematics.nc").write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+
+
+def write_cycles(rows: Sequence[Cycle], path: Path) -> None:
+    """``cycles.csv``: a row a cycle, as mixed models are fed (``mocap.kinematics.cycles.Cycle``)."""
+    path.write_text(cycles_table(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n"), encoding="utf-8")
+
+
+def _with_sd(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values and their standard deviations as text, with the decimals that the smallest of these asks for."""
+    positive = sd[np.isfinite(sd) & (sd > 0)]
+    digits = 6 if not len(positive) else int(np.clip(2 - np.floor(np.log10(positive.min())), 0, 9))
+    form = f"%.{digits}f\n" * len(values)  # all in one call: NumPy's formatting takes three times as long
+
+    def text(x: np.ndarray) -> np.ndarray:
+        return np.array((form % tuple(x.tolist())).replace("nan", "NaN").split("\n")[:-1], dtype=object)
+
+    return text(values), text(sd)
 
 
 def _text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from eal.potential import fit_potential
 from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
+from mocap.moving import without_rates
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.run import JointPotential, Run
 from mocap.records import JointTracks, MarkerTracks, PixelTracks, Status
@@ -128,6 +129,7 @@ def make_run(
         ideal_px=pixels,
         y_up=y_up,
         tracked=tracked,
+        motion=without_rates(markers.names, t_s, xyz, cov, origin == Status.MEASURED),
         joints=joints,
         potentials=potentials,
         spatial_potentials=joint_potentials(joints, markers, body, frame=SPACE) if joints else {},

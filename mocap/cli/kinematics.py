@@ -1,0 +1,37 @@
+"""``mocap kinematics``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap.cli.console import errors, progress, say
+from mocap.cli.options import Force
+
+
+def kinematics(
+    run: Annotated[Path, typer.Argument(help="Folder that track or demo wrote.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder to write; if not given, the folder kinematics within the run.")
+    ] = None,
+    skeleton: Annotated[
+        Path | None,
+        typer.Option(help="Another skeleton of the same markers, with other joints, axes, outlines or masses."),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Angles, velocities, accelerations, lengths, areas and strokes of a tracked run, each with its deviation."""
+    import mocap
+    from mocap.io.output import result_folder
+    from mocap.skeleton import read_skeleton
+
+    result = mocap.load(run)
+    if skeleton is not None:
+        result = result.with_skeleton(read_skeleton(skeleton))
+    place = run / "kinematics" if out is None else out
+    inputs = [run, *([skeleton] if skeleton is not None else [])]
+    with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
+        result.write_kinematics(folder, progress=tell)
+    for note in result.kinematics.notes:
+        say(f"note: {note}")
+    errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")

@@ -1,0 +1,193 @@
+"""All quantities of a motion that a skeleton names."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.kinematics import angles
+from mocap.kinematics.delta import Naming, Points, central, change, change_sd, edges, made, of_velocity, with_rates
+from mocap.kinematics.points import BODY, MASS, asked_for
+from mocap.kinematics.records import Kinematics, Quantity
+from mocap.kinematics.stroke import stroke_quantities
+from mocap.measures import AXES, Line
+from mocap.moving import Motion, with_means
+from mocap.skeleton import Joint, Skeleton
+
+
+def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Kinematics:
+    """Angles, velocities, accelerations, lengths, areas and strokes, each with its standard deviation.
+
+    Every quantity is a function of positions and velocities of points. Its standard deviation is that of the function
+    to first order, from the joint covariance of these that the smoother has (the delta method); the rate of a quantity
+    is its slope along the velocities of the state, never a difference of positions; accelerations are changes of the
+    state's velocities from the frame before to the frame after, with the covariance of these.
+
+    Args:
+        motion: Points with velocities and joint covariances.
+        skeleton: Joints, bones, trunk and measures.
+        recording: Its name.
+    """
+    if BODY not in motion.names:
+        motion = with_means(motion, asked_for(motion.names, skeleton, n_frames=len(motion.t_s)))
+    up = np.array(AXES[skeleton.measures.up])
+    found = list(_joints(motion, skeleton))
+    found += _body(motion, skeleton, up)
+    if MASS in motion.names:
+        found += point_quantities(motion, MASS, kind="mass")
+    found += stroke_quantities(motion, skeleton, up)
+    found += _lengths(motion, skeleton)
+    for name in motion.names:
+        if name not in (BODY, MASS):
+            found += point_quantities(motion, name, kind="marker")
+    used, unique = set(), []
+    for one in found:
+        if one.name not in used:
+            used.add(one.name)
+            unique.append(one)
+    return Kinematics(
+        recording=recording, t_s=motion.t_s, quantities=tuple(unique), notes=tuple(_notes(motion, skeleton))
+    )
+
+
+def _notes(motion: Motion, skeleton: Skeleton) -> Iterator[str]:
+    measures = skeleton.measures
+    apart = [j.name for j in skeleton.joints if not Points.of(motion, (j.parent, j.centre, j.child)).known]
+    if apart:
+        yield (
+            f"covariances between the markers of {', '.join(apart)} were not kept: these markers are taken for "
+            "independent, so that intervals of angles are usually too wide"
+        )
+    if not skeleton.joints:
+        yield "the skeleton has no joints: there are no angles; `mocap skeleton` proposes some"
+    if measures.forward is None:
+        yield "the skeleton states no `forward` under [measures]: there is no yaw, pitch and roll"
+    if not measures.segments:
+        yield "the skeleton states no masses of segments under [measures.segments]: there is no centre of mass"
+
+
+def _joints(motion: Motion, skeleton: Skeleton) -> Iterator[Quantity]:
+    for joint in skeleton.joints:
+        axes = skeleton.measures.axes.get(joint.name)
+        three = Points.of(motion, (joint.parent, joint.centre, joint.child))
+        what = f"angle between {joint.parent}, {joint.centre}, {joint.child}; 180 where they lie in line"
+        naming = Naming(name=f"{joint.name}_angle", unit="deg", what=what, kind="joint")
+        yield from with_rates(three, angles.included, naming, rates=False)
+        if axes is None:
+            what = f"flexion of {joint.name}: 180 degrees less the angle of its three markers"
+            naming = Naming(name=f"{joint.name}_flexion", unit="deg", what=what, kind="joint")
+            yield from with_rates(three, angles.flexion, naming)
+        else:
+            yield from _three_angles(motion, joint, axes.parent, axes.child)
+
+
+def _three_angles(
+    motion: Motion, joint: Joint, parent: tuple[Line, Line], child: tuple[Line, Line]
+) -> Iterator[Quantity]:
+    """Flexion, abduction and rotation about stated axes."""
+    points = Points.of(motion, [marker for line in (*parent, *child) for marker in line])
+    about = (
+        ("flexion", "in the parent's plane of flexion, about its axis normal to its long axis and second direction"),
+        ("abduction", "out of the parent's plane of flexion"),
+        ("rotation", "of the child about its long axis"),
+    )
+    for which, (name, what) in enumerate(about):
+        naming = Naming(name=f"{joint.name}_{name}", unit="deg", what=f"{name} of {joint.name}: {what}", kind="joint")
+        yield from with_rates(points, angles.joint_angle(which), naming)
+
+
+def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:
+    """Velocity, speed and acceleration of a point; its position too where it is a mean of markers."""
+    points = Points.of(motion, (name,))
+    variance = np.einsum("tii->ti", points.cov)
+    sd, rests = np.sqrt(np.maximum(variance, 0.0)), points.rests
+
+    def named(what: str, unit: str, words: str) -> Naming:
+        return Naming(name=f"{name}_{what}", unit=unit, what=f"{words} of {name}", kind=kind)
+
+    out: list[Quantity] = []
+    if kind != "marker":
+        for k, axis in enumerate("xyz"):
+            out.append(made(points, named(axis, "m", axis), points.x[:, 0, k], sd[:, k], rests))
+    parts = [
+        made(points, named(f"velocity_{axis}", "m_s", f"velocity along {axis}"), points.v[:, 0, k], sd[:, 3 + k], rests)
+        for k, axis in enumerate("xyz")
+    ]
+    out += [*parts, of_velocity(points, lambda v: angles.length(v[:, 0]), named("speed", "m_s", "speed"))]
+    changes = [
+        change(part, points, named(f"acceleration_{axis}", "m_s2", f"acceleration along {axis}"))
+        for axis, part in zip("xyz", parts, strict=True)
+    ]
+    vector, deviation = (np.stack([getattr(c, field) for c in changes], axis=1) for field in ("value", "sd"))
+    along = angles.length(angles.unit(vector) * deviation)
+    whole = named("acceleration", "m_s2", "size of the acceleration")
+    return [*out, *changes, made(points, whole, angles.length(vector), along, changes[0].rests)]
+
+
+def _body(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:
+    """Position, velocity and acceleration of the trunk, its course and how it is turned."""
+    out = point_quantities(motion, BODY, kind="body")
+    body, level = Points.of(motion, (BODY,)), angles.level_axes(up)
+
+    def course(v: Array) -> Array:
+        flat = v[:, 0] @ level.T
+        return np.arctan2(flat[:, 1], flat[:, 0])
+
+    def climb(v: Array) -> Array:
+        flat = v[:, 0] @ level.T
+        return np.arctan2(flat[:, 2], np.hypot(flat[:, 0], flat[:, 1]))
+
+    heading = Naming(name="body_heading", unit="deg", what="course of the body seen from above", kind="body")
+    out.append(of_velocity(body, course, heading))
+    climbing = Naming(name="body_climb", unit="deg", what="climb of the body's course", kind="body")
+    out.append(of_velocity(body, climb, climbing))
+    out.append(_turning(out[-2], body))
+    measures = skeleton.measures
+    if measures.forward is not None:
+        ahead = Points.of(motion, measures.forward)
+        line = f"the line from {measures.forward[0]} to {measures.forward[1]}"
+        for name, function, what in (
+            ("yaw", angles.yaw(up), f"direction of {line} seen from above"),
+            ("pitch", angles.pitch(up), f"angle of {line} above the horizontal"),
+        ):
+            naming = Naming(name=f"body_{name}", unit="deg", what=what, kind="body")
+            out += with_rates(ahead, function, naming)
+        if measures.left is not None:
+            four = Points.of(motion, (*measures.forward, *measures.left))
+            what = f"turn of the trunk about {line}; positive where its left side is up"
+            naming = Naming(name="body_roll", unit="deg", what=what, kind="body")
+            out += with_rates(four, angles.roll(up), naming)
+    return out
+
+
+def _turning(heading: Quantity, body: Points) -> Quantity:
+    """Turning rate of the course, from the change of the velocity's direction."""
+    t_s = body.motion.t_s
+    value = np.degrees(central(t_s, np.radians(heading.value)))
+    return Quantity(
+        name="body_turning_rate_deg_s",
+        unit="deg_s",
+        what="rate of change of body_heading",
+        kind="body",
+        markers=(BODY,),
+        value=value,
+        sd=np.where(np.isfinite(value), change_sd(t_s, heading.sd, body.kept), np.nan),
+        rests=np.where(np.isfinite(value), edges(heading.rests), 0),
+    )
+
+
+def _lengths(motion: Motion, skeleton: Skeleton) -> list[Quantity]:
+    """Lengths of bones, stated distances and areas; the last two with their rates."""
+    out: list[Quantity] = []
+    for name, pair in skeleton.measures.distances.items():
+        naming = Naming(name=name, unit="m", what=f"distance from {pair[0]} to {pair[1]}", kind="length")
+        out += with_rates(Points.of(motion, pair), angles.distance, naming)
+    for name, outline in skeleton.measures.areas.items():
+        what = f"area of the outline {', '.join(outline)}"
+        naming = Naming(name=f"{name}_area", unit="m2", what=what, kind="area")
+        out += with_rates(Points.of(motion, outline), angles.area, naming)
+    for bone in skeleton.bones:
+        what = f"length from {bone.a} to {bone.b}"
+        naming = Naming(name=f"{bone.a}_to_{bone.b}", unit="m", what=what, kind="length")
+        out += with_rates(Points.of(motion, (bone.a, bone.b)), angles.distance, naming, rates=False)
+    return out

@@ -1,0 +1,230 @@
+"""Functions of uncertain positions and velocities: their values, rates, and standard deviations to first order."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.kinematics.records import Quantity, Rests
+from mocap.moving import Motion
+
+Function = Callable[[Array], Array]
+"""(T, k, 3) positions (or velocities) of k points to (T,) values."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Some points of a motion, with their joint covariance.
+
+    Attributes:
+        motion: The motion.
+        names: The k points.
+        x: (T, k, 3) positions.
+        v: (T, k, 3) velocities.
+        cov: (T, 6k, 6k) covariance, point by point, position before velocity.
+        known: Whether all their covariances with each other are known; if not they are taken for independent.
+    """
+
+    motion: Motion
+    names: tuple[str, ...]
+    x: Array
+    v: Array
+    cov: Array
+    known: bool
+
+    @classmethod
+    def of(cls, motion: Motion, names: Sequence[str]) -> "Points":
+        """Points by name."""
+        index = [motion.index(name) for name in names]
+        cov, known = motion.joint(index)
+        return cls(motion, tuple(names), motion.xyz_m[:, index], motion.velocity_m_s[:, index], cov, known)
+
+    @property
+    def rests(self) -> NDArray[np.int8]:
+        """(T,) what values of these points rest on."""
+        index = [self.motion.index(name) for name in self.names]
+        there = np.isfinite(self.x).all(axis=(1, 2))
+        measured = self.motion.measured[:, index].all(axis=1)
+        return np.where(there, np.where(measured, Rests.MEASURED, Rests.FILLED), Rests.MISSING).astype(np.int8)
+
+    @property
+    def kept(self) -> Array:
+        """(T,) share of the variances of neighbouring velocities that they do not have in common."""
+        index = [self.motion.index(name) for name in self.names]
+        return self.motion.kept[:, index].mean(axis=(1, 2))
+
+
+def angle_apart(a: Array, b: Array) -> Array:
+    """Difference a - b of angles in radians, between -pi and pi."""
+    return (a - b + np.pi) % (2 * np.pi) - np.pi
+
+
+def _apart(a: Array, b: Array, *, angle: bool) -> Array:
+    return angle_apart(a, b) if angle else a - b
+
+
+STEP = 1e-4
+"""Steps of numerical slopes, as a share of the distances between the points."""
+
+
+MOST_NUMBERS = 200_000
+"""Coordinates at once: what fits into a processor's cache, and memory does not grow with the recording."""
+
+
+def slopes(function: Function, x: Array, step: float, *, angle: bool) -> Array:
+    """(T, 3k) slopes of a function of k points (T, k, 3), by central differences; all in one call."""
+    count, points = x.shape[:2]
+    size = 3 * points
+    at_once = max(1, MOST_NUMBERS // (2 * size**2))
+    if count > at_once:
+        parts = [slopes(function, x[i : i + at_once], step, angle=angle) for i in range(0, count, at_once)]
+        return np.concatenate(parts)
+    shift = (step * np.eye(size)).reshape(size, 1, points, 3)
+    both = np.concatenate([x + shift, x - shift]).reshape(-1, points, 3)
+    value = function(both).reshape(2, size, count)
+    return (_apart(value[0], value[1], angle=angle) / (2 * step)).T
+
+
+def quadratic(g: Array, cov: Array) -> Array:
+    """(T,) square roots of g' P g for slopes (T, n) and covariances (T, n, n)."""
+    return np.sqrt(np.maximum((g[:, None] @ cov @ g[:, :, None])[:, 0, 0], 0.0))
+
+
+def extent(x: Array) -> float:
+    """Root mean square distance of points (T, k, 3) from their mean; 1 m where there is none."""
+    there = x[np.isfinite(x).all(axis=(1, 2))]
+    if not len(there):
+        return 1.0
+    return max(float(np.sqrt(np.mean((there - there.mean(axis=1, keepdims=True)) ** 2))), 1e-6)
+
+
+def central(t_s: Array, y: Array, *, angle: bool = False) -> Array:
+    """(T,) central difference of a series, at the ends one-sided."""
+    if len(t_s) < 2:
+        return np.full(len(t_s), np.nan)
+    before, after = np.maximum(np.arange(len(t_s)) - 1, 0), np.minimum(np.arange(len(t_s)) + 1, len(t_s) - 1)
+    return _apart(y[after], y[before], angle=angle) / (t_s[after] - t_s[before])
+
+
+def change_sd(t_s: Array, sd: Array, kept: Array) -> Array:
+    """(T,) standard deviation of the central difference of a rate, with what neighbours share taken off."""
+    if len(t_s) < 2:
+        return np.full(len(t_s), np.nan)
+    before, after = np.maximum(np.arange(len(t_s)) - 1, 0), np.minimum(np.arange(len(t_s)) + 1, len(t_s) - 1)
+    return np.sqrt(kept * (sd[before] ** 2 + sd[after] ** 2)) / (t_s[after] - t_s[before])
+
+
+def edges(rests: NDArray[np.int8]) -> NDArray[np.int8]:
+    """What a change over neighbouring frames rests on: the worst of the three frames."""
+    before, after = np.concatenate([rests[:1], rests[:-1]]), np.concatenate([rests[1:], rests[-1:]])
+    three = np.stack([before, rests, after])
+    worst = np.where((three == Rests.FILLED).any(axis=0), Rests.FILLED, rests)
+    return np.where((three == Rests.MISSING).any(axis=0), Rests.MISSING, worst).astype(np.int8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Naming:
+    """How a quantity and its rates are called.
+
+    Attributes:
+        name: Without unit: ``elbow_l_flexion``.
+        unit: ``deg``, ``m``, ``m2``, ...
+        what: In words.
+        kind: See ``Quantity``.
+    """
+
+    name: str
+    unit: str
+    what: str
+    kind: str
+
+
+def made(points: Points, naming: Naming, value: Array, sd: Array, rests: NDArray[np.int8]) -> Quantity:
+    """A quantity in its unit (angles come in radians), where it has a value."""
+    scale = 180 / np.pi if naming.unit.startswith("deg") else 1.0
+    there = np.isfinite(value) & (rests != Rests.MISSING)
+    return Quantity(
+        name=f"{naming.name}_{naming.unit}",
+        unit=naming.unit,
+        what=naming.what,
+        kind=naming.kind,
+        markers=points.names,
+        value=np.where(there, scale * value, np.nan),
+        sd=np.where(there, scale * sd, np.nan),
+        rests=np.where(there, rests, Rests.MISSING),
+    )
+
+
+def of_velocity(points: Points, function: Function, naming: Naming) -> Quantity:
+    """A function of the velocities of points, (T, k, 3) to (T,)."""
+    angle = naming.unit == "deg"
+    k = len(points.names)
+    moving = np.arange(6 * k).reshape(k, 6)[:, 3:].ravel()
+    with np.errstate(invalid="ignore", divide="ignore"):
+        g = slopes(function, points.v, 1e-6, angle=angle)
+        return made(points, naming, function(points.v), quadratic(g, points.cov[:, moving][:, :, moving]), points.rests)
+
+
+def with_rates(points: Points, function: Function, naming: Naming, *, rates: bool = True) -> list[Quantity]:
+    """A quantity f(x) of positions, its rate f' v, and the rate of that.
+
+    With slopes g of f at x, the value has the variance g' P g. The rate g' v depends on the positions with the slopes
+    h = (g(x + e v) - g(x - e v)) / 2 e and on the velocities with g. Steps e and those of slopes are numerical, not in
+    time.
+
+    Args:
+        points: The points.
+        function: Of their positions (T, k, 3).
+        naming: Of the value; rates are called after it.
+        rates: Whether rates are wanted.
+    """
+    angle, k = naming.unit == "deg", len(points.names)
+    size = extent(points.x) if k > 1 else 1e-2
+    order = np.arange(6 * k).reshape(k, 6)
+    place, moving = order[:, :3].ravel(), order[:, 3:].ravel()
+    x, v, step = points.x, points.v, STEP * size
+    with np.errstate(invalid="ignore", divide="ignore"):
+        fastest = np.abs(v).max(axis=(1, 2))
+        far = (step / np.maximum(fastest, 1e-9))[:, None, None]
+        spread = np.concatenate([x, x + far * v, x - far * v]) if rates else x
+        g, *around = np.split(slopes(function, spread, step, angle=angle), 3 if rates else 1)
+        rests = points.rests
+        out = [made(points, naming, function(x), quadratic(g, points.cov[:, place][:, :, place]), rests)]
+        if not rates:
+            return out
+        both = np.empty((len(x), 6 * k))
+        both[:, place], both[:, moving] = (around[0] - around[1]) / (2 * far[:, 0]), g
+        rate = Naming(
+            name=f"{naming.name}_rate",
+            unit=f"{naming.unit}_s",
+            what=f"rate of change of {naming.what}",
+            kind=naming.kind,
+        )
+        value = np.sum(g * v.reshape(len(x), -1), axis=1)
+        out.append(made(points, rate, value, quadratic(both, points.cov), rests))
+    second = Naming(
+        name=f"{naming.name}_acceleration",
+        unit=f"{naming.unit}_s2",
+        what=f"second rate of change of {naming.what}",
+        kind=naming.kind,
+    )
+    return [*out, change(out[1], points, second)]
+
+
+def change(rate: Quantity, points: Points, naming: Naming) -> Quantity:
+    """How a rate changes over the frames before and after, by lag-one covariances (``Motion.kept``)."""
+    t_s = points.motion.t_s
+    value, rests = central(t_s, rate.value), edges(rate.rests)
+    there = np.isfinite(value) & (rests != Rests.MISSING)
+    return Quantity(
+        name=f"{naming.name}_{naming.unit}",
+        unit=naming.unit,
+        what=naming.what,
+        kind=naming.kind,
+        markers=rate.markers,
+        value=np.where(there, value, np.nan),
+        sd=np.where(there, change_sd(t_s, rate.sd, points.kept), np.nan),
+        rests=np.where(there, rests, Rests.MISSING),
+    )

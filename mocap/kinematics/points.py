@@ -1,0 +1,70 @@
+"""Which points and pairs of points a smoother is asked for, so that every quantity has its standard deviation."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+from mocap.measures import Segment
+from mocap.moving import Asked
+from mocap.skeleton import Skeleton
+
+BODY, MASS = "body", "centre_of_mass"
+"""Means of the markers of the trunk, and of all segments by their masses."""
+MOST_BYTES = 4e8
+"""Joint covariances of pairs take at most so much memory; of longer recordings those of joints alone are kept."""
+
+
+def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Asked:
+    """All that the quantities of a skeleton need.
+
+    Args:
+        names: The M markers of the recording.
+        skeleton: Joints, bones, trunk and measures.
+        n_frames: Number of frames, for the memory.
+    """
+    weights = [mean_weights(names, skeleton.trunk or names)]
+    means = [BODY]
+    if skeleton.measures.segments:
+        weights.append(mass_weights(names, list(skeleton.measures.segments.values())))
+        means.append(MASS)
+    index = {name: i for i, name in enumerate((*names, *means))}
+    needed = [[(j.parent, j.centre, j.child) for j in skeleton.joints], measured_sets(skeleton)]
+    pairs: list[tuple[int, int]] = []
+    for sets in needed:
+        found = {
+            (min(index[a], index[b]), max(index[a], index[b]))
+            for points in sets
+            for a, b in combinations(dict.fromkeys(points), 2)
+            if a in index and b in index
+        }
+        more = [*pairs, *sorted(found - set(pairs))]
+        if 4 * 36 * len(more) * n_frames <= MOST_BYTES:
+            pairs = more
+    return Asked(names=(*names, *means), weights=tuple(weights), pairs=tuple(pairs))
+
+
+def measured_sets(skeleton: Skeleton) -> list[tuple[str, ...]]:
+    """Points that enter one quantity together, beyond joints."""
+    measures = skeleton.measures
+    sets: list[tuple[str, ...]] = [(bone.a, bone.b) for bone in skeleton.bones]
+    sets += list(measures.distances.values()) + list(measures.areas.values())
+    trunk_lines = [line for line in (measures.forward, measures.left) if line]
+    body = tuple(marker for line in trunk_lines for marker in line)
+    sets += [body] + [(*body, *line) for line in measures.strokes.values()]
+    for axes in measures.axes.values():
+        sets.append(tuple(marker for line in (*axes.parent, *axes.child) for marker in line))
+    return sets
+
+
+def mean_weights(names: Sequence[str], markers: Sequence[str]) -> tuple[float, ...]:
+    """Weights of the mean of some markers."""
+    return tuple(1 / len(markers) if name in markers else 0.0 for name in names)
+
+
+def mass_weights(names: Sequence[str], segments: Sequence[Segment]) -> tuple[float, ...]:
+    """Weights of the centre of mass of segments, whose own lie on the line between their ends."""
+    total = sum(part.mass_g for part in segments)
+    weights = dict.fromkeys(names, 0.0)
+    for part in segments:
+        weights[part.start] += (1 - part.centre) * part.mass_g / total
+        weights[part.end] += part.centre * part.mass_g / total
+    return tuple(weights.values())

@@ -1,0 +1,176 @@
+"""Quantities over time, each with its standard deviation and whether it rests on measured samples."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array, frozen, unique
+from mocap.errors import MocapError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Z95 = 1.959964
+"""Half width of a 95 % interval in standard deviations."""
+
+
+class Rests(IntEnum):
+    """What a value rests on."""
+
+    MISSING = 0  # no value
+    MEASURED = 1  # all its markers were measured in that frame
+    FILLED = 2  # one of them at least was filled
+
+
+WORDS = tuple(one.name.lower() for one in Rests)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Quantity:
+    """One quantity over time.
+
+    Attributes:
+        name: Its column, with the unit at the end: ``elbow_l_flexion_deg``.
+        unit: Its unit, ``1`` for a number.
+        what: What it is, in words.
+        kind: What it belongs to: ``joint``, ``marker``, ``body``, ``length``, ``area``, ``stroke``, ``mass``.
+        markers: The points that it rests on.
+        value: (T,) values; NaN where there is none.
+        sd: (T,) their standard deviations; NaN where not known.
+        rests: (T,) one ``Rests`` code a value.
+    """
+
+    name: str
+    unit: str
+    what: str
+    kind: str
+    markers: tuple[str, ...]
+    value: Array
+    sd: Array
+    rests: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        object.__setattr__(self, "value", frozen(f"{self.name}: value", self.value, (None,)))
+        object.__setattr__(self, "sd", frozen(f"{self.name}: sd", self.sd, (len(self.value),)))
+        object.__setattr__(self, "rests", frozen("rests", self.rests, (len(self.value),), dtype=np.int8))
+
+    @property
+    def low(self) -> Array:
+        """(T,) lower end of the 95 % interval."""
+        return self.value - Z95 * self.sd
+
+    @property
+    def high(self) -> Array:
+        """(T,) upper end of the 95 % interval."""
+        return self.value + Z95 * self.sd
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Kinematics(Mapping[str, Quantity]):
+    """All quantities of a recording, by name.
+
+    Attributes:
+        recording: Name of the recording.
+        t_s: (T,) times in seconds.
+        quantities: The quantities, in the order of their columns.
+        notes: What a reader must know: which were left out and why, whose intervals are wider than they need be.
+    """
+
+    recording: str
+    t_s: Array
+    quantities: tuple[Quantity, ...]
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check names."""
+        unique("quantity", tuple(q.name for q in self.quantities))
+        object.__setattr__(self, "_by_name", {q.name: q for q in self.quantities})
+
+    def __getitem__(self, name: str) -> Quantity:
+        """A quantity by its name.
+
+        Raises:
+            MocapError: there is none of that name.
+        """
+        found: dict[str, Quantity] = self._by_name  # type: ignore[attr-defined]
+        if name not in found:
+            parts = name.split("_")
+            near = [one for one in found if all(part in one.split("_") for part in parts[:2])] or list(found)
+            raise MocapError(f"there is no quantity {name!r}: there are {', '.join(near[:8])}, ...")
+        return found[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a quantity of that name."""
+        return name in self._by_name  # type: ignore[attr-defined]
+
+    def __iter__(self) -> Iterator[str]:
+        """Names."""
+        return (q.name for q in self.quantities)
+
+    def __len__(self) -> int:
+        """Number of quantities."""
+        return len(self.quantities)
+
+    def of(self, kind: str, *, ends: str = "") -> list[Quantity]:
+        """Quantities of a kind whose names end so."""
+        return [q for q in self.quantities if q.kind == kind and q.name.endswith(ends)]
+
+    def to_dataframe(self, *, long: bool = False) -> "pd.DataFrame":
+        """A row a frame, columns as in ``kinematics.csv``; or (``long``) a row for each quantity and frame."""
+        import pandas as pd
+
+        frames = np.arange(1, len(self.t_s) + 1)
+        if long:
+            parts = [
+                pd.DataFrame(
+                    {
+                        "recording": self.recording,
+                        "frame": frames,
+                        "t_s": self.t_s,
+                        "quantity": q.name,
+                        "unit": q.unit,
+                        "value": q.value,
+                        "sd": q.sd,
+                        "status": np.array(WORDS)[q.rests],
+                    }
+                )
+                for q in self.quantities
+            ]
+            return pd.concat(parts, ignore_index=True)
+        columns: dict[str, object] = {"frame": frames}
+        for q in self.quantities:
+            columns |= {q.name: q.value, f"{q.name}_sd": q.sd, f"{q.name}_status": np.array(WORDS)[q.rests]}
+        return pd.DataFrame(columns, index=pd.Index(self.t_s, name="t_s"))
+
+    def to_dataset(self) -> "xr.Dataset":
+        """As ``kinematics.nc``: ``value``, ``sd``, ``status`` (time, quantity), with unit, kind and meaning of each."""
+        import xarray as xr
+
+        def stacked(get: Callable[[Quantity], NDArray]) -> NDArray:
+            return np.stack([get(q) for q in self.quantities], axis=1)
+
+        flags = {"flag_values": np.array([int(o) for o in Rests], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
+        both = ("time", "quantity")
+        return xr.Dataset(
+            {
+                "value": (both, stacked(lambda q: q.value)),
+                "sd": (both, stacked(lambda q: q.sd)),
+                "status": (both, stacked(lambda q: q.rests), flags),
+                "unit": ("quantity", [q.unit for q in self.quantities]),
+                "kind": ("quantity", [q.kind for q in self.quantities]),
+                "meaning": ("quantity", [q.what for q in self.quantities]),
+                "markers": ("quantity", [" ".join(q.markers) for q in self.quantities]),
+            },
+            coords={
+                "time": ("time", self.t_s, {"units": "s"}),
+                "frame": ("time", np.arange(1, len(self.t_s) + 1)),
+                "quantity": list(self),
+            },
+            attrs={"source_software": "eal-mocap", "recording": self.recording, "notes": "\n".join(self.notes)},
+        )

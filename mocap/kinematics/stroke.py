@@ -1,0 +1,125 @@
+"""Strokes of limbs that beat: the plane, the angle in it, the deviation from it, the phase."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import hilbert
+
+from mocap.arrays import Array
+from mocap.kinematics import angles
+from mocap.kinematics.delta import Naming, Points, with_rates
+from mocap.kinematics.records import Quantity, Rests
+from mocap.measures import Line
+from mocap.moving import Motion
+from mocap.skeleton import Skeleton
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StrokePlane:
+    """The plane in which a limb beats, in axes of the trunk.
+
+    Attributes:
+        out: (3,) its first axis: the middle of the stroke.
+        up: (3,) its second axis, towards the upper end of the stroke.
+        normal: (3,) its normal, first x second axis.
+        inclination_rad: Angle between the stroke plane and the trunk's transverse plane (normal to its long axis).
+    """
+
+    out: Array
+    up: Array
+    normal: Array
+    inclination_rad: float
+
+
+def trunk_frame(measures_forward: Line, measures_left: Line, motion: Motion) -> Array:
+    """(T, 3, 3) axes of the trunk as columns: ahead, left, up."""
+    four = [motion.xyz_m[:, motion.index(marker)] for marker in (*measures_forward, *measures_left)]
+    return angles.frames_of_four(np.stack(four, axis=1))
+
+
+def stroke_plane(direction: Array) -> StrokePlane | None:
+    """The plane through the root in which unit directions (T, 3) in trunk axes (ahead, left, up) lie best.
+
+    It contains the two axes of largest second moment of the directions about the root; ``out`` is the mean direction
+    in it. None: fewer than four directions, or all alike.
+    """
+    there = direction[np.isfinite(direction).all(axis=1)]
+    if len(there) < 4:
+        return None
+    value, vectors = np.linalg.eigh(there.T @ there / len(there))
+    if value[1] < 1e-6:
+        return None
+    normal = vectors[:, 0]
+    mean = there.mean(axis=0)
+    out = angles.unit(mean - (mean @ normal) * normal)
+    up = angles.cross(normal, out)
+    if up[2] < 0:
+        normal, up = -normal, -up
+    return StrokePlane(out=out, up=up, normal=normal, inclination_rad=float(np.arccos(min(1.0, abs(normal[0])))))
+
+
+def stroke_function(plane: StrokePlane, *, deviation: bool) -> Callable[[Array], Array]:
+    """Stroke angle of six points (trunk's forward and left lines, root, tip), or its deviation from the plane, rad."""
+
+    def angle(x: Array) -> Array:
+        frame = angles.frames_of_four(x[:, :4])
+        along = np.einsum("tji,tj->ti", frame, x[:, 5] - x[:, 4])
+        first, second, third = along @ plane.out, along @ plane.up, along @ plane.normal
+        return np.arctan2(third, np.hypot(first, second)) if deviation else np.arctan2(second, first)
+
+    return angle
+
+
+def stroke_quantities(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:  # noqa: ARG001
+    """Stroke angle, deviation and phase of every stated stroke; none where the trunk's axes are not stated."""
+    measures = skeleton.measures
+    if measures.forward is None or measures.left is None:
+        return []
+    out: list[Quantity] = []
+    frame = trunk_frame(measures.forward, measures.left, motion)
+    for name, (root, tip) in measures.strokes.items():
+        away = motion.xyz_m[:, motion.index(tip)] - motion.xyz_m[:, motion.index(root)]
+        plane = stroke_plane(angles.unit(np.einsum("tji,tj->ti", frame, away)))
+        if plane is None:
+            continue
+        points = Points.of(motion, (*measures.forward, *measures.left, root, tip))
+        inclined = f"stroke plane {np.degrees(plane.inclination_rad):.1f} degrees from the trunk's transverse plane"
+        stroke = Naming(
+            name=f"{name}_stroke",
+            unit="deg",
+            what=f"angle of the line from {root} to {tip} in its stroke plane, up is positive; {inclined}",
+            kind="stroke",
+        )
+        found = with_rates(points, stroke_function(plane, deviation=False), stroke)
+        aside = Naming(
+            name=f"{name}_deviation", unit="deg", what=f"angle of that line out of its {inclined}", kind="stroke"
+        )
+        found += with_rates(points, stroke_function(plane, deviation=True), aside, rates=False)
+        out += [*found, phase_of(found[0], name)]
+    return out
+
+
+def phase_of(stroke: Quantity, name: str) -> Quantity:
+    """Phase of an oscillation, of its analytic signal (Gabor 1946): 0 and 360 at the upper end, 180 at the lower, deg.
+
+    The standard deviation is that of the stroke over the amplitude of the analytic signal, to first order.
+    """
+    there = np.isfinite(stroke.value)
+    value, sd = np.full(len(there), np.nan), np.full(len(there), np.nan)
+    if there.sum() >= 8:
+        index = np.arange(len(there))
+        whole = np.interp(index, index[there], stroke.value[there])
+        signal = np.array(hilbert(whole - whole.mean()), dtype=complex)
+        value = np.where(there, np.degrees(np.angle(signal)) % 360, np.nan)
+        sd = np.where(there, np.degrees(stroke.sd / np.maximum(np.abs(signal), 1e-9)), np.nan)
+    return Quantity(
+        name=f"{name}_phase_deg",
+        unit="deg",
+        what=f"phase of {stroke.name}: 0 at its upper end, 180 at its lower end",
+        kind="stroke",
+        markers=stroke.markers,
+        value=value,
+        sd=sd,
+        rests=np.where(there, stroke.rests, Rests.MISSING),
+    )

@@ -1,0 +1,95 @@
+"""``res.plot``: figures of a tracked recording, on matplotlib axes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mocap.errors import MocapError
+from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
+from mocap.kinematics.records import Kinematics
+from mocap.pipeline.run import Run
+from mocap.plots import kinematics as plots
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, eq=False)
+class Plots:
+    """Figures of a tracked recording; every method draws on ``ax`` or on new axes, and returns them."""
+
+    run: Run
+    kinematics: Kinematics
+    rows: Sequence[Cycle]
+    steps: Footfalls | None
+
+    def over_time(self, *quantities: str, ax: "Axes | None" = None) -> "Axes":
+        """Quantities of one unit over time with 95 % intervals; filled frames are shaded.
+
+        Raises:
+            MocapError: there is no quantity of that name, or they differ in unit.
+        """
+        units = {self.kinematics[name].unit for name in quantities}
+        if len(units) != 1:
+            raise MocapError(
+                f"quantities of one plot need one unit, but these have {', '.join(sorted(units)) or 'none'}"
+            )
+        return plots.plot_over_time(self.kinematics, quantities, ax=ax)
+
+    def curves(self, quantity: str, *, of: str) -> Ensemble:
+        """A quantity over the phase of the cycles of a limb or foot: mean, interval, each cycle.
+
+        Raises:
+            MocapError: there is no such quantity, or no cycles of that.
+        """
+        rows = [row for row in self.rows if row.of == of]
+        if not rows:
+            known = ", ".join(dict.fromkeys(row.of for row in self.rows)) or "none"
+            raise MocapError(f"there are no cycles of {of!r}: there are {known}; state strokes or feet in the skeleton")
+        return ensemble(self.kinematics, rows, quantity)
+
+    def by_phase(self, *quantities: str, of: str, ax: "Axes | None" = None) -> "Axes":
+        """Quantities over the phase of the cycles of a limb: mean with its 95 % interval, and each cycle.
+
+        Raises:
+            MocapError: as ``curves``.
+        """
+        curves = [self.curves(name, of=of) for name in quantities]
+        return plots.plot_by_phase(curves, unit=self.kinematics[quantities[0]].unit, of=of.replace("_", " "), ax=ax)
+
+    def gait(self, ax: "Axes | None" = None) -> "Axes":
+        """Gait diagram.
+
+        Raises:
+            MocapError: no feet are stated, or none stands.
+        """
+        if self.steps is None:
+            raise MocapError("there is no gait diagram: state `feet` under [measures] in the skeleton")
+        return plots.plot_gait(self.steps, ax=ax)
+
+    def stroke(self, name: str, ax: "Axes | None" = None) -> "Axes":
+        """Path of a limb in and out of its stroke plane.
+
+        Raises:
+            MocapError: there is no such stroke.
+        """
+        found = self.kinematics
+        return plots.plot_stroke_path(found[f"{name}_stroke_deg"], found[f"{name}_deviation_deg"], ax=ax)
+
+    def gaps(self, ax: "Axes | None" = None) -> "Axes":
+        """Where markers were filled, rejected or missing."""
+        markers = self.run.tracked.markers
+        return plots.plot_gaps(markers.names, markers.t_s, markers.status, ax=ax)
+
+    def residuals(self, ax: "Axes | None" = None) -> "Axes":
+        """Distances of each camera's pixels from the tracked markers.
+
+        Raises:
+            MocapError: the recording has no cameras.
+        """
+        if self.run.ideal_px is None:
+            raise MocapError("there are no residuals: the recording was given as positions, without cameras")
+        away = np.linalg.norm(self.run.ideal_px.uv_px - self.run.tracked.reprojected_px, axis=-1)
+        return plots.plot_residuals(self.run.ideal_px.cameras, away, self.run.tracked.used, ax=ax)

@@ -1,0 +1,223 @@
+"""Figures of kinematics: angles with their intervals, curves over the phase, gait diagrams, gaps, residuals.
+
+Colours are those of Okabe & Ito (2008), which the colour-blind can tell apart; figures are one or two columns of a
+journal wide.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array, true_runs
+from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls
+from mocap.kinematics.records import Kinematics, Quantity, Rests
+from mocap.records import Status
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Blue, vermillion, green, purple, orange, sky blue."""
+GAP = "#E8E8E8"
+UNITS = {
+    "deg": "°",
+    "deg_s": "°/s",
+    "deg_s2": "°/s²",
+    "m": "m",
+    "m_s": "m/s",
+    "m_s2": "m/s²",
+    "m2": "m²",
+    "m2_s": "m²/s",
+    "m2_s2": "m²/s²",
+}
+
+
+def new_axes(*, width_mm: float = 86.0, height_mm: float = 60.0, left_mm: float = 13.0, rows: int = 1) -> "Axes":
+    """Axes of a figure of its own, with room on the left for labels and above for so many rows of a legend."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_mm / 25.4, height_mm / 25.4))
+    top, bottom, right = 2.0 + 3.6 * rows, 10.0, 3.0
+    whole = (left_mm / width_mm, bottom / height_mm, 1 - (left_mm + right) / width_mm, 1 - (top + bottom) / height_mm)
+    ax = figure.add_axes(whole)
+    styled(ax)
+    return ax
+
+
+def styled(ax: "Axes") -> None:
+    """Text of 7 points, no frame above and to the right."""
+    ax.tick_params(labelsize=7, length=3, width=0.6)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        ax.spines[side].set_linewidth(0.6)
+
+
+def label(name: str) -> str:
+    """A quantity's name without its unit, as words."""
+    parts = name.split("_")
+    for unit in sorted(UNITS, key=len, reverse=True):
+        tail = unit.split("_")
+        if parts[-len(tail) :] == tail:
+            parts = parts[: -len(tail)]
+            break
+    return " ".join(parts)
+
+
+def plot_over_time(found: Kinematics, quantities: Sequence[str], *, ax: "Axes | None" = None) -> "Axes":
+    """Quantities of one unit over time with their 95 % intervals; frames that rest on filled markers are shaded.
+
+    Args:
+        found: The quantities.
+        quantities: Names of one to three of them.
+        ax: To draw on; None: new ones.
+    """
+    ax = new_axes(width_mm=180) if ax is None else ax
+    t_s = found.t_s
+    several = [found[name] for name in quantities]
+    filled = np.any([q.rests == Rests.FILLED for q in several], axis=0)
+    shade(ax, t_s, filled)
+    for q, colour in zip(several, COLOURS, strict=False):
+        ax.fill_between(t_s, q.low, q.high, color=colour, alpha=0.25, linewidth=0)
+        ax.plot(t_s, q.value, color=colour, linewidth=0.9, label=label(q.name))
+    ax.set_ylim(*sensible([q.value for q in several]))
+    there = np.flatnonzero(np.any([np.isfinite(q.value) for q in several], axis=0))
+    if len(there):
+        ax.set_xlim(float(t_s[there[0]]), float(t_s[there[-1]]))
+    share = 100 * float(filled[there].mean()) if len(there) else 0.0
+    note = f"band: 95 % interval; grey: rests on filled markers ({share:.0f} % of {len(there)} frames)"
+    ax.set_xlabel(f"time (s)        {note}", fontsize=7)
+    ax.set_ylabel(
+        f"{'angle' if several[0].unit == 'deg' else label(several[0].name)} ({UNITS[several[0].unit]})", fontsize=7
+    )
+    ax.legend(fontsize=7, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+    return ax
+
+
+def shade(ax: "Axes", t_s: Array, where: NDArray[np.bool_]) -> None:
+    """Grey where something holds."""
+    half = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.5
+    for start, stop in true_runs(where):
+        ax.axvspan(t_s[start] - half, t_s[stop - 1] + half, color=GAP, linewidth=0, zorder=0)
+
+
+def sensible(values: Sequence[Array]) -> tuple[float, float]:
+    """Limits that hold all but the outermost half per cent at each end, with room; one outlier flattens no plot."""
+    every = np.concatenate([v[np.isfinite(v)] for v in values])
+    if not len(every):
+        return 0.0, 1.0
+    low, high = np.percentile(every, [0.5, 99.5])
+    room = 0.08 * max(high - low, 1e-9)
+    return float(low - room), float(high + room)
+
+
+def plot_by_phase(curves: Sequence[Ensemble], *, unit: str, of: str, ax: "Axes | None" = None) -> "Axes":
+    """Mean curves over the phase of a cycle, with the 95 % interval of the mean, and each cycle thin."""
+    ax = new_axes(rows=len(curves)) if ax is None else ax
+    for one, colour in zip(curves, COLOURS, strict=False):
+        for curve in one.curves:
+            ax.plot(one.phase, curve, color=colour, linewidth=0.3, alpha=0.35)
+        ax.fill_between(one.phase, one.low, one.high, color=colour, alpha=0.35, linewidth=0)
+        ax.plot(one.phase, one.mean, color=colour, linewidth=1.2, label=f"{label(one.quantity)} (n = {one.n})")
+    ax.set_xlim(0, 1)
+    ax.set_xlabel(f"phase of the {of} (cycles)", fontsize=7)
+    ax.set_ylabel(f"{'angle' if unit == 'deg' else 'value'} ({UNITS[unit]})", fontsize=7)
+    ax.legend(fontsize=6.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+    return ax
+
+
+def plot_gait(steps: Footfalls, *, ax: "Axes | None" = None) -> "Axes":
+    """Gait diagram: a bar where a foot stands, with its duty factor."""
+    ax = new_axes(width_mm=180, height_mm=16 + 7 * len(steps.feet), left_mm=18) if ax is None else ax
+    half = 0.5 * float(np.median(np.diff(steps.t_s)))
+    for row in range(len(steps.feet)):
+        for start, stop in true_runs(steps.stance[:, row]):
+            left = steps.t_s[start] - half
+            ax.barh(row, steps.t_s[stop - 1] + half - left, left=left, height=0.6, color=COLOURS[row % len(COLOURS)])
+    ax.set_yticks(range(len(steps.feet)), [foot.replace("_", " ") for foot in steps.feet])
+    ax.invert_yaxis()
+    ax.set_xlim(float(steps.t_s[0]), float(steps.t_s[-1]))
+    ax.set_xlabel("time (s)", fontsize=7)
+    ax.set_title("gait diagram: bars are stance", fontsize=7, loc="left")
+    return ax
+
+
+def plot_cycle_values(rows: Sequence[Cycle], what: str, *, unit: str, ax: "Axes | None" = None) -> "Axes":
+    """A value of each cycle over time, by limb."""
+    ax = new_axes(rows=len({row.of for row in rows})) if ax is None else ax
+    for k, limb in enumerate(dict.fromkeys(row.of for row in rows)):
+        some = [row for row in rows if row.of == limb]
+        values = np.array([getattr(row, what) for row in some])
+        colour = COLOURS[k % len(COLOURS)]
+        text = f"{limb.replace('_', ' ')}: {np.mean(values):.3g} ± {np.std(values):.2g}, n = {len(some)}"
+        ax.plot([row.start_s for row in some], values, "o-", color=colour, markersize=2.5, linewidth=0.7, label=text)
+    ax.set_xlabel("time (s)", fontsize=7)
+    ax.set_ylabel(f"{what.rsplit('_', 1)[0].replace('_', ' ')} ({unit})", fontsize=7)
+    ax.legend(fontsize=6.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+    return ax
+
+
+def plot_stroke_path(stroke: Quantity, deviation: Quantity, *, ax: "Axes | None" = None) -> "Axes":
+    """Path of a limb in and out of its stroke plane."""
+    ax = new_axes() if ax is None else ax
+    ax.axhline(0, color="0.7", linewidth=0.6)
+    ax.plot(stroke.value, deviation.value, color=COLOURS[0], linewidth=0.6)
+    filled = stroke.rests == Rests.FILLED
+    ax.plot(stroke.value[filled], deviation.value[filled], ".", color=COLOURS[1], markersize=1.5, label="filled")
+    ax.set_xlabel("stroke angle, up is positive (°)", fontsize=7)
+    ax.set_ylabel("out of the stroke plane (°)", fontsize=7)
+    ax.set_title(label(stroke.name), fontsize=7, loc="left")
+    if filled.any():
+        ax.legend(fontsize=6.5, frameon=False)
+    return ax
+
+
+def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax: "Axes | None" = None) -> "Axes":
+    """Where each marker was filled, rejected or missing: a row a marker, every one named."""
+    from matplotlib.patches import Patch
+
+    ax = new_axes(width_mm=180, height_mm=20 + 3.2 * len(names), left_mm=22) if ax is None else ax
+    kinds = (
+        ("filled", COLOURS[1], (status == Status.SMOOTHED) | (status == Status.PREDICTED)),
+        ("rejected", COLOURS[3], status == Status.REJECTED),
+        ("missing", "0.25", status == Status.MISSING),
+    )
+    picture = np.ones((*status.shape, 3)) * 0.93
+    for _, colour, where in kinds:
+        picture[where] = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)] if colour[0] == "#" else 0.25
+    half = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.5
+    span = (t_s[0] - half, t_s[-1] + half, len(names) - 0.5, -0.5)
+    ax.imshow(np.swapaxes(picture, 0, 1), aspect="auto", interpolation="nearest", extent=span)
+    ax.set_yticks(range(len(names)), names, fontsize=5.5)
+    ax.set_xlabel("time (s)", fontsize=7)
+    keys = [Patch(color=colour, label=f"{what} {100 * where.mean():.1f} %") for what, colour, where in kinds]
+    ax.legend(handles=keys, fontsize=6.5, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0))
+    return ax
+
+
+def plot_residuals(
+    cameras: Sequence[str], residual_px: Array, used: NDArray[np.bool_], *, ax: "Axes | None" = None
+) -> "Axes":
+    """Distance of each camera's pixels from the tracked markers: median, and the middle half and 90 %.
+
+    Args:
+        cameras: The C cameras.
+        residual_px: (C, T, M) distances; NaN where nothing was seen.
+        used: (C, T, M) pixels that were believed.
+        ax: To draw on; None: new ones.
+    """
+    ax = new_axes(height_mm=18 + 4.5 * len(cameras), left_mm=18, rows=0) if ax is None else ax
+    for row in range(len(cameras)):
+        values = residual_px[row][used[row] & np.isfinite(residual_px[row])]
+        if len(values):
+            five, low, mid, high, most = np.percentile(values, [5, 25, 50, 75, 95])
+            ax.plot([five, most], [row, row], color=COLOURS[0], linewidth=0.8)
+            ax.plot([low, high], [row, row], color=COLOURS[0], linewidth=3.5, solid_capstyle="butt")
+            ax.plot([mid], [row], "o", color="white", markeredgecolor=COLOURS[0], markersize=3.5)
+    ax.set_yticks(range(len(cameras)), cameras, fontsize=6)
+    ax.invert_yaxis()
+    ax.set_xlim(left=0)
+    ax.set_xlabel("px from tracked markers: median, 50, 90 %", fontsize=7)
+    return ax

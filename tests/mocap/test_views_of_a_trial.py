@@ -100,3 +100,30 @@ def test_a_project_and_a_calibration_are_compared():
     text = " ".join(inspect([project, rig], Hints())[0]["findings"])
     assert "with other coefficients: the median triangulation residual" in text
     assert "with its own" in text
+
+
+def test_the_report_tells_residuals_by_camera_and_marker(tmp_path):
+    """One marker is clicked six times as carelessly (3 px) in one camera of four: the table names both."""
+    from mocap.pipeline.prepare import prepare
+    from mocap.pipeline.recording import Recording
+    from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
+
+    rig = ring(4)
+    rng = np.random.default_rng(4)
+    uv = record(rig, moving(np.arange(N)))
+    uv = uv + rng.normal(0, 0.5, uv.shape)
+    uv[2, :, 1] += 3.0 * rng.normal(0, 1, (N, 2))
+    header = ",".join(f"pt{m + 1}_cam{c + 1}_{x}" for m in range(5) for c in range(4) for x in "XY")
+    np.savetxt(
+        tmp_path / "a_xypts.csv", uv.transpose(1, 2, 0, 3).reshape(N, -1), "%.6f", ",", header=header, comments=""
+    )
+    np.savetxt(tmp_path / "rig.csv", np.stack([dlt_coefficients(c) for c in rig], axis=1), "%.12g", ",")
+    found = residuals_by_camera(
+        prepare(Recording(tracks=tmp_path / "a_xypts.csv", calibration=tmp_path / "rig.csv", fps=200))
+    )
+    worst = max(((c, m) for c in found for m in found[c]), key=lambda cm: found[cm[0]][cm[1]] or 0.0)
+    assert worst == ("cam3", "pt2")
+    assert (found["cam1"]["all"] or 9) < 1.0
+    lines = residual_lines(found)
+    assert lines[4] == "| marker | cam1 | cam2 | cam3 | cam4 |"
+    assert lines[7].startswith("| pt2 |")

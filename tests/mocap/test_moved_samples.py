@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from datasets import PERFECT, make_bat
+from filters.observations import WHOLE
+from filters.observe import Observed
 from filters.records import Estimate
 from mocap.pipeline.moved import moved_report
 from mocap.pipeline.prepare import prepare_tracks
@@ -31,18 +33,17 @@ def tracked(prepared, xyz_m):
     """What a tracker makes of it that has every marker at ``xyz_m``, known to 1 mm, and believes all."""
     part = seen_part(prepared)
     cov = np.broadcast_to(SD_M**2 * np.eye(3), (*xyz_m.shape, 3))
-    observed = [_Believed(xyz_m.shape[1]) for _ in xyz_m]
+    n = xyz_m.shape[1]
+    believed = Observed(
+        where=np.stack([np.full(n, WHOLE), np.arange(n)], axis=1),
+        innovation=np.zeros((n, 3)),
+        weight=np.ones(n),
+        nis=1.0,
+        n_rows=3 * n,
+        log_likelihood=0.0,
+    )
+    observed = [believed] * len(xyz_m)
     return tracked_motion(prepared, part, "test", Estimate(xyz_m=xyz_m, cov_m2=cov, observed=observed))
-
-
-class _Believed:
-    """All markers of a frame, believed."""
-
-    nis, n_rows, log_likelihood = 1.0, 3, 0.0
-
-    def __init__(self, n_markers):
-        self.where = np.stack([np.full(n_markers, -1), np.arange(n_markers)], axis=1)
-        self.weight, self.innovation = np.ones(n_markers), np.zeros((n_markers, 3))
 
 
 def test_a_sample_that_the_track_leaves_is_rejected(prepared):

@@ -19,7 +19,8 @@ settings.load_profile("project")
 SLOW = {
     "benchmarks/gaps/test_gap_ours.py": 30,
     "benchmarks/gaps/test_gap_run.py": 9,
-    "benchmarks/gaps/test_gap_sets.py": 6,
+    "benchmarks/gaps/test_gap_rays.py": 2,
+    "benchmarks/gaps/test_gap_sets.py": 11,
     "benchmarks/gaps/test_peer_latent.py": 4,
     "benchmarks/gaps/test_peer_poses.py": 2,
     "datasets/test_calibration_pictures.py": 6,

@@ -13,6 +13,10 @@ from mocap.cameras.lens import BrownLens
 from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear, residual_px
 
+LARGE_PX = 8.0
+"""A median residual above this, and above ``MANY_SD`` deviations of the clicks' jitter, is warned of."""
+MANY_SD = 4.0
+
 
 def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:
     """Cameras with identical calibrations, and mirrored worlds.
@@ -109,7 +113,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
                 cameras=(camera.name,),
             )
         ]
-    if whole > max(0.02 * extent, 8.0):
+    jitter = _jitter(ideal_px)
+    if whole > max(0.02 * extent, LARGE_PX):
         cropped = may_be_cropped(cameras, ideal_px)
         return [
             Finding(
@@ -121,7 +126,27 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
                 cameras=tuple(c.name for c in cameras),
             )
         ]
+    if whole > LARGE_PX and whole > MANY_SD * jitter:
+        against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
+        return [
+            Finding(
+                kind="large residual",
+                alarm=True,
+                text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: the rays do not meet, "
+                "and 3D points are wrong by about as much: check cameras, lenses and the order of the files",
+                numbers={"residual_px": whole, "jitter_px": jitter},
+                cameras=tuple(c.name for c in cameras),
+            )
+        ]
     return []
+
+
+def _jitter(ideal_px: Array) -> float:
+    """Standard deviation of clicks from frame to frame, by third differences (variance 20 times theirs); 0: unknown."""
+    uv = ideal_px.reshape(len(ideal_px), ideal_px.shape[1], -1)
+    third = np.abs(np.diff(uv, n=3, axis=1))
+    third = third[np.isfinite(third)]
+    return float(np.median(third)) / (0.6745 * np.sqrt(20.0)) if len(third) >= 30 else 0.0
 
 
 def _flips(camera: Camera, uv: Array) -> list[tuple[str, Array]]:

@@ -10,6 +10,7 @@ from filters.observations import Observations, PixelObservations, PositionObserv
 from mocap import audit
 from mocap.arrays import Array
 from mocap.cameras import triangulate
+from mocap.cameras.camera import Camera
 from mocap.cleaning.bias import ray_bias
 from mocap.cleaning.camera_health import BadTime, camera_health, shifted_back
 from mocap.cleaning.clean import REASONS, clean
@@ -30,8 +31,17 @@ from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.unstated_unit import too_long
-from mocap.pipeline.recording import Filmed, Recording, audit_points, by_pixels, load_filmed, load_points, load_skeleton
-from mocap.records import MarkerTracks
+from mocap.pipeline.recording import (
+    Filmed,
+    Recording,
+    audit_points,
+    by_pixels,
+    film_of,
+    load_filmed,
+    load_points,
+    load_skeleton,
+)
+from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, ends_among
 from mocap.stated import contradiction
 
@@ -170,12 +180,73 @@ def prepare(source: Recording) -> Prepared:
     filmed = load_filmed(source, iterations=None)
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
-    likely, unlikely, relative = _by_likelihood(filmed, source.contents.score)
+    stale, told = audit_points(source, filmed)
+    return prepare_filmed(
+        filmed,
+        skeleton,
+        name=source.name,
+        file=source.tracks.name,
+        pixel_sd=source.pixel_sd,
+        unit_stated=source.unit is not None,
+        findings=source.frame_findings,
+        likelihood=source.contents.score,
+        stored_findings=told,
+        stale=stale,
+    )
+
+
+def prepare_pixels(pixels: PixelTracks, cameras: Sequence[Camera], skeleton: Skeleton, *, name: str) -> Prepared:
+    """Pixels that are in memory, prepared as those of a file are.
+
+    Args:
+        pixels: As digitised, named as the skeleton names them.
+        cameras: Their cameras, in the same order.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+
+    Raises:
+        MocapError: whatever makes that impossible, with what to do.
+    """
+    return prepare_filmed(film_of(pixels, cameras, name=name), skeleton, name=name)
+
+
+def prepare_filmed(
+    filmed: Filmed,
+    skeleton: Skeleton,
+    *,
+    name: str,
+    file: str | None = None,
+    pixel_sd: float | None = None,
+    unit_stated: bool = True,
+    findings: Sequence[str] = (),
+    likelihood: Array | None = None,
+    stored_findings: Sequence[str] = (),
+    stale: tuple[audit.StalePoint, ...] | None = None,
+) -> Prepared:
+    """Triangulate and clean pixels whose cameras are known.
+
+    Args:
+        filmed: Pixels, named as the skeleton names them, and cameras.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+        file: What errors call it; None: its name.
+        pixel_sd: Standard deviation of a pixel that the user states; None: estimated.
+        unit_stated: Whether the unit of lengths is known; else a scene that is too large for metres is reported.
+        findings: The first sentences of the report.
+        likelihood: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
+        stored_findings: Sentences on stored points.
+        stale: Stored points that do not follow from the pixels.
+
+    Raises:
+        CalibrationError: no sample is believed.
+    """
+    names = filmed.pixels.names
+    likely, unlikely, relative = _by_likelihood(filmed, likelihood)
     filmed = replace(filmed, ideal_px=np.where(unlikely[..., None], np.nan, filmed.ideal_px))
     health = camera_health(filmed.matrices, filmed.ideal_px)
     worse = health.factor[..., None] * relative
     filmed = replace(filmed, ideal_px=shifted_back(filmed.ideal_px, health))
-    shown, gate = by_pixels(filmed, source.pixel_sd, worse)
+    shown, gate = by_pixels(filmed, pixel_sd, worse)
     found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse)
     named = _names_put_right(filmed, found, skeleton, names, worse)
     filmed, found, swaps, doubtful, worse = named.filmed, named.found, named.swaps, named.doubtful, named.relative
@@ -185,7 +256,7 @@ def prepare(source: Recording) -> Prepared:
     uv = np.where((found.rejected | cleaning.any | doubtful)[..., None], np.nan, filmed.ideal_px)
     if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
         raise CalibrationError(
-            f"{source.tracks.name}: every sample was rejected because the rays of the cameras do not intersect: "
+            f"{file or name}: every sample was rejected because the rays of the cameras do not intersect: "
             "check that coefficients, profile and pixels belong together"
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
@@ -197,11 +268,10 @@ def prepare(source: Recording) -> Prepared:
     xyz, cov, ray_sd, ray_scale = student_t(
         filmed.matrices, uv, start, sd_px=bias.jitter_px, relative=worse, noise=noise
     )
-    ratio = 1.0 if source.pixel_sd is None else source.pixel_sd / bias.jitter_px
+    ratio = 1.0 if pixel_sd is None else pixel_sd / bias.jitter_px
     pointless = np.isnan(found.xyz_m[..., 0])
     lost = found.rejected.any(axis=0) & pointless
     unsure = unlikely.any(axis=0) & pointless & ~lost
-    stale, findings = audit_points(source, filmed)
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
     told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
     if filmed.late_frames is not None:
@@ -211,15 +281,15 @@ def prepare(source: Recording) -> Prepared:
             for c, late in shifts
             if late
         ]
-    contradicted = contradiction(source.pixel_sd, low_px=bias.jitter_px, high_px=shown)
-    findings = [*contradicted, filmed.pixel_origin.describe(), *told, *findings]
+    contradicted = contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown)
+    found_out = [*contradicted, filmed.pixel_origin.describe(), *told, *stored_findings]
     if bias.sd_px:
-        findings.append(
+        found_out.append(
             f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
             f"tracking; {bias.jitter_px:.2f} px of jitter remain"
         )
     return Prepared(
-        name=source.name,
+        name=name,
         skeleton=skeleton,
         names=names,
         t_s=t_s,
@@ -229,7 +299,7 @@ def prepare(source: Recording) -> Prepared:
         uv_px=uv,
         ray_sd_px=ray_sd * ratio,
         ray_scale_px=ray_scale * ratio,
-        jitter_px=source.pixel_sd or bias.jitter_px,
+        jitter_px=pixel_sd or bias.jitter_px,
         bias_px=bias.sd_px,
         persistent_px=lasting,
         residual_px=found.residual_px,
@@ -241,11 +311,11 @@ def prepare(source: Recording) -> Prepared:
         noise=noise,
         likelihoods=likely,
         findings=(
-            *(too_long(xyz) if source.unit is None else ()),
-            *source.frame_findings,
-            *filmed.told,
+            *(() if unit_stated else too_long(xyz)),
             *findings,
-            *likelihood_findings(likely, source.contents.score is not None, int(unlikely.sum()), int(unsure.sum())),
+            *filmed.told,
+            *found_out,
+            *likelihood_findings(likely, likelihood is not None, int(unlikely.sum()), int(unsure.sum())),
             *camera_findings(health, [c.name for c in filmed.cameras]),
             *exchange_findings(
                 swaps, doubtful, names, [c.name for c in filmed.cameras], clicks=int(named.ambiguous.sum())
@@ -328,6 +398,7 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
             *findings,
             "positions without cameras: their noise is taken from the file or estimated, "
             f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
+            *(f.text for f in audit.jump_findings(xyz, tracks.t_s, names)),
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),

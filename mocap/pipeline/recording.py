@@ -292,19 +292,67 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
     pixels, counted = counted_from_one(source, pixels)
     pixels, cropped = in_whole_picture(source, pixels, cameras)
     told += counted + cropped
-    if not pixels.seen.any():
-        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track; digitise first")
-    if not (pixels.seen.sum(axis=0) >= 2).any():
-        raise CalibrationError(
-            f"{source.tracks.name}: no marker is seen by two cameras at once: no point can be triangulated"
-        )
-    decision = origin.decide_origin(
+    return film_of(
+        pixels,
         cameras,
-        pixels.uv_px,
-        origin=source.pixel_origin,
-        coefficients=source.calibration_origin,
-        height_px=source.image_height_px,
+        name=source.tracks.name,
+        iterations=iterations,
+        pixel_origin=source.pixel_origin,
+        calibration_origin=source.calibration_origin,
+        image_height_px=source.image_height_px,
+        correct_lag=source.correct_lag,
+        usual_origin=source.contents.pixel_origin,
+        told=told,
     )
+
+
+def film_of(
+    pixels: PixelTracks,
+    cameras: Sequence[Camera],
+    *,
+    name: str,
+    iterations: int | None = None,
+    pixel_origin: origin.PixelCorner | None = None,
+    calibration_origin: origin.PixelCorner | None = None,
+    image_height_px: float | None = None,
+    correct_lag: bool = False,
+    usual_origin: origin.PixelCorner | None = None,
+    told: tuple[str, ...] = (),
+) -> Filmed:
+    """Pixels and cameras that are in memory: decide the pixel origin, undistort.
+
+    Args:
+        pixels: As recorded, C cameras.
+        cameras: The C cameras.
+        name: What errors call them.
+        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
+        pixel_origin: As in ``Recording``, as are the three that follow.
+        calibration_origin: See above.
+        image_height_px: See above.
+        correct_lag: See above.
+        usual_origin: Where the program that wrote the file counts pixels from.
+        told: Sentences on how they were read.
+
+    Raises:
+        FormatError: nothing is seen.
+        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
+    """
+    if not pixels.seen.any():
+        raise FormatError(f"{name}: no marker is ever seen: there is nothing to track; digitise first")
+    if not (pixels.seen.sum(axis=0) >= 2).any():
+        raise CalibrationError(f"{name}: no marker is seen by two cameras at once: no point can be triangulated")
+    try:
+        decision = origin.decide_origin(
+            cameras,
+            pixels.uv_px,
+            origin=pixel_origin,
+            coefficients=calibration_origin,
+            height_px=image_height_px,
+            usual=usual_origin,
+        )
+    except CalibrationError as error:
+        error.args = (f"{name}: {error}",)
+        raise
     ideal = origin.ideal_pixels(
         cameras,
         pixels.uv_px,
@@ -314,10 +362,12 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         iterations=iterations,
     )
     late = None
-    if source.correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
+    if correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
-    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late, told=told)
+    return Filmed(
+        pixels=pixels, cameras=tuple(cameras), pixel_origin=decision, ideal_px=ideal, late_frames=late, told=told
+    )
 
 
 def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:
@@ -361,8 +411,14 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
         height_px=decision.height_px,
         iterations=3,
     )
+    if not stored.seen.any():
+        return None, []
+    xyz = triangulate.linear(filmed.matrices, ideal)
+    elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
+    if elsewhere is not None:
+        return None, [f"{path.name}: {elsewhere.text}"]
     try:
-        stale = audit.stale_points(triangulate.linear(filmed.matrices, ideal), stored)
+        stale = audit.stale_points(xyz, stored)
     except ValueError as error:
         return None, [f"{path.name} was not compared: {error}"]
     total = int(stored.seen.sum())

@@ -242,7 +242,7 @@ def readable(report: Mapping, *, title: str) -> str:
         "",
         "| samples | share |",
         "|---|---|",
-        f"| seen in 3D and accepted | {samples['seen']:.1%} |",
+        f"| seen in 3D and accepted | {samples['measured']:.1%} |",
         f"| filled inside gaps (smoothed) | {samples['smoothed']:.1%} |",
         f"| before the first or after the last sighting (predicted) | {samples['predicted']:.1%} |",
         f"| rejected | {samples['rejected']:.1%} |",

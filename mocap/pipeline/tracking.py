@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.anatomy import anatomy_of
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
 from filters.model import LearnedModel, learn_from_itself, track_with
@@ -93,10 +94,9 @@ def learn_motion(
 ) -> FittedMotion:
     """A motion model of a recording alone: of its poses, held by V_z, or constant velocity of each marker."""
     names = part_names(prepared, part)
-    trunk = [names.index(m) for m in prepared.skeleton.trunk if m in names] or list(range(len(names)))
-    named = ends_among(names, prepared.skeleton.rigid)
+    anatomy = anatomy_of(names, prepared.skeleton.trunk, prepared.skeleton.rigid)
     model = settings if name == "eal" else MarkerSettings()
-    return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], trunk, named))
+    return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
 
 
 def part_names(prepared: Prepared, part: Part) -> list[str]:

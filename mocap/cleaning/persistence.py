@@ -13,10 +13,10 @@ from mocap.cameras.linearised import fit, linearise
 LAG = 3
 """Frames between residuals that are compared: errors that last longer do not average out over the frames that a filter
 smooths over."""
-UNSEEN = 1.5
+UNSEEN = 2.0
 """Variance of lasting errors that all cameras of a point share, over that of those which differ between cameras. Rays
-show nothing of it: it is by how much a network's points are off two people's beyond what rays show (three flights: 1
-to 2)."""
+show nothing of it: it is by how much a network's points are off two people's beyond what rays show (three flights: 1.5
+to 3)."""
 FEWEST = 30.0
 """Redundant errors without which nothing is said of what lasts."""
 SHRINK = 30.0

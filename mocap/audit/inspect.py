@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from mocap.audit import audit_recording
-from mocap.cameras.camera import check_cameras
-from mocap.cameras.origin import StatedOrigin
+from mocap.cameras.camera import check_cameras, stacked
+from mocap.cameras.origin import StatedOrigin, decide_origin
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.contents import FileContents
 from mocap.io.describe import summary
@@ -80,6 +80,9 @@ def _audited(found: dict[str, Any], recording: FileContents, corners: StatedOrig
 
 
 def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners: StatedOrigin) -> None:
+    if (compared := _two_calibrations(recordings)) is not None:
+        found["findings"].append(compared)
+        return
     try:
         whole = joined(recordings)
     except FormatError as error:
@@ -90,6 +93,35 @@ def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners
         f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
     )
     _audited(found, whole, corners)
+
+
+def _two_calibrations(recordings: Sequence[FileContents]) -> str | None:
+    """A recording with its own calibration beside another one: which of them fits its pixels, and whether they differ.
+
+    None where that is not what the files are.
+    """
+    own = [r for r in recordings if r.pixels is not None and r.cameras and r.format != "easywand"]
+    other = [r for r in recordings if r.cameras and r not in own]
+    if len(own) != 1 or len(other) != 1 or len(recordings) != 2:
+        return None
+    filmed, rig = own[0], other[0]
+    a, b = filmed.paths[0].name, rig.paths[0].name
+    if filmed.pixels is None or len(filmed.cameras) != len(rig.cameras):
+        return f"{a} has {len(filmed.cameras)} cameras, {b} {len(rig.cameras)}: they are not of one session"
+    fits = []
+    for cameras in (filmed.cameras, rig.cameras):
+        try:
+            decision = decide_origin(cameras, filmed.pixels.uv_px, usual=filmed.pixel_origin)
+            fits.append(f"{decision.residual_px:.2f} px")
+        except CalibrationError as error:
+            fits.append(f"none ({error})")
+    first, second = (stacked(cameras) for cameras in (filmed.cameras, rig.cameras))
+    first, second = first / first[:, 2:, 3:], second / second[:, 2:, 3:]
+    same = np.allclose(first, second, rtol=1e-6, atol=1e-12)
+    return (
+        f"{a} has its own calibration, {b} another, with {'the same' if same else 'other'} coefficients: the median "
+        f"triangulation residual of the pixels is {fits[0]} with its own, {fits[1]} with that of {b}"
+    )
 
 
 _CONTAINED = {

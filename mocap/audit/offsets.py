@@ -56,7 +56,7 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
         rounds: How often offsets are applied and found again.
 
     Returns:
-        The offsets; None where fewer than 50 pixels of moving markers are seen by two cameras.
+        The offsets; None where fewer than 50 pixels of moving markers are seen by two cameras, or rays give no points.
     """
     ideal = _window(ideal_px, most_frames)
     n_cameras = len(ideal)
@@ -76,6 +76,8 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
         spans = [slice(a, b) for a, b in pairwise(cuts)]
         normal = np.stack([heavy[s].T @ rows[s] for s in spans])
         right = np.stack([heavy[s].T @ error[s] for s in spans])
+        if not (np.isfinite(normal).all() and np.isfinite(right).all()):
+            return None
         step, best = _solve(normal.sum(axis=0), right.sum(axis=0))
         after = float(np.sqrt(np.average((error - rows @ best) ** 2, weights=weight)))
         samples = int(np.count_nonzero(weight))

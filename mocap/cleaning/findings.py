@@ -78,8 +78,9 @@ def likelihood_findings(found: LikelihoodNoise | None, stated: bool, left_out: i
             "likelihoods were not used: too few clicks are seen by two surer cameras to learn from what they are worth"
         ]
     weak = found.factor > 1.05
-    told = f"from likelihood {found.at[weak][-1]:.2f} down errors grow, up to {found.factor[0]:.1f} times"
-    sentence = told if weak.any() else "errors do not depend on the likelihood"
+    sentence = "errors do not depend on the likelihood"
+    if weak.any():
+        sentence = f"from likelihood {found.at[weak][-1]:.2f} down errors grow, up to {found.factor[0]:.1f} times"
     if found.least > 0:
         sentence += (
             f"; {left_out} clicks with a likelihood below {found.least:.2f} were not believed ({found.wrong[0]:.0%} of "

@@ -65,7 +65,8 @@ SparseCameras = Annotated[
 Columns = Annotated[
     str | None,
     typer.Option(
-        help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or column numbers from 1)."
+        help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or column numbers from 1). Two "
+        "columns are pixels, also with a third that is titled likelihood, score or confidence; frame=n, likelihood=p."
     ),
 ]
 Sheet = Annotated[

@@ -19,6 +19,8 @@ from mocap.io.optical import rate_of_times
 _UNITS = "mm|cm|dm|um|m|in|ft"
 _UNIT = re.compile(rf"(?P<title>.*[xyzXYZ])(?:\s*[\[(]\s*(?P<a>{_UNITS})\s*[\])]|[ _](?P<b>mm|cm))", re.DOTALL)
 _TITLE = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>[xyzXYZ])")
+LIKELY = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>likelihood|confidence|conf|score|prob(ability)?)", re.IGNORECASE)
+"""Titles of likelihoods: as a marker's third column they make the first two pixels."""
 TIMES = ("t_s", "time_s", "time", "t", "seconds", "time (s)", "time [s]", "t (s)", "t [s]")
 FRAMES = ("frame", "frame#", "frames", "fnum", "")
 
@@ -40,7 +42,7 @@ def parse_columns(text: str) -> dict[str, tuple[str, ...]]:
 
 
 def _read(path: Path, hints: Hints) -> FileContents:
-    """Three columns a marker are positions, two are pixels of one camera.
+    """Three columns a marker are positions, two are pixels of one camera, also with a likelihood as the third.
 
     Raises:
         FormatError: no map is stated and titles give none; a column is not there; the table is broken.
@@ -76,6 +78,10 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
     found: dict[str, dict[str, str]] = {}
     special: dict[str, tuple[str, ...]] = {}
     for title in header:
+        likely = LIKELY.fullmatch(title)
+        if likely is not None:
+            found.setdefault(likely["name"] or "point", {})["likelihood"] = title
+            continue
         match = _TITLE.fullmatch(title)
         if title.lower() in TIMES:
             special["time"] = (title,)
@@ -85,10 +91,15 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
             return {}
         else:
             found[match["name"] or "point"][match["axis"].lower()] = title
-    sets = {"".join(sorted(axes)) for axes in found.values()}
-    if sets not in ({"xyz"}, {"xy"}) or header.count("") > 1:
+    if list(found).count("point") and len(found) > 1 and set(found["point"]) == {"likelihood"}:
+        every = found.pop("point")["likelihood"]  # one likelihood for all markers of a frame
+        found = {name: {**axes, "likelihood": every} for name, axes in found.items()}
+    sets = {"".join(sorted(axes.keys() - {"likelihood"})) for axes in found.values()}
+    likely = any("likelihood" in axes for axes in found.values())
+    if sets not in ({"xyz"}, {"xy"}) or (sets == {"xyz"} and likely) or header.count("") > 1:
         return {}
-    return special | {name: tuple(axes[axis] for axis in sorted(axes)) for name, axes in found.items()}
+    order = ("x", "y", "z", "likelihood")
+    return special | {name: tuple(axes[a] for a in order if a in axes) for name, axes in found.items()}
 
 
 def _mapped(
@@ -101,7 +112,11 @@ def _mapped(
             return values[:, int(title) - 1]
         raise FormatError(f"{path.name}: no column {title!r}; there are {', '.join(header[:20])}")
 
-    markers = {name: cells for name, cells in columns.items() if name not in ("time", "frame")}
+    markers = {name: cells for name, cells in columns.items() if name not in ("time", "frame", "likelihood")}
+    scores = {name: cells[2] for name, cells in markers.items() if len(cells) == 3 and LIKELY.fullmatch(cells[2])}
+    if "likelihood" in columns:
+        scores = dict.fromkeys(markers, columns["likelihood"][0]) | scores
+    markers = {name: cells[:2] if name in scores else cells for name, cells in markers.items()}
     sizes = {len(cells) for cells in markers.values()}
     if len(sizes) != 1 or not sizes <= {2, 3}:
         raise FormatError(f"{path.name}: markers have {sorted(sizes)} columns; expected 3 each (x, y, z) or 2 (pixels)")
@@ -121,9 +136,13 @@ def _mapped(
     first = 1 if frames is None else int(frames[0])
     if sizes == {2}:
         uv = np.where(np.isnan(table).any(axis=-1, keepdims=True), np.nan, table)[None]
+        score = None
+        if scores:
+            blank = np.full(len(values), np.nan)
+            score = np.stack([column(scores[n]) if n in scores else blank for n in markers], axis=1)[None]
         return pixel_recording(
             path, "csv", names=list(markers), cameras=["cam1"], uv_px=uv, frames=frames, first=first, fps=fps,
-            findings=tuple(findings), assumed=(findings[0],),
+            findings=tuple(findings), assumed=(findings[0],), score=score,
         )  # fmt: skip
     return point_recording(
         path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=fps, t_s=times,

@@ -18,7 +18,9 @@ from mocap.io import (
     dltdv_sparse,
     easywand,
     movement,
+    other_rigs,
     plain,
+    pose_json,
     profile,
     qualisys,
     sleap,
@@ -32,6 +34,7 @@ from mocap.io import (
 from mocap.io.contents import FILLED, FileContents
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head, head
+from mocap.io.nearest import looks_like, nearest
 from mocap.io.plausible import plausible
 from mocap.io.transcribe import transcribed
 from mocap.records import Status
@@ -45,6 +48,8 @@ FORMATS: tuple[Format, ...] = (
     *sleap.FORMATS,
     *movement.FORMATS,
     *anipose.FORMATS,
+    *other_rigs.FORMATS,
+    *pose_json.FORMATS,
     *qualisys.FORMATS,
     *vicon.FORMATS,
     *trc.FORMATS,
@@ -58,6 +63,8 @@ FORMATS: tuple[Format, ...] = (
     *plain.FORMATS,
 )
 """In the order in which they are asked: where two know a file, the first is right."""
+BESIDE = ("easymocap", "opencap")
+"""Formats whose readers look at the file's place: what lies beside it, or its folder's name."""
 NANOMETRE = 1e-9
 
 
@@ -80,6 +87,8 @@ def identify(path: Path, hints: Hints | None = None) -> Format:
         FormatError: it cannot be read, or begins like no format; the message says what was looked for.
     """
     hints = hints or Hints()
+    if path.is_dir() and any(path.glob("*.json")) | any(path.glob("*/*.json")):
+        return by_name("pose-json")
     with transcribed(path, known=_known, sheet=hints.sheet) as (file, _):
         return _identify(file, hints)
 
@@ -96,11 +105,11 @@ def _identify(path: Path, hints: Hints) -> Format:
     for format in FORMATS:
         if format.knows(beginning):
             return format
-    what = "an HDF5 file with " + ", ".join(sorted(beginning.hdf5)[:6]) if beginning.is_hdf5 else ""
-    what = what or (f"a MATLAB file with {', '.join(sorted(beginning.mat)[:6])}" if beginning.mat else "")
-    what = what or (f"text that begins {beginning.first[:60]!r}" if beginning.lines else "a binary file")
-    looked = "; ".join(format.title for format in FORMATS if format.name != "csv")
-    raise FormatError(f"{path.name}: {what}: not a known format. Looked for: {looked}")
+    near = "; ".join(f"{format.title} (`format` {format.name})" for format in nearest(beginning, FORMATS))
+    raise FormatError(
+        f"{path.name}: {looks_like(beginning)}: not a known format. Nearest are {near}. If it is a table, state what "
+        "its columns hold with `columns`"
+    )
 
 
 def read(path: Path, hints: Hints | None = None) -> FileContents:
@@ -110,8 +119,9 @@ def read(path: Path, hints: Hints | None = None) -> FileContents:
         FormatError: it is of none, or not what its format promises.
     """
     hints = hints or Hints()
-    with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
-        return _of(path, told, _read_as(_identify(file, hints), file, hints))
+    if path.is_dir():
+        return read_as(by_name("pose-json"), path, hints)
+    return read_as(identify(path, hints), path, hints)
 
 
 def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
@@ -120,6 +130,10 @@ def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     Raises:
         FormatError: it is not what the format promises.
     """
+    if path.is_dir():
+        return plausible(pose_json.read_folder(path))
+    if format.name in BESIDE:
+        return plausible(format.read(path, hints))
     with transcribed(path, known=_known, sheet=hints.sheet) as (file, told):
         return _of(path, told, _read_as(format, file, hints))
 

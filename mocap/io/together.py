@@ -23,7 +23,7 @@ def joined(recordings: Sequence[FileContents]) -> FileContents:
     Raises:
         FormatError: two files hold the same, or the files do not belong together.
     """
-    recordings = _one_set_of_lenses(recordings)
+    recordings = _without_wand(_one_rig(_one_set_of_lenses(recordings)))
     pixels = [r for r in recordings if r.pixels is not None]
     base = _views(pixels, recordings) if pixels else next((r for r in recordings if r.points is not None), None)
     if base is None:
@@ -54,6 +54,36 @@ def _one_set_of_lenses(recordings: Sequence[FileContents]) -> list[FileContents]
     return [*(r for r in recordings if r not in single), whole]
 
 
+def _without_wand(recordings: Sequence[FileContents]) -> list[FileContents]:
+    """Beside files of pixels an easyWand file is a calibration: its wand is left out."""
+    if all(r.format == "easywand" or r.pixels is None for r in recordings):
+        return list(recordings)
+    return [
+        replace(r, pixels=None, names=(), frames=np.zeros(0, dtype=np.int64), fps=None) if r.format == "easywand" else r
+        for r in recordings
+    ]
+
+
+def _one_rig(recordings: Sequence[FileContents]) -> list[FileContents]:
+    """The recordings with calibrations of one camera each put together."""
+    single = [r for r in recordings if len(r.cameras) == 1 and r.pixels is None]
+    if len(single) < 2:
+        return list(recordings)
+    names = [r.camera_names[0] for r in single]
+    if len(set(names)) != len(names):
+        raise FormatError(
+            f"{single[0].paths[0].name}: two cameras are called {max(names, key=names.count)!r}: rename one"
+        )
+    whole = replace(
+        single[0],
+        paths=tuple(path for r in single for path in r.paths),
+        camera_names=tuple(names),
+        cameras=tuple(r.cameras[0] for r in single),
+        findings=tuple(dict.fromkeys(f for r in single for f in r.findings)),
+    )
+    return [*(r for r in recordings if r not in single), whole]
+
+
 def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -> FileContents:
     """The pixel files as one."""
     if len(pixels) == 1:
@@ -64,7 +94,8 @@ def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -
             f"{several.paths[0].name}: contains {len(several.camera_names)} cameras; when several pixel files are "
             "given, each must contain one"
         )
-    calibrated = next((r.camera_names for r in recordings if r.cameras and r.pixels is None), ())
+    pixels = _sides(pixels)
+    calibrated = next((r.camera_names for r in recordings if r.cameras and r not in pixels), ())
     names = [_view_name(r, calibrated) for r in pixels]
     if set(names) == set(calibrated):
         pixels = [pixels[names.index(name)] for name in calibrated]
@@ -107,9 +138,58 @@ def _views(pixels: Sequence[FileContents], recordings: Sequence[FileContents]) -
     )
 
 
+_SIDE = re.compile(r"[ _.-]*(left|right)(?![a-z])", re.IGNORECASE)
+
+
+def _sides(pixels: Sequence[FileContents]) -> list[FileContents]:
+    """Files of the left and the right side of one view put together, their markers named by the side."""
+    groups: dict[str, list[FileContents]] = {}
+    for r in pixels:
+        groups.setdefault(_SIDE.sub("", str(r.paths[0])), []).append(r)
+    if max(map(len, groups.values())) < 2:
+        return list(pixels)
+    out = []
+    for files in groups.values():
+        frames = np.unique(np.concatenate([r.frames for r in files]))
+        names, uv, score = [], [], []
+        for r in files:
+            side = _SIDE.search(r.paths[0].name)
+            names += [f"{name}_{side[1].lower()}" if side else name for name in r.names]
+            rows = np.searchsorted(frames, r.frames)
+            whole = np.full((len(frames), len(r.names), 3), np.nan)
+            whole[rows, :, :2] = r.pixels.uv_px[0] if r.pixels is not None else np.nan
+            whole[rows, :, 2] = r.score[0] if r.score is not None else np.nan
+            uv.append(whole[..., :2])
+            score.append(whole[..., 2])
+        first = files[0]
+        likely = np.concatenate(score, axis=1)[None]
+        out.append(
+            replace(
+                pixel_recording(
+                    first.paths[0],
+                    first.format,
+                    names=names,
+                    cameras=first.camera_names,
+                    uv_px=np.concatenate(uv, axis=1)[None],
+                    frames=frames,
+                    first=int(frames[0]) if first.fps is None else int(first.frames[0]),
+                    fps=first.fps,
+                    pixel_origin=first.pixel_origin,
+                    score=None if np.isnan(likely).all() else likely,
+                    findings=tuple(dict.fromkeys(f for r in files for f in r.findings)),
+                ),
+                paths=tuple(path for r in files for path in r.paths),
+            )
+        )
+    return out
+
+
 def _view_name(recording: FileContents, calibrated: Sequence[str]) -> str:
     """Name of a view: that of the calibrated camera which the path names, else as the file says."""
     path: Path = recording.paths[0].absolute()
+    in_stem = [c for c in calibrated if re.search(rf"{re.escape(c)}(?!\d)", path.stem, re.IGNORECASE)]
+    if len(in_stem) == 1:
+        return in_stem[0]
     named = [name for name in calibrated if name in (recording.camera_names[0], path.parent.name)]
     named = named or [name for name in calibrated if name.lower() in path.stem.lower()]
     return named[0] if len(named) == 1 else recording.camera_names[0]

@@ -21,7 +21,10 @@ from mocap.io.lines import frame_numbers, numbers, read_lines
 
 _OFFSETS = re.compile(r"(?:cam\d+_offset)+")
 _BODY = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
+_ACS = ("rxx", "rxy", "rxz", "rx0", "ryx", "ryy", "ryz", "ry0", "rzx", "rzy", "rzz", "rz0", "tx", "ty", "tz", "t1")
+"""A coordinate system that XROMM's Maya tools export (``*_acs_tm.csv``): the same 16 numbers under other titles."""
 _NO_RATE = "the file does not state the frame rate"
+_FIRST = ("_R11", ".rxx")
 _NO_PIXELS = (
     "the file states neither where pixels are counted from (0 or 1, upper or lower left) nor whether they "
     "are undistorted"
@@ -98,13 +101,16 @@ def _frames(path: Path, header: list[str], values: Array) -> tuple[np.ndarray | 
 
 
 def _body_pattern(cell: str) -> re.Match[str] | None:
-    return re.fullmatch(rf"(?P<name>.+)_(?P<entry>{'|'.join(_BODY)})(?P<filter>_[\d.]+Hz)?", cell)
+    found = re.fullmatch(rf"(?P<name>.+)_(?P<entry>{'|'.join(_BODY)})(?P<filter>_[\d.]+Hz)?", cell)
+    return found or re.fullmatch(rf"(?P<name>.+)\.(?P<entry>{'|'.join(_ACS)})(?P<filter>)", cell)
 
 
 def _is_bodies(head: Head) -> bool:
     cells = head.cells()
     cells = cells[1:] if cells[:1] == ("Frame",) else cells
-    return bool(cells) and len(cells) % 16 == 0 and all(map(_body_pattern, cells)) and cells[0].count("_R11") == 1
+    return (
+        bool(cells) and len(cells) % 16 == 0 and all(map(_body_pattern, cells)) and cells[0].endswith((*_FIRST, "Hz"))
+    )
 
 
 def _bodies(path: Path, _hints: Hints) -> FileContents:
@@ -113,9 +119,10 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     frames, header, values = _frames(path, header, values)
     matches = [_body_pattern(title) for title in header]
     names = list(dict.fromkeys(match["name"] for match in matches if match))
-    filters = {match["filter"] for match in matches if match}
-    expected = [f"{name}_{entry}" for name in names for entry in _BODY]
-    if not all(matches) or [f"{m['name']}_{m['entry']}" for m in matches if m] != expected:
+    filters = {match["filter"] or None for match in matches if match}
+    entries = [(m["name"], m["entry"]) for m in matches if m]
+    layouts = [[(name, entry) for name in names for entry in kind] for kind in (_BODY, _ACS)]
+    if not all(matches) or entries not in layouts:
         raise FormatError(
             f"{path.name}: columns are not the 16 entries of a matrix for each rigid body: export it again"
         )
@@ -125,6 +132,10 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     rotations = matrices[..., :3, :3]
     off = np.nanmax(np.abs(rotations @ np.swapaxes(rotations, 2, 3) - np.eye(3)), initial=0.0)
     findings = [_NO_RATE, "the unit of lengths is not in the file"]
+    if entries == layouts[1]:
+        findings.append("poses of an anatomical coordinate system, as Maya exports it")
+        still = bool((np.ptp(matrices.reshape(len(matrices), -1), axis=0) == 0).all()) and len(matrices) > 1
+        findings += ["the coordinate system is the same in all frames: it is fixed to the bone"] if still else []
     if off > 1e-3:
         findings.append(f"matrices are not rotations: entries of R R^T differ from the identity by up to {off:.2g}")
     findings += [f"transforms were low-pass filtered at {f[1:-2]} Hz by XMALab" for f in sorted(filters - {None})]
@@ -141,7 +152,7 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
 FORMATS = (
     Format(
         name="xmalab-rigid-bodies",
-        title="rigid-body transforms of XMALab (CSV, 16 columns for each body)",
+        title="rigid bodies of XMALab and coordinate systems of Maya (CSV, 16 columns for each)",
         knows=_is_bodies,
         read=_bodies,
     ),

@@ -46,7 +46,7 @@ class Recording:
         unit: Unit of lengths, where the files do not state it; None: metres.
         correct_lag: Whether cameras that run late by the audit are read between their frames.
         hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
-        views: Further pixel files of the same trial, where each holds one camera.
+        views: Further pixel files of the same trial, where each holds one camera; their calibration, too.
         crop: Files or folders with crop offsets (``mocap.io.crop``); empty: those beside the tracks, if any.
     """
 
@@ -92,15 +92,16 @@ class Recording:
         if not self.views:
             return read(self.tracks, self.hints)
         files = [read(path, self.hints) for path in (self.tracks, *self.views)]
-        other = next((f for f in files if f.pixels is None), None)
+        other = next((f for f in files if f.pixels is None and not f.cameras and not f.lenses), None)
         if other is not None:
             raise FormatError(
-                f"{other.paths[0].name}: contains no pixels ({other.format}); several files of one trial must each "
-                "contain the pixels of one camera"
+                f"{other.paths[0].name}: contains no pixels and no calibration ({other.format}); several files of one "
+                "trial must each contain the pixels of one camera, or their calibration"
             )
-        if self.calibration is not None:
-            cameras = _calibration(self.calibration)
-            files.append(replace(cameras, names=(), frames=np.zeros(0, np.int64), pixels=None, points=None, lenses=()))
+        if self.calibration is None:
+            return joined(files)
+        cameras = _calibration(self.calibration)
+        files.append(replace(cameras, names=(), frames=np.zeros(0, np.int64), pixels=None, points=None, lenses=()))
         return replace(joined(files), cameras=(), unit=None)
 
     @property

@@ -14,6 +14,7 @@ from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.markdown import plain
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.run import JointPotential
 from mocap.pipeline.tracking import Part, lasting_cov
 from mocap.records import Status
@@ -56,6 +57,7 @@ def make_report(
         },
         "moved": moved_report(prepared, tracked.markers),
         "residual_px": _quantiles(prepared.residual_px),
+        "residual_px_by_camera": residuals_by_camera(prepared),
         "pixel_noise_px": {"jitter": _number(prepared.jitter_px), "slow": prepared.bias_px},
         "cameras_and_markers": _noise(prepared),
         "rejected": {
@@ -311,6 +313,8 @@ def readable(report: Mapping, *, title: str) -> str:
             f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} |"
             for name, j in report["joints"].items()
         ]
+    if table := residual_lines(report.get("residual_px_by_camera", {})):
+        lines += ["", *table[:-1]]
     seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())
     return "\n".join([*lines, "", f"Time: {seconds}.", ""])
 

@@ -96,7 +96,7 @@ def test_wrong_files_are_told_so(info, tmp_path):
         assert found[0]["format"] is None
         assert found[0]["error"].startswith(name)
         assert found[1]["format"] == "dltdv-xypts"
-    assert "Looked for: project of DLTdv8" in found[0]["error"]
+    assert "not a known format. Nearest are " in found[0]["error"]
     assert info(tmp_path / "nowhere.csv")[1]["findings"][0].endswith("No such file or directory")
     assert info(tmp_path)[1]["error"].endswith("is a folder; expected a file")
 

@@ -1,0 +1,191 @@
+"""Poses of people and animals as JSON, a file a frame: OpenPose, and RTMPose and MediaPipe as Pose2Sim writes them.
+
+A folder holds the frames of one camera, or a folder for each camera. OpenPose's layout (CMU Perceptual Computing Lab,
+``doc/02_output.md``) has ``people[i].pose_keypoints_2d = x1, y1, c1, x2, ...``, 0 where nothing was found; MMPose's own
+has ``instances[i].keypoints`` and ``keypoint_scores`` (also under ``instance_info``, a list of frames).
+"""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.contents import FileContents, pixel_recording
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head
+
+_COCO = (
+    "nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow right_elbow left_wrist "
+    "right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle"
+)
+_NAMES = {
+    17: _COCO,
+    18: "nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist right_hip right_knee "
+    "right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear left_ear",
+    25: "nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist mid_hip right_hip "
+    "right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear left_ear left_big_toe "
+    "left_small_toe left_heel right_big_toe right_small_toe right_heel",
+    26: f"{_COCO} head neck hip left_big_toe right_big_toe left_small_toe right_small_toe left_heel right_heel",
+    33: "nose left_eye_inner left_eye left_eye_outer right_eye_inner right_eye right_eye_outer left_ear right_ear "
+    "mouth_left mouth_right left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist left_pinky "
+    "right_pinky left_index right_index left_thumb right_thumb left_hip right_hip left_knee right_knee left_ankle "
+    "right_ankle left_heel right_heel left_foot_index right_foot_index",
+}
+"""Names of keypoints by their number: COCO, OpenPose's COCO and BODY_25, HALPE_26, MediaPipe's BlazePose."""
+
+
+def names_of(count: int) -> tuple[str, ...]:
+    """Names of ``count`` keypoints: those of the body model that has so many, else numbers."""
+    return tuple(_NAMES[count].split()) if count in _NAMES else tuple(f"keypoint{k + 1}" for k in range(count))
+
+
+def _people(path: Path, frame: Any) -> list[Array]:
+    """(K, 3) pixels and likelihoods of each person in a frame."""
+    found = []
+    try:
+        if isinstance(frame, dict) and "people" in frame:
+            for person in frame["people"]:
+                flat = [*person["pose_keypoints_2d"]]
+                for part in ("hand_left_keypoints_2d", "hand_right_keypoints_2d", "face_keypoints_2d"):
+                    flat += person.get(part) or []
+                found.append(np.array(flat, dtype=float).reshape(-1, 3))
+        else:
+            instances = frame.get("instances", []) if isinstance(frame, dict) else frame
+            for one in instances:
+                uv = np.array(one["keypoints"], dtype=float).reshape(-1, 2)
+                score = np.array(one.get("keypoint_scores", np.ones(len(uv))), dtype=float).reshape(-1, 1)
+                found.append(np.concatenate([uv, score], axis=1))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(
+            f"{path.name}: no poses as OpenPose or MMPose write them ({error}): expected people[].pose_keypoints_2d, "
+            "or instances[].keypoints with keypoint_scores"
+        ) from None
+    for person in found:
+        gone = (person[:, :2] == 0).all(axis=1) | ~np.isfinite(person).all(axis=1) | (person[:, 2] <= 0)
+        person[gone] = np.nan
+    return [person for person in found if len(person) and np.isfinite(person).any()]
+
+
+def _load(path: Path) -> Any:
+    try:
+        return json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path.name}: not readable as JSON: {error}: write it again") from None
+
+
+def _frames(files: Sequence[Path]) -> dict[int, list[Array]]:
+    """People by frame number: the last digits of a file's name before its ending, or the list inside one file."""
+    out: dict[int, list[Array]] = {}
+    for position, file in enumerate(files):
+        table = _load(file)
+        inside = table.get("instance_info") if isinstance(table, dict) else None
+        inside = inside or (table if isinstance(table, list) and table and "instances" in str(table[0])[:400] else None)
+        if inside is not None:
+            for k, frame in enumerate(inside):
+                number = frame.get("frame_id", k + 1) if isinstance(frame, dict) else k + 1
+                out[int(number)] = _people(file, frame)
+            continue
+        digits = re.findall(r"\d+", file.stem.removesuffix("_keypoints"))
+        number = int(digits[-1]) if digits else position
+        if number in out:
+            raise FormatError(f"{file.name}: two files have the frame number {number}: a folder holds one camera")
+        out[number] = _people(file, table)
+    return out
+
+
+def _followed(frames: dict[int, list[Array]]) -> tuple[dict[int, Array], int]:
+    """One person through the frames: the one seen best at first, then the one nearest to the last place."""
+    out: dict[int, Array] = {}
+    last: Array | None = None
+    most = 0
+    for number in sorted(frames):
+        people = frames[number]
+        most = max(most, len(people))
+        if not people:
+            continue
+        if last is None:
+            chosen = max(people, key=lambda p: float(np.nansum(p[:, 2])))
+        else:
+            before = last
+
+            def away(person: Array, before: Array = before) -> float:
+                off = np.linalg.norm(person[: len(before), :2] - before[: len(person), :2], axis=1)
+                return float(np.nanmean(off)) if np.isfinite(off).any() else np.inf
+
+            chosen = min(people, key=away)
+        out[number] = last = chosen
+    return out, most
+
+
+def read_folder(path: Path) -> FileContents:
+    """Pixels and likelihoods of a folder of JSON files, or of one file.
+
+    Args:
+        path: The folder of one camera; a folder of such folders (``cam01_json``, ...); or a file.
+
+    Raises:
+        FormatError: it holds no poses.
+    """
+    if path.is_dir():
+        views = {d.name: sorted(d.glob("*.json")) for d in sorted(path.iterdir()) if d.is_dir()}
+        views = {name: files for name, files in views.items() if files} or {path.name: sorted(path.glob("*.json"))}
+    else:
+        views = {path.stem: [path]}
+    if not any(views.values()):
+        raise FormatError(f"{path.name}: is a folder without JSON files: expected a file of poses for each frame")
+    tracks, most = {}, 0
+    for name, files in views.items():
+        tracks[name], people = _followed(_frames(files))
+        most = max(most, people)
+    numbers = np.array(sorted({n for found in tracks.values() for n in found}), dtype=np.int64)
+    counts = {len(p) for found in tracks.values() for p in found.values()}
+    if not len(numbers):
+        raise FormatError(f"{path.name}: nobody was found in any frame: check the films that were given")
+    if len(counts) > 1:
+        raise FormatError(f"{path.name}: frames have {min(counts)} to {max(counts)} keypoints: use one model")
+    (count,) = counts
+    uv = np.full((len(tracks), len(numbers), count, 3), np.nan)
+    for c, found in enumerate(tracks.values()):
+        for number, person in found.items():
+            uv[c, np.searchsorted(numbers, number)] = person
+    told = ["the frame rate is not in the files"]
+    if most > 1:
+        told.append(f"up to {most} people in a frame: one is followed, from the one seen best in the first frame")
+    return pixel_recording(
+        path,
+        "pose-json",
+        names=names_of(count),
+        cameras=tuple(tracks),
+        uv_px=uv[..., :2],
+        frames=numbers,
+        first=int(numbers[0]),
+        pixel_origin="upper-left",
+        score=uv[..., 2],
+        findings=tuple(told),
+    )
+
+
+def _is_poses(head: Head) -> bool:
+    text = head.start[:4000].decode("utf-8", "replace")
+    return text.lstrip()[:1] in ("{", "[") and (
+        "pose_keypoints_2d" in text or '"keypoint' in text or '"people"' in text
+    )
+
+
+def _read(path: Path, _hints: Hints) -> FileContents:
+    return read_folder(path)
+
+
+FORMATS = (
+    Format(
+        name="pose-json",
+        title="poses of OpenPose, RTMPose or MediaPipe (JSON, a file a frame)",
+        knows=_is_poses,
+        read=_read,
+    ),
+)

@@ -59,7 +59,7 @@ def _cells(values: np.ndarray) -> list:
 
 
 def write_mat(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
-    """MATLAB (version 5): ``t_s``, ``value``, ``sd``, ``status`` (T x Q), cell arrays ``names``, ``units``; ``cycles``."""
+    """MATLAB (version 5): ``t_s``, ``value``, ``sd``, ``status`` (T x Q), cells ``names``, ``units``; ``cycles``."""
     from scipy.io import savemat
 
     def cell(texts: Sequence[str]) -> np.ndarray:

@@ -29,6 +29,7 @@ from itertools import product
 
 import numpy as np
 
+from filters.anatomy import Anatomy
 from filters.hide import hide_neighbours
 from filters.models.base import TrialSet, estimate
 from filters.models.pose import Mechanics, PoseSettings, Potential
@@ -67,7 +68,7 @@ def fills(seed: int, *, bend: float, gaits: int, trials: int) -> dict[tuple[Mech
     others = [trial(1000 * seed + i, bend=bend, gait=i % gaits) for i in range(1, trials * gaits + 1)]
     hidden = hide_neighbours(trial(1000 * seed, bend=bend, gait=0), np.random.default_rng(seed))
     shown = hidden.shown
-    trial_set, out = TrialSet([*others, shown], TRUNK), {}
+    trial_set, out = TrialSet([*others, shown], Anatomy(tuple(TRUNK))), {}
     for mechanics, potential in product(MECHANICS, POTENTIALS):
         model = PoseSettings(
             ranks=(8,), rotating=False, mechanics=mechanics, potential=potential, bones=0.0, regression=0.0

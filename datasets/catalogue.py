@@ -1,15 +1,16 @@
 """What ``mocap data`` makes: every twin, pendulum and calibration session, by name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from datasets.bats import bat_motion, make_bat, make_bat_wind_tunnel
 from datasets.boards import Board
 from datasets.calibration_session import board_session, write_board_session
+from datasets.disturbances import ALL, CLEAN, Disturbances
 from datasets.folder import write_recording
 from datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard
-from datasets.movie import write_movies
+from datasets.movie import shown_pixels, write_movies
 from datasets.pendulums import Pendulum, make_pendulum, write_pendulum
 from datasets.recording import SyntheticRecording
 from datasets.rig import LensKind, tank_cameras, tunnel_cameras
@@ -17,6 +18,7 @@ from datasets.scene import Motion
 from datasets.wand import wand_sweep, write_wand_sweep
 from mocap.cameras.camera import Camera
 from mocap.errors import MocapError
+from mocap.io.dltdv import write_pixels
 from mocap.io.output import Tell, result_folder, silent
 
 Progress = Callable[[float], object]
@@ -48,20 +50,21 @@ def _recording(name: str, what: str, make: Callable[[int], SyntheticRecording]) 
     return Entry(name=name, what=what, write=write)
 
 
-def _movies(name: str, what: str, make: Callable[[int], SyntheticRecording], motion: Callable[[int], Motion]) -> Entry:
+def _movies(
+    name: str,
+    what: str,
+    make: Callable[[int], SyntheticRecording],
+    motion: Callable[[int], Motion],
+    disturbances: Disturbances = CLEAN,
+) -> Entry:
     def write(seed: int, folder: Path, progress: Progress) -> None:
         recording = make(seed)
-        write_recording(recording, folder, others=True)
-        write_movies(
-            motion(seed),
-            recording.truth.t_s,
-            recording.cameras,
-            folder,
-            fps=recording.fps,
-            start_s=recording.start_s,
-            seed=seed,
-            progress=progress,
-        )
+        filmed = {"start_s": recording.start_s, "disturbances": disturbances, "seed": seed}
+        t_s, cameras = recording.truth.t_s, recording.cameras
+        card = {**recording.card, "films": asdict(disturbances)}
+        write_recording(replace(recording, card=card), folder, others=True)
+        write_pixels(folder / f"{recording.name}_shown.csv", shown_pixels(motion(seed), t_s, cameras, **filmed))
+        write_movies(motion(seed), t_s, cameras, folder, fps=recording.fps, progress=progress, **filmed)
 
     return Entry(name=name, what=what, write=write)
 
@@ -151,6 +154,20 @@ ENTRIES = (
         "a second of the lizard's walk with movies of 4 cameras",
         lambda s: make_lizard(seed=s, n_frames=250),
         lizard_motion,
+    ),
+    _movies(
+        "bat_movies_spoilt",
+        "the bat's movies with bars, blur, noise, flicker, reflections, merging dots, compression and texture",
+        lambda s: make_bat(seed=s, n_cameras=4, n_frames=60),
+        bat_motion,
+        ALL,
+    ),
+    _movies(
+        "lizard_movies_spoilt",
+        "the lizard's movies with the same disturbances",
+        lambda s: make_lizard(seed=s, n_frames=250),
+        lizard_motion,
+        ALL,
     ),
     _pendulum("pendulum_planar", "400 samples of the paper's pendulum in the plane, polar", "planar", 0.0),
     _pendulum("pendulum_planar_noisy", "with uniform noise of 0.1 m width on its radius", "planar", 0.1),

@@ -1,13 +1,17 @@
-"""Movies of a twin, one a camera: body, bones and membranes in grey, and the markers that the camera can see."""
+"""Movies of a twin, one a camera: body, bones and membranes in grey, and the markers that the camera can see.
 
-from collections.abc import Callable, Sequence
+What spoils films (blur, noise, reflections, ...) is in ``datasets.disturbances``.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.film import view
+from datasets.disturbances import CLEAN, Disturbances, Spoiler
+from datasets.film import outside, view
 from datasets.linkage import unit
 from datasets.occlusion import Solid
 from datasets.rig import picture_size
@@ -15,16 +19,17 @@ from datasets.scene import Motion, Scene
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, record
 from mocap.io.film import pyav
+from mocap.records import PixelTracks
 
 FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel in the files of pixels, as DLTdv counts them."""
 _BACKGROUND, _ROD, _BODY, _BONE, _MARKER = 30, 60, 100, 135, 235
 _EDGE_ON, _FACE_ON = 45, 90
-_RADIUS_PX, _BONE_PX = 3.0, 3
+_BONE_PX = 3
+_BLUR_STEP_PX, _MOST_STEPS = 2.0, 8
 _NEARER_M = 0.002  # bones lie on the near side of membranes and bodies
 _FRACTION_BITS = 4
 _ROD_M = 0.3
-_LOSS = "23"
 
 
 def write_movies(
@@ -35,7 +40,7 @@ def write_movies(
     *,
     fps: float,
     start_s: Array,
-    noise: float = 3.0,
+    disturbances: Disturbances = CLEAN,
     seed: int = 0,
     progress: Callable[[float], object] = lambda _: None,
 ) -> list[Path]:
@@ -43,13 +48,13 @@ def write_movies(
 
     Args:
         motion: The animal.
-        t_s: (T,) times of the frames of a camera that starts at 0.
+        t_s: (T,) times of the frames of a camera that starts at 0: the middle of their exposures.
         cameras: With sizes.
         folder: Where to.
         fps: Frames a second.
         start_s: (C,) time by which each camera starts late.
-        noise: Standard deviation of the noise, in grey levels of 255.
-        seed: Of the noise.
+        disturbances: What spoils the pictures.
+        seed: Of what is random in them.
         progress: Told the share done.
 
     Returns:
@@ -57,19 +62,15 @@ def write_movies(
     """
     library, paths = pyav(), []
     for c, (camera, late_s) in enumerate(zip(cameras, start_s, strict=True)):
-        scene = motion(t_s + late_s)
-        uv_px, hidden = view(scene, camera)
-        rng = np.random.default_rng([seed, c])
         paths.append(folder / f"{camera.name}.mp4")
+        options = {"crf": str(disturbances.compression), "preset": "veryfast"}
         with library.open(str(paths[-1]), "w") as container:
-            stream = container.add_stream("libx264", rate=round(fps), options={"crf": _LOSS, "preset": "veryfast"})
+            stream = container.add_stream("libx264", rate=round(fps), options=options)
             stream.width, stream.height = picture_size(camera)
             stream.pix_fmt = "yuv420p"
-            for frame in range(len(t_s)):
+            film = pictures(motion, t_s + late_s, camera, fps=fps, disturbances=disturbances, seed=(seed, c))
+            for frame, grey in enumerate(film):
                 progress((c + frame / len(t_s)) / len(cameras))
-                clean = picture(scene, camera, frame, uv_px[frame], hidden[frame])
-                noisy = clean + noise * rng.standard_normal(clean.shape, dtype=np.float32)
-                grey = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
                 for packet in stream.encode(library.VideoFrame.from_ndarray(grey, format="gray")):
                     container.mux(packet)
             for packet in stream.encode():
@@ -77,8 +78,89 @@ def write_movies(
     return paths
 
 
-def picture(scene: Scene, camera: Camera, frame: int, uv_px: Array, hidden: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """One frame without noise: what is far is drawn first, the markers that are seen last.
+def pictures(
+    motion: Motion,
+    t_s: Array,
+    camera: Camera,
+    *,
+    fps: float,
+    disturbances: Disturbances = CLEAN,
+    seed: tuple[int, ...] = (0, 0),
+) -> Iterator[NDArray[np.uint8]]:
+    """The frames of one camera's film, each as it is asked for; arguments as of ``write_movies``.
+
+    Yields:
+        (height, width) grey levels.
+    """
+    scene = motion(t_s)
+    uv_px, hidden = visible(scene, camera, disturbances=disturbances, seed=seed)
+    spoiler = _spoiler(scene, camera, disturbances, seed)
+    steps = _exposure_steps(uv_px, hidden, disturbances.exposure)
+    shutter = (np.arange(steps) - (steps - 1) / 2) / steps * disturbances.exposure / fps
+    parts = (
+        [(scene, uv_px)]
+        if steps == 1
+        else [(s, record([camera], s.xyz_m)[0]) for s in map(motion, (t_s + late for late in shutter))]
+    )
+    for frame in range(len(t_s)):
+        drawn = [picture(s, camera, frame, uv[frame], hidden[frame], spoiler=spoiler) for s, uv in parts]
+        yield spoiler.spoilt(np.asarray(sum(drawn) / np.float32(steps), dtype=np.float32), frame)
+
+
+def visible(
+    scene: Scene, camera: Camera, *, disturbances: Disturbances = CLEAN, seed: tuple[int, ...] = (0, 0)
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Recorded pixels (T, M, 2), and the markers that a film does not show (T, M): the truth that it is fit for."""
+    uv_px, hidden = view(scene, camera)
+    if disturbances.occlusion < 1:
+        shines = np.random.default_rng([*seed, 7]).random(hidden.shape[1]) >= disturbances.occlusion
+        hidden = np.where(shines, outside([camera], scene.xyz_m, uv_px[None])[0], hidden)
+    return uv_px, hidden | _spoiler(scene, camera, disturbances, seed).behind_bars(uv_px - FIRST_PIXEL)
+
+
+def shown_pixels(
+    motion: Motion,
+    t_s: Array,
+    cameras: Sequence[Camera],
+    *,
+    start_s: Array,
+    disturbances: Disturbances = CLEAN,
+    seed: int = 0,
+) -> PixelTracks:
+    """Where the films of ``write_movies`` show each marker, exactly; NaN where they do not."""
+    scenes = [motion(t_s + late_s) for late_s in start_s]
+    uv_px = []
+    for c, (scene, camera) in enumerate(zip(scenes, cameras, strict=True)):
+        exact, hidden = visible(scene, camera, disturbances=disturbances, seed=(seed, c))
+        uv_px.append(np.where(hidden[..., None], np.nan, exact))
+    names = scenes[0].skeleton.markers
+    return PixelTracks(names=names, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=np.stack(uv_px))
+
+
+def _spoiler(scene: Scene, camera: Camera, disturbances: Disturbances, seed: tuple[int, ...]) -> Spoiler:
+    bones = sum(bone.rigid for bone in scene.skeleton.bones)
+    return Spoiler(sizes=disturbances, size_px=picture_size(camera), n_frames=len(scene.t_s), n_bones=bones, seed=seed)
+
+
+def _exposure_steps(uv_px: Array, hidden: NDArray[np.bool_], exposure: float) -> int:
+    """How many instants of an exposure are averaged: the fastest of most markers moves 2 px from one to the next."""
+    if exposure == 0 or len(uv_px) < 2:
+        return 1
+    moved = np.linalg.norm(np.diff(uv_px, axis=0), axis=-1)[~hidden[1:]]
+    fast = float(np.percentile(moved, 99)) if moved.size else 0.0
+    return int(np.clip(np.ceil(exposure * fast / _BLUR_STEP_PX), 2, _MOST_STEPS))
+
+
+def picture(
+    scene: Scene,
+    camera: Camera,
+    frame: int,
+    uv_px: Array,
+    hidden: NDArray[np.bool_],
+    *,
+    spoiler: Spoiler | None = None,
+) -> NDArray[np.float32]:
+    """One instant without noise: what is far is drawn first, the markers that are seen last.
 
     Args:
         scene: Animal in motion.
@@ -86,12 +168,16 @@ def picture(scene: Scene, camera: Camera, frame: int, uv_px: Array, hidden: NDAr
         frame: Number of the frame.
         uv_px: (M, 2) recorded pixels of the markers.
         hidden: (M,) markers that are not seen.
+        spoiler: Background, reflections and look of the dots; None: of a clean film.
 
     Returns:
         (height, width) grey levels between 0 and 255.
     """
+    spoiler = spoiler or _spoiler(scene, camera, CLEAN, (0, 0))
     width, height = picture_size(camera)
     drawn = np.full((height, width), _BACKGROUND, dtype=np.uint8)
+    if spoiler.sizes.background:
+        drawn = cv2.convertScaleAbs(np.maximum(spoiler.texture + 2.0 * _BACKGROUND, 0))
     normal = camera.matrix[2] / np.linalg.norm(camera.matrix[2, :3])
     eye_m, xyz_m = decompose(camera).position_m, scene.xyz_m[frame]
     shapes: list[tuple[Array, Array, int]] = []
@@ -104,8 +190,8 @@ def picture(scene: Scene, camera: Camera, frame: int, uv_px: Array, hidden: NDAr
             (solid.centre_m[frame], _surface(solid, frame), _BODY if np.isfinite(solid.semi_axes_m).all() else _ROD)
         )
     index = {name: m for m, name in enumerate(scene.skeleton.markers)}
-    for bone in (bone for bone in scene.skeleton.bones if bone.rigid):
-        ends = xyz_m[[index[bone.a], index[bone.b]]]
+    bone_ends = [(index[bone.a], index[bone.b]) for bone in scene.skeleton.bones if bone.rigid]
+    for ends in (xyz_m[list(pair)] for pair in bone_ends):
         shapes.append((ends.mean(axis=0) - _NEARER_M * unit(ends.mean(axis=0) - eye_m), ends, _BONE))
     for _, points, shade in sorted(shapes, key=lambda shape: -float(normal[:3] @ shape[0])):
         ahead = points[points @ normal[:3] + normal[3] > 0]
@@ -114,9 +200,11 @@ def picture(scene: Scene, camera: Camera, frame: int, uv_px: Array, hidden: NDAr
             cv2.line(drawn, outline[0].tolist(), outline[1].tolist(), shade, _BONE_PX, cv2.LINE_AA, _FRACTION_BITS)
         elif len(ahead) > 2:
             cv2.fillConvexPoly(drawn, cv2.convexHull(outline), shade, cv2.LINE_AA, _FRACTION_BITS)
-    for seen in _fixed(uv_px[~hidden]):
-        radius = round(_RADIUS_PX * 2**_FRACTION_BITS)
-        cv2.circle(drawn, seen.tolist(), radius, _MARKER, cv2.FILLED, cv2.LINE_AA, _FRACTION_BITS)
+    spots = spoiler.spots(frame, uv_px[bone_ends] - FIRST_PIXEL) + FIRST_PIXEL
+    grey = round(_BONE + spoiler.sizes.contrast * (_MARKER - _BONE))
+    radius = round(spoiler.sizes.radius_px * 2**_FRACTION_BITS)
+    for dot in _fixed(np.concatenate([spots, uv_px[~hidden]])):
+        cv2.circle(drawn, dot.tolist(), radius, grey, cv2.FILLED, cv2.LINE_AA, _FRACTION_BITS)
     return np.asarray(cv2.GaussianBlur(drawn.astype(np.float32), (0, 0), 0.7), dtype=np.float32)
 
 

@@ -6,6 +6,7 @@ from itertools import count
 
 import numpy as np
 
+from filters.anatomy import Anatomy
 from filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
 from filters.mixture import Mixture, learn_mixture
 from filters.models.base import TrajectoryModel, TrialSet, estimate
@@ -48,16 +49,14 @@ class HiddenGaps:
 
     Attributes:
         trials: Training trials.
-        trunk: Indices of the trunk's markers.
+        anatomy: What is known of the animal.
         hidden: Those in which gaps are hidden, by index.
-        named: Indices of the markers of the skeleton's rigid bones.
         tell: Called with a line for each of them.
     """
 
     trials: Sequence[MarkerTrial]
-    trunk: Sequence[int]
+    anatomy: Anatomy
     hidden: Sequence[tuple[int, Hidden[MarkerTrial]]]
-    named: Sequence[tuple[int, int]] = ()
     tell: Callable[[str], None] = lambda _line: None
     _trial_sets: dict[Hidden[MarkerTrial], TrialSet] = field(default_factory=dict)
 
@@ -67,7 +66,7 @@ class HiddenGaps:
         for number, (index, gaps) in enumerate(self.hidden):
             if gaps not in self._trial_sets:
                 others = [trial for i, trial in enumerate(self.trials) if i != index]
-                self._trial_sets[gaps] = TrialSet([*others, gaps.shown], self.trunk, self.named)
+                self._trial_sets[gaps] = TrialSet([*others, gaps.shown], self.anatomy)
             trials, shown = self._trial_sets[gaps], gaps.shown
             found = estimate(model, trials, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
             parts.append(residuals_of(gaps, found.xyz_m, found.cov_m2))
@@ -81,10 +80,9 @@ class HiddenGaps:
 
 def hidden_gaps(
     trials: Sequence[MarkerTrial],
-    trunk: Sequence[int],
+    anatomy: Anatomy,
     rng: np.random.Generator,
     *,
-    named: Sequence[tuple[int, int]] = (),
     effort: Effort = USUAL_EFFORT,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> HiddenGaps:
@@ -92,9 +90,8 @@ def hidden_gaps(
 
     Args:
         trials: Training trials of the same markers.
-        trunk: Indices of the trunk's markers.
+        anatomy: What is known of the animal.
         rng: What to hide.
-        named: Indices of the markers of the skeleton's rigid bones.
         effort: How much is hidden.
         tell: Called with a line for each trial that is filled.
     """
@@ -108,7 +105,7 @@ def hidden_gaps(
         if all(sum(hidden.count(n) for _, hidden in found) >= effort.gaps for n in lengths):
             break
     hidden = [(i, gaps) for i, gaps in found if gaps.gaps]
-    return HiddenGaps(trials=trials, trunk=trunk, hidden=hidden, named=named, tell=tell)
+    return HiddenGaps(trials=trials, anatomy=anatomy, hidden=hidden, tell=tell)
 
 
 def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
@@ -129,7 +126,7 @@ def calibrated(mixture: Mixture, models: Sequence[TrajectoryModel], trials: Tria
     if not own.gaps:
         return mixture
     last = len(trials.trials) - 1
-    gaps = HiddenGaps(trials=trials.trials, trunk=trials.trunk, named=trials.named, hidden=[(last, own)])
+    gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, own)])
     return mixture.calibrated([gaps.fill(model) for model in models])
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from filters.anatomy import anatomy_of
 from filters.hidden_gaps import MODELS, SHARP_MARKER, USUAL_EFFORT, Effort, Mixed, calibrated, hidden_gaps, mixed
 from filters.hide import gap_lengths
 from filters.mixture import Mixture, mixed_residuals
@@ -15,7 +16,7 @@ from filters.poses import MarkerTrial
 from filters.records import Estimate
 from mocap.errors import MocapError
 from mocap.moving import Asked
-from mocap.skeleton import Skeleton, ends_among
+from mocap.skeleton import Skeleton
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,8 +78,8 @@ def learn_model(
         MocapError: the trials differ in rate, or show too little to hide gaps in.
     """
     check_rates(trials)
-    every = TrialSet(trials, _body(names, trunk), ends_among(names, bones))
-    gaps = hidden_gaps(trials, every.trunk, rng, named=every.named, effort=effort, tell=tell)
+    every = TrialSet(trials, anatomy_of(names, trunk, bones))
+    gaps = hidden_gaps(trials, every.anatomy, rng, effort=effort, tell=tell)
     if not gaps.hidden:
         raise MocapError(
             "no gap could be hidden in these trials: that needs a marker that is seen in three frames before and after "
@@ -87,11 +88,6 @@ def learn_model(
     tell("settings are learned from all recordings")
     found = mixed(gaps, [model.tuned(every) for model in models])
     return _learned(found, names, trunk, trials, bones)
-
-
-def _body(names: Sequence[str], trunk: Sequence[str]) -> list[int]:
-    """Indices of the trunk's markers; all where none of them is there."""
-    return [names.index(name) for name in trunk if name in names] or list(range(len(names)))
 
 
 def _learned(
@@ -132,9 +128,9 @@ def learn_from_itself(
     Returns:
         None: no gap could be hidden.
     """
-    every = TrialSet([recording], _body(names, trunk), ends_among(names, bones))
+    every = TrialSet([recording], anatomy_of(names, trunk, bones))
     effort = Effort(most_frames=300, times=2)
-    gaps = hidden_gaps(every.trials, every.trunk, np.random.default_rng(0), named=every.named, effort=effort)
+    gaps = hidden_gaps(every.trials, every.anatomy, np.random.default_rng(0), effort=effort)
     if not gaps.hidden:
         return None
     return _learned(mixed(gaps, [SHARP_MARKER, settings.tuned(every)]), names, trunk, (), bones)
@@ -243,7 +239,7 @@ def own_trials(learned: LearnedModel) -> TrialSet:
 
 
 def _trial_set(learned: LearnedModel, names: Sequence[str], trials: Sequence[MarkerTrial]) -> TrialSet:
-    return TrialSet(trials, _body(names, learned.trunk), ends_among(names, learned.bones))
+    return TrialSet(trials, anatomy_of(names, learned.trunk, learned.bones))
 
 
 def track_with(

@@ -12,17 +12,23 @@ from mocap.neighbours import check_neighbours
 if TYPE_CHECKING:
     from mocap.errors import MocapError
     from mocap.io.format import Hints
+    from mocap.library.digitised import Digitised, digitise
+    from mocap.library.labelled import LabelledRecording, label
     from mocap.library.learning import Model, learn, load_model
     from mocap.library.recording import propose_skeleton, read
     from mocap.library.tracked import Tracked, load, track
     from mocap.pipeline.recording import Recording
 
 __all__ = [
+    "Digitised",
     "Hints",
+    "LabelledRecording",
     "MocapError",
     "Model",
     "Recording",
     "Tracked",
+    "digitise",
+    "label",
     "learn",
     "load",
     "load_model",
@@ -32,11 +38,15 @@ __all__ = [
 ]
 
 _PLACES = {
+    "Digitised": "mocap.library.digitised",
     "Hints": "mocap.io.format",
+    "LabelledRecording": "mocap.library.labelled",
     "MocapError": "mocap.errors",
     "Model": "mocap.library.learning",
     "Recording": "mocap.pipeline.recording",
     "Tracked": "mocap.library.tracked",
+    "digitise": "mocap.library.digitised",
+    "label": "mocap.library.labelled",
     "learn": "mocap.library.learning",
     "load": "mocap.library.tracked",
     "load_model": "mocap.library.learning",

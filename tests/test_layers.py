@@ -11,7 +11,14 @@ _GROUND = {"mocap", "mocap/cameras", "mocap/io"}
 _MATH = {"eal", "filters"}
 _FLOW = _GROUND | _MATH | {"datasets", "mocap/audit", "mocap/calibration", "mocap/cleaning", "mocap/kinematics"}
 _FLOW |= {"mocap/pipeline"}
-_SHOWN = _FLOW | {"mocap/results", "mocap/plots", "mocap/joint_design", "mocap/reproduce", "mocap/rerun"}
+_SHOWN = _FLOW | {
+    "mocap/results",
+    "mocap/plots",
+    "mocap/joint_design",
+    "mocap/reproduce",
+    "mocap/rerun",
+    "mocap/digitising",
+}
 
 ALLOWED = {
     "eal": set(),
@@ -27,6 +34,7 @@ ALLOWED = {
     "mocap/pipeline": _FLOW,
     "mocap/results": _FLOW,
     "mocap/plots": _FLOW,
+    "mocap/digitising": _FLOW,
     "mocap/joint_design": _FLOW,
     "mocap/reproduce": _FLOW,
     "mocap/rerun": _FLOW | {"mocap/joint_design", "mocap/results"},

@@ -1,11 +1,13 @@
 """Methods of filling gaps side by side: ``python -m benchmarks.gaps [--quick] --out DIR``.
 
-One table on stdout (see ``benchmarks.gaps.table``), progress and failures on stderr. Into the folder: ``folds.csv``
-(each method, trial, seed and kind of gap, as it comes), ``table.csv`` (trials pooled), ``ratios.csv`` (each method
-against the best of each cell, with standard errors), ``summary.csv``, ``error.png``, ``coverage.png``.
+Two tables on stdout (``benchmarks.gaps.table``, ``benchmarks.gaps.comparison``), progress and failures on stderr.
+Into the folder: ``folds.csv`` (each method, trial, seed and kind of gap, as it comes), ``table.csv`` (trials pooled),
+``ratios.csv`` (each method against the best of each cell, with standard errors), ``summary.csv`` (a row a method),
+``comparison.csv`` (EAL beside the best peer, its controls and the oracle), ``error.png``, ``coverage.png``.
 """
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -16,11 +18,14 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.gaps import plots
-from benchmarks.gaps.cells import QUICK, QUICK_SETS, Extent, Task, results
+from benchmarks.gaps.cells import QUICK, QUICK_SETS, Extent, Task, fold_trials, results
+from benchmarks.gaps.comparison import as_lines, comparison, overall
+from benchmarks.gaps.method import needs_film
+from benchmarks.gaps.oracle import EalOracle
 from benchmarks.gaps.ours import alone, ours
 from benchmarks.gaps.peers import released
 from benchmarks.gaps.registry import methods
-from benchmarks.gaps.sets import SETS, load
+from benchmarks.gaps.sets import FILMED, SETS, size
 from benchmarks.gaps.table import FOLDS, against_best, as_sentence, as_text, pooled, ratios, summary
 from mocap.errors import MocapError
 
@@ -35,11 +40,11 @@ def main() -> int:
     parser.add_argument(
         "--methods",
         nargs="+",
-        help="names; default: all; with --quick without released tools, controls, and mechanics alone",
+        help="names; default: all; with --quick without released tools, and parts of EAL alone",
     )
     parser.add_argument("--seeds", type=int, help="number of seeds (3)")
     parser.add_argument("--folds", type=int, help="trials of each set that are left out, at most (all)")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="processes (2)")
     parser.add_argument("--resume", action="store_true", help="keep what folds.csv in the folder has")
     parser.add_argument("--out", type=Path, required=True, help="folder for tables and pictures")
     args = parser.parse_args()
@@ -48,31 +53,42 @@ def main() -> int:
     unknown = sorted(set(args.methods or []) - set(known))
     if unknown:
         parser.error(f"no method {', '.join(unknown)}; there are {', '.join(known)}")
-    # released tools start a process for each fill, controls search anew
-    slow = {method.name for method in [*released.peers(), *ours()[1:], *alone()]} if args.quick else set()
+    # released tools start a process for each fill
+    slow = {method.name for method in [*released.peers(), *alone()]} if args.quick else set()
     chosen = [name for name in known if (name in args.methods if args.methods else name not in slow)]
     extent = QUICK if args.quick else Extent()
     if args.seeds:
         extent = replace(extent, seeds=tuple(range(args.seeds)))
     if args.folds:
         extent = replace(extent, folds=args.folds)
+    filmed = {method.name for method in methods() if needs_film(method)}
     tasks = []
     for name in args.sets or (QUICK_SETS if args.quick else tuple(SETS)):
         try:
-            trials = load(name)
+            count = size(name)
         except (MocapError, OSError, ValueError) as error:
             print(f"{name}: left out: {error}", file=sys.stderr)
             continue
-        folds = range(min(len(trials), extent.folds))
-        tasks += [Task(name=name, trial=k, method=method, extent=extent) for k in folds for method in chosen]
+        folds = range(min(count, extent.folds))
+        tasks += [
+            Task(name=name, trial=k, method=method, extent=extent)
+            for k in folds
+            for method in chosen
+            if method not in filmed or name in FILMED
+        ]
     if not tasks:
         print("no set could be loaded: set MOCAP_REAL_DATA to the folder of the recordings", file=sys.stderr)
         return 1
     args.out.mkdir(parents=True, exist_ok=True)
     folds = pd.DataFrame(_collect(tasks, args), columns=FOLDS)
     print(as_text(summary(folds)), flush=True)
-    own, names = [method.name for method in [*ours(), *alone()]], set(folds["method"].astype(str))
+    own, names = [method.name for method in [*ours(), EalOracle(), *alone()]], set(folds["method"].astype(str))
     peers = sorted(names.difference(own))
+    compared = comparison(folds, peers)
+    if len(compared):
+        compared = pd.concat([compared, overall(compared)])
+        compared.to_csv(args.out / "comparison.csv", index=False, float_format="%.4g")
+        print(f"\n{as_lines(compared)}\n", flush=True)
     if own[0] in names and peers and len(set(folds["seed"])) > 1:
         by = "trial" if folds.groupby("set")["trial"].nunique().min() > 2 else "seed"
         print(as_sentence(against_best(folds, own[0], peers, by=by), own[0]), flush=True)
@@ -94,7 +110,7 @@ def _collect(tasks: Sequence[Task], args: argparse.Namespace) -> list[dict]:
         done = {key[:3] for key in whole if all((*key[:3], seed) in whole for seed in tasks[0].extent.seeds)}
         done -= {(r["set"], r["trial"], r["method"]) for r in rows[-1:]}  # it may have been cut off in the middle
         rows = [r for r in rows if (r["set"], r["trial"], r["method"]) in done]
-        tasks = [t for t in tasks if (t.name, load(t.name)[t.trial].name, t.method) not in done]
+        tasks = [t for t in tasks if (t.name, fold_trials(t.name, t.trial, t.extent)[-1].name, t.method) not in done]
     pd.DataFrame(rows, columns=FOLDS).to_csv(path, index=False)
     written = before = time.perf_counter()
     for count, (task, new, trouble) in enumerate(results(tasks, args.jobs), start=1):

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import groupby
 from multiprocessing import get_context
 
@@ -12,8 +13,9 @@ from threadpoolctl import threadpool_limits
 from benchmarks.gaps.hide import GAPS, SCENARIOS, cells, excerpt
 from benchmarks.gaps.method import Trial
 from benchmarks.gaps.protocol import FULL, TEST_FRAMES, Plan, plan, run_fold, shown_trials
+from benchmarks.gaps.rays import RAYS
 from benchmarks.gaps.registry import methods
-from benchmarks.gaps.sets import load
+from benchmarks.gaps.sets import load, teachers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,17 +26,21 @@ class Extent:
         seeds: Seeds of the gaps.
         scenarios: Of gaps.
         lengths: Of gaps.
+        rays: Cameras that are left in gaps, of sets with pixels.
         folds: Trials that are left out, at most.
         training: Trials to learn from, at most.
         frames: Of a trial, at most, in tests and (``--quick``) in training.
+        once: Whether only as many copies of a trial are filled as hold each kind of gap once.
     """
 
     seeds: tuple[int, ...] = (0, 1, 2)
     scenarios: tuple[str, ...] = SCENARIOS
     lengths: tuple[int, ...] = GAPS
+    rays: tuple[int, ...] = RAYS
     folds: int = 100
     training: int = 100
     frames: int = TEST_FRAMES
+    once: bool = False
 
     @property
     def short(self) -> bool:
@@ -42,9 +48,10 @@ class Extent:
         return self.training < 100
 
 
-QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160)
+QUICK = Extent(seeds=(0,), scenarios=("limb",), lengths=(10, 50), folds=1, training=2, frames=160, once=True)
 QUICK_PLAN = Plan(trials=1, frames=160, lengths=(10, 50, 10, 50))
-QUICK_SETS = ("bat", "mouse", "snake_glide")
+QUICK_SETS = ("twin_speeds", "bat", "bat_flights", "bat_other", "snake_other", "mouse")
+"""Two of each: several gaits, other animals, one animal in one gait; the first can be made without recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,57 +64,77 @@ class Task:
     extent: Extent
 
 
-def fold_trials(name: str, left_out: int, extent: Extent) -> tuple[list[Trial], int]:
-    """The trials of a fold, as many and as long as wanted, and the place of the one that is left out."""
-    trials = load(name)
-    if not extent.short:
-        return trials, left_out
-    others = [trial for i, trial in enumerate(trials) if i != left_out][: extent.training]
-    rng = np.random.default_rng(0)
-    return [excerpt(trial, extent.frames, rng) for trial in others] + [trials[left_out]], len(others)
+@lru_cache(maxsize=4)
+def fold_trials(name: str, left_out: int, extent: Extent) -> list[Trial]:
+    """The trials of a fold, as many and as long as wanted; the last is left out. Methods that follow get the same."""
+    trials = load(name, extent.folds + extent.training if extent.short else None)
+    others = [trials[i] for i in teachers(name, trials, left_out)][: extent.training]
+    if extent.short:
+        rng = np.random.default_rng(0)
+        others = [excerpt(trial, extent.frames, rng) for trial in others]
+    return [*others, trials[left_out]]
+
+
+def trained_on(trials: Sequence[Trial]) -> str:
+    """What a method learns from, beside the last trial: ``same``, ``other animal``, or ``several gaits``."""
+    *others, left_out = trials
+    if left_out.animal not in {trial.animal for trial in others}:
+        return "other animal"
+    return "several gaits" if len({trial.gait for trial in trials}) > 1 else "same"
 
 
 def run(task: Task) -> tuple[list[dict], str | None]:
     """Rows of ``folds.csv``, and what went wrong if it did (the numbers are NaN then)."""
-    trials, left_out = fold_trials(task.name, task.trial, task.extent)
+    trials = fold_trials(task.name, task.trial, task.extent)
     wanted = cells(scenarios=task.extent.scenarios, lengths=task.extent.lengths)
     method = next(method for method in methods() if method.name == task.method)
     token = plan.set(QUICK_PLAN if task.extent.short else FULL)
     try:
         with threadpool_limits(1):
             outcomes = run_fold(
-                method, trials, left_out, seeds=task.extent.seeds, wanted=wanted, frames=task.extent.frames
+                method,
+                trials,
+                len(trials) - 1,
+                seeds=task.extent.seeds,
+                wanted=wanted,
+                frames=task.extent.frames,
+                rays=task.extent.rays,
+                once=task.extent.once,
             )
     except Exception as error:  # a method may fail in any way; the others go on
         return empty_rows(task), f"{type(error).__name__}: {error}"
     finally:
         plan.reset(token)
     return [
-        row(task, seed, trials[left_out].name, score.__dict__ | {"seconds": outcome.seconds, "frames": outcome.frames})
+        row(task, seed, trials, vars(score) | {"seconds": outcome.seconds, "frames": outcome.frames})
         for seed, outcome in zip(task.extent.seeds, outcomes, strict=True)
         for score in outcome.scores
     ], None
 
 
-def row(task: Task, seed: int, trial: str, values: dict) -> dict:
+def row(task: Task, seed: int, trials: Sequence[Trial], values: dict) -> dict:
     """A row of ``folds.csv``."""
-    return {"set": task.name, "method": task.method, "seed": seed, "trial": trial} | values
+    place = {"set": task.name, "method": task.method, "seed": seed, "trial": trials[-1].name}
+    return place | {"trained_on": trained_on(trials)} | values
 
 
 def empty_rows(task: Task) -> list[dict]:
     """Rows without numbers, for the kinds of gaps that the trial holds."""
-    trials, left_out = fold_trials(task.name, task.trial, task.extent)
+    trials = fold_trials(task.name, task.trial, task.extent)
     wanted = cells(scenarios=task.extent.scenarios, lengths=task.extent.lengths)
     nothing = dict.fromkeys(("rmse_mm", "coverage95", "nll", "seconds", "frames"), np.nan)
     out = []
     for seed in task.extent.seeds:
-        shown = shown_trials(trials[left_out], seed, wanted, frames=task.extent.frames)
-        held: dict[tuple[str, int], int] = {}
-        for gap in (gap for copy in shown for gap in copy.gaps):
-            held[gap.kind, gap.length] = held.get((gap.kind, gap.length), 0) + int(gap.scored.sum()) * gap.length
-        for (scenario, length), samples in sorted(held.items()):
-            values = {"scenario": scenario, "gap": length, "samples": samples} | nothing
-            out.append(row(task, seed, trials[left_out].name, values))
+        extent = task.extent
+        shown = shown_trials(trials[-1], seed, wanted, frames=extent.frames, rays=extent.rays, once=extent.once)
+        held: dict[tuple[str, int, int], int] = {}
+        for copy in shown:
+            for gap in copy.gaps:
+                cell = (gap.kind, gap.length, copy.rays)
+                held[cell] = held.get(cell, 0) + int(gap.scored.sum()) * gap.length
+        for (scenario, length, rays), samples in sorted(held.items()):
+            values = {"scenario": scenario, "gap": length, "rays": rays, "samples": samples} | nothing
+            out.append(row(task, seed, trials, values))
     return out
 
 

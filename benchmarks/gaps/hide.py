@@ -1,4 +1,4 @@
-"""Where the gaps of the benchmark lie: kinds of gaps of ``filters.hide``."""
+"""Where the gaps of the benchmark lie: kinds of gaps of ``filters.hide``, and excerpts of trials."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.gaps.method import Trial
+from benchmarks.gaps.rays import Shown
 from filters import hide as gaps
-from filters.hide import Gap, Group, Hidden, Rules
+from filters.hide import Gap, Group, Rules
 
 SCENARIOS = ("single", "pair", "limb", "all")
 """One marker of a limb, two of the same limb, a whole limb, all limbs at once."""
@@ -24,8 +25,6 @@ RULES = Rules(
 
 Cell = tuple[str, int]
 """A scenario and a length."""
-Shown = Hidden[Trial]
-"""A trial with gaps."""
 
 
 def cells(*, scenarios: Sequence[str] = SCENARIOS, lengths: Sequence[int] = GAPS) -> list[Cell]:
@@ -50,7 +49,7 @@ def groups(trial: Trial) -> dict[str, Group]:
 def hide(trial: Trial, wanted: Sequence[Cell], rng: np.random.Generator) -> list[Shown]:
     """A gap of every wanted kind that the trial has room for, in as few copies of the trial as random placing allows.
 
-    When each kind has its gap, each is placed once more where a copy still has room.
+    No ray is left in gaps. When each kind has its gap, each is placed once more where a copy still has room.
 
     Args:
         trial: As measured.
@@ -59,7 +58,7 @@ def hide(trial: Trial, wanted: Sequence[Cell], rng: np.random.Generator) -> list
     """
     known = groups(trial)
     kinds = [(known[scenario], length) for scenario, length in wanted]
-    return [Hidden(trial=trial, gaps=copy) for copy in gaps.hide(np.isfinite(trial.xyz_m[..., 0]), kinds, rng, RULES)]
+    return [Shown(trial=trial, gaps=copy) for copy in gaps.hide(np.isfinite(trial.xyz_m[..., 0]), kinds, rng, RULES)]
 
 
 def excerpt(trial: Trial, frames: int, rng: np.random.Generator) -> Trial:
@@ -67,7 +66,13 @@ def excerpt(trial: Trial, frames: int, rng: np.random.Generator) -> Trial:
     cut = gaps.excerpt(np.isfinite(trial.xyz_m[..., 0]), frames, rng)
     if len(trial.t_s) <= frames:
         return trial
-    return replace(trial, name=f"{trial.name}@{cut.start}", t_s=trial.t_s[cut], xyz_m=trial.xyz_m[cut])
+    return replace(
+        trial,
+        name=f"{trial.name}@{cut.start}",
+        t_s=trial.t_s[cut],
+        xyz_m=trial.xyz_m[cut],
+        film=None if trial.film is None else trial.film.cut(cut),
+    )
 
 
 __all__ = [
@@ -78,7 +83,6 @@ __all__ = [
     "SPACING",
     "Cell",
     "Gap",
-    "Shown",
     "cells",
     "excerpt",
     "groups",

@@ -1,10 +1,35 @@
 """What the benchmark hands to a method, and what it takes back."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 from mocap.arrays import Array
+from mocap.cameras.camera import Camera
+from mocap.cameras.origin import PixelCorner
+from mocap.records import PixelTracks
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Film:
+    """What the cameras saw of a trial.
+
+    Attributes:
+        pixels: As digitised, with the trial's markers and times.
+        cameras: The C cameras.
+        pixel_origin: Corner that pixel rows are counted from, and
+        calibration_origin: that of the cameras, as decided on the whole recording.
+    """
+
+    pixels: PixelTracks
+    cameras: tuple[Camera, ...]
+    pixel_origin: PixelCorner
+    calibration_origin: PixelCorner
+
+    def cut(self, frames: slice) -> "Film":
+        """Some of its frames, the times of which begin at 0."""
+        t_s, uv_px = self.pixels.t_s[frames], self.pixels.uv_px[:, frames]
+        return replace(self, pixels=replace(self.pixels, t_s=t_s - t_s[0], uv_px=uv_px))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -19,6 +44,11 @@ class Trial:
         sd_m: (M,) standard deviation of a measured coordinate.
         trunk: Markers whose translation and heading define the body.
         limbs: Marker names of each limb.
+        film: The pixels that the positions follow from; None: there are none. Where a marker is hidden in 3D, rays of
+            one camera or two may be left in it.
+        animal: Which it is; "": all trials of the set are of one.
+        gait: How it moves; "": all trials of the set are of one kind.
+        bones: Ends of the bones that a user would state, from the trunk outward: what the product learns limbs from.
     """
 
     name: str
@@ -28,6 +58,10 @@ class Trial:
     sd_m: Array
     trunk: tuple[str, ...]
     limbs: tuple[tuple[str, ...], ...]
+    film: Film | None = None
+    animal: str = ""
+    gait: str = ""
+    bones: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +86,12 @@ class Filler(Protocol):
 
 
 class Method(Protocol):
-    """A way of filling gaps."""
+    """A way of filling gaps.
+
+    One that uses the rays of ``Trial.film`` says so by an attribute ``reads_rays``; all others see the same whatever
+    rays are left, and fill once. One that needs a film says so by ``needs_film``. One that is shown the answer has
+    ``learn_with_truth``.
+    """
 
     @property
     def name(self) -> str:
@@ -62,3 +101,22 @@ class Method(Protocol):
     def learn(self, training: Sequence[Trial]) -> Filler:
         """Learn, and tune whatever there is to tune, on training trials only."""
         ...
+
+
+@runtime_checkable
+class Oracle(Protocol):
+    """A method that is shown what it will have to fill, to see how much there is to win."""
+
+    def learn_with_truth(self, training: Sequence[Trial], truth: Trial) -> Filler:
+        """Learn from training trials, and from the trial that is filled later, with nothing hidden."""
+        ...
+
+
+def reads_rays(method: Method) -> bool:
+    """Whether a method uses the rays of markers that are seen by one camera."""
+    return bool(getattr(method, "reads_rays", False)) or needs_film(method)
+
+
+def needs_film(method: Method) -> bool:
+    """Whether a method is of pixels only."""
+    return bool(getattr(method, "needs_film", False))

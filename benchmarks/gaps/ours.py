@@ -9,32 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
+from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
 from filters.hidden_gaps import MODELS, Effort
 from filters.models.base import TrajectoryModel
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.prepare import Prepared, prepare_tracks
-from mocap.records import MarkerTracks, Status
-from mocap.skeleton import Skeleton
-
-LEAST_SD_M = 5e-5
-"""Recordings that were smoothed before show less noise than their markers have."""
-
-
-def tracks_of(trial: Trial) -> MarkerTracks:
-    """A trial as a file of positions would hold it, each with the noise that the set's markers have."""
-    sd = np.maximum(trial.sd_m, LEAST_SD_M)
-    seen = np.isfinite(trial.xyz_m[..., 0])
-    cov = np.where(seen[..., None, None], (sd**2)[:, None, None] * np.eye(3), np.nan)
-    origin = np.where(seen, Status.MEASURED, Status.MISSING)
-    return MarkerTracks(names=trial.names, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, status=origin)
-
-
-def recording(trial: Trial) -> Prepared:
-    """A trial as the product prepares it: cleaned, with a skeleton of markers and trunk."""
-    skeleton = Skeleton(name="markers and trunk", markers=trial.names, trunk=trial.trunk)
-    return prepare_tracks(tracks_of(trial), skeleton, name=trial.name)
 
 
 def effort() -> Effort:
@@ -49,6 +29,7 @@ class Ours:
 
     name: str
     models: tuple[TrajectoryModel, ...] = MODELS
+    reads_rays: bool = True
 
     def learn(self, training: Sequence[Trial]) -> Filler:
         """``learn_from`` the training trials; what is filled later is tracked by ``run_job``."""
@@ -72,7 +53,7 @@ def ours() -> list[Method]:
     """The product, and the same with other potentials (controls)."""
     return [
         Ours("EAL"),
-        Ours("EAL quadratic", _with(potential="quadratic motion")),
+        Ours("EAL quadratic", _with(potential="quadratic limb motion")),
         Ours("EAL none", _with(potential="none")),
     ]
 

@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 from benchmarks.gaps.hide import SCENARIOS
 from benchmarks.gaps.table import by_cell, summary
 
+LEFT = {0: "dark", 1: "one camera", 2: "two that disagree"}
 SHOWN = 10
 """Methods that are drawn: the best of the summary; more lines are not told apart."""
 
 
 def draw(folds: pd.DataFrame, table: pd.DataFrame, out: Path) -> list[Path]:
-    """``error.png`` (RMSE by gap length, a row a set, a column a scenario) and ``coverage.png``, into a folder."""
+    """``error.png`` (RMSE by gap length; rows: sets and cameras left, columns: scenarios) and ``coverage.png``."""
     names = list(summary(folds).index[:SHOWN])
     colours = dict(zip(names, matplotlib.colormaps["tab10"](np.arange(len(names)) % 10), strict=True))
     return [
@@ -32,14 +33,14 @@ def _save(figure: Figure, path: Path) -> Path:
 
 
 def _errors(logs: pd.DataFrame, names: list[str], colours: dict) -> Figure:
-    sets = list(dict.fromkeys(logs.index.get_level_values("set")))
+    places = list(dict.fromkeys(logs.index.droplevel(["scenario", "gap", "trained_on"])))
     scenarios = sorted(set(logs.index.get_level_values("scenario")), key=SCENARIOS.index)
-    figure = Figure(figsize=(2.6 * len(scenarios) + 2.4, 2.0 * len(sets) + 0.8), layout="constrained")
-    axes = figure.subplots(len(sets), len(scenarios), sharex=True, sharey="row", squeeze=False)
-    for row, name in zip(axes, sets, strict=True):
+    figure = Figure(figsize=(2.6 * len(scenarios) + 2.4, 2.0 * len(places) + 0.8), layout="constrained")
+    axes = figure.subplots(len(places), len(scenarios), sharex=True, sharey="row", squeeze=False)
+    for row, (name, rays) in zip(axes, places, strict=True):
         for ax, scenario in zip(row, scenarios, strict=True):
-            _lines(ax, logs, name, scenario, names, colours)
-        row[0].set_ylabel(f"{name}\nRMSE mm")
+            _lines(ax, logs.xs((name, scenario, rays), level=("set", "scenario", "rays")), scenario, names, colours)
+        row[0].set_ylabel(f"{name}\n{LEFT[rays]}\nRMSE mm", fontsize=8)
     for ax in axes[-1]:
         ax.set_xlabel("gap, frames")
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -47,16 +48,14 @@ def _errors(logs: pd.DataFrame, names: list[str], colours: dict) -> Figure:
     return figure
 
 
-def _lines(ax: Axes, logs: pd.DataFrame, name: str, scenario: str, names: list[str], colours: dict) -> None:
-    cells = logs.index.get_level_values
-    part = logs[(cells("set") == name) & (cells("scenario") == scenario)]
-    gaps = part.index.get_level_values("gap")
+def _lines(ax: Axes, logs: pd.DataFrame, scenario: str, names: list[str], colours: dict) -> None:
+    part = logs.groupby(level="gap")[names].mean()
     for method in names:
-        ax.plot(gaps, np.exp(part[method]), ".-", color=colours[method], label=method, linewidth=1.2)
+        ax.plot(part.index, np.exp(part[method]), ".-", color=colours[method], label=method, linewidth=1.2)
     ax.set(xscale="log", title=scenario)
-    if np.isfinite(part[names].to_numpy()).any():
+    if np.isfinite(part.to_numpy()).any():
         ax.set_yscale("log")
-    ticks = sorted(set(logs.index.get_level_values("gap")))
+    ticks = list(part.index)
     ax.set_xticks(ticks, [str(tick) for tick in ticks])
     ax.minorticks_off()
 

@@ -11,12 +11,15 @@ import zlib
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, Shown, cells, excerpt, hide
-from benchmarks.gaps.method import Estimate, Filler, Method, Trial
+from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, cells, excerpt, hide
+from benchmarks.gaps.method import Estimate, Filler, Method, Oracle, Trial, reads_rays
+from benchmarks.gaps.prepared import recording
+from benchmarks.gaps.rays import RAYS, Shown, with_rays
 from filters import score as one_score
 from mocap.arrays import Array
 
@@ -54,10 +57,12 @@ class Score(one_score.Score):
     Attributes:
         scenario: Of the gaps.
         gap: Their length in frames.
+        rays: Cameras that are left in them.
     """
 
     scenario: str
     gap: int
+    rays: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,36 +80,77 @@ class Outcome:
     frames: int
 
 
-def shown_trials(trial: Trial, seed: int, wanted: Sequence[Cell], *, frames: int = TEST_FRAMES) -> list[Shown]:
-    """The gaps that every method meets in a trial with a seed."""
+def shown_trials(
+    trial: Trial,
+    seed: int,
+    wanted: Sequence[Cell],
+    *,
+    frames: int = TEST_FRAMES,
+    rays: Sequence[int] = (0,),
+    once: bool = False,
+) -> list[Shown]:
+    """The gaps that every method meets in a trial with a seed: the same with each number of rays that is left.
+
+    Args:
+        trial: As measured.
+        seed: Where and which.
+        wanted: Kinds of gaps.
+        frames: Longer trials are cut.
+        rays: Cameras that are left; more than 0 only where the trial has a film.
+        once: Whether only those copies of the trial are taken that hold a kind of gap which those before lack.
+    """
+    return list(_shown(trial, seed, tuple(wanted), frames, tuple(rays), once))
+
+
+@lru_cache(maxsize=8)
+def _shown(
+    trial: Trial, seed: int, wanted: tuple[Cell, ...], frames: int, rays: tuple[int, ...], once: bool
+) -> tuple[Shown, ...]:
+    """``shown_trials``, once for all methods of a fold."""
     rng = np.random.default_rng([seed, zlib.crc32(trial.name.encode())])
-    return hide(excerpt(trial, frames, rng), wanted, rng)
+    hidden, held, out = [], set[Cell](), []
+    for copy in hide(excerpt(trial, frames, rng), wanted, rng):
+        new = {(gap.kind, gap.length) for gap in copy.gaps} - held
+        if new or not once:
+            hidden.append(copy)
+        held |= new
+    for left in rays if trial.film is not None else (0,):
+        which = np.random.default_rng([seed, zlib.crc32(trial.name.encode()), 2])
+        out += [with_rays(copy, left, which) for copy in hidden]
+    return tuple(out)
 
 
-def evaluate(filler: Filler, shown: Sequence[Shown]) -> Outcome:
+def evaluate(filler: Filler, shown: Sequence[Shown], *, by_rays: bool = True) -> Outcome:
     """Fill and compare.
 
     Args:
         filler: A method that has learned from other trials.
         shown: Copies of a trial with gaps.
+        by_rays: False: the method sees no rays, and fills copies that differ in these alone once.
 
     Raises:
         ValueError: the method leaves a hidden sample without a value, or gives other shapes.
     """
-    found: dict[Cell, list[tuple[Array, Array | None]]] = {}
-    seconds = 0.0
+    found: dict[tuple[str, int, int], list[tuple[Array, Array | None]]] = {}
+    known: dict[tuple[Gap, ...], Estimate] = {}
+    seconds, frames = 0.0, 0
     for copy in shown:
-        begin = time.process_time()
-        filled = filler(copy.shown)
-        seconds += time.process_time() - begin
+        filled = None if by_rays else known.get(copy.gaps)
+        if filled is None:
+            if by_rays and copy.trial.film is not None:
+                recording(copy.shown)  # triangulated and cleaned once for all methods, which is not timed
+            begin = time.process_time()
+            filled = known[copy.gaps] = filler(copy.shown)
+            seconds += time.process_time() - begin
+            frames += len(copy.trial.t_s)
         for gap in copy.gaps:
-            found.setdefault((gap.kind, gap.length), []).append(errors(filled, copy.trial, gap))
+            found.setdefault((gap.kind, gap.length, copy.rays), []).append(errors(filled, copy.trial, gap))
     scores = []
-    for (scenario, length), parts in sorted(found.items(), key=lambda item: item[0]):
+    for (scenario, length, rays), parts in sorted(found.items(), key=lambda item: item[0]):
         covs = [cov for _, cov in parts if cov is not None]
         value = one_score.score(np.concatenate([error for error, _ in parts]), np.concatenate(covs) if covs else None)
-        scores.append(Score(scenario=scenario, gap=length, **vars(value)))
-    return Outcome(scores=tuple(scores), seconds=seconds, frames=sum(len(copy.trial.t_s) for copy in shown))
+        scores.append(Score(scenario=scenario, gap=length, rays=rays, **vars(value)))
+    return Outcome(scores=tuple(scores), seconds=seconds, frames=frames)
 
 
 def errors(filled: Estimate, truth: Trial, gap: Gap) -> tuple[Array, Array | None]:
@@ -135,10 +181,15 @@ def run_fold(
     seeds: Sequence[int],
     wanted: Sequence[Cell],
     frames: int = TEST_FRAMES,
+    rays: Sequence[int] = (0,),
+    once: bool = False,
 ) -> list[Outcome]:
     """Learn from all trials but one, and fill that one: an outcome a seed."""
-    filler = method.learn([trial for i, trial in enumerate(trials) if i != left_out])
-    return [evaluate(filler, shown_trials(trials[left_out], seed, wanted, frames=frames)) for seed in seeds]
+    training = [trial for i, trial in enumerate(trials) if i != left_out]
+    truth = trials[left_out]
+    filler = method.learn_with_truth(training, truth) if isinstance(method, Oracle) else method.learn(training)
+    shown = [shown_trials(truth, seed, wanted, frames=frames, rays=rays, once=once) for seed in seeds]
+    return [evaluate(filler, part, by_rays=reads_rays(method)) for part in shown]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,7 +216,9 @@ def validation(training: Sequence[Trial]) -> list[Validation]:
         rng = np.random.default_rng([k, zlib.crc32(trial.name.encode()), 1])
         # other trials begin with another scenario
         wanted = [(SCENARIOS[(i + k) % len(SCENARIOS)], length) for i, length in enumerate(now.lengths)]
-        shown = hide(excerpt(trial, now.frames, rng), wanted, rng)
+        copies = hide(excerpt(trial, now.frames, rng), wanted, rng)
+        left = RAYS if trial.film is not None else (0,)  # what may be left of a film goes round, too
+        shown = [with_rays(copy, left[i % len(left)], rng) for i, copy in enumerate(copies)]
         rest = [other for i, other in enumerate(training) if i != k]
         if not rest:
             out += [Validation(rest=(copy.shown,), shown=(copy,)) for copy in shown]

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-KEYS = ["set", "scenario", "gap", "method", "seed"]
-TABLE = [*KEYS, "rmse_mm", "coverage95", "nll", "ms_per_frame"]
-FOLDS = [*KEYS, "trial", "samples", "rmse_mm", "coverage95", "nll", "seconds", "frames"]
-CELL = ["set", "scenario", "gap"]
+CELL = ["set", "scenario", "gap", "rays", "trained_on"]
+KEYS = [*CELL, "method", "seed"]
+NAMED = ["set", "scenario", "gap", "method", "seed"]
+TABLE = [*NAMED, "rmse_mm", "coverage95", "nll", "ms_per_frame", "rays", "trained_on"]
+FOLDS = [*NAMED, "trial", "samples", "rmse_mm", "coverage95", "nll", "seconds", "frames", "rays", "trained_on"]
 
 
 def pooled(folds: pd.DataFrame) -> pd.DataFrame:
@@ -44,15 +45,17 @@ def by_cell(table: pd.DataFrame) -> pd.DataFrame:
 def summary(folds: pd.DataFrame) -> pd.DataFrame:
     """A row a method, best mean rank first.
 
-    Columns: ``rank`` (mean over cells; a method without a number in a cell is last there), ``wins`` (cells in which it
-    is best), ``ln_mm`` (mean over its cells of the logarithm of the RMSE in mm), ``spread`` (standard deviation over
-    trials and seeds of that against the mean of all methods, root mean square over sets), ``mm_<gap>`` (geometric mean
-    of the RMSE over sets and scenarios), ``in95_<gap>`` and ``nll`` (means over cells), ``ms`` a frame (mean over
-    sets), ``failed`` cells.
+    Columns: ``rank`` (mean over the cells that it was run on; a method that failed in one is last there), ``wins``
+    (cells in which it is best), ``ln_mm`` (mean over its cells of the logarithm of the RMSE in mm), ``spread``
+    (standard deviation over trials and seeds of that against the mean of all methods, root mean square over sets),
+    ``mm_<gap>`` (geometric mean of the RMSE over sets and scenarios), ``in95_<gap>`` and ``nll`` (means over cells),
+    ``ms`` a frame (mean over sets), ``failed`` cells.
     """
     table = pooled(folds)
     logs = by_cell(table)
-    ranks = logs.rank(axis=1, na_option="bottom", method="average")
+    lost = table[table["rmse_mm"].isna()].groupby([*CELL, "method"]).size()
+    failed = lost.unstack("method").reindex(index=logs.index, columns=logs.columns).notna()
+    ranks = logs.mask(failed, np.inf).rank(axis=1, method="average")
     out = pd.DataFrame({"rank": ranks.mean(), "wins": (logs.eq(logs.min(axis=1), axis=0)).sum()})
     out["ln_mm"] = logs.mean()
     out["spread"] = spread(folds)
@@ -64,7 +67,7 @@ def summary(folds: pd.DataFrame) -> pd.DataFrame:
         out[f"in95_{gap}"] = table[table["gap"] == gap].groupby("method")["coverage95"].mean()
     out["nll"] = table.groupby("method")["nll"].mean()
     out["ms"] = table.groupby(["method", "set"])["ms_per_frame"].mean().groupby("method").mean()
-    out["failed"] = logs.isna().sum()
+    out["failed"] = failed.sum()
     return out.sort_values(["rank", "ln_mm"])
 
 

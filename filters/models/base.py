@@ -12,12 +12,14 @@ from typing import Any
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from filters.anatomy import Anatomy
 from filters.bones import rigid_bones
 from filters.motion.base import MotionModel
 from filters.motion.bones import Bones
 from filters.observations import Observations
 from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from filters.records import Estimate
+from filters.size import sized_like
 from filters.track import smooth
 from mocap.arrays import Array
 from mocap.moving import Asked
@@ -31,23 +33,25 @@ class TrialSet:
 
     Attributes:
         trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
-        trunk: Indices of the trunk's markers.
-        named: Indices of the markers of the skeleton's rigid bones.
+        anatomy: What is known of the animal.
         regressed: What regressions made of the last trial, by their settings.
     """
 
     trials: Sequence[MarkerTrial]
-    trunk: Sequence[int]
-    named: Sequence[tuple[int, int]] = ()
+    anatomy: Anatomy
     _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
     _shapes: dict[tuple, Shapes] = field(default_factory=dict)
     regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Other animals are scaled to the size of the last trial's."""
+        self.trials = [*sized_like(self.trials[:-1], self.trials[-1]), self.trials[-1]]
 
     def shapes(self, *, ranks: tuple[int, ...], body_hz: float, rotating: bool) -> tuple[list[PoseTrial], Shapes]:
         """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
         body = (body_hz, rotating)
         if body not in self._poses:
-            self._poses[body] = poses_of(self.trials, self.trunk, body_hz=body_hz, rotating=rotating)
+            self._poses[body] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz, rotating=rotating)
         if (body, ranks) not in self._shapes:
             self._shapes[body, ranks] = shapes_of(self._poses[body], ranks=ranks)
         return self._poses[body], self._shapes[body, ranks]
@@ -55,7 +59,7 @@ class TrialSet:
     @cached_property
     def bones(self) -> Bones:
         """Those of the last trial."""
-        return rigid_bones(self.trials, self.named)
+        return rigid_bones(self.trials, self.anatomy.bones)
 
 
 class Fitted(ABC):

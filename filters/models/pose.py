@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -9,18 +10,23 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from filters.anatomy import Anatomy
 from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
 from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from filters.models.delayed_poses import DelaySettings
+from filters.models.limbs import limb_potentials
 from filters.motion.bones import Bones
 from filters.motion.pose import PoseMotion, Regression, body_path
+from filters.motion.potential import PosePotential
 from filters.motion.shape import ShapeMechanics
 from filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate, shapes_of
 from mocap.arrays import Array
 
 Mechanics = Literal["free", "linear", "field"]
-Potential = Literal["shape", "motion", "quadratic", "quadratic motion", "none"]
+Potential = Literal[
+    "limb motion", "limbs", "motion", "shape", "quadratic limb motion", "quadratic motion", "quadratic", "none"
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +43,10 @@ class PoseSettings(TrajectoryModel):
         residual: Factor on the deviation of what the subspace leaves, found on hidden samples.
         residual_rate: Factor on the rate at which that changes.
         body: Factor on the density of the body's accelerations.
-        potential: What holds the shape: V_z of the shape, V_z of shape and velocity, the quadratic potential of a
-            Gaussian (a control) of either, or nothing.
+        potential: What holds the pose: V_z of the relative joint coordinates q of each limb, with their velocities
+            (``limb motion``) or without (``limbs``); of the shape of the whole pose with its velocity (``motion``) or
+            without (``shape``); the quadratic potential of a Gaussian (a control) in place of V_z; or nothing. Where no
+            limbs are known the whole pose takes their place.
         beta: Kernel width: beta over the median squared distance of the samples.
         lam: Spectral filtering parameter lambda.
         centres: Most samples that the potential is learned from.
@@ -63,12 +71,12 @@ class PoseSettings(TrajectoryModel):
     residual: float = 1.0
     residual_rate: float = 0.5
     body: float = 0.1
-    potential: Potential = "motion"
+    potential: Potential = "limb motion"
     beta: float = 1.0
     lam: float = 1e-4
     centres: int = 200
     least_known: float = 0.8
-    weight: float = 16.0
+    weight: float = 4.0
     bones: float = 1.0
     passes: int = 1
     regression: float = 1.0
@@ -95,7 +103,7 @@ class PoseSettings(TrajectoryModel):
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn subspace, mechanics and potential from all trials, for the last one."""
         poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
-        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones)
+        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
         if self.regression:
             found = self._regression.fit(trials).fill()
             lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
@@ -105,7 +113,7 @@ class PoseSettings(TrajectoryModel):
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping where its mechanics are linear; bones."""
         poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
-        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones)
+        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
         return {
             "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
             "pose_basis": shapes.subspace.basis.reshape(-1, 3, model.rank),
@@ -124,7 +132,13 @@ _MECHANICS: dict[Mechanics, str] = {
     "linear": "linear mechanics",
     "field": "learned forces",
 }
-_HELD = {"none": "", "shape": " + V_z of shapes", "motion": " + V_z of shapes and velocities"}
+_HELD = {
+    "none": "",
+    "shape": " + V_z of shapes",
+    "motion": " + V_z of shapes and velocities",
+    "limbs": " + V_z of limbs",
+    "limb motion": " + V_z of limbs and their velocities",
+}
 
 
 def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, least_known: float) -> Motion:
@@ -158,6 +172,7 @@ def learn_pose(
     shapes: Shapes | None = None,
     target: int = -1,
     bones: Bones | None = None,
+    anatomy: Anatomy | None = None,
 ) -> PoseMotion:
     """Learn a pose model from trials, for tracking one of them.
 
@@ -167,6 +182,7 @@ def learn_pose(
         shapes: Shapes of these trials where they are at hand (``shapes_of``).
         target: Trial that is to be tracked: its path, its offset from the mean pose.
         bones: Its bones.
+        anatomy: What is known of the animal; None: nothing.
     """
     shapes = shapes_of(trials, ranks=settings.ranks) if shapes is None else shapes
     motion = recorded_motion(trials, shapes, least_known=settings.least_known)
@@ -189,7 +205,33 @@ def learn_pose(
         bone_stiffness=settings.bones / motion.tau_s,
         name="pose_constant_velocity",
     )
-    return with_potential(model, motion, settings)
+    return with_potentials(model, shapes, motion, settings, anatomy)
+
+
+def with_potentials(
+    model: PoseMotion, shapes: Shapes, motion: Motion, settings: PoseSettings, anatomy: Anatomy | None
+) -> PoseMotion:
+    """The model with its pose held by what the settings name: potentials of limbs, or of the whole pose.
+
+    Args:
+        model: Its subspace, of the trial that is to be tracked.
+        shapes: What limbs are learned from.
+        motion: What the whole pose is learned from, and how fast it is.
+        settings: Choices.
+        anatomy: Limbs; None: none are known.
+    """
+    if "limb" not in settings.potential or anatomy is None or not anatomy.limbs:
+        return with_potential(model, motion, settings)
+    limbs = limb_potentials(
+        shapes,
+        model.subspace,
+        anatomy,
+        velocities="motion" in settings.potential,
+        least_known=settings.least_known,
+        tau_s=motion.tau_s,
+        learn=partial(held_by, settings=settings, rate=settings.weight / motion.tau_s),
+    )
+    return replace(model, potentials=limbs, name=_name(settings))
 
 
 def usual_motion(motion: Motion) -> Gaussian:
@@ -226,24 +268,41 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     """
     if settings.potential == "none":
         return model
-    held = model.rank * (2 if "motion" in settings.potential else 1)
+    velocities = settings.potential not in ("shape", "limbs", "quadratic")
+    held = model.rank * (2 if velocities else 1)
     scale = np.repeat([1 / motion.unit, motion.tau_s / motion.unit], model.rank)[:held]
     samples = np.column_stack([motion.z, motion.rate])[:, :held] * scale
-    rate = settings.weight / motion.tau_s
+    potential = PosePotential(
+        mean=np.zeros(held),
+        on_shape=np.diag(scale) @ np.eye(held, 2 * model.rank),
+        on_residual=np.zeros((held, len(model.subspace.residual_sd))),
+        samples=samples,
+        gradient=held_by(samples, settings=settings, rate=settings.weight / motion.tau_s),
+    )
+    return replace(model, potentials=(potential,), name=_name(settings))
+
+
+def _name(settings: PoseSettings) -> str:
+    return "pose_quadratic" if "quadratic" in settings.potential else "eal"
+
+
+def held_by(samples: Array, *, settings: PoseSettings, rate: float) -> Callable[[Array], Array]:
+    """Gradient of the potential of samples (N, d): V_z, or the quadratic one of a Gaussian.
+
+    Args:
+        samples: Of unit size.
+        settings: Which of the two; kernel.
+        rate: What an unseen pose of the same motion is charged, a second.
+    """
+    d = samples.shape[1]
     if "quadratic" in settings.potential:
-        cov = np.cov(samples.T).reshape(held, held)
-        information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / held * np.eye(held))
-        centre, stiffness = samples.mean(axis=0), 2 * rate / held  # its mean value is held / 2
-        return replace(
-            model,
-            gradient=lambda x: (x * scale - centre) @ information * (stiffness * scale),
-            held=held,
-            name="pose_quadratic",
-        )
+        cov = np.cov(samples.T).reshape(d, d)
+        information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / d * np.eye(d))
+        centre, stiffness = samples.mean(axis=0), 2 * rate / d  # its mean value is d / 2
+        return lambda x: (x - centre) @ information * stiffness
     potential = learn_potential(samples, settings)
-    charged = float(np.mean(unseen_potential(samples, settings)))
-    stiffness = rate / max(charged, 1e-9)
-    return replace(model, gradient=penalty(potential, scale, stiffness), held=held, name="eal")
+    stiffness = rate / max(float(np.mean(unseen_potential(samples, settings))), 1e-9)
+    return penalty(potential, np.ones(d), stiffness)
 
 
 def learn_potential(samples: Array, settings: PoseSettings) -> EmpiricalPotential:

@@ -10,12 +10,18 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from filters.ensemble import Gaussian, condition, default_points, scale, spread
+from filters.ensemble import Gaussian, condition, default_points, scale, spread, triangular
 from mocap.arrays import Array
 
 
-def enforce(state: Gaussian, gradient: Callable[[Array], Array], k: int, *, about: Gaussian | None = None) -> Gaussian:
-    """Minimise 1/2 |x - x_pred|^2 in the metric P^-1 plus a potential of the first k components.
+def enforce(
+    state: Gaussian,
+    gradient: Callable[[Array], Array],
+    coordinates: tuple[Array, Array],
+    *,
+    about: Gaussian | None = None,
+) -> Gaussian:
+    """Minimise 1/2 |x - x_pred|^2 in the metric P^-1 plus a potential of coordinates q that are linear in x.
 
     The potential's mean gradient and mean Hessian under an uncertain state come from sigma points (statistical
     linearisation; the Hessian by Stein's identity from gradients alone). Directions of negative curvature exert their
@@ -23,27 +29,31 @@ def enforce(state: Gaussian, gradient: Callable[[Array], Array], k: int, *, abou
     it contracts the covariance, needs no substeps and is stable at any stiffness.
 
     Args:
-        state: Predicted state; its first k components are the potential's coordinates.
-        gradient: (S, k) points to (S, k) gradients of the potential, its stiffness included.
-        k: Number of coordinates.
-        about: Where the potential is linearised: a state whose first k components it has; None: the prediction.
+        state: Predicted state.
+        gradient: (S, d) points to (S, d) gradients of the potential, its stiffness included.
+        coordinates: Mean (d,) of q, and its (k, d) ensemble rows for the first k columns of the state's factor.
+        about: Where the potential is linearised: mean and factor of q; None: the prediction.
     """
-    c, _ = scale(default_points(k))
-    factor = state.factor[:k, :k]
-    about = state if about is None else about
-    gradients = gradient(spread(about, c, columns=k, rows=k))
-    mean = gradients[0] + (gradients[1:] - gradients[0]).sum(axis=0) / (2 * c)
-    difference = (gradients[1 : k + 1] - gradients[k + 1 :]) * (0.5 / np.sqrt(c))  # rows H L_j
-    hessian = np.linalg.solve(about.factor[:k, :k].T, difference)  # L^T H = difference
-    curvature = factor.T @ (0.5 * (hessian + hessian.T)) @ factor
+    mean, rows = coordinates
+    k, d = rows.shape
+    here = Gaussian(mean, triangular(rows))
+    about = here if about is None else about
+    c, _ = scale(default_points(d))
+    gradients = gradient(spread(about, c))
+    force = gradients[0] + (gradients[1:] - gradients[0]).sum(axis=0) / (2 * c)
+    difference = (gradients[1 : d + 1] - gradients[d + 1 :]) * (0.5 / np.sqrt(c))  # rows H L_j
+    hessian = solve_triangular(about.factor, difference, lower=True, trans=1)  # L^T H = difference
+    curvature = here.factor.T @ (0.5 * (hessian + hessian.T)) @ here.factor
     values, vectors = np.linalg.eigh(curvature)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    # force at the prediction x: the gradient there by the linear model, mean + H (x - about)
-    target = root @ (root.T @ np.linalg.solve(factor, about.mean[:k] - state.mean[:k])) - factor.T @ mean
-    posterior, _, _ = condition(state, root, np.zeros(k), k)
+    # force at the prediction by the linear model, mean gradient + H (q - about), in units of the deviations of q
+    away = solve_triangular(here.factor, about.mean - mean, lower=True)
+    target = root @ (root.T @ away) - here.factor.T @ force
+    unit = solve_triangular(here.factor, rows.T, lower=True).T  # rows of q in these units
+    posterior, _, _ = condition(state, np.ascontiguousarray(unit @ root), np.zeros(d), k)
     columns = posterior.factor[:, :k]
-    inner = np.linalg.solve(factor, columns[:k])  # posterior factor in units of the prior one
-    return Gaussian(state.mean + columns @ (inner.T @ target), posterior.factor)
+    inner = solve_triangular(state.factor[:k, :k], columns[:k], lower=True)  # posterior factor in the prior one's units
+    return Gaussian(state.mean + columns @ (inner.T @ (unit @ target)), posterior.factor)
 
 
 def informed(state: Gaussian, known: Gaussian) -> Gaussian:

@@ -1,7 +1,6 @@
 """Motion of the whole pose: a subspace of shapes, a body that moves, a potential that holds the shape."""
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -15,6 +14,7 @@ from filters.motion.base import MotionModel, Step
 from filters.motion.bones import Bones, Differences, differences, hold_bones
 from filters.motion.constant_velocity import white_acceleration
 from filters.motion.enforce import enforce, informed
+from filters.motion.potential import PosePotential
 from filters.motion.shape import ShapeMechanics
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
@@ -99,11 +99,11 @@ class Reference(NamedTuple):
     """Where potentials of a pose are linearised.
 
     Attributes:
-        held: Mean and factor of the components that the potential reads.
+        held: Mean and factor of the coordinates of each potential.
         bones: Differences of the ends of bones; None: it has none.
     """
 
-    held: Gaussian
+    held: tuple[Gaussian, ...]
     bones: Differences | None
 
 
@@ -128,9 +128,7 @@ class PoseMotion(MotionModel):
         body_sd: (12,) the same of g and gdot.
         residual_rate_hz: The rate a of the residual, 1/s.
         usual: Recorded z and zdot: what they are when nothing is seen.
-        gradient: (S, k) leading components to (S, k) gradients of the potential over eps^2, a second; None: no
-            potential.
-        held: The number k of components that the potential reads: r, or 2r if it is one of positions and velocities.
+        potentials: What holds the pose.
         regression: Where a regression has markers that are not seen; None: there is none.
         bones: Distances that markers keep; None: none are known.
         bone_stiffness: Factor on their potential V_b, a second.
@@ -145,11 +143,10 @@ class PoseMotion(MotionModel):
     body_sd: Array
     residual_rate_hz: float
     usual: Gaussian | None = None
-    gradient: Callable[[Array], Array] | None = None
-    held: int = 0
     regression: Regression | None = None
     bones: Bones | None = None
     bone_stiffness: float = 0.0
+    potentials: tuple[PosePotential, ...] = ()
     name: str = "eal"
     linear: bool = True
     reads: int = field(init=False)
@@ -295,7 +292,7 @@ class PoseMotion(MotionModel):
 
     def constrain(self, state: Gaussian, step: Step, about: "Reference | None" = None) -> Gaussian:
         """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
-        pull, dt_s = self.gradient, step.dt_s
+        dt_s = step.dt_s
         if self.regression is not None:
             which, xyz, whitening = self.regression.at(step.frame)
             if len(which):
@@ -303,9 +300,10 @@ class PoseMotion(MotionModel):
                 rows = each_marker(rows[:, which], np.swapaxes(whitening, 1, 2)).reshape(len(rows), -1)
                 away = np.einsum("mji,mi->mj", whitening, xyz - mean[which]).ravel()
                 state = condition(state, np.ascontiguousarray(rows), away, self.reads)[0]
-        if pull is not None:
-            held = None if about is None else about.held
-            state = enforce(state, lambda x: dt_s * pull(x), self.held, about=held)
+        for i, held in enumerate(self.potentials):
+            at = None if about is None else about.held[i]
+            coordinates = held.coordinates(state, self.parts[2], self.reads)
+            state = enforce(state, lambda q, pull=held.gradient: dt_s * pull(q), coordinates, about=at)
         if self.bones is not None:
             stiffness = dt_s * self.bone_stiffness
             ends = None if about is None else about.bones
@@ -313,12 +311,11 @@ class PoseMotion(MotionModel):
         return state
 
     def reference(self, state: Gaussian) -> "Reference | None":
-        """The shape that the potential reads, and the differences of the ends of bones."""
-        if self.gradient is None and self.bones is None:
+        """What the potentials read, and the differences of the ends of bones."""
+        if not self.potentials and self.bones is None:
             return None
-        k = self.held
         return Reference(
-            Gaussian(state.mean[:k], state.factor[:k, :k]),
+            tuple(held.marginal(state, self.parts[2], self.reads) for held in self.potentials),
             None if self.bones is None else differences(self.bones, *self._pose(state)),
         )
 

@@ -2,9 +2,11 @@
 
 from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.finding import Finding, alarms
+from mocap.audit.geometry import fit_findings
+from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.samples import pixel_findings, point_findings
-from mocap.audit.stored import StalePoint, stale_points
+from mocap.audit.stored import StalePoint, other_world, stale_points
 
 __all__ = [
     "Finding",
@@ -14,8 +16,11 @@ __all__ = [
     "audit_filmed",
     "audit_recording",
     "estimate_offsets",
+    "fit_findings",
     "in_step",
+    "jump_findings",
     "late_cameras",
+    "other_world",
     "pixel_findings",
     "point_findings",
     "stale_points",

@@ -2,15 +2,19 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from mocap.arrays import Array
-from mocap.audit.finding import Finding
+from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
+from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import offset_findings
 from mocap.audit.samples import pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
+from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.origin import PixelOrigin, decide_origin, ideal_pixels
-from mocap.cameras.triangulate import linear
+from mocap.cameras.origin import PixelOrigin, StatedOrigin, decide_origin, ideal_pixels
+from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelTracks
@@ -42,7 +46,7 @@ def audit_filmed(
     found.append(
         Finding(
             kind="pixel origin",
-            alarm=False,
+            alarm=decision.guessed,
             text=decision.describe(),
             numbers={"residual_px": decision.residual_px}
             | ({"next_px": decision.next_px} if decision.next_px < float("inf") else {}),
@@ -53,29 +57,63 @@ def audit_filmed(
     late = offset_findings(cameras, ideal_px)
     explained = [f for f in late if f.alarm and 3 * f.numbers["after_px"] < f.numbers["before_px"]]
     foreign = [] if explained else fit_findings(cameras, ideal_px)
-    found += foreign or [*late, *lens_findings(cameras, pixels.uv_px, decision)]
+    if any(f.kind != "large residual" for f in foreign):
+        found += foreign
+    else:
+        lenses = lens_findings(cameras, pixels.uv_px, decision)
+        found += [*late, *lenses, *([] if alarms(lenses) else foreign)]
     matrices = stacked(cameras)
-    found += sizes(linear(matrices, ideal_px))
+    xyz = linear(matrices, ideal_px)
+    found += [*sizes(xyz), *jump_findings(_believed(matrices, ideal_px, xyz), pixels.t_s, pixels.names)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
         solved = ideal_px if stored_px is None else stored_px
         found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
     return sorted(found, key=lambda f: not f.alarm)
 
 
-def audit_recording(recording: FileContents) -> list[Finding]:
+def _believed(matrices: Array, ideal_px: Array, xyz_m: Array) -> Array:
+    """Points whose rays meet about as those of most points do; NaN else."""
+    miss = residual_px(matrices, ideal_px, xyz_m)
+    usual = np.nanmedian(miss) if np.isfinite(miss).any() else np.nan
+    return np.where((miss <= 5 * usual)[..., None], xyz_m, np.nan)
+
+
+def _meet(pixels: PixelTracks, cameras: Sequence[Camera]) -> bool:
+    """Whether any point is seen by two of the cameras that are calibrated."""
+    return len(pixels.cameras) == len(cameras) > 1 and bool((pixels.seen.sum(axis=0) >= 2).any())
+
+
+def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin()) -> list[Finding]:  # noqa: B008
     """All checks of a file, or of files that belong together; alarms first.
 
     Lengths are judged only where their unit is known.
+
+    Args:
+        recording: The file's contents.
+        stated: What the user states about corners and picture height, as ``mocap track`` takes it.
     """
     pixels, points, cameras = recording.pixels, recording.points, recording.cameras
-    if pixels is None or not cameras or len(pixels.cameras) != len(cameras) or len(cameras) < 2:
+    if pixels is None or not cameras or not _meet(pixels, cameras):
         found = [] if pixels is None else pixel_findings(pixels)
         found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)
         if points is not None:
             found += [f for f in point_findings(points) if recording.unit is not None or f.kind != "units"]
+            found += jump_findings(points.xyz_m, points.t_s, points.names)
         return sorted(found, key=lambda f: not f.alarm)
     try:
-        decision = decide_origin(cameras, pixels.uv_px, origin=recording.pixel_origin)
+        decision = decide_origin(
+            cameras,
+            pixels.uv_px,
+            origin=stated.origin,
+            coefficients=stated.calibration_origin,
+            height_px=stated.image_height_px,
+            usual=recording.pixel_origin,
+        )
+    except ArrangementError as error:
+        told = error.arrangement
+        numbers = {"residual_px": told.residual_px, "undone_px": told.undone_px}
+        named = Finding(kind=told.kind, alarm=True, text=str(error), numbers=numbers, cameras=told.cameras)
+        return [named, *pixel_findings(pixels), *camera_findings(cameras, y_up=None)]
     except CalibrationError as error:
         asked = Finding(kind="pixel origin", alarm=True, text=str(error))
         plain = undistorted(cameras, pixels.uv_px)

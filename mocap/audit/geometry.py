@@ -8,9 +8,14 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
+from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear, residual_px
+
+LARGE_PX = 8.0
+"""A median residual above this, and above ``MANY_SD`` deviations of the clicks' jitter, is warned of."""
+MANY_SD = 4.0
 
 
 def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:
@@ -108,18 +113,40 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
                 cameras=(camera.name,),
             )
         ]
-    if whole > max(0.02 * extent, 8.0):
+    jitter = _jitter(ideal_px)
+    if whole > max(0.02 * extent, LARGE_PX):
+        cropped = may_be_cropped(cameras, ideal_px)
         return [
             Finding(
                 kind="foreign calibration",
                 alarm=True,
                 text=f"median triangulation residual {whole:.0f} px, while the pixels themselves span only "
-                f"{extent:.0f} px: the calibration does not belong to these pixels",
+                f"{extent:.0f} px: " + (cropped or "the calibration does not belong to these pixels"),
                 numbers={"residual_px": whole, "extent_px": extent},
                 cameras=tuple(c.name for c in cameras),
             )
         ]
+    if whole > LARGE_PX and whole > MANY_SD * jitter:
+        against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
+        return [
+            Finding(
+                kind="large residual",
+                alarm=True,
+                text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: the rays do not meet, "
+                "and 3D points are wrong by about as much: check cameras, lenses and the order of the files",
+                numbers={"residual_px": whole, "jitter_px": jitter},
+                cameras=tuple(c.name for c in cameras),
+            )
+        ]
     return []
+
+
+def _jitter(ideal_px: Array) -> float:
+    """Standard deviation of clicks from frame to frame, by third differences (variance 20 times theirs); 0: unknown."""
+    uv = ideal_px.reshape(len(ideal_px), ideal_px.shape[1], -1)
+    third = np.abs(np.diff(uv, n=3, axis=1))
+    third = third[np.isfinite(third)]
+    return float(np.median(third)) / (0.6745 * np.sqrt(20.0)) if len(third) >= 30 else 0.0
 
 
 def _flips(camera: Camera, uv: Array) -> list[tuple[str, Array]]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mocap.audit import audit_recording
 from mocap.cameras.camera import check_cameras
+from mocap.cameras.origin import StatedOrigin
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.contents import FileContents
 from mocap.io.describe import summary
@@ -21,15 +22,22 @@ _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, 
 
 
 def inspect(
-    files: Sequence[Path], hints: Hints, *, fps: float | None = None, unit: str | None = None
+    files: Sequence[Path],
+    hints: Hints,
+    *,
+    fps: float | None = None,
+    unit: str | None = None,
+    stated: StatedOrigin | None = None,
 ) -> list[dict[str, Any]]:
     """A summary of each file, with the findings of its reader and of the audit.
 
     A file that cannot be read has ``error`` and that as its finding, and the ``format`` that it begins as, if any.
     Several files that belong together are compared; what that finds stands with the first of them. A frame rate and a
-    unit that the user states are those of files that do not hold them, as in ``mocap track``.
+    unit that the user states are those of files that do not hold them, as in ``mocap track``, and so are corners of
+    pixels and coefficients.
     """
     found, recordings = [], []
+    corners = stated or StatedOrigin()
     for path in files:
         name = None
         try:
@@ -48,13 +56,13 @@ def inspect(
             found.append({"format": name, **_NOTHING, "findings": [text], "file": str(path), "error": text})
         else:
             recordings.append((recording, len(found)))
-            found.append(_audited({**summary(recording), "file": str(path), "title": format.title}, recording))
+            found.append(_audited({**summary(recording), "file": str(path), "title": format.title}, recording, corners))
     if len(recordings) == len(found) > 1:
-        _together(found[0], [recording for recording, _ in recordings])
+        _together(found[0], [recording for recording, _ in recordings], corners)
     return found
 
 
-def _audited(found: dict[str, Any], recording: FileContents) -> dict[str, Any]:
+def _audited(found: dict[str, Any], recording: FileContents, corners: StatedOrigin) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
     try:
         check_cameras(recording.cameras, recording.paths[0].name)
@@ -62,7 +70,7 @@ def _audited(found: dict[str, Any], recording: FileContents) -> dict[str, Any]:
         found["findings"].append(str(error))
     try:
         with np.errstate(all="ignore"):  # of cameras that are none
-            audited = [f for f in audit_recording(recording) if f.as_json() not in found.get("audit", [])]
+            audited = [f for f in audit_recording(recording, corners) if f.as_json() not in found.get("audit", [])]
     except (ValueError, ArithmeticError) as error:  # NumPy's LinAlgError is one: numbers that no rig has
         found["findings"].append(f"the audit could not be completed: {error}")
         audited = []
@@ -71,7 +79,7 @@ def _audited(found: dict[str, Any], recording: FileContents) -> dict[str, Any]:
     return found
 
 
-def _together(found: dict[str, Any], recordings: Sequence[FileContents]) -> None:
+def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners: StatedOrigin) -> None:
     try:
         whole = joined(recordings)
     except FormatError as error:
@@ -81,7 +89,7 @@ def _together(found: dict[str, Any], recordings: Sequence[FileContents]) -> None
         f"together with {', '.join(path.name for path in whole.paths[1:])}: {len(whole.names)} points, "
         f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
     )
-    _audited(found, whole)
+    _audited(found, whole, corners)
 
 
 _CONTAINED = {
@@ -117,7 +125,12 @@ def readable(found: dict[str, Any]) -> str:
     lines.append(f"  contains {contained}; unit {found['units'] or 'not stated'}")
     if found["missing"] is not None:
         gaps = found["gaps"]
-        text = f"  {100 * found['missing']:.1f} % missing; {_count(gaps['count'], 'gap')} inside the tracks"
+        blank = found["undigitised"]
+        without = [_count(blank["frames"], "frame")] if blank["frames"] else []
+        without += [_count(len(blank["markers"]), "marker")] if blank["markers"] else []
+        text = f"  {100 * found['missing']:.1f} % missing"
+        text += f" where anything was digitised; {' and '.join(without)} without a sample" if without else ""
+        text += f"; {_count(gaps['count'], 'gap')} inside the tracks"
         if gaps["count"]:
             longest = _count(gaps["longest_frames"], "frame")
             text += f", median length {gaps['median_frames']:g}, longest {longest}"

@@ -79,6 +79,8 @@ def stored_findings(
         found += _shifted(xyz, stored, tolerance_m) or _half_solve(matrices, ideal_px, stored, cameras, tolerance_m)
     if found or share == 1.0:
         return found
+    if (elsewhere := other_world(xyz, stored)) is not None:
+        return [elsewhere]
     wrong = both & ~(off <= tolerance_m)
     text = (
         f"{wrong.sum()} of {both.sum()} stored points differ from the triangulation of their pixels (median "
@@ -103,6 +105,43 @@ def stored_findings(
             frames=tuple(int(t) + 1 for t in np.flatnonzero(wrong.any(axis=1))[:MOST]),
         )
     ]
+
+
+def other_world(xyz_m: Array, stored_points: MarkerTracks, *, tolerance_m: float = 2e-6) -> Finding | None:
+    """Whether stored points are those of the pixels in another world: turned, shifted, scaled, mirrored or sheared.
+
+    Two calibrations of the same cameras, or of cameras near the same places, give worlds that an affine map takes into
+    each other. It is fitted to the nearer half of the points, again and again.
+
+    Args:
+        xyz_m: (T, M, 3) linear triangulation of the pixels.
+        stored_points: The stored points of the same frames and markers.
+        tolerance_m: As in ``stale_points``.
+    """
+    both = stored_points.seen & np.isfinite(xyz_m[..., 0])
+    xyz, stored = xyz_m[both], stored_points.xyz_m[both]
+    if len(xyz) < 12 or np.mean(np.linalg.norm(xyz - stored, axis=-1) <= tolerance_m) > 0.5:
+        return None
+    ones = np.concatenate([xyz, np.ones((len(xyz), 1))], axis=1)
+    keep = np.ones(len(xyz), dtype=bool)
+    for _ in range(10):
+        affine = np.linalg.lstsq(ones[keep], stored[keep], rcond=None)[0]
+        off = np.linalg.norm(ones @ affine - stored, axis=-1)
+        keep = off <= np.median(off)
+    apart = float(np.median(np.linalg.norm(xyz - stored, axis=-1)))
+    left = float(np.median(off))
+    spread = float(np.median(np.linalg.norm(stored - np.median(stored, axis=0), axis=-1)))
+    scale = float(np.cbrt(np.abs(np.linalg.det(affine[:3]))))
+    if left > 0.1 * apart or left > 0.02 * spread or apart < 0.05 * spread:
+        return None
+    return Finding(
+        kind="another world",
+        alarm=True,
+        text=f"the stored points are in another world than this calibration's: they differ by {apart:.3g} m (median), "
+        f"by {left:.2g} m after turning, shifting and scaling by {scale:.4g}: they were computed with another "
+        "calibration, and are not compared",
+        numbers={"apart_m": apart, "left_m": left, "scale": scale},
+    )
 
 
 def _agree(a: Array, b: Array, tolerance_m: float) -> tuple[float, int]:

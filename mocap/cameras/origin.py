@@ -6,13 +6,15 @@ tens of pixels; one whose lens is applied upside down by a few.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, find_arrangement
 from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 
@@ -20,6 +22,27 @@ PixelCorner = Literal["upper-left", "lower-left"]
 BOTH: tuple[PixelCorner, PixelCorner] = ("upper-left", "lower-left")
 CLEARLY = 1.2
 """A choice is clear where the next best leaves a residual so many times as large."""
+USUAL = 1.5
+"""A choice as programs make it stands unless the best one's residual is so many times smaller."""
+
+
+class OriginError(CalibrationError):
+    """The corner cannot be told from one file; other files of its session may tell."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedOrigin:
+    """What the user states about corners.
+
+    Attributes:
+        origin: Corner of the pixels.
+        calibration_origin: Corner of the coefficients.
+        image_height_px: Image height, for flips.
+    """
+
+    origin: PixelCorner | None = None
+    calibration_origin: PixelCorner | None = None
+    image_height_px: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,6 +57,7 @@ class PixelOrigin:
         height_px: Image height that flips use; None where nothing is flipped.
         residual_px: Median triangulation residual of the decision.
         next_px: That of the best choice that would have given other points; inf where there is none.
+        guessed: Whether pixels and coefficients were found to count from different corners, and nobody stated it.
     """
 
     pixels: PixelCorner
@@ -43,6 +67,7 @@ class PixelOrigin:
     height_px: float | None
     residual_px: float
     next_px: float
+    guessed: bool = False
 
     def describe(self) -> str:
         """One sentence for reports."""
@@ -51,6 +76,8 @@ class PixelOrigin:
             return f"pixel origin {self.pixels} ({source}); residual {self.residual_px:.2f} px"
         margin = "" if np.isinf(self.next_px) else f", {self.next_px:.2f} px otherwise"
         flip = "" if self.pixels == self.coefficients else f"; coefficients from the {self.coefficients}"
+        if self.guessed:
+            flip += " (not stated, found by the residual: state `origin` and `calibration_origin`)"
         how = "as stated" if self.stated else "chosen by the smaller residual"
         return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
 
@@ -102,12 +129,14 @@ def decide_origin(
     origin: PixelCorner | None = None,
     coefficients: PixelCorner | None = None,
     height_px: float | None = None,
+    usual: PixelCorner | None = None,
     most_points: int = 4000,
 ) -> PixelOrigin:
     """Decide where pixels are counted from.
 
     Every choice that the user's statements allow is triangulated; the one with the smallest median residual is taken if
-    it is clear or if the others give the same points.
+    it is clear or if the others give the same points. Programs count pixels and coefficients from the same corner, and
+    each from a corner of its own: such a choice is taken unless another fits ``USUAL`` times as well.
 
     Args:
         cameras: The C cameras, lenses from the upper left.
@@ -115,10 +144,13 @@ def decide_origin(
         origin: Corner of the pixels, if stated.
         coefficients: Corner of the coefficients, if stated.
         height_px: Image height, if stated; else the profile's or twice its principal point.
+        usual: The corner from which the program that wrote the pixels counts.
         most_points: Points to judge by.
 
     Raises:
-        CalibrationError: choices that give different points fit alike, or what was stated fits clearly worse than what
+        ArrangementError: the pixels fit only with mirrored axes, shifted, or with the cameras in another order.
+        OriginError: choices that give different points fit alike.
+        CalibrationError: the pixels fit no choice, or what was stated fits clearly worse than what
             was not.
     """
     uv = uv_px.reshape(len(uv_px), -1, 2)
@@ -146,10 +178,21 @@ def decide_origin(
         raise CalibrationError(
             "the stated pixel origins differ, but the image height is not known: give `image_height_px`"
         )
+    as_programs_do = [t for t in allowed if t[1] == t[2] == (usual or t[1]) and t[0] <= USUAL * allowed[0][0]]
+    allowed = as_programs_do or allowed
     alike = [t for t in allowed if _same(t, allowed[0])]
     best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))
+    found = find_arrangement(cameras, uv_px, height_px=height_px) if best[0] > LOOKED_AT_PX else None
+    if found is not None and BETTER * found.undone_px < best[0]:
+        raise ArrangementError(replace(found, residual_px=best[0]))
     size = float(np.nanmax(uv_px, initial=1.0) - np.nanmin(uv_px, initial=0.0))
     if best[0] > max(0.03 * size, 10.0):
+        cropped = may_be_cropped(cameras, uv_px)
+        if cropped is not None:
+            raise CalibrationError(
+                f"the median triangulation residual is {best[0]:.0f} px: {cropped} (or the calibration does not "
+                "belong to these pixels)"
+            )
         raise CalibrationError(
             f"the median triangulation residual is {best[0]:.0f} px: the coefficients do not belong to these "
             "pixels, or the two count rows from different corners: check the files, or give `image_height_px` so "
@@ -157,12 +200,12 @@ def decide_origin(
         )
     others = [t for t in allowed if not _same(t, best)]
     if others and others[0][0] < CLEARLY * best[0]:
-        raise CalibrationError(
+        raise OriginError(
             f"the pixel origin cannot be determined: residual {best[0]:.2f} px for {_name(best)}, "
             f"{others[0][0]:.2f} px for {_name(others[0])}: state `origin`"
         )
     better = [t for t in tried if t[0] * CLEARLY < best[0] and best[0] - t[0] > 0.5]
-    if better:
+    if better and (origin or coefficients):
         raise CalibrationError(
             f"the stated pixel origin does not fit: residual {best[0]:.2f} px for {_name(best)}, "
             f"{better[0][0]:.2f} px for {_name(better[0])}: state that, or check the calibration"
@@ -176,6 +219,7 @@ def decide_origin(
         height_px=best[3],
         residual_px=best[0],
         next_px=min(rest, default=np.inf),
+        guessed=best[1] != best[2] and (origin is None or coefficients is None),
     )
 
 

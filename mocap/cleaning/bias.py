@@ -52,13 +52,13 @@ def ray_bias(
         dt_s: Time step.
         cutoff_hz: Faster errors count as jitter; at most a twentieth of the frame rate is taken.
         iterations: Rounds.
-        relative: (C, T) deviations of rays, relative to a good camera's; None: 1.
+        relative: (C, T, M) deviations of rays, relative to a usual one's; None: 1.
     """
     cutoff_hz = min(cutoff_hz, 0.05 / dt_s)
     seen = np.isfinite(uv_px[..., 0])
     count = seen.sum(axis=0)
     none = np.zeros_like(uv_px)
-    spread = np.ones(seen.shape) if relative is None else np.broadcast_to(relative[..., None], seen.shape)
+    spread = np.ones(seen.shape) if relative is None else relative
     xyz = linear(matrices, uv_px, relative=spread)
     total = pixel_sd(residual_px(matrices, uv_px, xyz, relative=spread), count)
     if len(xyz) < 3:

@@ -12,6 +12,7 @@ Mask = NDArray[np.bool_]
 
 REASONS = {
     "rays_miss": "the rays of the cameras do not intersect",
+    "likelihood": "the clicks of fewer than two cameras have a likelihood at which clicks can be believed",
     "jump": "moves faster than is plausible for this marker",
     "duplicate": "coincides with another marker",
     "bone_length": "contradicts the length of a rigid bone",

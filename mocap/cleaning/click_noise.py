@@ -64,7 +64,7 @@ def click_noise(
         matrices: (C, 3, 4) projections.
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
         xyz_m: (T, M, 3) points near which to linearise; NaN where unknown.
-        relative: (C, T) scales of rays relative to what is estimated; None: 1. Where above 1 rays say nothing of it.
+        relative: (C, T, M) scales of rays relative to what is estimated; None: 1. Where above 1 rays say nothing of it.
         rounds: Rounds.
         most: At most about so many points are looked at, spread over the recording.
 
@@ -77,8 +77,8 @@ def click_noise(
         return None
     known.ravel()[np.delete(np.flatnonzero(known), slice(None, None, int(np.ceil(known.sum() / most))))] = False
     n_cameras, _, n_markers = uv_px.shape[:3]
-    frame, marker = np.nonzero(known)
-    worse = np.ones((n_cameras, len(frame))) if relative is None else relative[:, frame]
+    marker = np.nonzero(known)[1]
+    worse = np.ones((n_cameras, len(marker))) if relative is None else relative[:, known]
     problem = linearise(matrices, uv_px[:, known], xyz_m[known])
     found = fit(problem, 1 / worse**2)
     rays = problem.seen > 0

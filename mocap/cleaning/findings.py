@@ -8,13 +8,22 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.cleaning.camera_health import CameraHealth
 from mocap.cleaning.clean import REASONS, Cleaning
+from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
 from mocap.cleaning.swaps import DOUBTFUL, Swap
 
 
 def exchange_findings(
-    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str]
+    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str], *, clicks: int = 0
 ) -> list[str]:
-    """A sentence for every identity switch, and one for all that are shorter than three frames."""
+    """A sentence for every identity switch, one for all that are shorter than three frames, one on what is ambiguous.
+
+    Args:
+        swaps: Identity switches that were undone.
+        doubtful: (T, M) samples of ambiguous identity.
+        names: The M markers.
+        cameras: The C cameras.
+        clicks: Clicks of ambiguous identity that were left out.
+    """
     out, short = [], 0
     for swap in swaps:
         if len(swap.frames) < 3:
@@ -27,6 +36,11 @@ def exchange_findings(
         )
     if short:
         out.append(f"{short} identity switches of one or two frames: the names were swapped back")
+    if clicks:
+        out.append(
+            f"{clicks} clicks left out: in their frames cameras disagree on which of two markers is which, and neither "
+            "the rays nor the paths of the clicks decide it"
+        )
     if doubtful.any():
         out.append(f"{_samples(doubtful)} rejected ({DOUBTFUL['doubtful_name']})")
     return out
@@ -46,6 +60,33 @@ def cleaning_findings(cleaning: Cleaning, names: Sequence[str]) -> list[str]:
             markers = [f"{names[int(m)]} ({mask[:, m].sum()})" for m in np.flatnonzero(mask.any(axis=0))]
             out.append(f"{_samples(mask)} rejected ({REASONS[reason]}): {', '.join(markers)}")
     return out
+
+
+def likelihood_findings(found: LikelihoodNoise | None, stated: bool, left_out: int, lost: int) -> list[str]:
+    """What likelihoods were worth, where clicks have any.
+
+    Args:
+        found: What was learned of them.
+        stated: Whether clicks have likelihoods.
+        left_out: Clicks that were not believed.
+        lost: Samples that therefore have no point.
+    """
+    if not stated:
+        return []
+    if found is None:
+        return [
+            "likelihoods were not used: too few clicks are seen by two surer cameras to learn from what they are worth"
+        ]
+    weak = found.factor > 1.05
+    told = f"from likelihood {found.at[weak][-1]:.2f} down errors grow, up to {found.factor[0]:.1f} times"
+    sentence = told if weak.any() else "errors do not depend on the likelihood"
+    if found.least > 0:
+        sentence += (
+            f"; {left_out} clicks with a likelihood below {found.least:.2f} were not believed ({found.wrong[0]:.0%} of "
+            f"the least likely miss by more than {FAR:g} standard deviations), which leaves {lost} samples without a "
+            "point"
+        )
+    return [f"likelihoods weigh the clicks, as far as rays show what they are worth: {sentence}"]
 
 
 def never_seen(xyz_m: Array, names: Sequence[str]) -> list[str]:

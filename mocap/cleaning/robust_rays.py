@@ -40,7 +40,7 @@ def student_t(
         xyz_m: (T, M, 3) starting points; NaN stays NaN.
         sd_px: Standard deviation of a pixel coordinate over all rays, to start from.
         rounds: Rounds of reweighting.
-        relative: (C, T) scales of rays relative to s; None: 1.
+        relative: (C, T, M) scales of rays relative to s; None: 1.
         noise: Factors of cameras and markers, and degrees of freedom; None: 1, and ``DOF``.
 
     Returns:
@@ -52,7 +52,7 @@ def student_t(
     count = seen.sum(axis=0)
     has_point = np.isfinite(xyz_m[..., 0])
     free = np.where(has_point, np.maximum(2 * count - 3, 0), 0).sum()
-    spread = np.ones(seen.shape) if relative is None else np.broadcast_to(relative[..., None], seen.shape)
+    spread = np.ones(seen.shape) if relative is None else relative
     nu = np.full((len(matrices), 1, 1), DOF)
     if noise is not None:
         nu, spread = noise.dof[:, None, None], spread * noise.factors

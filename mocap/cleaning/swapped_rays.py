@@ -39,18 +39,18 @@ def exchanged_rays(matrices: Array, uv_px: Array, found: Triangulation, *, relat
         matrices: (C, 3, 4) projections.
         uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
         found: What ``robust`` made of them.
-        relative: (C, T) deviations of rays relative to ``found.sd_px``; None: 1.
+        relative: (C, T, M) deviations of rays relative to ``found.sd_px``; None: 1.
     """
-    relative = np.ones(uv_px.shape[:2]) if relative is None else relative
+    relative = np.ones(uv_px.shape[:3]) if relative is None else relative
     uv, chosen = uv_px, []
     for _ in range(ROUNDS):
         runs = _clearest(_Rays(matrices, uv, found, relative))
         if not runs:
             break
         chosen += runs
-        uv = exchange_rays(uv, runs)
+        uv, relative = exchange_rays(uv, runs), exchange_rays(relative, runs)
         again = np.unique(np.concatenate([run.frames for run in runs]))
-        part = robust(matrices, uv[:, again], sd_px=found.sd_px, relative=relative[:, again, None])
+        part = robust(matrices, uv[:, again], sd_px=found.sd_px, relative=relative[:, again])
         xyz, rejected = found.xyz_m.copy(), found.rejected.copy()
         xyz[again], rejected[:, again] = part.xyz_m, part.rejected
         found = replace(found, xyz_m=xyz, rejected=rejected)
@@ -100,11 +100,11 @@ class _Rays:
         self.sd = max(found.sd_px, 1e-9)
         self.seen: Mask = np.isfinite(uv_px[..., 0])
         self.at = project(matrices, found.xyz_m)
-        self.miss = np.linalg.norm(uv_px - self.at, axis=-1) / relative[..., None]
+        self.miss = np.linalg.norm(uv_px - self.at, axis=-1) / relative
         few = found.rejected.any(axis=0) & (self.seen.sum(axis=0) <= 3)
         far = np.nan_to_num(self.miss) > FAR * self.sd
         self.suspect: Mask = self.seen & (found.rejected | far | few)
-        self.detail = max(float(np.log(_extent(uv_px) / (np.sqrt(2 * np.pi) * self.sd))), 0.0)
+        self.detail = max(float(np.log(extent_px(uv_px) / (np.sqrt(2 * np.pi) * self.sd))), 0.0)
 
     def suspected_pairs(self) -> tuple[NDArray[np.int64], ...]:
         """Camera, frame and two markers (a < b), both suspected, or one and the other not seen there.
@@ -119,7 +119,7 @@ class _Rays:
                 uv, at = self.uv[camera, frame], self.at[camera, frame]
                 known = np.isfinite(at[:, 0])
                 to_other = np.linalg.norm(uv[who, None] - at, axis=-1)  # (ray, point)
-                own = self.miss[camera, frame, who] * self.relative[camera, frame]
+                own = self.miss[camera, frame, who] * self.relative[camera, frame, who]
                 fits = ~(to_other > 0.5 * own[:, None])  # NaN: not known, may fit
                 for i, marker in enumerate(who):
                     both = [int(m) for k, m in enumerate(who) if m > marker and fits[i, m] and fits[k, marker]]
@@ -141,25 +141,26 @@ class _Rays:
         if not len(camera):
             return np.zeros(0)
         uv = np.stack([self.uv[:, frame, a], self.uv[:, frame, b]], axis=2)  # (C, K, 2, 2)
-        other, k = uv.copy(), np.arange(len(camera))
-        other[camera, k] = uv[camera, k, ::-1]
-        gain = self._score(other, frame) - self._score(uv, frame)
+        spread = np.stack([self.relative[:, frame, a], self.relative[:, frame, b]], axis=2)  # (C, K, 2)
+        other, other_spread, k = uv.copy(), spread.copy(), np.arange(len(camera))
+        other[camera, k], other_spread[camera, k] = uv[camera, k, ::-1], spread[camera, k, ::-1]
+        gain = self._score(other, other_spread) - self._score(uv, spread)
         known, seen = np.isfinite(self.found.xyz_m[..., 0]), self.seen
         moves_a = seen[camera, frame, a] & ~seen[camera, frame, b] & ~known[frame, b]
         moves_b = seen[camera, frame, b] & ~seen[camera, frame, a] & ~known[frame, a]
         return np.where(moves_a | moves_b, np.minimum(gain, 0.0), gain)
 
-    def _score(self, uv: Array, frame: NDArray[np.int64]) -> Array:
+    def _score(self, uv: Array, spread: Array) -> Array:
         """(K,) log likelihood of rays (C, K, 2, 2) of two markers, but for terms that their names do not change.
 
         A click is of its marker, with a density of 1 / (sqrt(2 pi) sd) in each of the 2 n - 3 directions that n rays
         leave over, or anywhere in the animal's extent (a share of ``OUTLIERS``).
         """
-        found = robust(self.matrices, uv, sd_px=self.sd, relative=self.relative[:, frame, None])
+        found = robust(self.matrices, uv, sd_px=self.sd, relative=spread)
         kept = np.isfinite(uv[..., 0]) & ~found.rejected & np.isfinite(found.xyz_m[..., 0])
         n, lost = kept.sum(axis=0), found.rejected.sum(axis=0)
         wrong = np.where(n >= 2, lost, np.minimum(lost, 1))  # of two rays that disagree one is right
-        miss = np.linalg.norm(uv - project(self.matrices, found.xyz_m), axis=-1) / self.relative[:, frame, None]
+        miss = np.linalg.norm(uv - project(self.matrices, found.xyz_m), axis=-1) / spread
         fit = np.where(kept, student_log(np.nan_to_num(miss / self._scale) ** 2, 2), 0.0).sum(axis=0)
         value = fit + self.detail * np.maximum(2 * n - 3, 0) + np.log(OUTLIERS) * wrong
         return value.sum(axis=1)
@@ -187,7 +188,7 @@ class _Rays:
         return gain
 
 
-def _extent(uv_px: Array) -> float:
+def extent_px(uv_px: Array) -> float:
     """Width in pixels of the region in which clicks lie: twice the median spread of the markers of a frame."""
     seen = np.isfinite(uv_px[..., 0])
     n = np.maximum(seen.sum(axis=2), 1)[..., None]

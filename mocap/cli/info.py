@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from mocap.cli.console import show_text
-from mocap.cli.options import AsJson, FileOptions, Fps, Unit
+from mocap.cli.options import AsJson, CalibrationOrigin, FileOptions, Fps, ImageHeight, PixelOriginOption, Unit
 from mocap.cli.records import with_records
 
 
@@ -20,12 +20,17 @@ def info(
     stated: FileOptions,
     fps: Fps = None,
     unit: Unit = None,
+    origin: PixelOriginOption = None,
+    calibration_origin: CalibrationOrigin = None,
+    image_height: ImageHeight = None,
     as_json: AsJson = False,
 ) -> None:
     """Describe files: format, points, cameras, frames, rate, units, gaps, and what is wrong or unusual in them."""
     from mocap.audit.inspect import inspect, readable
+    from mocap.cameras.origin import StatedOrigin
 
-    found: list[dict[str, Any]] = inspect(files, stated.hints(), fps=fps, unit=unit)
+    corners = StatedOrigin(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
+    found: list[dict[str, Any]] = inspect(files, stated.hints(), fps=fps, unit=unit, stated=corners)
     if as_json:
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201
     else:

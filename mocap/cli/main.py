@@ -15,6 +15,7 @@ from mocap.cli.convert import convert
 from mocap.cli.data import data
 from mocap.cli.demo import demo
 from mocap.cli.design_joint import design_joint
+from mocap.cli.digitise import digitise
 from mocap.cli.info import info
 from mocap.cli.kinematics import kinematics
 from mocap.cli.learn import learn
@@ -60,7 +61,21 @@ app = typer.Typer(
     epilog=f"{DEBUG} (anywhere on the line) or {DEBUG_VARIABLE}=1: print the full traceback of an internal error, "
     "to report it.",
 )
-COMMANDS = (info, convert, triangulate, track, kinematics, learn, skeleton, demo, view, share, reproduce, design_joint)
+COMMANDS = (
+    info,
+    convert,
+    triangulate,
+    digitise,
+    track,
+    kinematics,
+    learn,
+    skeleton,
+    demo,
+    view,
+    share,
+    reproduce,
+    design_joint,
+)
 for command in COMMANDS:
     app.command()(command)
 app.add_typer(data, name="data")

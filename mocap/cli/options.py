@@ -14,13 +14,29 @@ PixelOrigin = Literal["upper-left", "lower-left"]
 """Where pixel rows are counted from."""
 
 Tracks = Annotated[Path, typer.Argument(help="Pixels or positions, in any format that mocap info knows.")]
+Views = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Pixels or positions, in any format that mocap info knows; or the pixel files of one trial, one a camera."
+    ),
+]
+Crop = Annotated[
+    list[Path] | None,
+    typer.Option(
+        help="Crop offsets of cropped films, added to the pixels: a folder, or a file for each camera (give the option "
+        "once for each, in their order); if not given, those beside the tracks."
+    ),
+]
 Calibration = Annotated[
     Path | None,
     typer.Option("--calibration", "--dlt", help="DLT coefficients, calibration.toml, easyWand, ..."),
 ]
 Profile = Annotated[
     Path | None,
-    typer.Option(help="Camera profile (lenses), one line for each camera: cam f W H cx cy AR k1 k2 p1 p2 k3."),
+    typer.Option(
+        help="Camera profile (lenses), one line for each camera: cam f W H cx cy AR k1 k2 p1 p2 k3; or the Tforms.mat "
+        "of a lens that all cameras have."
+    ),
 ]
 PixelOriginOption = Annotated[
     PixelOrigin | None,
@@ -92,6 +108,7 @@ class CameraOptions(FileOptions):
     origin: PixelOriginOption = None
     calibration_origin: CalibrationOrigin = None
     image_height: ImageHeight = None
+    crop: Crop = None
 
     def stated(self) -> dict[str, Any]:
         """As ``mocap.read`` takes it."""
@@ -101,6 +118,7 @@ class CameraOptions(FileOptions):
             "origin": self.origin,
             "calibration_origin": self.calibration_origin,
             "image_height_px": self.image_height,
+            "crop": self.crop,
             "hints": self.hints(),
         }
 
@@ -119,7 +137,7 @@ class RecordingOptions(CameraOptions):
         own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
         return super().stated() | own
 
-    def read(self, tracks: Path, **more: Any) -> "Recording":
+    def read(self, tracks: Path | list[Path], **more: Any) -> "Recording":
         """The recording in a file, with what is stated about it."""
         import mocap
 

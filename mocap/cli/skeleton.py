@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, Force, RecordingOptions, Tracks
+from mocap.cli.options import AsJson, Force, RecordingOptions, Views
 from mocap.cli.records import with_records
 
 
 @with_records
 def skeleton(
-    tracks: Tracks,
+    tracks: Views,
     stated: RecordingOptions,
     out: Annotated[Path | None, typer.Option(help="Skeleton file to write; if not given, it is printed.")] = None,
     force: Force = False,

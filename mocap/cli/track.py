@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import finish, progress, say
-from mocap.cli.options import AsJson, Force, Out, RecordingOptions, Tracks
+from mocap.cli.options import AsJson, Force, Out, RecordingOptions, Views
 from mocap.cli.records import with_records
 from mocap.errors import MocapError
 from mocap.text import as_text
@@ -47,7 +47,7 @@ class VideoOptions:
 
 @with_records
 def track(
-    tracks: Tracks,
+    tracks: Views,
     out: Out,
     stated: RecordingOptions,
     movies: VideoOptions,

@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, Force, RecordingOptions, Tracks
+from mocap.cli.options import AsJson, Force, RecordingOptions, Views
 from mocap.cli.records import with_records
 
 
 @with_records
 def triangulate(
-    tracks: Tracks,
+    tracks: Views,
     out: Annotated[Path, typer.Option(help="xyzpts file to write.")],
     stated: RecordingOptions,
     refine: Annotated[

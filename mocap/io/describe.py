@@ -1,5 +1,6 @@
 """A recording in figures: what ``mocap info`` prints."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ def summary(recording: FileContents) -> dict[str, Any]:
     """Figures of a recording, ready for JSON.
 
     ``points`` and ``cameras`` are numbers, ``missing`` the share of samples (marker x frame x camera) without a value,
-    None where the file holds no samples; ``gaps`` are runs of missing frames between two sightings.
+    of the frames and markers that have any at all, None where the file holds no samples; ``undigitised`` are the frames
+    (their number) and markers without any; ``gaps`` are runs of missing frames between two sightings.
     """
     seen = recording.seen
     sampled = seen.size > 0 and (recording.pixels is not None or recording.points is not None or bool(recording.tables))
@@ -24,22 +26,37 @@ def summary(recording: FileContents) -> dict[str, Any]:
         "frames": len(recording.frames),
         "fps": recording.fps,
         "units": _units(recording),
-        "missing": round(float(1 - seen.mean()), 6) if sampled else None,
+        "missing": _missing(seen) if sampled else None,
         "findings": list(recording.findings),
         "names": list(recording.names),
         "camera_names": list(recording.camera_names),
         "first_frame": int(recording.frames[0]) if len(recording.frames) else None,
+        "undigitised": _undigitised(recording.names, seen) if sampled else {"frames": 0, "markers": []},
         "gaps": gaps(seen.reshape(-1, *seen.shape[-2:])) if sampled else None,
         "pixel_origin": recording.pixel_origin,
         "holds": _holds(recording),
     }
     if recording.pixels is not None and recording.points is not None:
-        found["missing_points"] = round(float(1 - recording.points.seen.mean()), 6)
+        found["missing_points"] = _missing(recording.points.seen)
     if recording.points is not None:
         codes, counts = np.unique(recording.points.status, return_counts=True)
         found["samples"] = {Status(code).name.lower(): int(n) for code, n in zip(codes, counts, strict=True)}
     animals = list(dict.fromkeys(animal for animal, _ in recording.animals))
     return found | ({"individuals": animals} if animals else {})
+
+
+def _missing(seen: NDArray[np.bool_]) -> float:
+    """Share of samples without a value, of the frames and the markers that have any."""
+    tracks = seen.reshape(-1, *seen.shape[-2:])
+    kept = tracks[:, np.any(tracks, axis=(0, 2))][:, :, np.any(tracks, axis=(0, 1))]
+    return round(float(1 - kept.mean()), 6) if kept.size else 1.0
+
+
+def _undigitised(names: Sequence[str], seen: NDArray[np.bool_]) -> dict[str, Any]:
+    """Frames and markers without a single sample."""
+    tracks = seen.reshape(-1, *seen.shape[-2:])
+    lost = [names[m] for m in np.flatnonzero(~np.any(tracks, axis=(0, 1)))]
+    return {"frames": int((~np.any(tracks, axis=(0, 2))).sum()), "markers": lost}
 
 
 def _units(recording: FileContents) -> str | None:

@@ -26,6 +26,10 @@ def set_files(path: Path, recording: FileContents) -> dict[str, Path]:
     kinds = {}
     if recording.pixels is not None:
         kinds = {kind: f"{kind}.csv" for kind in ("xypts", "xyzpts", "xyzres", "offsets")}
+        if recording.points is None or not recording.points.seen.any():
+            del kinds["xyzpts"]
+        if not np.isfinite(recording.tables.get("residual_px", np.nan)).any():
+            del kinds["xyzres"]
     elif recording.points is not None:
         kinds = {"xyzpts": "xyzpts.csv"}
     if recording.cameras:
@@ -59,9 +63,11 @@ def write_set(path: Path, recording: FileContents) -> list[str]:
         write_pixels(files["xypts"], recording.pixels)
         offsets = recording.tables.get("offset_frames", np.zeros((shape[0], len(recording.camera_names))))
         write_table(files["offsets"], [f"cam{c + 1}_offset" for c in range(offsets.shape[1])], offsets)
-        residual = recording.tables.get("residual_px", np.full(shape, np.nan))
-        write_residuals(files["xyzres"], recording.names, residual)
-    if recording.points is not None:
+        if "xyzres" in files:
+            write_residuals(files["xyzres"], recording.names, recording.tables["residual_px"])
+        if "xyzpts" not in files:
+            remarks.append("no xyzpts file: there are no 3D points yet; mocap triangulate writes them")
+    if recording.points is not None and "xyzpts" in files:
         xyz = recording.points.xyz_m
         zero = np.abs(xyz) < _SMALLEST / 2
         if zero.any():
@@ -69,9 +75,6 @@ def write_set(path: Path, recording: FileContents) -> list[str]:
         write_points(files["xyzpts"], replace(recording.points, xyz_m=np.where(zero, _SMALLEST, xyz)))
         if recording.unit is not None:
             remarks.append("lengths are written in metres, to a micrometre")
-    elif "xyzpts" in files:
-        header = [f"{name}_{axis}" for name in recording.names for axis in "XYZ"]
-        write_table(files["xyzpts"], header, np.full((shape[0], 3 * shape[1]), np.nan))
     if recording.cameras:
         write_coefficients(files["dltCoefs"], recording.cameras)
     if "profile" in files:

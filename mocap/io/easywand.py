@@ -135,12 +135,17 @@ def _easywand(path: Path, _hints: Hints) -> FileContents:
     ]
     if not wand.cameras:
         findings.append("the file contains no DLT coefficients: the calibration was not computed")
+    names, uv = ("wand1", "wand2"), wand.wand_px
+    if np.isnan(uv).all() and np.isfinite(wand.background_px).any():
+        findings.append("the file contains no wand points: its background points are read as its pixels")
+        uv = wand.background_px
+        names = tuple(f"background{k + 1}" for k in range(uv.shape[2]))
     return pixel_recording(
         path,
         "easywand",
-        names=("wand1", "wand2"),
+        names=names,
         cameras=[f"cam{c + 1}" for c in range(len(wand.lenses))],
-        uv_px=wand.wand_px,
+        uv_px=uv,
         calibration=wand.cameras,
         lenses=tuple(zip(wand.lenses, wand.sizes_px, strict=True)),
         findings=tuple(findings),

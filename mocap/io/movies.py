@@ -35,6 +35,7 @@ class Movie:
         pts: (N,) time stamps of the frames of a file in its own units, increasing; empty for a folder.
         size_px: Width and height.
         codec: What FFmpeg calls its coding.
+        fps: Frames a second that a file states, which high-speed cameras often do not mean; None: a folder.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class Movie:
     pts: NDArray[np.int64]
     size_px: tuple[int, int]
     codec: str
+    fps: float | None = None
 
     @property
     def n_frames(self) -> int:
@@ -118,12 +120,14 @@ def open_movie(path: Path) -> Movie:
     with _opened(path) as container:
         stream = container.streams.video[0]
         size, codec = (stream.width, stream.height), stream.codec_context.name
+        rate = stream.average_rate
         packets = [p for p in container.demux(stream) if p.size]
     stamps = [p.pts if p.pts is not None else p.dts for p in packets]
     if not stamps or any(s is None for s in stamps):
         raise FormatError(f"{path}: its frames have no times: convert it (ffmpeg -i {path.name} movie.mp4)")
     pts = np.unique(np.array(stamps, dtype=np.int64))
-    return Movie(path=path, pictures=(), pts=pts, size_px=size, codec=codec)
+    fps = float(rate) if rate else None
+    return Movie(path=path, pictures=(), pts=pts, size_px=size, codec=codec, fps=fps)
 
 
 def by_number(path: Path) -> list[tuple[int, int | str]]:

@@ -19,8 +19,9 @@ from mocap.errors import CalibrationError, FormatError
 from mocap.io import lines
 from mocap.io.contents import FileContents
 from mocap.io.dltdv_files import calibration_recording, is_number_row
+from mocap.io.easywand import read_tform
 from mocap.io.format import Format, Hints
-from mocap.io.head import Head
+from mocap.io.head import Head, head
 
 _COLUMNS = ("cam", "f", "w", "h", "cx", "cy", "ar", "k1", "k2", "p1", "p2", "k3")
 _ALSO = {
@@ -148,11 +149,14 @@ def read_sba_profile(path: Path) -> tuple[Camera, ...]:
 
 
 def with_profile(cameras: Sequence[Camera], path: Path) -> tuple[Camera, ...]:
-    """The cameras with the lenses and sizes of a profile.
+    """The cameras with the lenses and sizes of a profile, or all with the one lens of a ``Tforms.mat``.
 
     Raises:
         CalibrationError: the profile describes another number of cameras.
     """
+    if "camud" in head(path).mat:
+        lens, _ = read_tform(path)
+        return tuple(replace(camera, lens=None if lens.is_identity else lens) for camera in cameras)
     lenses = read_profile(path)
     if len(lenses) != len(cameras):
         raise CalibrationError(

@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, pixel_recording
+from mocap.io.contents import FileContents, pixel_recording, points_of
 
 
 def joined(recordings: Sequence[FileContents]) -> FileContents:
@@ -136,6 +136,8 @@ def _with(base: FileContents, other: FileContents) -> FileContents:
         else:
             changes["lenses"] = tuple(other.lenses[i] for i in order)
     if other.points is not None:
+        if base.points is not None and set(other.names) == set(base.names):
+            raise FormatError(f"{where}: {_versions(base, other)}: give one of them")
         if base.points is not None or len(other.frames) != len(base.frames) or set(other.names) != set(base.names):
             raise FormatError(
                 f"{where}: {len(other.frames)} frames of {len(other.names)} points beside {len(base.frames)} of "
@@ -158,6 +160,28 @@ def _with(base: FileContents, other: FileContents) -> FileContents:
         return _renamed(base, other.names, changes)
     merged = replace(base, **changes)  # type: ignore[arg-type]
     return _with_lenses(merged) if merged.cameras and merged.lenses and not base.lenses else merged
+
+
+def _versions(base: FileContents, other: FileContents) -> str:
+    """How two files with the same points differ."""
+    frames, i, j = np.intersect1d(base.frames, other.frames, return_indices=True)
+    pick = [other.names.index(name) for name in base.names]
+    a, b = points_of(base.paths[0], base).xyz_m[i], points_of(other.paths[0], other).xyz_m[j][:, pick]
+    seen_a, seen_b = np.isfinite(a[..., 0]), np.isfinite(b[..., 0])
+    both = seen_a & seen_b
+    if not both.any():
+        return f"both contain positions of the same {len(pick)} points"
+    off = np.linalg.norm(a - b, axis=-1)[both]
+    same = int((off <= 2e-6 * max(1.0, float(np.nanmax(np.abs(a))))).sum())
+    filled = ", ".join(
+        f"{count} samples are only in {r.paths[0].name}"
+        for r, count in ((base, int((seen_a & ~seen_b).sum())), (other, int((seen_b & ~seen_a).sum())))
+        if count
+    )
+    return (
+        f"both contain positions of the same {len(pick)} points in {len(frames)} common frames, {same} of {both.sum()} "
+        f"common samples are identical{f', {filled}' if filled else ''}: two versions of one recording"
+    )
 
 
 def _tables(base: FileContents, other: FileContents, where: str) -> dict[str, Array]:

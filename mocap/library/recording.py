@@ -1,5 +1,6 @@
 """Read a recording: tracks, their calibration and skeleton, and what is stated about them."""
 
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -14,7 +15,7 @@ PathText = str | PathLike[str]
 
 
 def read(
-    tracks: PathText,
+    tracks: PathText | Sequence[PathText],
     *,
     calibration: PathText | None = None,
     fps: float | None = None,
@@ -27,6 +28,7 @@ def read(
     pixel_sd: float | None = None,
     stored_points: PathText | None = None,
     correct_lag: bool = False,
+    crop: PathText | Sequence[PathText] | None = None,
     hints: Hints | None = None,
 ) -> Recording:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
@@ -35,7 +37,8 @@ def read(
     ``mocap.learn`` take it.
 
     Args:
-        tracks: Pixels or positions; a project of DLTdv8 holds its calibration too.
+        tracks: Pixels or positions; a project of DLTdv8 holds its calibration too. Several files: the views of one
+            trial, a camera each.
         calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
         fps: Frames a second, where the files do not hold it (or hold another).
         unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
@@ -47,6 +50,9 @@ def read(
         pixel_sd: Standard deviation of a pixel; None: estimated.
         stored_points: xyzpts file to audit; None: the one beside ``tracks``.
         correct_lag: Read cameras that run late, by the audit, between their frames.
+        crop: Crop offsets of cropped films, to be added to the pixels: a folder, or a file a camera in their order
+            (MATLAB files with ``XYtop_left``, a row a frame; DeepLabCut's config.yaml or meta file; tables x,y). None:
+            those beside the tracks with names that match, if rays then meet better.
         hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
             number of cameras of a sparse pixel file, the sheet of a workbook.
 
@@ -59,8 +65,16 @@ def read(
     def path(given: PathText | None) -> Path | None:
         return None if given is None else Path(given)
 
+    def paths(given: PathText | Sequence[PathText] | None) -> tuple[Path, ...]:
+        if given is None:
+            return ()
+        return (Path(given),) if isinstance(given, str | PathLike) else tuple(Path(one) for one in given)
+
+    first, *views = paths(tracks) or (Path(),)
     recording = Recording(
-        tracks=Path(tracks),
+        tracks=first,
+        views=tuple(views),
+        crop=paths(crop),
         calibration=path(calibration),
         fps=fps,
         unit=unit,

@@ -9,6 +9,7 @@ from filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort
 from filters.model import LearnedModel, learn_model, own_trials
 from filters.models.base import TrajectoryModel
 from filters.poses import MarkerTrial
+from mocap.cameras.origin import OriginError
 from mocap.errors import MocapError
 from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
@@ -37,8 +38,8 @@ def learn_from(
         MocapError: a recording cannot be read, or they cannot be learned from together.
     """
     recordings = []
-    for source in sources:
-        recordings.append(source if isinstance(source, Prepared) else prepare(source))
+    for source, one in zip(sources, _prepared(sources, tell), strict=True):
+        recordings.append(one)
         seen = np.isfinite(recordings[-1].xyz_m[..., 0])
         for finding in () if isinstance(source, Prepared) else source.frame_findings:
             tell(f"{recordings[-1].name}: {finding}")
@@ -54,6 +55,31 @@ def learn_from(
     trunk, bones = [name for name in trunk if name in kept], recordings[0].skeleton.rigid
     rng = np.random.default_rng(seed)
     return learn_model(kept, trunk, trials, rng, bones=bones, models=models, effort=effort, tell=tell)
+
+
+def _prepared(sources: Sequence[Recording | Prepared], tell: Callable[[str], None]) -> list[Prepared]:
+    """The recordings, prepared; where one cannot tell which corner its pixels are counted from, the others tell.
+
+    Raises:
+        MocapError: a recording cannot be prepared; the message names its file.
+    """
+    found: list[Prepared | None] = []
+    doubt: dict[int, OriginError] = {}
+    for i, source in enumerate(sources):
+        try:
+            found.append(source if isinstance(source, Prepared) else prepare(source))
+        except OriginError as error:
+            found.append(None)
+            doubt[i] = error
+    told = {(f.pixel_origin.pixels, f.pixel_origin.coefficients) for p in found if p and (f := p.filmed)}
+    for i, error in doubt.items():
+        source = sources[i]
+        if len(told) != 1 or not isinstance(source, Recording):
+            raise error
+        (corners,) = told
+        found[i] = prepare(replace(source, pixel_origin=corners[0], calibration_origin=corners[1]))
+        tell(f"{source.name}: pixel origin {corners[0]}, as in the other recordings of this session")
+    return [p for p in found if p is not None]
 
 
 def _with_markers(recording: Prepared, names: Sequence[str]) -> MarkerTrial:

@@ -10,19 +10,38 @@ from filters.observations import Observations, PixelObservations, PositionObserv
 from mocap import audit
 from mocap.arrays import Array
 from mocap.cameras import triangulate
+from mocap.cameras.camera import Camera
 from mocap.cleaning.bias import ray_bias
 from mocap.cleaning.camera_health import BadTime, camera_health, shifted_back
 from mocap.cleaning.clean import REASONS, clean
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise, click_noise
-from mocap.cleaning.findings import camera_findings, cleaning_findings, exchange_findings, never_seen
+from mocap.cleaning.findings import (
+    camera_findings,
+    cleaning_findings,
+    exchange_findings,
+    likelihood_findings,
+    never_seen,
+)
+from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
+from mocap.cleaning.persistence import persistent_px
 from mocap.cleaning.position_noise import position_sd
 from mocap.cleaning.robust_rays import student_t
-from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays
+from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
+from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.unstated_unit import too_long
-from mocap.pipeline.recording import Filmed, Recording, audit_points, by_pixels, load_filmed, load_points, load_skeleton
-from mocap.records import MarkerTracks
+from mocap.pipeline.recording import (
+    Filmed,
+    Recording,
+    audit_points,
+    by_pixels,
+    film_of,
+    load_filmed,
+    load_points,
+    load_skeleton,
+)
+from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, ends_among
 from mocap.stated import contradiction
 
@@ -53,6 +72,7 @@ class Prepared:
         stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
             of a pixel; 1: nothing is stated.
         bias_px: Standard deviation of the slow ray errors that were removed.
+        persistent_px: (M,) standard deviation of a pixel coordinate of errors that no filter averages out.
         residual_px: (T, M) residuals of triangulation before correction; NaN without.
         rejected: (T, M) masks by reason.
         rays_rejected: (C, T, M) rays that miss.
@@ -63,6 +83,8 @@ class Prepared:
         bad_cameras: Runs of frames in which a camera was bad.
         noise: Relative scales of cameras and markers, and degrees of freedom of cameras, by which rays were weighed;
             None without cameras.
+        likelihoods: What the likelihoods of clicks were found to be worth; contained in ``ray_sd_px``. None: there are
+            none, or nothing can be learned of them.
         swaps: Runs of frames in which two markers bore each other's names; undone in all that is above.
         stale: Stored points that do not follow from the pixels; None where there was no file to compare.
         audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
@@ -80,6 +102,7 @@ class Prepared:
     ray_scale_px: Array
     jitter_px: float
     bias_px: float
+    persistent_px: Array
     residual_px: Array
     rejected: dict[str, NDArray[np.bool_]]
     rays_rejected: NDArray[np.bool_]
@@ -88,6 +111,7 @@ class Prepared:
     findings: tuple[str, ...] = ()
     bad_cameras: tuple[BadTime, ...] = ()
     noise: ClickNoise | None = None
+    likelihoods: LikelihoodNoise | None = None
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
     audited: tuple[audit.Finding, ...] = ()
@@ -156,32 +180,98 @@ def prepare(source: Recording) -> Prepared:
     filmed = load_filmed(source, iterations=None)
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
+    stale, told = audit_points(source, filmed)
+    return prepare_filmed(
+        filmed,
+        skeleton,
+        name=source.name,
+        file=source.tracks.name,
+        pixel_sd=source.pixel_sd,
+        unit_stated=source.unit is not None,
+        findings=source.frame_findings,
+        stored_findings=told,
+        stale=stale,
+        likelihood=source.contents.score,
+    )
+
+
+def prepare_pixels(pixels: PixelTracks, cameras: Sequence[Camera], skeleton: Skeleton, *, name: str) -> Prepared:
+    """Pixels that are in memory, prepared as those of a file are.
+
+    Args:
+        pixels: As digitised, named as the skeleton names them.
+        cameras: Their cameras, in the same order.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+
+    Raises:
+        MocapError: whatever makes that impossible, with what to do.
+    """
+    return prepare_filmed(film_of(pixels, cameras, name=name), skeleton, name=name)
+
+
+def prepare_filmed(
+    filmed: Filmed,
+    skeleton: Skeleton,
+    *,
+    name: str,
+    file: str | None = None,
+    pixel_sd: float | None = None,
+    unit_stated: bool = True,
+    findings: Sequence[str] = (),
+    stored_findings: Sequence[str] = (),
+    stale: tuple[audit.StalePoint, ...] | None = None,
+    likelihood: Array | None = None,
+) -> Prepared:
+    """Triangulate and clean pixels whose cameras are known.
+
+    Args:
+        filmed: Pixels, named as the skeleton names them, and cameras.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+        file: What errors call it; None: its name.
+        pixel_sd: Standard deviation of a pixel that the user states; None: estimated.
+        unit_stated: Whether the unit of lengths is known; else a scene that is too large for metres is reported.
+        findings: The first sentences of the report.
+        stored_findings: Sentences on stored points.
+        stale: Stored points that do not follow from the pixels.
+        likelihood: (C, T, M) that a network states of its clicks; None: it states none.
+
+    Raises:
+        CalibrationError: no sample is believed.
+    """
+    names = filmed.pixels.names
+    likely, unlikely, relative = _by_likelihood(filmed, likelihood)
+    filmed = replace(filmed, ideal_px=np.where(unlikely[..., None], np.nan, filmed.ideal_px))
     health = camera_health(filmed.matrices, filmed.ideal_px)
-    worse = health.factor
+    worse = health.factor[..., None] * relative
     filmed = replace(filmed, ideal_px=shifted_back(filmed.ideal_px, health))
-    shown, gate = by_pixels(filmed, source.pixel_sd, worse[..., None])
-    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse[..., None])
-    filmed, found, swaps, doubtful = _names_put_right(filmed, found, skeleton, names, worse)
+    shown, gate = by_pixels(filmed, pixel_sd, worse)
+    found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate, relative=worse)
+    named = _names_put_right(filmed, found, skeleton, names, worse)
+    filmed, found, swaps, doubtful, worse = named.filmed, named.found, named.swaps, named.doubtful, named.relative
     sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
     t_s = filmed.pixels.t_s
     cleaning = clean(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
     uv = np.where((found.rejected | cleaning.any | doubtful)[..., None], np.nan, filmed.ideal_px)
     if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
         raise CalibrationError(
-            f"{source.tracks.name}: every sample was rejected because the rays of the cameras do not intersect: "
+            f"{file or name}: every sample was rejected because the rays of the cameras do not intersect: "
             "check that coefficients, profile and pixels belong together"
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
+    lasting = persistent_px(filmed.matrices, uv, found.xyz_m, relative=worse)
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     uv = uv - bias.bias_px
-    start = triangulate.linear(filmed.matrices, uv, relative=worse[..., None])
+    start = triangulate.linear(filmed.matrices, uv, relative=worse)
     noise = click_noise(filmed.matrices, uv, start, relative=worse)
     xyz, cov, ray_sd, ray_scale = student_t(
         filmed.matrices, uv, start, sd_px=bias.jitter_px, relative=worse, noise=noise
     )
-    ratio = 1.0 if source.pixel_sd is None else source.pixel_sd / bias.jitter_px
-    lost = found.rejected.any(axis=0) & np.isnan(found.xyz_m[..., 0])
-    stale, findings = audit_points(source, filmed)
+    ratio = 1.0 if pixel_sd is None else pixel_sd / bias.jitter_px
+    pointless = np.isnan(found.xyz_m[..., 0])
+    lost = found.rejected.any(axis=0) & pointless
+    unsure = unlikely.any(axis=0) & pointless & ~lost
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
     told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
     if filmed.late_frames is not None:
@@ -191,15 +281,15 @@ def prepare(source: Recording) -> Prepared:
             for c, late in shifts
             if late
         ]
-    contradicted = contradiction(source.pixel_sd, low_px=bias.jitter_px, high_px=shown)
-    findings = [*contradicted, filmed.pixel_origin.describe(), *told, *findings]
+    contradicted = contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown)
+    found_out = [*contradicted, filmed.pixel_origin.describe(), *told, *stored_findings]
     if bias.sd_px:
-        findings.append(
+        found_out.append(
             f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
             f"tracking; {bias.jitter_px:.2f} px of jitter remain"
         )
     return Prepared(
-        name=source.name,
+        name=name,
         skeleton=skeleton,
         names=names,
         t_s=t_s,
@@ -209,22 +299,27 @@ def prepare(source: Recording) -> Prepared:
         uv_px=uv,
         ray_sd_px=ray_sd * ratio,
         ray_scale_px=ray_scale * ratio,
-        jitter_px=source.pixel_sd or bias.jitter_px,
+        jitter_px=pixel_sd or bias.jitter_px,
         bias_px=bias.sd_px,
+        persistent_px=lasting,
         residual_px=found.residual_px,
-        rejected={"rays_miss": lost, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
-        rays_rejected=found.rejected,
+        rejected={"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected},
+        rays_rejected=found.rejected | unlikely | named.ambiguous,
         max_speed_m_s=cleaning.max_speed_m_s,
-        camera_factor=worse,
+        camera_factor=health.factor,
         bad_cameras=health.bad,
         noise=noise,
+        likelihoods=likely,
         findings=(
-            *(too_long(xyz) if source.unit is None else ()),
-            *source.frame_findings,
-            *filmed.told,
+            *(() if unit_stated else too_long(xyz)),
             *findings,
+            *filmed.told,
+            *found_out,
+            *likelihood_findings(likely, likelihood is not None, int(unlikely.sum()), int(unsure.sum())),
             *camera_findings(health, [c.name for c in filmed.cameras]),
-            *exchange_findings(swaps, doubtful, names, [c.name for c in filmed.cameras]),
+            *exchange_findings(
+                swaps, doubtful, names, [c.name for c in filmed.cameras], clicks=int(named.ambiguous.sum())
+            ),
             *(
                 [f"{lost.sum()} {'sample' if lost.sum() == 1 else 'samples'} rejected ({REASONS['rays_miss']})"]
                 if lost.any()
@@ -238,6 +333,16 @@ def prepare(source: Recording) -> Prepared:
         audited=tuple(audited),
         stated_over_shown=ratio,
     )
+
+
+def _by_likelihood(filmed: Filmed, likelihood: Array | None) -> tuple[LikelihoodNoise | None, NDArray[np.bool_], Array]:
+    """What likelihoods are worth; (C, T, M) clicks that are not believed, and deviations relative to a usual click."""
+    shape = filmed.ideal_px.shape[:3]
+    found = None if likelihood is None else likelihood_noise(filmed.matrices, filmed.ideal_px, likelihood)
+    if found is None or likelihood is None:
+        return None, np.zeros(shape, dtype=bool), np.ones(shape)
+    unlikely = np.isfinite(filmed.ideal_px[..., 0]) & ~found.believed(likelihood)
+    return found, unlikely, found.factors(likelihood)
 
 
 def _prepare_points(source: Recording) -> Prepared:
@@ -279,6 +384,7 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
         ray_scale_px=np.zeros(shape),
         jitter_px=np.nan,
         bias_px=0.0,
+        persistent_px=np.zeros(len(names)),
         residual_px=np.full(xyz.shape[:2], np.nan),
         rejected={
             "rays_miss": np.zeros(xyz.shape[:2], dtype=bool),
@@ -292,6 +398,7 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
             *findings,
             "positions without cameras: their noise is taken from the file or estimated, "
             f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
+            *(f.text for f in audit.jump_findings(xyz, tracks.t_s, names)),
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),
@@ -305,23 +412,65 @@ def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
     return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Named:
+    """Pixels and points with exchanged names undone.
+
+    Attributes:
+        filmed: The pixels; without ambiguous ones.
+        found: The points.
+        swaps: Runs of frames that were undone.
+        doubtful: (T, M) samples that may be of either of two markers.
+        ambiguous: (C, T, M) clicks that may be of either of two markers.
+        relative: (C, T, M) deviations of rays, exchanged as the rays are.
+    """
+
+    filmed: Filmed
+    found: triangulate.Triangulation
+    swaps: tuple[Swap, ...]
+    doubtful: NDArray[np.bool_]
+    ambiguous: NDArray[np.bool_]
+    relative: Array
+
+
 def _names_put_right(
     filmed: Filmed, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
-) -> tuple[Filmed, triangulate.Triangulation, tuple[Swap, ...], NDArray[np.bool_]]:
-    """Pixels and points with exchanged names undone; the runs, and (T, M) samples that may be of either marker."""
-    rays = exchanged_rays(filmed.matrices, filmed.ideal_px, found, relative=relative)
-    uv = filmed.ideal_px
-    if rays:
-        uv = exchange_rays(uv, rays)
-        found = triangulate.robust(filmed.matrices, uv, sd_px=found.sd_px, relative=relative[..., None])
+) -> _Named:
+    """Undo exchanges of names in single cameras, then in all.
+
+    Up to ``CAMERAS`` cameras a single ray says little: there exchanges are proposals, of which a model of all cameras'
+    states decides.
+    """
+    matrices, uv = filmed.matrices, filmed.ideal_px
+    rays = exchanged_rays(matrices, uv, found, relative=relative)
+    ambiguous = np.zeros(uv.shape[:3], dtype=bool)
+    few = len(uv) <= CAMERAS
+    if rays and few:
+        settled = settle_all(matrices, uv, rays, sd_px=found.sd_px, relative=relative, extent_px=extent_px(uv))
+        uv, relative, rays, ambiguous = settled
+        ambiguous &= np.isfinite(uv[..., 0])
+        uv = np.where(ambiguous[..., None], np.nan, uv)
+    elif rays:
+        uv, relative = exchange_rays(uv, rays), exchange_rays(relative, rays)
+    if rays or ambiguous.any():
+        found = triangulate.robust(matrices, uv, sd_px=found.sd_px, relative=relative)
+    doubtful = ambiguous.any(axis=0) & np.isnan(found.xyz_m[..., 0])
     points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
-    if points.swaps:
-        uv = exchange_rays(uv, points.swaps)
+    swaps = [swap for swap in points.swaps if not (few and mixed(swap, rays, ambiguous))]
+    if swaps:
+        uv, relative = exchange_rays(uv, swaps), exchange_rays(relative, swaps)
         found = replace(
             found,
-            xyz_m=exchange(found.xyz_m, points.swaps),
-            cov_m2=exchange(found.cov_m2, points.swaps),
-            residual_px=exchange(found.residual_px, points.swaps),
-            rejected=exchange_rays(found.rejected, points.swaps),
+            xyz_m=exchange(found.xyz_m, swaps),
+            cov_m2=exchange(found.cov_m2, swaps),
+            residual_px=exchange(found.residual_px, swaps),
+            rejected=exchange_rays(found.rejected, swaps),
         )
-    return replace(filmed, ideal_px=uv), found, (*rays, *points.swaps), points.unsure
+    return _Named(
+        filmed=replace(filmed, ideal_px=uv),
+        found=found,
+        swaps=(*rays, *swaps),
+        doubtful=points.unsure | (exchange(doubtful.astype(float), swaps) > 0),
+        ambiguous=ambiguous,
+        relative=relative,
+    )

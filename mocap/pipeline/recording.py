@@ -19,7 +19,9 @@ from mocap.io.every_frame import every_frame
 from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
+from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
+from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
 from mocap.stated import check_rate, check_stated
@@ -44,6 +46,8 @@ class Recording:
         unit: Unit of lengths, where the files do not state it; None: metres.
         correct_lag: Whether cameras that run late by the audit are read between their frames.
         hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
+        views: Further pixel files of the same trial, where each holds one camera.
+        crop: Files or folders with crop offsets (``mocap.io.crop``); empty: those beside the tracks, if any.
     """
 
     tracks: Path
@@ -59,6 +63,8 @@ class Recording:
     unit: str | None = None
     correct_lag: bool = False
     hints: Hints = field(default_factory=Hints)
+    views: tuple[Path, ...] = ()
+    crop: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -72,7 +78,7 @@ class Recording:
 
     @cached_property
     def _read(self) -> tuple[FileContents, tuple[str, ...]]:
-        recording = read(self.tracks, self.hints)
+        recording = self._whole()
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
             raise MocapError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
@@ -80,6 +86,22 @@ class Recording:
             check_rate(recording.fps, self.tracks.name)
         recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
         return recording, (*told, *recording.assumed, *left_out)
+
+    def _whole(self) -> FileContents:
+        """The tracks, with those of further views in the order of the calibration where names tell."""
+        if not self.views:
+            return read(self.tracks, self.hints)
+        files = [read(path, self.hints) for path in (self.tracks, *self.views)]
+        other = next((f for f in files if f.pixels is None), None)
+        if other is not None:
+            raise FormatError(
+                f"{other.paths[0].name}: contains no pixels ({other.format}); several files of one trial must each "
+                "contain the pixels of one camera"
+            )
+        if self.calibration is not None:
+            cameras = _calibration(self.calibration)
+            files.append(replace(cameras, names=(), frames=np.zeros(0, np.int64), pixels=None, points=None, lenses=()))
+        return replace(joined(files), cameras=(), unit=None)
 
     @property
     def contents(self) -> FileContents:
@@ -108,7 +130,8 @@ class Recording:
     @property
     def inputs(self) -> tuple[Path | None, ...]:
         """The files that the user named."""
-        return (self.tracks, self.calibration, self.profile, self.skeleton, self.stored_points)
+        named = (self.tracks, *self.views, self.calibration, self.profile, self.skeleton, self.stored_points)
+        return (*named, *(path for path in self.crop if path.is_file()))
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
@@ -126,6 +149,8 @@ class Recording:
         for title, path in (("calibration", self.calibration), ("skeleton", self.skeleton), ("profile", self.profile)):
             if path is not None:
                 there[title] = path.name
+        if self.crop:
+            there["crop offsets"] = ", ".join(path.name for path in self.crop)
         stated = {"the file does not state the frame rate"} if self.fps else set()
         findings = [f for f in (*self.frame_findings, *found.findings) if f not in stated]
         return there | ({"findings": "; ".join(findings)} if findings else {})
@@ -264,19 +289,70 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         with as_table(source.profile) as (profile, said):
             cameras = with_profile(cameras, profile)
         told += tuple(f"{source.profile.name}: {s}" for s in said)
-    if not pixels.seen.any():
-        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track; digitise first")
-    if not (pixels.seen.sum(axis=0) >= 2).any():
-        raise CalibrationError(
-            f"{source.tracks.name}: no marker is seen by two cameras at once: no point can be triangulated"
-        )
-    decision = origin.decide_origin(
+    pixels, counted = counted_from_one(source, pixels)
+    pixels, cropped = in_whole_picture(source, pixels, cameras)
+    told += counted + cropped
+    return film_of(
+        pixels,
         cameras,
-        pixels.uv_px,
-        origin=source.pixel_origin,
-        coefficients=source.calibration_origin,
-        height_px=source.image_height_px,
+        name=source.tracks.name,
+        iterations=iterations,
+        pixel_origin=source.pixel_origin,
+        calibration_origin=source.calibration_origin,
+        image_height_px=source.image_height_px,
+        correct_lag=source.correct_lag,
+        usual_origin=source.contents.pixel_origin,
+        told=told,
     )
+
+
+def film_of(
+    pixels: PixelTracks,
+    cameras: Sequence[Camera],
+    *,
+    name: str,
+    iterations: int | None = None,
+    pixel_origin: origin.PixelCorner | None = None,
+    calibration_origin: origin.PixelCorner | None = None,
+    image_height_px: float | None = None,
+    correct_lag: bool = False,
+    usual_origin: origin.PixelCorner | None = None,
+    told: tuple[str, ...] = (),
+) -> Filmed:
+    """Pixels and cameras that are in memory: decide the pixel origin, undistort.
+
+    Args:
+        pixels: As recorded, C cameras.
+        cameras: The C cameras.
+        name: What errors call them.
+        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
+        pixel_origin: As in ``Recording``, as are the three that follow.
+        calibration_origin: See above.
+        image_height_px: See above.
+        correct_lag: See above.
+        usual_origin: Where the program that wrote the file counts pixels from.
+        told: Sentences on how they were read.
+
+    Raises:
+        FormatError: nothing is seen.
+        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
+    """
+    if not pixels.seen.any():
+        raise FormatError(f"{name}: no marker is ever seen: there is nothing to track; digitise first")
+    if not (pixels.seen.sum(axis=0) >= 2).any():
+        raise CalibrationError(f"{name}: no marker is seen by two cameras at once: no point can be triangulated")
+    try:
+        decision = origin.decide_origin(
+            cameras,
+            pixels.uv_px,
+            origin=pixel_origin,
+            coefficients=calibration_origin,
+            height_px=image_height_px,
+            usual=usual_origin,
+        )
+    except CalibrationError as error:
+        error.args = (f"{name}: {error}",)
+        raise
     ideal = origin.ideal_pixels(
         cameras,
         pixels.uv_px,
@@ -286,10 +362,12 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         iterations=iterations,
     )
     late = None
-    if source.correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
+    if correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
-    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, late_frames=late, told=told)
+    return Filmed(
+        pixels=pixels, cameras=tuple(cameras), pixel_origin=decision, ideal_px=ideal, late_frames=late, told=told
+    )
 
 
 def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:
@@ -333,8 +411,14 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
         height_px=decision.height_px,
         iterations=3,
     )
+    if not stored.seen.any():
+        return None, []
+    xyz = triangulate.linear(filmed.matrices, ideal)
+    elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
+    if elsewhere is not None:
+        return None, [f"{path.name}: {elsewhere.text}"]
     try:
-        stale = audit.stale_points(triangulate.linear(filmed.matrices, ideal), stored)
+        stale = audit.stale_points(xyz, stored)
     except ValueError as error:
         return None, [f"{path.name} was not compared: {error}"]
     total = int(stored.seen.sum())

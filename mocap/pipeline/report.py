@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 from scipy.special import chdtri
@@ -11,9 +12,10 @@ from mocap.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.markdown import plain
+from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.run import JointPotential
-from mocap.pipeline.tracking import Part
+from mocap.pipeline.tracking import Part, lasting_cov
 from mocap.records import Status
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
@@ -50,19 +52,23 @@ def make_report(
         "sd_mm": {
             "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.MEASURED]),
             "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.SMOOTHED]),
+            "repeatability": _quantiles(1e3 * _repeatability_m(prepared, tracked)[origin == Status.MEASURED]),
         },
+        "moved": moved_report(prepared, tracked.markers),
         "residual_px": _quantiles(prepared.residual_px),
         "pixel_noise_px": {"jitter": _number(prepared.jitter_px), "slow": prepared.bias_px},
         "cameras_and_markers": _noise(prepared),
         "rejected": {
             "counts": {
                 **{reason: int(mask.sum()) for reason, mask in prepared.rejected.items()},
+                "moved": _moved_far(prepared, tracked),
                 "rays": int(prepared.rays_rejected.sum()),
                 "gated_rays": _gated(prepared, tracked),
             },
             "reasons": {
                 **REASONS,
                 **DOUBTFUL,
+                **MOVED,
                 "rays": "single-camera observations left out of a point that the other cameras still determine",
             },
             "samples": _rejected_samples(prepared),
@@ -103,6 +109,17 @@ def _number(value: float) -> float | None:
 def _gated(prepared: Prepared, tracked: TrackedMotion) -> int:
     """Single-camera observations that the filter rejected."""
     return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(prepared.uv_px) else 0
+
+
+def _moved_far(prepared: Prepared, tracked: TrackedMotion) -> int:
+    """Samples that the track lies too far from to be called measured."""
+    return int(cast(int, moved_report(prepared, tracked.markers)["beyond_3_sd"]))
+
+
+def _repeatability_m(prepared: Prepared, tracked: TrackedMotion) -> Array:
+    """(T, M) standard deviation of a coordinate without errors that last."""
+    cov = tracked.markers.cov_m2 - lasting_cov(prepared)
+    return np.sqrt(np.maximum(np.trace(cov, axis1=-2, axis2=-1) / 3, 0.0))
 
 
 def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
@@ -225,7 +242,7 @@ def readable(report: Mapping, *, title: str) -> str:
         "",
         "| samples | share |",
         "|---|---|",
-        f"| seen in 3D and accepted | {samples['seen']:.1%} |",
+        f"| seen in 3D and accepted | {samples['measured']:.1%} |",
         f"| filled inside gaps (smoothed) | {samples['smoothed']:.1%} |",
         f"| before the first or after the last sighting (predicted) | {samples['predicted']:.1%} |",
         f"| rejected | {samples['rejected']:.1%} |",
@@ -241,6 +258,10 @@ def readable(report: Mapping, *, title: str) -> str:
         "",
         f"- standard deviation of measured samples {_mm(report['sd_mm']['measured'])}, of filled ones "
         f"{_mm(report['sd_mm']['filled'])} (median, 90 %)",
+        f"- of that of measured samples, repeatability (what varies from frame to frame) is "
+        f"{_mm(report['sd_mm']['repeatability'])}; the rest is accuracy: errors of clicks, lens and calibration that "
+        "last, and do not average out",
+        *_moved_lines(report["moved"]),
     ]
     if noise["jitter"] is not None:
         residual = report["residual_px"]
@@ -292,6 +313,18 @@ def readable(report: Mapping, *, title: str) -> str:
         ]
     seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())
     return "\n".join([*lines, "", f"Time: {seconds}.", ""])
+
+
+def _moved_lines(found: Mapping) -> list[str]:
+    """How far measured samples were moved, where any were."""
+    if found["largest"] is None:
+        return []
+    most = found["largest"]
+    return [
+        f"- measured samples lie {found['median_mm']:.2f} mm (median), {found['90%_mm']:.2f} mm (90 %) from where they "
+        f"were measured, at most {most['mm']:.2f} mm ({plain(most['marker'])}, frame {most['frame']}); "
+        f"{found['beyond_3_sd']} that lie more than 3 standard deviations away are marked rejected"
+    ]
 
 
 def _said(finding: str) -> str:

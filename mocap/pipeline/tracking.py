@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from filters.anatomy import anatomy_of
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
 from filters.model import LearnedModel, learn_from_itself, track_with
@@ -22,7 +23,9 @@ from filters.score import compared
 from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
+from mocap.cleaning.persistence import lasting_share
 from mocap.moving import Asked
+from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, ends_among
@@ -93,10 +96,9 @@ def learn_motion(
 ) -> FittedMotion:
     """A motion model of a recording alone: of its poses, held by V_z, or constant velocity of each marker."""
     names = part_names(prepared, part)
-    trunk = [names.index(m) for m in prepared.skeleton.trunk if m in names] or list(range(len(names)))
-    named = ends_among(names, prepared.skeleton.rigid)
+    anatomy = anatomy_of(names, prepared.skeleton.trunk, prepared.skeleton.rigid)
     model = settings if name == "eal" else MarkerSettings()
-    return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], trunk, named))
+    return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
 
 
 def part_names(prepared: Prepared, part: Part) -> list[str]:
@@ -175,7 +177,7 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
     n_cameras = prepared.uv_px.shape[0]
     inside = np.ix_(np.arange(n_frames)[part.frames], part.markers)
     xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
-    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + _calibration_cov(prepared)[inside]
+    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + lasting_cov(prepared)[inside]
     used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
@@ -188,6 +190,7 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
         believed[frame, marker[ok & whole]] = True
     believed |= used.sum(axis=0) >= 2
     origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
+    origin[moved(prepared, xyz, cov).far & (origin == Status.MEASURED)] = Status.REJECTED
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(prepared.xyz_m, axis=(0, 1)) - np.nanmin(prepared.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
@@ -227,15 +230,16 @@ def _origins(prepared: Prepared, believed: Mask, estimated: Mask) -> NDArray[np.
     return origin
 
 
-def _calibration_cov(prepared: Prepared) -> Array:
-    """(T, M, 3, 3) covariance of a point from the slow ray errors, which no filter can average out.
+def lasting_cov(prepared: Prepared) -> Array:
+    """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
 
-    The jitter's covariance scaled to the variance of the slow errors; where a marker is not seen, that of its median
-    sample.
+    The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
+    (``mocap.cleaning.persistence``); where a marker is not seen, that of its median sample.
     """
-    if prepared.bias_px == 0:
+    if prepared.filmed is None:
         return np.zeros_like(prepared.cov_m2)
-    cov = prepared.cov_m2 * (prepared.bias_px / prepared.jitter_px) ** 2
+    usual = prepared.jitter_px * (np.ones(len(prepared.names)) if prepared.noise is None else prepared.noise.marker)
+    cov = prepared.cov_m2 * lasting_share(prepared.persistent_px, usual)[:, None, None]
     for marker in range(cov.shape[1]):
         seen = np.isfinite(cov[:, marker, 0, 0])
         if seen.any():

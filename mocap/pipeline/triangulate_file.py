@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.audit import fit_findings
 from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
@@ -79,9 +80,17 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     tracks = marker_tracks(names, filmed.pixels.t_s, xyz, cov_m2=cov)
     _, findings = audit_points(source, filmed)
     dltdv.write_points(out, tracks, sd=refine)
+    poor = [f.text for f in fit_findings(filmed.cameras, filmed.ideal_px) if f.alarm]
     return TriangulationSummary(
         points=int(tracks.seen.sum()),
         samples=tracks.seen.size,
         residual_px=float(np.median(residual[tracks.seen])),
-        findings=(*contradicted, *source.frame_findings, *filmed.told, filmed.pixel_origin.describe(), *findings),
+        findings=(
+            *poor,
+            *contradicted,
+            *source.frame_findings,
+            *filmed.told,
+            filmed.pixel_origin.describe(),
+            *findings,
+        ),
     )

@@ -5,6 +5,7 @@ import pytest
 from scipy.ndimage import label
 
 from datasets.bats import bat_motion
+from datasets.disturbances import Disturbances
 from datasets.film import view
 from datasets.lizards import SLOPE_RAD, lizard_motion
 from datasets.movie import FIRST_PIXEL, picture, write_movies
@@ -56,7 +57,9 @@ def test_a_movie_is_its_pictures(tmp_path):
     """Read back by the reader of movies: size, number, and grey levels but for noise and coding."""
     motion, cameras = SCENES["lizard"]
     t_s = np.arange(4) / 250
-    paths = write_movies(motion, t_s, cameras[:1], tmp_path, fps=250, start_s=np.array([0.002]), noise=1.0)
+    paths = write_movies(
+        motion, t_s, cameras[:1], tmp_path, fps=250, start_s=np.array([0.002]), disturbances=Disturbances(noise=1.0)
+    )
     movie = open_movie(paths[0])
     assert (movie.n_frames, movie.size_px) == (4, (1024, 1024))
     scene = motion(t_s + 0.002)

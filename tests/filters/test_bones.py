@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from filters.anatomy import Anatomy
 from filters.bones import learn_bones, rigid_bones
 from filters.ensemble import Gaussian
 from filters.models.base import TrialSet, estimate
@@ -219,7 +220,7 @@ def test_a_hidden_elbow_keeps_its_distances():
         xyz = own.xyz_m.copy()
         xyz[hole, elbow] = np.nan
         shown = replace(own, xyz_m=xyz)
-        fitting = TrialSet([*(arm(10 * seed + k)[0] for k in (1, 2)), shown], [0, 1, 2, 3])
+        fitting = TrialSet([*(arm(10 * seed + k)[0] for k in (1, 2)), shown], Anatomy((0, 1, 2, 3)))
         for weight, misses in squared.items():
             kind = replace(settings, bones=weight)
             found = estimate(kind, fitting, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from filters.anatomy import Anatomy
 from filters.models.base import TrialSet, estimate
 from filters.models.delayed_poses import Delayed, DelaySettings, completed, fill_delayed, gaps_of
 from filters.observations import PositionObservations
@@ -26,7 +27,7 @@ def lost(trial, marker, frames):
 
 def filled(trial, *, others=(1, 2), settings=SETTINGS) -> Estimate:
     """What the regression says of a trial, learned from others."""
-    fitting = TrialSet([*(trial_of(seed) for seed in others), trial], TRUNK)
+    fitting = TrialSet([*(trial_of(seed) for seed in others), trial], Anatomy(tuple(TRUNK)))
     return estimate(settings, fitting, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
 
 
@@ -114,7 +115,7 @@ def test_intervals_are_of_the_size_of_errors():
 def test_a_marker_that_nobody_saw_has_no_position():
     """Not in this trial, not in the others: nothing is said, rather than anything."""
     gone = [lost(trial_of(seed), 6, slice(None)) for seed in (1, 2, 3)]
-    fitting = TrialSet(gone, TRUNK)
+    fitting = TrialSet(gone, Anatomy(tuple(TRUNK)))
     found = estimate(SETTINGS, fitting, PositionObservations(xyz_m=gone[-1].xyz_m, sd_m=gone[-1].sd_m))
     assert np.isnan(found.xyz_m).all()
 
@@ -141,7 +142,7 @@ def test_regressors_are_delayed_poses_whose_ends_are_held():
 
     From the neighbours all delays are in the frame of the row itself.
     """
-    poses, shapes = TrialSet([trial_of(1), trial_of(2)], TRUNK).shapes(**BODY)
+    poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(**BODY)
     known = Delayed(poses, shapes, SETTINGS)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
@@ -173,7 +174,7 @@ def test_gaps_are_found_with_their_edges():
 def test_poses_are_completed_where_they_are_not_seen():
     """Measured entries stay to the last bit; a hidden wing is put where the subspace has it, within 2 mm of 60."""
     trial = lost(trial_of(3), 5, slice(40, 70))
-    poses, shapes = TrialSet([trial_of(1), trial], TRUNK).shapes(**BODY)
+    poses, shapes = TrialSet([trial_of(1), trial], Anatomy(tuple(TRUNK))).shapes(**BODY)
     whole = completed(poses, shapes)[-1].reshape(*trial.seen.shape, 3)
     measured = poses[-1].y.reshape(whole.shape)
     np.testing.assert_array_equal(whole[trial.seen], measured[trial.seen])
@@ -187,6 +188,6 @@ def test_a_short_trial_alone_is_filled():
     xyz = rng.normal(0, 0.1, (5, 4, 3))
     xyz[2, 1] = np.nan
     trial = MarkerTrial(name="short", t_s=0.01 * np.arange(5), xyz_m=xyz, sd_m=np.full((5, 4), 1e-4))
-    poses, shapes = TrialSet([trial], TRUNK).shapes(**BODY | {"ranks": (1,)})
+    poses, shapes = TrialSet([trial], Anatomy(tuple(TRUNK))).shapes(**BODY | {"ranks": (1,)})
     found = fill_delayed(trial.seen, poses, shapes, DelaySettings(ranks=(1,), lags=(-300.0, 0.0, 300.0)))
     assert np.isfinite(found.xyz_m[2, 1]).all()

@@ -16,6 +16,15 @@ def gaussian(rng, n):
     return Gaussian(rng.normal(size=n), factor)
 
 
+def leading(state, k):
+    """Mean and rows of the first k components, and their marginal."""
+    return state.mean[:k], state.factor[:k, :k].T
+
+
+def marginal(state, coordinates):
+    return Gaussian(state.mean[:coordinates], state.factor[:coordinates, :coordinates])
+
+
 @given(seed=st.integers(0, 500), k=st.integers(1, 5), more=st.integers(0, 5), rounds=st.integers(1, 3))
 def test_a_quadratic_potential_is_the_product_of_gaussians(seed, k, more, rounds):
     """For V = (x - m)^T H (x - m) / 2 of the first k components: information P^-1 + H, mean by its gradient: exactly.
@@ -28,7 +37,7 @@ def test_a_quadratic_potential_is_the_product_of_gaussians(seed, k, more, rounds
     hessian = root @ root.T
     found = None
     for _ in range(rounds):
-        found = enforce(state, lambda z: (z - centre) @ hessian, k, about=found)
+        found = enforce(state, lambda z: (z - centre) @ hessian, leading(state, k), about=found and marginal(found, k))
     assert found is not None
     whole = np.zeros((k + more, k + more))
     whole[:k, :k] = hessian
@@ -40,10 +49,27 @@ def test_a_quadratic_potential_is_the_product_of_gaussians(seed, k, more, rounds
     assert not np.triu(found.factor, 1).any()
 
 
+@given(seed=st.integers(0, 500), n=st.integers(2, 6), d=st.integers(1, 3), k=st.integers(0, 2))
+def test_coordinates_may_be_any_linear_ones(seed, n, d, k):
+    """The same product of Gaussians for a potential of q = A x, of the components that the first columns move."""
+    rng = np.random.default_rng(seed)
+    state, d = gaussian(rng, n + k), min(d, n)
+    to_q = np.zeros((d, n + k))
+    to_q[:, :n] = rng.normal(size=(d, n))
+    root, centre = rng.normal(size=(d, d)), rng.normal(size=d)
+    hessian = root @ root.T
+    found = enforce(state, lambda q: (q - centre) @ hessian, (to_q @ state.mean, (to_q @ state.factor[:, :n]).T))
+    information = np.linalg.inv(state.cov) + to_q.T @ hessian @ to_q
+    force = to_q.T @ hessian @ (centre - to_q @ state.mean)
+    scale = np.abs(np.linalg.inv(information)).max()
+    np.testing.assert_allclose(found.cov, np.linalg.inv(information), atol=1e-7 * max(scale, 1.0))
+    np.testing.assert_allclose(found.mean, state.mean + np.linalg.solve(information, force), atol=1e-6)
+
+
 def test_no_potential_changes_nothing():
     """A zero gradient leaves the state, mean and covariance."""
     state = gaussian(np.random.default_rng(6), 6)
-    found = enforce(state, np.zeros_like, 3)
+    found = enforce(state, np.zeros_like, leading(state, 3))
     np.testing.assert_allclose(found.mean, state.mean, atol=1e-14)
     np.testing.assert_allclose(found.cov, state.cov, atol=1e-14)
 
@@ -52,9 +78,10 @@ def test_a_hill_pushes_but_does_not_widen():
     """Of a saddle, the valley contracts and the ridge pushes: no direction gets more variance than it had."""
     state = gaussian(np.random.default_rng(7), 2)
     hessian = np.diag([3.0, -0.5])
-    found = enforce(state, lambda z: z @ hessian, 2)
+    found = enforce(state, lambda z: z @ hessian, leading(state, 2))
     assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-12
-    ridge = enforce(Gaussian(np.array([0.0, 1.0]), np.eye(2)), lambda z: z @ np.diag([0.0, -0.5]), 2)
+    flat = Gaussian(np.array([0.0, 1.0]), np.eye(2))
+    ridge = enforce(flat, lambda z: z @ np.diag([0.0, -0.5]), leading(flat, 2))
     np.testing.assert_allclose(ridge.mean, [0.0, 1.5])  # P grad = 0.5, uphill avoided
     np.testing.assert_allclose(ridge.cov, np.eye(2), atol=1e-12)
 
@@ -62,7 +89,7 @@ def test_a_hill_pushes_but_does_not_widen():
 def test_stiffness_does_not_blow_up():
     """1e12 times the prior's information pins the coordinate to the valley, with a finite, positive factor."""
     state = gaussian(np.random.default_rng(8), 5)
-    found = enforce(state, lambda z: 1e12 * (z - 0.3), 2)
+    found = enforce(state, lambda z: 1e12 * (z - 0.3), leading(state, 2))
     np.testing.assert_allclose(found.mean[:2], 0.3, atol=1e-6)
     assert np.isfinite(found.factor).all()
     assert (np.diag(found.factor) > 0).all()
@@ -78,6 +105,6 @@ def test_enforcing_nears_the_minimum_of_a_bent_valley():
     state = Gaussian(np.array([start, 0.0]), np.diag([sd, 1.0]))
     found = state
     for _ in range(20):
-        found = enforce(state, lambda z: stiffness * z**3, 1, about=found)
+        found = enforce(state, lambda z: stiffness * z**3, leading(state, 1), about=marginal(found, 1))
     expected = brentq(lambda x: (x - start) / sd**2 + stiffness * x**3, 0, 2)
     assert found.mean[0] == pytest.approx(expected, abs=1e-4 * abs(start - expected) + 3 * sd**2)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from filters.anatomy import Anatomy
 from filters.hidden_gaps import Effort, HiddenGaps, hidden_gaps
 from filters.hide import Hidden
 from filters.models.constant_velocity import MarkerSettings
@@ -28,14 +29,14 @@ def test_nothing_of_a_hidden_sample_reaches_learning():
     The miss moves by that metre, to its rounding.
     """
     trials = [trial_of(seed) for seed in (1, 2)]
-    search = hidden_gaps(trials, [0, 1, 2, 3], np.random.default_rng(0), effort=Effort(validated=1))
+    search = hidden_gaps(trials, Anatomy((0, 1, 2, 3)), np.random.default_rng(0), effort=Effort(validated=1))
     index, hidden = search.hidden[0]
     search = replace(search, hidden=search.hidden[:1])
     moved = replace(hidden.trial, xyz_m=hidden.trial.xyz_m + np.where(hidden.mask, 1.0, 0.0)[..., None])
     others = [moved if i == index else trial for i, trial in enumerate(trials)]
     changed = HiddenGaps(
         trials=others,
-        trunk=search.trunk,
+        anatomy=search.anatomy,
         hidden=[(index, Hidden(trial=moved, gaps=hidden.gaps))],
     )
     for kind in (MarkerSettings(), PoseSettings(ranks=(2,))):
@@ -50,7 +51,7 @@ def test_every_length_is_hidden_often_enough():
 
     Trials take turns, too.
     """
-    search = hidden_gaps([trial_of(seed, 150) for seed in (1, 2, 3)], [0, 1, 2, 3], np.random.default_rng(0))
+    search = hidden_gaps([trial_of(seed, 150) for seed in (1, 2, 3)], Anatomy((0, 1, 2, 3)), np.random.default_rng(0))
     for length in (10, 25, 50, 100):
         assert sum(hidden.count(length) for _, hidden in search.hidden) >= 2
     assert {index for index, _ in search.hidden} == {0, 1, 2}
@@ -60,7 +61,7 @@ def test_every_length_is_hidden_often_enough():
 def test_validated_is_where_most_is_seen():
     """Of three trials those with most samples, of a long one the stretch with most: against counting every stretch."""
     trials = [trial_of(1, 90), trial_of(2, 150, lost=slice(0, 70)), trial_of(3, 30)]
-    search = hidden_gaps(trials, [0, 1, 2], np.random.default_rng(0), effort=Effort(most_frames=60))
+    search = hidden_gaps(trials, Anatomy((0, 1, 2)), np.random.default_rng(0), effort=Effort(most_frames=60))
     assert [index for index, _ in search.hidden[:2]] == [0, 1]
     for index, hidden in search.hidden:
         whole = trials[index]
@@ -71,4 +72,4 @@ def test_validated_is_where_most_is_seen():
         np.testing.assert_array_equal(hidden.trial.xyz_m, whole.xyz_m[start : start + n])
         np.testing.assert_array_equal(hidden.trial.sd_m, whole.sd_m[start : start + n])
     dark = replace(trials[2], xyz_m=np.full_like(trials[2].xyz_m, np.nan))
-    assert hidden_gaps([dark], [], np.random.default_rng(0)).hidden == []
+    assert hidden_gaps([dark], Anatomy(()), np.random.default_rng(0)).hidden == []

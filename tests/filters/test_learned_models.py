@@ -113,17 +113,19 @@ def test_the_potential_is_added_and_nothing_else(learned, potential, name):
     _, settings, model, shapes, trial = learned
     motion = recorded_motion([trial], shapes, least_known=settings.least_known)
     held = with_potential(model, motion, replace(settings, potential=potential))
-    states = np.column_stack([motion.z, motion.rate])[:, : held.held]
-    assert held.held == (4 if "motion" in potential else 2)
+    (added,) = held.potentials
+    states = np.column_stack([motion.z, motion.rate]) @ added.on_shape.T
+    assert states.shape[1] == (4 if "motion" in potential else 2)
+    np.testing.assert_allclose(states, added.samples)
     changed = {field.name for field in fields(held) if getattr(held, field.name) is not getattr(model, field.name)}
-    assert changed - {"points", "reads"} == {"gradient", "held", "name"}
+    assert changed - {"points", "reads"} == {"potentials", "name"}
     assert held.name == name
-    far, near = (np.linalg.norm(held.gradient(size * states[:5])) for size in (3, 1))
+    far, near = (np.linalg.norm(added.gradient(size * states[:5])) for size in (3, 1))
     quadratic = "quadratic" in potential
     assert far > (2.9 if quadratic else 10) * near  # a parabola's force is proportional
     if quadratic:  # V = (x - mean) grad V / 2 is charged the weight on average
         away = states - states.mean(axis=0)
-        charged = 0.5 * np.mean(np.sum(away * held.gradient(states), axis=1))
+        charged = 0.5 * np.mean(np.sum(away * added.gradient(states), axis=1))
         assert charged == pytest.approx(settings.weight / motion.tau_s, rel=0.02)
 
 

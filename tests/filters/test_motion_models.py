@@ -12,6 +12,7 @@ from filters.ensemble import Gaussian
 from filters.motion.base import Step
 from filters.motion.constant_velocity import ConstantVelocity, white_acceleration
 from filters.motion.pose import BodyPath, PoseMotion, Regression, body_path
+from filters.motion.potential import PosePotential
 from filters.motion.shape import FreeShape, LinearShape
 from filters.subspace import PoseSubspace
 from mocap.body import BodyFrames
@@ -246,7 +247,14 @@ def test_the_model_holds_its_shape():
     for held in (RANK, 2 * RANK):
         sizes = [np.linalg.norm(state.mean[:held])]
         for stiffness in (1e2, 1e3, 1e4):
-            model = pose(gradient=lambda z, stiffness=stiffness: stiffness * z, held=held)
+            valley = PosePotential(
+                mean=np.zeros(held),
+                on_shape=np.eye(held, 2 * RANK),
+                on_residual=np.zeros((held, 3 * MARKERS)),
+                samples=np.zeros((0, held)),
+                gradient=lambda z, stiffness=stiffness: stiffness * z,
+            )
+            model = pose(potentials=(valley,))
             found = model.constrain(state, STEP)
             sizes.append(np.linalg.norm(found.mean[:held]))
             assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-9

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from filters.anatomy import Anatomy
 from filters.model import learn_from_itself, track_with
 from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
@@ -32,7 +33,7 @@ def test_a_lost_wing_is_found_by_the_mixture():
     assert learned.trials == ()
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     found = track_with(learned, NAMES, trial, seen)
-    plain = estimate(MarkerSettings(), TrialSet([trial], [0, 1, 2, 3]), seen)
+    plain = estimate(MarkerSettings(), TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
     miss, plainly = (f.xyz_m[gap, 5] - trial_of(3).xyz_m[gap, 5] for f in (found, plain))
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < min(2e-3, np.sqrt(np.mean(np.sum(plainly**2, axis=1))))
     sd = np.sqrt(np.diagonal(found.cov_m2[gap, 5], axis1=1, axis2=2))
@@ -46,7 +47,7 @@ def test_what_is_seen_is_the_filter_s_own():
     assert learned is not None
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     found = track_with(learned, NAMES, trial, seen)
-    own = estimate(learned.models[-1], TrialSet([trial], [0, 1, 2, 3]), seen)
+    own = estimate(learned.models[-1], TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
     np.testing.assert_array_equal(found.xyz_m[trial.seen], own.xyz_m[trial.seen])
     np.testing.assert_array_equal(found.cov_m2[trial.seen], own.cov_m2[trial.seen])
 

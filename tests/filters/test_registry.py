@@ -6,6 +6,7 @@ from dataclasses import is_dataclass, replace
 import numpy as np
 import pytest
 
+from filters.anatomy import Anatomy
 from filters.hidden_gaps import Effort, hidden_gaps, mixed
 from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
@@ -46,7 +47,7 @@ def test_every_model_fills_what_is_missing(name):
     shown = replace(trial, xyz_m=xyz)
     observations = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
     shares = []
-    trials = TrialSet([trial_of(1), shown], [0, 1, 2, 3])
+    trials = TrialSet([trial_of(1), shown], Anatomy((0, 1, 2, 3)))
     found = estimate(EXAMPLES[name], trials, observations, progress=shares.append)
     assert np.isfinite(found.xyz_m[40:60, 5]).all()
     assert (np.linalg.eigvalsh(found.cov_m2[40:60, 5]) > 0).all()
@@ -66,7 +67,7 @@ def test_learning_tells_how_far_it_is():
     """A line for each trial that each model fills, numbered to the last."""
     told = []
     trials, rng = [trial_of(seed, 70) for seed in (1, 2)], np.random.default_rng(0)
-    gaps = hidden_gaps(trials, [0, 1, 2, 3], rng, effort=Effort(validated=2, times=1), tell=told.append)
+    gaps = hidden_gaps(trials, Anatomy((0, 1, 2, 3)), rng, effort=Effort(validated=2, times=1), tell=told.append)
     mixed(gaps, (MarkerSettings(), POSE))
     assert [line.split("(")[1].split(")")[0] for line in told] == 2 * ["1 of 2", "2 of 2"]
     assert all(line.endswith(" mm") for line in told)

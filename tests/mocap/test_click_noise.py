@@ -95,7 +95,9 @@ def test_worse_frames_are_taken_as_such(scene):
     worse = np.ones(uv.shape[:2])
     worse[1, 100:] = 5.0
     spoiled = exact[:5] + (uv - exact[:5]) * worse[..., None, None]
-    found = click_noise(matrices[:5], spoiled, linear(matrices[:5], uv), relative=worse)
+    found = click_noise(
+        matrices[:5], spoiled, linear(matrices[:5], uv), relative=np.broadcast_to(worse[..., None], uv.shape[:3])
+    )
     np.testing.assert_allclose(found.camera, 1, atol=0.08)
 
 

@@ -79,7 +79,7 @@ def test_views_and_calibration_become_a_dltdv_set(mocap, tmp_path):
     code, _, err = mocap("convert", *views, folder / "calibration.toml", tmp_path / "mouse_xypts.csv")
     assert code == 0, err
     assert "not written: scores" in err
-    ends = ("xypts.csv", "xyzpts.csv", "xyzres.csv", "offsets.csv", "dltCoefs.csv", "profile.txt")
+    ends = ("xypts.csv", "offsets.csv", "dltCoefs.csv", "profile.txt")
     assert {path.name for path in tmp_path.iterdir()} == {MANIFEST, *(f"mouse_{end}" for end in ends)}
     np.testing.assert_allclose(read(tmp_path / "mouse_xypts.csv").pixels.uv_px[3], read(views[3]).pixels.uv_px[0],
                                atol=0.5e-6)  # fmt: skip

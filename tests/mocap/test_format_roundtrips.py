@@ -92,7 +92,8 @@ def test_a_dltdv_set_comes_back(scratch, pixels):
     xyz = np.linspace(-1, 1, 3 * pixels.pixels.seen[0].size).reshape(*pixels.pixels.seen[0].shape, 3)
     xyz[0, 0] = 0.0
     tracks = points(list(pixels.names), xyz).points
-    recording = replace(pixels, points=replace(tracks, t_s=pixels.pixels.t_s), unit="m")
+    px = {"residual_px": np.full(xyz.shape[:2], 0.5)}
+    recording = replace(pixels, points=replace(tracks, t_s=pixels.pixels.t_s), unit="m", tables=px)
     write(recording, scratch / "bat_xypts.csv")
     ends = ("xypts", "xyzpts", "xyzres", "offsets")
     two, three, residuals, offsets = (read(scratch / f"bat_{end}.csv") for end in ends)

@@ -1,15 +1,22 @@
 """Where pixel rows are counted from, told by the rays; and stored points that do not follow from their pixels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from mocap.audit import stale_points
-from mocap.cameras.camera import record
-from mocap.cameras.origin import decide_origin, flipped, ideal_pixels
+from mocap.cameras.camera import dlt_coefficients, record
+from mocap.cameras.origin import OriginError, decide_origin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
+from mocap.io.profile import write_profile
+from mocap.pipeline.learning import _prepared
+from mocap.pipeline.prepare import prepare
+from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
+from tests.mocap.test_audit import moving
 
 HEIGHT = 1024.0
 
@@ -63,7 +70,10 @@ def test_flipping_twice_is_nothing():
 def test_coefficients_of_another_rig_are_told():
     """Rays that miss by hundreds of pixels in every convention belong to other cameras: an error that says so."""
     cameras, _, uv = filmed(False)
-    other = np.roll(uv, 1, axis=0)
+    turned = np.array([[1, -0.6, 0], [0.6, 1, 0], [0, 0, 1]])
+    other = (uv - [640, 512]) @ turned[:2, :2] + np.array([[300, 40], [-200, 90], [90, -300], [-100, -80]])[
+        :, None, None
+    ]
     with pytest.raises(CalibrationError, match="coefficients do not belong to these pixels"):
         decide_origin(cameras, other, height_px=HEIGHT)
 
@@ -99,3 +109,45 @@ def test_stale_points_are_listed():
     assert found[1].off_m is None
     with pytest.raises(ValueError, match="do not belong together"):
         stale_points(xyz[:4], tracks)
+
+
+def test_programs_own_corner_is_a_prior():
+    """A lens that fits both ways up: the corner of the program that wrote the file decides; a clear misfit does not."""
+    cameras, _, uv = filmed(True)
+    found = decide_origin(cameras, uv, height_px=HEIGHT, usual="upper-left")
+    assert (found.pixels, found.coefficients, found.guessed) == ("upper-left", "upper-left", False)
+    cameras, _, uv = filmed(False)
+    found = decide_origin(cameras, flipped(uv, HEIGHT), height_px=HEIGHT, usual="upper-left")
+    assert (found.pixels != found.coefficients, found.guessed) == (True, True)
+
+
+def test_files_of_one_session_decide_together(tmp_path):
+    """A trial that cannot tell takes the corner of one that can; alone it is refused, by its name."""
+    cameras, _, _ = filmed(True)
+    low = [
+        replace(c, lens=replace(c.lens, centre_px=(640.0, y)))
+        for c, y in zip(cameras, (380.0, 600, 420, 630), strict=True)
+    ]
+    made = []
+    for name, rig, seed in (("clear", low, 1), ("doubtful", cameras, 2)):
+        rng = np.random.default_rng(seed)
+        uv = record(rig, moving(np.arange(60)) * 3)
+        table = (uv + rng.normal(0, 0.3, uv.shape)).transpose(1, 2, 0, 3).reshape(60, -1)
+        head = ",".join(f"pt{m + 1}_cam{c + 1}_{x}" for m in range(5) for c in range(4) for x in "XY")
+        np.savetxt(tmp_path / f"{name}_xypts.csv", table, "%.6f", ",", header=head, comments="")
+        np.savetxt(tmp_path / f"{name}.csv", np.stack([dlt_coefficients(c) for c in rig], axis=1), "%.12g", ",")
+        write_profile(tmp_path / f"{name}.txt", rig)
+        made.append(
+            Recording(
+                tracks=tmp_path / f"{name}_xypts.csv",
+                fps=200,
+                calibration=tmp_path / f"{name}.csv",
+                profile=tmp_path / f"{name}.txt",
+            )
+        )
+    with pytest.raises(OriginError, match=r"^doubtful_xypts\.csv: the pixel origin cannot be determined"):
+        prepare(made[1])
+    told = []
+    both = _prepared(made, told.append)
+    assert [p.filmed.pixel_origin.pixels for p in both if p.filmed] == ["upper-left"] * 2
+    assert told == ["doubtful: pixel origin upper-left, as in the other recordings of this session"]

@@ -5,10 +5,22 @@ visible samples, and has its one to three main hyper-parameters chosen on hidden
 """
 
 from benchmarks.gaps.method import Method
-from benchmarks.gaps.peers import gaussian, gpdm, interpolation, kalman, low_rank, manifold, neighbours, pca, released
+from benchmarks.gaps.peers import (
+    anipose_3d,
+    gaussian,
+    gpdm,
+    interpolation,
+    kalman,
+    low_rank,
+    manifold,
+    neighbours,
+    pca,
+    rays,
+    released,
+)
 
 
 def peers() -> list[Method]:
     """All peers, simple ones first."""
-    families = (interpolation, kalman, low_rank, pca, neighbours, gaussian, manifold, gpdm, released)
+    families = (interpolation, kalman, rays, anipose_3d, low_rank, pca, neighbours, gaussian, manifold, gpdm, released)
     return [method for family in families for method in family.peers()]

@@ -8,7 +8,8 @@ import pytest
 
 from benchmarks.gaps.hide import hide
 from benchmarks.gaps.method import Trial
-from benchmarks.gaps.ours import Ours, recording, tracks_of
+from benchmarks.gaps.ours import Ours
+from benchmarks.gaps.prepared import recording, tracks_of
 from datasets import make_bat
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points

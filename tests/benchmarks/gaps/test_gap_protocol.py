@@ -252,3 +252,12 @@ def test_validation_holds_every_length():
     assert len(folds) == 3
     assert {gap.length for gap in gaps} == set(GAPS)
     assert {gap.kind for gap in gaps} == set(SCENARIOS)
+
+
+def test_once_leaves_out_copies_that_add_nothing():
+    """A quick run fills fewer copies, which hold the same kinds of gaps."""
+    trial = make_trial()
+    every, few = (shown_trials(trial, 0, cells(), once=once) for once in (False, True))
+    kinds = [{(gap.kind, gap.length) for copy in copies for gap in copy.gaps} for copies in (every, few)]
+    assert kinds[0] == kinds[1]
+    assert len(few) < len(every)

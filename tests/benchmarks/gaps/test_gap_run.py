@@ -51,12 +51,14 @@ class Zero:
 @pytest.fixture
 def benchmark(monkeypatch, tmp_path):
     """Runs the command on a small set with two methods; returns its table and what is in the folder."""
+    monkeypatch.setattr(command, "size", lambda _: 3)
+    monkeypatch.setattr(cells, "load", lambda *_: make_trials())
+    cells.fold_trials.cache_clear()
     for module in (command, cells):
-        monkeypatch.setattr(module, "load", lambda _: make_trials())
         monkeypatch.setattr(module, "methods", lambda: (Zero("zero"), Zero("broken", fails=True)))
 
     def go(*arguments):
-        monkeypatch.setattr(sys, "argv", ["gaps", "--sets", "bat", "--out", str(tmp_path), *arguments])
+        monkeypatch.setattr(sys, "argv", ["gaps", "--sets", "bat", "--jobs", "1", "--out", str(tmp_path), *arguments])
         assert command.main() == 0
         return pd.read_csv(tmp_path / "table.csv"), tmp_path
 

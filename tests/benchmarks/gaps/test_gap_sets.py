@@ -1,9 +1,18 @@
 """The sets of the gap benchmark hold what they say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from benchmarks.gaps.sets import SETS, load, noise_sd, stations
+from benchmarks.gaps import sets, twins
+from benchmarks.gaps.cells import trained_on
+from benchmarks.gaps.method import Trial
+from benchmarks.gaps.sets import SETS, load, stations, teachers
+from benchmarks.gaps.takes import noise_sd
+from benchmarks.gaps.twins import scaled_scene, sped_scene
+from datasets.bats import bat_motion
+from datasets.lizards import lizard_motion
 from tests.real_data import FOLDER
 
 REAL = {
@@ -59,6 +68,47 @@ def test_noise_is_found_under_motion():
 
 def test_every_set_is_described():
     """The module's table has a line for each set."""
-    from benchmarks.gaps import sets
-
     assert all(f"| ``{name}`` |" in (sets.__doc__ or "") for name in SETS)
+
+
+def test_other_animals_are_learned_from_others():
+    """In such a set no trial is learned from its own animal; elsewhere from all others."""
+    trials = [make_trial(animal) for animal in ("a", "a", "b")]
+    assert [teachers("twin_scaled", trials, k) for k in range(3)] == [[2], [2], [0, 1]]
+    assert [teachers("twin_bat", trials, k) for k in range(3)] == [[1, 2], [0, 2], [0, 1]]
+    assert trained_on([trials[0], trials[2]]) == "other animal"
+    assert trained_on([trials[0], trials[1]]) == "same"
+    assert trained_on([trials[0], replace(trials[1], gait="fast")]) == "several gaits"
+
+
+def make_trial(animal):
+    """Nothing but an animal."""
+    return Trial(
+        name=animal, names=(), t_s=np.zeros(0), xyz_m=np.zeros((0, 0, 3)), sd_m=np.zeros(0), trunk=(), limbs=(),
+        animal=animal,
+    )  # fmt: skip
+
+
+def test_scaled_and_hurried_animals():
+    """Of a scaled bat all distances are so many times as long; a lizard at twice the speed is where it was later."""
+    t_s = np.arange(5) / 100
+    bat, lizard = bat_motion(3), lizard_motion(3)
+    scaled = scaled_scene(t_s, motion=bat, size=1.4)
+    np.testing.assert_allclose(scaled.xyz_m, 1.4 * bat(t_s).xyz_m)
+    for solid, usual in zip(scaled.solids, bat(t_s).solids, strict=True):
+        np.testing.assert_allclose(solid.semi_axes_m, 1.4 * np.asarray(usual.semi_axes_m))
+    hurried = sped_scene(t_s, motion=lizard, speed=2.0)
+    np.testing.assert_allclose(hurried.xyz_m, lizard(2.0 * t_s).xyz_m)
+    np.testing.assert_array_equal(hurried.t_s, t_s)
+
+
+def test_only_as_many_twins_are_made_as_wanted(monkeypatch):
+    """Two of the five lizards: what the quick run needs; their pixels are cut to the frames of their positions."""
+    monkeypatch.setattr(twins, "FRAMES", 50)
+    trials = sets.twin_trials("twin_lizard", 2)
+    assert [trial.name for trial in trials] == ["lizard_11", "lizard_12"]
+    for trial in trials:
+        assert trial.film is not None
+        assert trial.film.pixels.uv_px.shape[1:3] == trial.xyz_m.shape[:2]
+        seen_twice = trial.film.pixels.seen.sum(axis=0) >= 2
+        assert (seen_twice | np.isnan(trial.xyz_m[..., 0])).all()

@@ -13,6 +13,7 @@ def make_folds(rmse):
     rows = []
     for (name, gap, method, seed, trial), (samples, mm) in rmse.items():
         row = {"set": name, "scenario": "limb", "gap": gap, "method": method, "seed": seed, "trial": trial}
+        row |= {"rays": 0, "trained_on": "same"}
         rows.append(
             row | {"samples": samples, "rmse_mm": mm, "coverage95": 0.9, "nll": 1.0, "seconds": 2, "frames": 500}
         )

@@ -1,0 +1,91 @@
+"""Potentials of limbs, learned from trials."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from filters.anatomy import Anatomy, reflection
+from filters.motion.potential import PosePotential
+from filters.poses import Shapes, known_shapes
+from filters.subspace import PoseSubspace
+from mocap.arrays import Array
+
+Learn = Callable[[Array], Callable[[Array], Array]]
+ALIKE = 0.3
+"""Sides whose mean poses differ by a smaller share than this, once one is reflected, are pooled."""
+
+
+def limb_potentials(
+    shapes: Shapes,
+    own: PoseSubspace,
+    anatomy: Anatomy,
+    *,
+    velocities: bool,
+    least_known: float,
+    tau_s: float,
+    learn: Learn,
+) -> tuple[PosePotential, ...]:
+    """A potential for each limb, of its relative joint coordinates q (``Limb``), or of [q, tau qdot].
+
+    What is learned from are the poses of all trials that are well known, and those of the same limb of the other side,
+    reflected. V_z of q alone is a potential energy; of [q, tau qdot] it is an empirical density in phase space, and no
+    potential of a Lagrangian.
+
+    Args:
+        shapes: Of all trials.
+        own: Subspace of the trial that is to be tracked.
+        anatomy: Its limbs.
+        velocities: Whether velocities are part of it.
+        least_known: Poses known better than this (``Components.known``) are samples.
+        tau_s: Makes velocities as large as positions.
+        learn: (N, d) samples of unit size to the gradient of their potential, a second.
+    """
+    known = known_shapes(shapes, least_known)
+    poses, rates = [], []
+    for z, rate, offset, residual, keep in zip(
+        shapes.z, shapes.rate, shapes.offset, shapes.residual, known, strict=True
+    ):
+        pose = shapes.subspace.mean + offset + z @ shapes.subspace.basis.T + np.nan_to_num(residual)
+        poses.append(pose[keep])
+        rates.append(rate[keep] @ shapes.subspace.basis.T)
+    pose, rate = np.concatenate(poses), np.concatenate(rates)
+    turn = _sides(shapes.subspace.mean, anatomy)
+    out = []
+    for limb in anatomy.limbs:
+        maps = [limb.map(len(own.mean) // 3)]
+        other = anatomy.mirrored(limb)
+        if turn is not None and other is not None:
+            maps.append(other.map(len(own.mean) // 3, turn))
+        q = np.concatenate([pose @ each.T for each in maps])
+        unit = max(float(np.sqrt(q.var(axis=0).mean())), 1e-9)
+        samples, mean, on_residual = q / unit, maps[0] @ own.mean / unit, maps[0] / unit
+        of_shape = on_residual @ own.basis
+        on_shape = np.hstack([of_shape, np.zeros_like(of_shape)])
+        if velocities:  # of the directions in which the subspace moves the limb
+            along = _range(of_shape)
+            moving = np.concatenate([rate @ each.T for each in maps]) @ along * (tau_s / unit)
+            samples = np.hstack([samples, moving])
+            mean = np.concatenate([mean, np.zeros(along.shape[1])])
+            on_residual = np.vstack([on_residual, np.zeros((along.shape[1], on_residual.shape[1]))])
+            turning = tau_s * along.T @ of_shape
+            on_shape = np.vstack([on_shape, np.hstack([np.zeros_like(turning), turning])])
+        out.append(
+            PosePotential(
+                mean=mean, on_shape=on_shape, on_residual=on_residual, samples=samples, gradient=learn(samples)
+            )
+        )
+    return tuple(out)
+
+
+def _range(a: Array) -> Array:
+    """(d, p) orthonormal directions that a matrix (d, r) maps to."""
+    u, s, _ = np.linalg.svd(a, full_matrices=False)
+    return u[:, s > 1e-6 * s[0]]
+
+
+def _sides(mean_pose: Array, anatomy: Anatomy) -> Array | None:
+    """The reflection that takes one side to the other; None where sides are not known, or not alike."""
+    if not anatomy.mirror or all(i == m for i, m in enumerate(anatomy.mirror)):
+        return None
+    turn, missed = reflection(mean_pose.reshape(-1, 3), anatomy.mirror)
+    return turn if missed < ALIKE else None

@@ -1,0 +1,66 @@
+"""Animals of other sizes: trials are brought to the size of the one that is to be tracked."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.poses import MarkerTrial
+from mocap.arrays import Array
+
+INDEPENDENT = 0.1
+"""Neighbouring frames err alike: each counts as so many independent ones."""
+LEAST = 0.02
+"""Sizes that differ by less, or by less than twice what their estimate errs by, count as equal."""
+
+
+def relative_size(trial: MarkerTrial, other: MarkerTrial) -> tuple[float, float]:
+    """How much larger one animal is than another, as a logarithm, with its standard error.
+
+    The weighted mean over pairs of markers of log (mean distance in one / mean distance in the other). A pair's error
+    is what its distance varies by, over the number of independent frames; pairs that keep their distance count most.
+    The standard error of the mean follows from how the pairs differ: proportions, and where markers were placed.
+
+    Args:
+        trial: The one.
+        other: The other, of the same markers.
+    """
+    pairs = np.array(np.triu_indices(trial.xyz_m.shape[1], 1))
+    (one, one_error), (two, two_error) = (_log_distances(t.xyz_m, pairs) for t in (trial, other))
+    error = np.hypot(one_error, two_error)
+    ok = np.isfinite(error)
+    if ok.sum() < 3:
+        return 0.0, np.inf
+    ratio, weight = (one - two)[ok], 1 / (error[ok] ** 2 + LEAST**2)
+    mean = float(np.average(ratio, weights=weight))
+    markers = trial.xyz_m.shape[1]  # pairs share markers: no more of them are independent
+    spread = float(np.average((ratio - mean) ** 2, weights=weight))
+    return mean, float(np.sqrt(spread / min(markers, ok.sum()) + 1 / weight.sum()))
+
+
+def _log_distances(xyz_m: Array, pairs: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Log of the mean distance of each pair, and the standard error of that; NaN for pairs that are hardly seen."""
+    apart = np.linalg.norm(xyz_m[:, pairs[0]] - xyz_m[:, pairs[1]], axis=-1)
+    seen = np.isfinite(apart)
+    count = seen.sum(axis=0)
+    mean = np.where(seen, apart, 0.0).sum(axis=0) / np.maximum(count, 1)
+    spread = np.where(seen, (apart - mean) ** 2, 0.0).sum(axis=0) / np.maximum(count, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.sqrt(spread / np.maximum(INDEPENDENT * count, 1)) / mean
+        return np.log(mean), np.where((count >= 10) & (mean > 0), error, np.nan)
+
+
+def sized_like(trials: Sequence[MarkerTrial], target: MarkerTrial) -> list[MarkerTrial]:
+    """Trials scaled to the size of the animal in another one; those of the same size are returned as they are.
+
+    An animal that is larger by a factor moves in the same angles, with all lengths and speeds that much larger.
+    """
+    out = []
+    for trial in trials:
+        log_ratio, error = relative_size(target, trial)
+        if abs(log_ratio) > max(LEAST, 2 * error):
+            factor = float(np.exp(log_ratio))
+            trial = replace(trial, xyz_m=factor * trial.xyz_m, sd_m=factor * trial.sd_m)
+        out.append(trial)
+    return out

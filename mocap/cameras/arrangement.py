@@ -1,0 +1,274 @@
+"""Pixels that were mirrored, shifted or given to the wrong cameras: found by how near the rays meet once it is undone.
+
+Programs count columns from the right or rows from below, write cameras in another order than they were calibrated in,
+and stack the films of several cameras above or beside one another. Each of these leaves rays that miss by tens or
+hundreds of pixels; each is tried, for every camera alone and for sets of cameras, and the one that fits is named.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import combinations, permutations, product
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera, decompose, stacked, undistorted
+from mocap.cameras.triangulate import linear, residual_px
+from mocap.errors import CalibrationError
+
+LOOKED_AT_PX = 3.0
+"""Rays that meet as near as that are not suspected."""
+BETTER = 3.0
+"""A residual falls at least by that factor where the right change is undone, and not by that for any other change."""
+FITS_PX, FITS_SHARE = 4.0, 0.005
+"""Rays meet where the median residual is below that, or below that share of the pixels' extent."""
+FEW_POINTS = 50
+"""All changes are compared on so many points, the best of them on all."""
+MIRRORS = ("u", "v", "uv")
+SHIFTS = ("+H", "-H", "+W", "-W")
+MOST_CAMERAS = 6
+"""With more cameras only sets of one, of two (up to 10 cameras) and of all are tried, and pairs exchanged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arrangement:
+    """What was done to the pixels, and how well they fit without it.
+
+    Attributes:
+        kind: ``mirrored pixels``, ``shifted pixels`` or ``swapped cameras``.
+        cameras: Cameras concerned.
+        change: What undoes it, in words.
+        residual_px: Median triangulation residual as the files are.
+        undone_px: The same where it is undone.
+        others: Other changes that undo it as well, in words: in a symmetric rig rays cannot tell.
+    """
+
+    kind: str
+    cameras: tuple[str, ...]
+    change: str
+    residual_px: float
+    undone_px: float
+    others: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """One sentence for people."""
+        alike = "; it fits as well that " + ", or that ".join(self.others) if self.others else ""
+        return (
+            f"{self.change}: the median triangulation residual is {self.residual_px:.1f} px as the files are, "
+            f"{self.undone_px:.2f} px with that{alike}: correct the files"
+        )
+
+
+class ArrangementError(CalibrationError):
+    """Pixels that fit only mirrored, shifted or in another order of cameras.
+
+    Attributes:
+        arrangement: The change that makes them fit.
+    """
+
+    def __init__(self, arrangement: Arrangement) -> None:
+        """With what fits."""
+        super().__init__(arrangement.describe())
+        self.arrangement = arrangement
+
+
+@dataclass(frozen=True)
+class _Change:
+    """One change to try: what happens to each view's pixels, and whose calibration each view has."""
+
+    kinds: tuple[str, ...]
+    order: tuple[int, ...]
+
+    def plain(self) -> bool:
+        return set(self.kinds) <= {""} and list(self.order) == sorted(self.order)
+
+
+def find_arrangement(
+    cameras: Sequence[Camera], uv_px: Array, *, height_px: float | None = None, most_points: int = 250
+) -> Arrangement | None:
+    """The change of pixels that makes rays meet, where they do not meet as they are.
+
+    For up to six cameras every combination of mirrored axes (u, v, both), every set of cameras shifted by the height or
+    the width of a picture, and every order of the cameras is tried. Where picture sizes are not known they are taken
+    from the principal point, and then found by the residual.
+
+    Args:
+        cameras: The C cameras, lenses from the upper left.
+        uv_px: (C, T, M, 2) or (C, K, 2) pixels as in the file.
+        height_px: Image height, if stated.
+        most_points: Points to judge by, spread over the recording.
+
+    Returns:
+        The change, or None: rays meet as they are, or no change makes them meet.
+    """
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= min(3, len(cameras))]
+    if len(cameras) < 2 or uv.shape[1] < 8:
+        return None
+    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)]
+    few = max(1, uv.shape[1] // FEW_POINTS)
+    matrices, sizes = stacked(cameras), _sizes(cameras, height_px)
+
+    @cache
+    def view(index: int, kind: str, to: int, wide: float, high: float, step: int) -> Array:
+        pixels = _changed(uv[index, ::step], kind, sizes[to] * (wide, high))
+        return undistorted([cameras[to]], pixels[None])[0]
+
+    one = np.ones(2)
+
+    def median(change: _Change, stretch: Array, step: int = 1) -> float:
+        ideal = np.empty_like(uv[:, ::step])
+        for i, (kind, to) in enumerate(zip(change.kinds, change.order, strict=True)):
+            ideal[to] = view(i, kind, to, *(stretch if kind else one), step)
+        with np.errstate(all="ignore"):
+            miss = residual_px(matrices, ideal, linear(matrices, ideal))
+        return float(np.nanmedian(miss)) if np.isfinite(miss).mean() > 0.5 else np.inf
+
+    n = len(cameras)
+    as_is = min(median(_Change(("",) * n, tuple(range(n))), one), median(_Change(("v",) * n, tuple(range(n))), one))
+    if as_is < LOOKED_AT_PX:
+        return None
+    tried = sorted(((median(c, one, few), i, c) for i, c in enumerate(_changes(n))), key=lambda t: t[:2])
+    known = all(c.size_px is not None for c in cameras)
+    refined = [(*_refined(median, change, known, few), change) for _, _, change in tried[:6]]
+    fit = min(residual for residual, _, _ in refined)
+    alike = sorted((t for t in refined if t[0] < 1.5 * fit), key=lambda t: (_count(t[2]), t[0]))
+    best, stretch, change = alike[0]
+    extent = float(np.nanmax(uv) - np.nanmin(uv))
+    if best > max(FITS_PX, FITS_SHARE * extent) or not best * BETTER < as_is or change.plain():
+        return None
+    found = _named(cameras, change, sizes * stretch, as_is, best)
+    others = [_named(cameras, c, sizes * s, as_is, best).change for _, s, c in alike[1:] if not _alike(c, change)]
+    return replace(found, others=tuple(o for o in dict.fromkeys(others) if o != found.change))
+
+
+def _count(change: _Change) -> int:
+    """How many cameras a change concerns: of two that fit alike, the smaller is meant."""
+    return sum(kind != "" for kind in change.kinds) + sum(i != to for i, to in enumerate(change.order))
+
+
+def _alike(a: _Change, b: _Change) -> bool:
+    """Whether two changes differ only in rows counted from below in all cameras, which gives the same points."""
+    return a.order == b.order and {_toggled(x) == y for x, y in zip(a.kinds, b.kinds, strict=True)} == {True}
+
+
+def _toggled(kind: str) -> str:
+    return {"": "v", "v": "", "u": "uv", "uv": "u"}.get(kind, kind)
+
+
+def _sizes(cameras: Sequence[Camera], height_px: float | None) -> Array:
+    """(C, 2) picture widths and heights: stated, or twice the principal point."""
+    centres = np.array([decompose(c).intrinsic[:2, 2] for c in cameras])
+    sizes = np.array([c.size_px or 2 * centre for c, centre in zip(cameras, centres, strict=True)], dtype=float)
+    if height_px is not None:
+        sizes[:, 1] = height_px
+    return sizes
+
+
+def _changes(n: int) -> Iterator[_Change]:
+    """All changes to try for n cameras, without repeats."""
+    own, found = tuple(range(n)), set()
+    if n <= MOST_CAMERAS:
+        sets = [s for k in range(1, n + 1) for s in combinations(range(n), k)]
+        mirrored = product(("", *MIRRORS), repeat=n) if n <= 4 else _sets(n, sets, MIRRORS)
+        orders = permutations(range(n)) if n <= 5 else _exchanged(n)
+    else:
+        sets = [s for k in ((1, 2, n) if n <= 10 else (1, n)) for s in combinations(range(n), k)]
+        mirrored, orders = _sets(n, sets, MIRRORS), _exchanged(n)
+    for kinds in (*mirrored, *_sets(n, sets, SHIFTS)):
+        found.add((kinds, own))
+    for order in orders:
+        found |= {(("",) * n, order), (("v",) * n, order)}
+    for kinds, order in sorted(found):
+        yield _Change(kinds, order)
+
+
+def _sets(n: int, sets: Sequence[tuple[int, ...]], kinds: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    for chosen in sets:
+        for kind in kinds:
+            yield tuple(kind if c in chosen else "" for c in range(n))
+
+
+def _exchanged(n: int) -> Iterator[tuple[int, ...]]:
+    """Orders with one pair of cameras exchanged, and those moved round by some places."""
+    for a, b in combinations(range(n), 2):
+        order = list(range(n))
+        order[a], order[b] = b, a
+        yield tuple(order)
+    for k in range(1, n):
+        yield tuple((i + k) % n for i in range(n))
+
+
+def _changed(uv: Array, kind: str, size: Array) -> Array:
+    """(K, 2) pixels changed in one way."""
+    out = uv.copy()
+    if "u" in kind:
+        out[:, 0] = size[0] - uv[:, 0]
+    if "v" in kind:
+        out[:, 1] = size[1] - uv[:, 1]
+    if kind in SHIFTS:
+        out[:, int(kind[1] == "H")] += float(f"{kind[0]}1") * size[int(kind[1] == "H")]
+    return out
+
+
+def _refined(median: Callable[..., float], change: _Change, known: bool, step: int) -> tuple[float, Array]:
+    """The residual of a change at the best picture size near the one assumed, and that size's factors (2,)."""
+    from scipy.optimize import minimize_scalar
+
+    stretch = np.ones(2)
+    if known:
+        return median(change, stretch), stretch
+    used = "".join(change.kinds)
+    for axis, names in enumerate((("u", "W"), ("v", "H"))):
+        if not any(name in used for name in names):
+            continue
+
+        def at(factor: float, axis: int = axis) -> float:
+            trial = stretch.copy()
+            trial[axis] = factor
+            return median(change, trial, step)
+
+        grid = np.linspace(0.85, 1.15, 7)
+        start = grid[int(np.argmin([at(f) for f in grid]))]
+        stretch[axis] = minimize_scalar(
+            at, bounds=(start - 0.05, start + 0.05), method="bounded", options={"xatol": 2e-4}
+        ).x
+    return median(change, stretch), stretch
+
+
+def _named(cameras: Sequence[Camera], change: _Change, sizes: Array, as_is: float, undone: float) -> Arrangement:
+    names = [c.name for c in cameras]
+    moved = [i for i, to in enumerate(change.order) if i != to]
+    if moved:
+        pairs = ", ".join(f"pixels of {names[i]!r} with the calibration of {names[change.order[i]]!r}" for i in moved)
+        return Arrangement(
+            kind="swapped cameras",
+            cameras=tuple(names[i] for i in moved),
+            change=f"the cameras are in another order than their calibration; these belong together: {pairs}",
+            residual_px=as_is,
+            undone_px=undone,
+        )
+    if change.kinds.count("v") + change.kinds.count("uv") > len(names) / 2:  # the fewer, of two that are the same
+        change = _Change(tuple(_toggled(kind) for kind in change.kinds), change.order)
+    words = []
+    for kind in dict.fromkeys(k for k in change.kinds if k):
+        which = [i for i, k in enumerate(change.kinds) if k == kind]
+        width, height = sizes[which].mean(axis=0)
+        formula = {
+            "u": f"u mirrored (u -> {width:.0f} - u)",
+            "v": f"v flipped (v -> {height:.0f} - v)",
+            "uv": f"turned by 180 degrees (u -> {width:.0f} - u, v -> {height:.0f} - v)",
+            "+H": f"v shifted by the picture's height (v -> v + {height:.0f})",
+            "-H": f"v shifted by the picture's height (v -> v - {height:.0f})",
+            "+W": f"u shifted by the picture's width (u -> u + {width:.0f})",
+            "-W": f"u shifted by the picture's width (u -> u - {width:.0f})",
+        }[kind]
+        words.append(f"{formula} in {', '.join(repr(names[i]) for i in which)}")
+    return Arrangement(
+        kind="shifted pixels" if set(change.kinds) & set(SHIFTS) else "mirrored pixels",
+        cameras=tuple(name for name, kind in zip(names, change.kinds, strict=True) if kind),
+        change="the pixels belong to their calibration with " + " and ".join(words),
+        residual_px=as_is,
+        undone_px=undone,
+    )

@@ -1,0 +1,43 @@
+"""Pixels that were counted in a cropped picture: how that shows in a recording whose rays do not meet."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera, decompose
+
+SMALL = 0.75
+"""Pixels that span less than this share of the calibrated pictures, in all cameras, may be of cropped ones."""
+
+
+def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:
+    """A sentence where pixels lie in one corner of the calibrated pictures, in all cameras; None where they do not.
+
+    Cropped films count from the corner of their window: in no camera do pixels come near the far edges. That alone
+    accuses nobody (an animal may stay in a corner); it is said where rays do not meet.
+
+    Args:
+        cameras: The C cameras.
+        uv_px: (C, ..., 2) pixels as recorded.
+    """
+    uv = uv_px.reshape(len(uv_px), -1, 2)
+    if not np.isfinite(uv).any():
+        return None
+    reach = np.nanmax(uv.reshape(-1, 2), axis=0)
+    sizes = np.array([_size(camera) for camera in cameras])
+    if (reach > SMALL * sizes.min(axis=0)).any():
+        return None
+    width, height = (f"{value:.0f}" for value in np.median(sizes, axis=0))
+    return (
+        f"pixels span {np.ceil(reach[0]):.0f} x {np.ceil(reach[1]):.0f}, the calibration {width} x {height}: cropped? "
+        "give `crop`"
+    )
+
+
+def _size(camera: Camera) -> tuple[float, float]:
+    """Width and height of the picture; where not known twice the principal point."""
+    if camera.size_px is not None:
+        return camera.size_px
+    centre = 2 * decompose(camera).intrinsic[:2, 2]
+    return float(centre[0]), float(centre[1])

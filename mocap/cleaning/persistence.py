@@ -1,0 +1,69 @@
+"""Errors of clicks that last: what no filter averages out over frames.
+
+A person or a network that clicks a landmark too far to the left does so again in the next frame, and lenses and
+calibrations err alike for as long as a marker is in one place. Such errors show as residuals of triangulation that
+resemble those of the frames before.
+"""
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.cameras.linearised import fit, linearise
+
+LAG = 3
+"""Frames between residuals that are compared: errors that last longer do not average out over the frames that a filter
+smooths over."""
+UNSEEN = 1.5
+"""Variance of lasting errors that all cameras of a point share, over that of those which differ between cameras. Rays
+show nothing of it: it is by how much a network's points are off two people's beyond what rays show (three flights: 1
+to 2)."""
+FEWEST = 30.0
+"""Redundant errors without which nothing is said of what lasts."""
+SHRINK = 30.0
+"""Redundant errors of the usual variance that each marker's own are averaged with."""
+
+
+def persistent_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array) -> Array:
+    """(M,) standard deviation of a pixel coordinate of errors that last longer than ``LAG`` frames; NaN: not known.
+
+    The residual r of a ray with redundancy rho (``mocap.cameras.linearised.Fit``) has E |r|^2 = rho s^2: its own point
+    takes up the rest. Residuals t frames apart therefore have E r_0 r_t = sqrt(rho_0 rho_t) c(t), and the
+    autocovariance c at ``LAG`` is the variance of what lasts; white errors have none. That the part of such an error
+    which the point takes up is as large as that which shows is what makes it the variance of the point.
+
+    Args:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) believed ideal pixels; NaN where not seen.
+        xyz_m: (T, M, 3) points near which to linearise.
+        relative: (C, T, M) deviations of rays relative to a usual one's, by which residuals are divided.
+    """
+    shape = uv_px.shape[:3]
+    if shape[1] <= LAG:
+        return np.full(shape[2], np.nan)
+    problem = linearise(matrices, uv_px.reshape(len(uv_px), -1, 2), xyz_m.reshape(-1, 3))
+    found = fit(problem, (1 / relative**2).reshape(len(uv_px), -1))
+    redundancy = found.redundancy.reshape(shape)
+    residual = found.residual.reshape(uv_px.shape) / relative[..., None]
+    known = redundancy > 0.1
+    both = known[:, LAG:] & known[:, :-LAG]
+    share = np.where(both, np.sqrt(redundancy[:, LAG:] * redundancy[:, :-LAG]), 0.0).sum(axis=(0, 1))
+    product = np.where(both, np.sum(residual[:, LAG:] * residual[:, :-LAG], axis=-1), 0.0).sum(axis=(0, 1))
+    if share.sum() < FEWEST:
+        return np.full(shape[2], np.nan)
+    usual = product.sum() / max(float(share.sum()), 1e-12)
+    return np.sqrt(np.maximum((product + SHRINK * usual) / (share + SHRINK), 0.0))
+
+
+def lasting_share(lasting_px: Array, usual_px: Array) -> Array:
+    """(M,) covariance of a point that does not average out over frames, over that of its clicks in one frame.
+
+    With the variance s^2 of what lasts of a click's s0^2: (1 + ``UNSEEN``) s^2 / s0^2. Where it is not known what lasts
+    (frames too far apart for any filter to average over) the clicks' own covariance holds what differs between cameras,
+    and ``UNSEEN`` of it is left to add.
+
+    Args:
+        lasting_px: (M,) deviations of errors that last; NaN: not known.
+        usual_px: (M,) deviations of all errors.
+    """
+    known = (1 + UNSEEN) * (np.nan_to_num(lasting_px) / usual_px) ** 2
+    return np.where(np.isfinite(lasting_px), known, UNSEEN)

@@ -1,0 +1,77 @@
+"""``mocap digitise``."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap.cli.console import program, progress, say, show, typed
+from mocap.cli.options import AsJson, Force, Fps, Out, Profile
+
+
+def digitise(
+    films: Annotated[
+        list[Path],
+        typer.Argument(help="A film (or folder of pictures) for each camera, in their order; or a folder of films."),
+    ],
+    calibration: Annotated[
+        Path, typer.Option("--calibration", "--dlt", help="Calibration of the cameras, in any format.")
+    ],
+    skeleton: Annotated[Path, typer.Option(help="Skeleton in TOML: markers, rigid bones, trunk.")],
+    out: Out,
+    start: Annotated[
+        Path,
+        typer.Option(
+            help="First clicks, as DLTdv's xypts: each marker in two or more cameras in one frame; clicks in other "
+            "frames are taken too."
+        ),
+    ],
+    model: Annotated[Path | None, typer.Option(help="A model that mocap learn wrote of this kind of animal.")] = None,
+    budget: Annotated[int, typer.Option(min=0, help="How many clicks to ask for next (asked.csv).")] = 40,
+    error_px: Annotated[
+        float, typer.Option(min=0.1, help="Clicks are asked for where a marker is known worse than that, in pixels.")
+    ] = 1.0,
+    profile: Profile = None,
+    fps: Fps = None,
+    offset: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--video-offset", help="Frame of the film minus frame of the tracks; once for all cameras, or for each."
+        ),
+    ] = None,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find and name markers in films from a few clicks; say which clicks would help most."""
+    import mocap
+    from mocap.digitising.write import report_text
+    from mocap.io.output import result_folder
+
+    inputs = [*films, calibration, skeleton, start, model, profile]
+    with result_folder(out, "digitise", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
+        result = mocap.digitise(
+            films,
+            calibration=calibration,
+            skeleton=skeleton,
+            start=start,
+            model=model,
+            profile=profile,
+            fps=fps,
+            offset_frames=offset,
+            error_px=error_px,
+            progress=tell,
+        )
+        result.write(folder, most=budget)
+    if as_json:
+        print(json.dumps(result.report))  # noqa: T201
+        return
+    show(report_text(result.report, result.questions(budget), result.engine.names))
+    tracks = out / "xypts.csv"
+    cameras = next(path for path in (out / "calibration.toml", out / "dltCoefs.csv") if path.is_file())
+    track = (program(), "track", tracks, "--calibration", cameras, "--skeleton", out / "skeleton.toml")
+    say(
+        "",
+        f"Wrote {out}/: xypts.csv, xyzpts.csv, clicks_xypts.csv, asked.csv, origin.csv, report.md, calibration",
+        f"Track it: {typed(*track)} --fps {result.fps:g} --out ...",
+    )

@@ -1,0 +1,131 @@
+"""Which click to ask for next: the one that removes most variance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.digitising.engine import CLICK_SD_PX, Engine
+from mocap.digitising.naming import seen_from
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """A click that is asked for.
+
+    Attributes:
+        camera: Number of the camera, from 0.
+        frame: Frame, from 0.
+        marker: Number of the marker.
+        uv_px: Where it is predicted, as recorded, the first pixel at (1, 1).
+        cov_px2: (2, 2) covariance of that place.
+        removes_m2: Variance that the click is expected to remove, summed over frames.
+    """
+
+    camera: int
+    frame: int
+    marker: int
+    uv_px: tuple[float, float]
+    cov_px2: Array
+    removes_m2: float
+
+
+def pixel_sd(engine: Engine) -> Array:
+    """(T, M) standard deviation of a coordinate of each marker in the picture that knows it least, in pixels.
+
+    Of each camera it is the root of half the trace of the covariance; infinite where nothing is known.
+    """
+    tracks = engine.tracks
+    n_frames, n_markers = tracks.rays.shape
+    _, jacobian = seen_from(engine.matrices, tracks.xyz_m.reshape(-1, 3))
+    s = np.einsum("cnij,njk,cnlk->cnil", jacobian, tracks.cov_m2.reshape(-1, 3, 3), jacobian)
+    sd = np.sqrt(0.5 * np.einsum("cnii->cn", s))
+    sd = np.where(np.isfinite(sd), sd, np.inf).max(axis=0)
+    return sd.reshape(n_frames, n_markers)
+
+
+def stretches(above: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """Runs of True of each column: (column, first row, last row)."""
+    out = []
+    padded = np.zeros((len(above) + 2, above.shape[1]), dtype=np.int8)
+    padded[1:-1] = above
+    change = np.diff(padded, axis=0)
+    for column in range(above.shape[1]):
+        first, last = np.flatnonzero(change[:, column] == 1), np.flatnonzero(change[:, column] == -1) - 1
+        out += [(column, int(a), int(b)) for a, b in zip(first, last, strict=True)]
+    return out
+
+
+def questions(
+    engine: Engine, *, error_px: float, most: int, refused: frozenset[tuple[int, int, int]] = frozenset()
+) -> list[Question]:
+    """The next clicks, the most useful first; at most one in each stretch of a marker that is not known well enough.
+
+    A click at time t with the gain k leaves (1 - k) of the variance there; within a stretch, positions at t and t' are
+    taken to be correlated by min(s, s') / max(s, s') of their deviations, as between two ends that are known.
+
+    Args:
+        engine: What is known.
+        error_px: Stated error: standard deviations above it are asked about.
+        most: Greatest number of questions.
+        refused: Camera, frame and marker that were answered already, as not to be seen.
+    """
+    tracks = engine.tracks
+    sd_px = pixel_sd(engine)
+    begun = np.asarray(np.isfinite(tracks.xyz_m).all(axis=(1, 2)))
+    found = []
+    for marker, first, last in stretches((sd_px > error_px) & begun[:, None]):
+        frames = np.arange(first, last + 1)
+        variance = np.trace(tracks.cov_m2[frames, marker], axis1=1, axis2=2)
+        sd = np.sqrt(np.maximum(variance, 1e-18))
+        share = (np.minimum(sd[:, None], sd) / np.maximum(sd[:, None], sd)) ** 2
+        gains = share @ variance
+        # of equal gains the middle: it halves what is left
+        gains = gains * (1 - 1e-3 * np.abs(frames - frames.mean()) / max(len(frames), 1))
+        for at in np.argsort(-gains)[:6]:
+            question = _in_best_camera(engine, int(frames[at]), marker, float(gains[at]), refused)
+            if question is not None:
+                found.append(question)
+                break
+    return sorted(found, key=lambda q: -q.removes_m2)[:most]
+
+
+def _in_best_camera(
+    engine: Engine, frame: int, marker: int, gain: float, refused: frozenset[tuple[int, int, int]]
+) -> Question | None:
+    """The camera in which a click tells most; with a dot in the window rather than without."""
+    tracks = engine.tracks
+    xyz, cov = tracks.xyz_m[frame, marker], tracks.cov_m2[frame, marker]
+    uv, jacobian = seen_from(engine.matrices, xyz[None])
+    best: tuple[float, int, Array] | None = None
+    for camera, (width, height) in enumerate(engine.sizes):
+        j, at = jacobian[camera, 0], uv[camera, 0]
+        if (camera, frame, marker) in refused or not np.isfinite(at).all() or tracks.dot[camera, frame, marker] >= 0:
+            continue
+        if not ((at > 0) & (at < (width, height))).all():
+            continue
+        s = j @ cov @ j.T + CLICK_SD_PX**2 * np.eye(2)
+        removed = float(np.trace(cov @ j.T @ np.linalg.solve(s, j @ cov)))
+        dots = tracks.ideal[frame][camera]
+        away = dots - at
+        with np.errstate(invalid="ignore"):
+            inside = np.einsum("ki,ij,kj->k", away, np.linalg.inv(s), away) < 9
+        free = inside & ~np.isin(np.arange(len(dots)), tracks.dot[camera, frame])
+        worth = removed * (1.0 if free.any() else 0.5)
+        if best is None or worth > best[0]:
+            best = worth, camera, s
+    if best is None:
+        return None
+    camera = best[1]
+    lens = engine.cameras[camera].lens
+    at = uv[camera, 0] if lens is None else lens.distort(uv[camera, 0])
+    share = best[0] / max(float(np.trace(cov)), 1e-18)
+    return Question(
+        camera=camera,
+        frame=frame,
+        marker=marker,
+        uv_px=(float(at[0]), float(at[1])),
+        cov_px2=best[2],
+        removes_m2=share * gain,
+    )

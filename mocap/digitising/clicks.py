@@ -1,0 +1,103 @@
+"""What a person clicked: places of markers in pictures, kept in DLTdv's format too."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mocap.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.dltdv import write_pixels
+from mocap.io.format import Hints
+from mocap.io.registry import read
+from mocap.records import PixelTracks
+from mocap.skeleton import Skeleton
+
+
+@dataclass(frozen=True, kw_only=True)
+class Click:
+    """One click.
+
+    Attributes:
+        camera: Number of the camera, from 0.
+        frame: Frame of the tracks, from 0.
+        marker: Number of the marker, from 0.
+        uv_px: Place as recorded, the centre of the first pixel at (1, 1) as DLTdv counts; None: the marker cannot be
+            seen there.
+    """
+
+    camera: int
+    frame: int
+    marker: int
+    uv_px: tuple[float, float] | None
+
+
+def pixels_of(
+    clicks: Iterable[Click], *, names: Sequence[str], cameras: Sequence[str], n_frames: int, fps: float
+) -> PixelTracks:
+    """Clicks as the table that DLTdv has; of several at one place the last counts."""
+    uv_px = np.full((len(cameras), n_frames, len(names), 2), np.nan)
+    for click in clicks:
+        uv_px[click.camera, click.frame, click.marker] = np.nan if click.uv_px is None else click.uv_px
+    return PixelTracks(names=tuple(names), cameras=tuple(cameras), t_s=np.arange(n_frames) / fps, uv_px=uv_px)
+
+
+def clicks_of(pixels: PixelTracks) -> list[Click]:
+    """The samples of a table of pixels as clicks."""
+    return [
+        Click(camera=int(c), frame=int(t), marker=int(m), uv_px=(float(u), float(v)))
+        for c, t, m in np.argwhere(pixels.seen)
+        for u, v in [pixels.uv_px[c, t, m]]
+    ]
+
+
+def read_clicks(path: Path, skeleton: Skeleton, *, n_cameras: int, n_frames: int) -> list[Click]:
+    """Clicks of any file of pixels that mocap knows (DLTdv's xypts, a project, ...).
+
+    Raises:
+        FormatError: it holds no pixels, those of another number of cameras, or frames after the end of the films.
+        SkeletonError: none of its markers is in the skeleton.
+    """
+    contents = read(path, Hints(cameras=n_cameras))
+    pixels = contents.pixels
+    if pixels is None:
+        raise FormatError(f"{path.name}: contains no pixels ({contents.format}): give clicks as DLTdv's xypts")
+    if len(pixels.cameras) != n_cameras:
+        raise FormatError(f"{path.name}: clicks of {len(pixels.cameras)} cameras for {n_cameras} films")
+    names = skeleton.renamed(pixels.names)
+    known = [(i, skeleton.markers.index(name)) for i, name in enumerate(names) if name in skeleton.markers]
+    if not known:
+        raise FormatError(
+            f"{path.name}: its markers ({', '.join(names[:5])}, ...) are not in the skeleton "
+            f"({', '.join(skeleton.markers[:5])}, ...): correct the names, or map them under [aliases]"
+        )
+    frames = np.asarray(contents.frames) - 1
+    out = []
+    for click in clicks_of(pixels):
+        marker = dict(known).get(click.marker)
+        if marker is None:
+            continue
+        frame = int(frames[click.frame])
+        if frame >= n_frames:
+            raise FormatError(
+                f"{path.name}: frame {frame + 1} is clicked, but the films have {n_frames} frames in step: check "
+                "`offset_frames`, and that the clicks belong to these films"
+            )
+        out.append(Click(camera=click.camera, frame=frame, marker=marker, uv_px=click.uv_px))
+    return out
+
+
+def write_clicks(
+    path: Path, clicks: Iterable[Click], *, names: Sequence[str], cameras: Sequence[str], n_frames: int, fps: float
+) -> None:
+    """Write clicks as DLTdv's ``xypts.csv``, of all frames."""
+    write_pixels(path, pixels_of(clicks, names=names, cameras=cameras, n_frames=n_frames, fps=fps))
+
+
+def places(clicks: Iterable[Click], shape: tuple[int, int, int]) -> Array:
+    """(C, T, M, 2) clicked places; NaN where none is; of several at one place the last counts."""
+    out = np.full((*shape, 2), np.nan)
+    for click in clicks:
+        out[click.camera, click.frame, click.marker] = np.nan if click.uv_px is None else click.uv_px
+    return out

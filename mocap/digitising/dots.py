@@ -1,0 +1,121 @@
+"""Dots in a picture: painted markers or reflective tape, bright or dark, to a fraction of a pixel."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+
+Grey = NDArray[np.uint8] | NDArray[np.uint16]
+_RADII_PX = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.5, 8.5, 11.0)
+MOST = 250
+"""No more dots than so many are kept of a picture, the strongest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DotLook:
+    """What the dots of a film look like.
+
+    Attributes:
+        radius_px: Their radius.
+        bright: Whether they are brighter than what is around them.
+        least: Least response (grey levels) of a dot; those of the clicked ones are about four times that.
+    """
+
+    radius_px: float
+    bright: bool
+    least: float
+
+
+def response(grey: Grey, radius_px: float, *, bright: bool) -> NDArray[np.float32]:
+    """Difference of two Gaussian blurs, which is greatest at the centre of a disc of that radius.
+
+    The Laplacian of a Gaussian of s = r / sqrt(2) responds most to a disc of radius r; the difference of Gaussians of
+    0.8 s and 1.6 s approximates it (Lindeberg 1998; Lowe 2004).
+    """
+    s = radius_px / np.sqrt(2)
+    signal = grey.astype(np.float32)
+    inner = cv2.GaussianBlur(signal, (0, 0), 0.8 * s)
+    outer = cv2.GaussianBlur(signal, (0, 0), 1.6 * s)
+    found = inner - outer if bright else outer - inner
+    return np.asarray(found, dtype=np.float32)
+
+
+def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0), most: int = MOST) -> Array:
+    """Find the dots of a picture or of a window of it.
+
+    A dot is a local maximum of ``response``; its place is the top of the parabola through the logarithms of the 3 x 3
+    responses about it.
+
+    Args:
+        grey: (h, w) grey levels.
+        look: What dots look like.
+        corner: Column and row of the window's first pixel in the picture.
+        most: Greatest number.
+
+    Returns:
+        (K, 3) column and row, counted from 0, and the response; strongest first.
+    """
+    if min(grey.shape) < 5:
+        return np.zeros((0, 3))
+    found = response(grey, look.radius_px, bright=look.bright)
+    size = 2 * max(1, round(0.6 * look.radius_px)) + 1
+    top = cv2.dilate(found, np.ones((size, size), np.uint8))
+    v, u = np.nonzero((found >= top) & (found > look.least))
+    inside = (u > 0) & (v > 0) & (u < grey.shape[1] - 1) & (v < grey.shape[0] - 1)
+    u, v = u[inside], v[inside]
+    strength = found[v, u]
+    order = np.argsort(-strength)[:most]
+    u, v, strength = u[order], v[order], strength[order]
+    around = np.log(np.maximum([[found[v + j, u + i] for i in (-1, 0, 1)] for j in (-1, 0, 1)], 1e-3))
+    du, dv = _top(around.mean(axis=0)), _top(around.mean(axis=1))
+    return np.column_stack([u + du + corner[0], v + dv + corner[1], strength]).astype(np.float64)
+
+
+def _top(three: Array) -> Array:
+    """(K,) place of the top of the parabola through values (3, K) at -1, 0, 1; within half a pixel."""
+    bend = three[0] - 2 * three[1] + three[2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = 0.5 * (three[0] - three[2]) / bend
+    return np.clip(np.where(bend < 0, place, 0.0), -0.5, 0.5)
+
+
+def look_of(pictures: Sequence[Grey], clicks: Sequence[Array], *, reach_px: float = 3.0) -> DotLook | None:
+    """What dots look like, from places where a person clicked on them.
+
+    Args:
+        pictures: Pictures.
+        clicks: (K, 2) places in each, counted from 0.
+        reach_px: So far from a click its dot may be.
+
+    Returns:
+        None: there is nothing like a dot at most of the places.
+    """
+    best: tuple[float, DotLook] | None = None
+    reach, margin = round(reach_px), 40
+    parts = []
+    for picture, places in zip(pictures, clicks, strict=True):
+        for u, v in np.rint(places).astype(int):
+            left, top = max(u - margin, 0), max(v - margin, 0)
+            part = picture[top : v + margin, left : u + margin]
+            if part.size:
+                parts.append(
+                    (
+                        part,
+                        slice(max(v - top - reach, 0), v - top + reach + 1),
+                        slice(max(u - left - reach, 0), u - left + reach + 1),
+                    )
+                )
+    if not parts:
+        return None
+    for radius in _RADII_PX:
+        found = [(response(part, radius, bright=True), rows, columns) for part, rows, columns in parts]
+        for bright, sign in ((True, 1.0), (False, -1.0)):
+            usual = float(np.median([(sign * f[rows, columns]).max(initial=0.0) for f, rows, columns in found]))
+            # of responses that are nearly equal that of the smaller dot: it tells neighbours apart
+            if usual > 0 and (best is None or usual > 1.1 * best[0]):
+                best = usual, DotLook(radius_px=radius, bright=bright, least=0.25 * usual)
+    return None if best is None or best[0] < 4.0 else best[1]

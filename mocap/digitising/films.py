@@ -1,0 +1,216 @@
+"""Films of all cameras, decoded once, in step and in bounded memory; refused where they do not fit the calibration."""
+
+import queue
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.cameras import triangulate
+from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.digitising.dots import Grey
+from mocap.errors import CalibrationError, MocapError
+from mocap.io.movies import PICTURES, Movie, by_number, open_movie
+
+AHEAD = 4
+"""So many frames of each film are decoded before they are asked for."""
+_MOST_CAMERAS = 6
+_MISFIT = 4.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Films:
+    """Films of C cameras, in the order of the cameras.
+
+    Attributes:
+        movies: One a camera.
+        offset_frames: (C,) frame of the film minus frame of the tracks.
+        n_frames: Frames that at least two films show.
+    """
+
+    movies: tuple[Movie, ...]
+    offset_frames: tuple[int, ...]
+    n_frames: int
+
+    def pictures(self, frames: NDArray[np.int64] | None = None) -> "Iterator[list[Grey | None]]":
+        """The pictures of all cameras, frame after frame; each film is decoded by a thread of its own.
+
+        Args:
+            frames: Frames to show, increasing; None: all.
+
+        Yields:
+            One picture a camera, (h, w) grey levels of 8 or 16 bits; None where a film does not show the frame.
+        """
+        wanted = np.arange(self.n_frames) if frames is None else np.asarray(frames)
+        with _readers(self, wanted) as lines:
+            for _ in wanted:
+                row: list[Any] = [line.get() for line in lines]
+                for picture in row:
+                    if isinstance(picture, BaseException):
+                        raise picture
+                yield row
+
+    def picture(self, camera: int, frame: int) -> Grey | None:
+        """One picture of one camera."""
+        found = next(self.movies[camera].frames(np.array([frame + self.offset_frames[camera]])))
+        return None if found is None else grey_levels(found)
+
+
+@contextmanager
+def _readers(films: Films, wanted: NDArray[np.int64]) -> Iterator[list["queue.Queue[Any]"]]:
+    stop = threading.Event()
+    lines: list[queue.Queue[Any]] = [queue.Queue(maxsize=AHEAD) for _ in films.movies]
+    threads = []
+    for movie, offset, line in zip(films.movies, films.offset_frames, lines, strict=True):
+        threads.append(threading.Thread(target=_read, args=(movie, wanted + offset, line, stop), daemon=True))
+        threads[-1].start()
+    try:
+        yield lines
+    finally:
+        stop.set()
+        for line in lines:
+            while not line.empty():
+                line.get_nowait()
+        for thread in threads:
+            thread.join(timeout=5)
+
+
+def _read(movie: Movie, wanted: NDArray[np.int64], line: "queue.Queue[Any]", stop: threading.Event) -> None:
+    def put(item: Any) -> None:
+        while not stop.is_set():
+            try:
+                line.put(item, timeout=0.2)
+                return
+            except queue.Full:
+                continue
+
+    try:
+        for frame in movie.frames(wanted):
+            put(None if frame is None else grey_levels(frame))
+            if stop.is_set():
+                return
+    except BaseException as error:
+        put(error)
+
+
+def grey_levels(frame: Any) -> Grey:
+    """(h, w) grey levels of a decoded frame: 8 bits, or 16 where the film has more than 8."""
+    kind = frame.format.name
+    deep = frame.format.components[0].bits > 8
+    if not deep and (kind.startswith(("yuv", "gray", "nv")) and "p" in kind + "p"):
+        plane = frame.planes[0]
+        rows = np.frombuffer(plane, dtype=np.uint8).reshape(-1, plane.line_size)
+        return rows[: frame.height, : frame.width].copy()
+    if kind.startswith("rgb") or kind.startswith("bgr") or kind.startswith("gbr"):
+        return np.asarray(cv2.cvtColor(frame.to_ndarray(format="rgb24"), cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    return np.asarray(frame.to_ndarray(format="gray16le" if deep else "gray"))
+
+
+def open_films(
+    given: Sequence[Path], cameras: Sequence[Camera], *, offset_frames: Sequence[int] | None = None
+) -> Films:
+    """Open the films of a rig and check that they fit its calibration.
+
+    Args:
+        given: A film or a folder of pictures a camera, in the order of the cameras; or one folder that holds just
+            these. Files named as the cameras are put into their order.
+        cameras: The C cameras.
+        offset_frames: Frame of the film minus frame of the tracks, one for each camera; None: all 0.
+
+    Raises:
+        MocapError: not one film a camera, or films of other sizes, with what fits.
+    """
+    paths = _listed(given)
+    if len(paths) != len(cameras):
+        raise MocapError(
+            f"`films`: {len(paths)} films ({', '.join(p.name for p in paths)}) for {len(cameras)} cameras "
+            f"({', '.join(c.name for c in cameras)}): give one for each camera, in the order of the cameras"
+        )
+    by_name = {path.stem: path for path in paths}
+    if {camera.name for camera in cameras} == set(by_name):
+        paths = [by_name[camera.name] for camera in cameras]
+    movies = tuple(open_movie(path) for path in paths)
+    for camera, movie in zip(cameras, movies, strict=True):
+        if camera.size_px is not None and tuple(camera.size_px) != movie.size_px:
+            fits = [c.name for c in cameras if c.size_px is not None and tuple(c.size_px) == movie.size_px]
+            said = f"it fits {', '.join(fits)}" if fits else "it fits no camera of this calibration"
+            raise MocapError(
+                f"`films`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]} px, but camera {camera.name} "
+                f"was calibrated at {camera.size_px[0]} x {camera.size_px[1]}: {said}; give the films in the order of "
+                "the cameras, uncropped, or calibrate the cropped window"
+            )
+    offsets = tuple(offset_frames) if offset_frames else (0,) * len(movies)
+    if len(offsets) == 1:
+        offsets = offsets * len(movies)
+    if len(offsets) != len(movies):
+        raise MocapError(f"`offset_frames`: {len(offsets)} offsets for {len(movies)} films: give one for each")
+    ends = sorted((m.n_frames - o for m, o in zip(movies, offsets, strict=True)), reverse=True)
+    return Films(movies=movies, offset_frames=offsets, n_frames=max(ends[1], 0))
+
+
+def _listed(given: Sequence[Path]) -> list[Path]:
+    if len(given) == 1 and given[0].is_dir():
+        inside = sorted((p for p in given[0].iterdir() if not p.name.startswith(".")), key=by_number)
+        films = [p for p in inside if p.is_dir() or p.suffix.lower() not in PICTURES]
+        return films or list(given)
+    return list(given)
+
+
+def check_order(cameras: Sequence[Camera], uv_px: Array, movies: Sequence[Movie], *, sd_px: float = 1.5) -> None:
+    """Refuse films whose clicks do not meet in space, with the order of the cameras in which they do.
+
+    Args:
+        cameras: The C cameras.
+        uv_px: (C, N, 2) clicks as recorded; NaN where not clicked.
+        movies: Films of the cameras.
+        sd_px: Error of a click.
+
+    Raises:
+        CalibrationError: rays of the same marker pass each other by more than clicks can explain.
+    """
+    both = np.isfinite(uv_px[..., 0]).sum(axis=0) >= 2
+    if not both.any():
+        return
+    found = _misfit(cameras, uv_px[:, both])
+    if not found > _MISFIT * sd_px:
+        return
+    orders = list(permutations(range(len(cameras)))) if len(cameras) <= _MOST_CAMERAS else _swaps(len(cameras))
+    tried = [(_misfit([cameras[i] for i in order], uv_px[:, both]), order) for order in orders]
+    best, order = min((misfit, order) for misfit, order in tried if np.isfinite(misfit))
+    if best < min(_MISFIT * sd_px, 0.3 * found):
+        pairs = ", ".join(f"{m.path.name}: {cameras[i].name}" for m, i in zip(movies, order, strict=True))
+        raise CalibrationError(
+            f"the films are not in the order of the calibration: the rays of the clicks miss each other by {found:.1f} "
+            f"px; in the order {pairs} it is {best:.1f} px"
+        )
+    raise CalibrationError(
+        f"the clicks do not fit the calibration: their rays miss each other by {found:.1f} px (median), in no order of "
+        f"the cameras by less than {best:.1f}: check that it is the calibration of these films, that they are in step "
+        "(`offset_frames`), and that the clicks count rows from the upper left corner"
+    )
+
+
+def _swaps(n: int) -> list[tuple[int, ...]]:
+    out = []
+    for i in range(n):
+        for j in range(i + 1, n):
+            order = list(range(n))
+            order[i], order[j] = j, i
+            out.append(tuple(order))
+    return out
+
+
+def _misfit(cameras: Sequence[Camera], uv_px: Array) -> float:
+    """Median residual in pixels of points that two or more cameras see."""
+    ideal, matrices = undistorted(cameras, uv_px), stacked(cameras)
+    xyz_m = triangulate.linear(matrices, ideal)
+    residual = triangulate.residual_px(matrices, ideal, xyz_m)
+    return float(np.nanmedian(residual)) if np.isfinite(residual).any() else np.inf

@@ -1,0 +1,78 @@
+"""Motion of markers on their own: constant acceleration with white jerk, all markers of a frame at once.
+
+The time unit is the frame. A state is [position, velocity, acceleration] in metres, m / frame and m / frame^2.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+
+_ONE = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
+STEP = np.kron(_ONE, np.eye(3))
+"""(9, 9) transition from one frame to the next."""
+_JERK = np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
+JERK = np.kron(_JERK, np.eye(3))
+"""(9, 9) covariance that white jerk of unit density adds in a frame."""
+REVERSED = np.repeat([1.0, -1.0, 1.0], 3)
+"""(9,) signs of a state that runs backward."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Markers at an instant.
+
+    Attributes:
+        x: (M, 9) states.
+        cov: (M, 9, 9) covariances.
+    """
+
+    x: Array
+    cov: Array
+
+    @property
+    def xyz_m(self) -> Array:
+        """(M, 3) positions."""
+        return self.x[:, :3]
+
+    @property
+    def cov_m2(self) -> Array:
+        """(M, 3, 3) their covariances."""
+        return self.cov[:, :3, :3]
+
+    def turned(self) -> "State":
+        """The same, for time that runs backward."""
+        return State(self.x * REVERSED, self.cov * REVERSED[:, None] * REVERSED)
+
+    def looser(self, factor: float) -> "State":
+        """With covariances multiplied."""
+        return State(self.x, self.cov * factor)
+
+
+def predicted(state: State, density: Array) -> State:
+    """A frame later; ``density`` (M,) of the jerk in m^2 / frame^5."""
+    return State(state.x @ STEP.T, STEP @ state.cov @ STEP.T + density[:, None, None] * JERK)
+
+
+def positioned(state: State, xyz_m: Array, cov_m2: Array, which: NDArray[np.bool_]) -> State:
+    """The state when positions are known as they are after an update: (M, 3), (M, 3, 3), for markers (M,) of bool.
+
+    With the gain B = C_xp C_pp^-1 of the state on its position, x = x + B (p' - p), C = C + B (C_pp' - C_pp) B^T.
+    """
+    x, cov = state.x.copy(), state.cov.copy()
+    before = cov[which][:, :3, :3]
+    gain = np.swapaxes(np.linalg.solve(before, cov[which][:, :3, :]), 1, 2)
+    x[which] += np.einsum("mij,mj->mi", gain, xyz_m[which] - x[which, :3])
+    cov[which] += gain @ (cov_m2[which] - before) @ np.swapaxes(gain, 1, 2)
+    return State(x, 0.5 * (cov + np.swapaxes(cov, 1, 2)))
+
+
+def fused(a: State, b: State) -> State:
+    """Two independent opinions on the same states as one (the two-filter smoother; Fraser & Potter 1969)."""
+    total = a.cov + b.cov
+    gain = np.swapaxes(np.linalg.solve(total, a.cov), 1, 2)
+    x = a.x + np.einsum("mij,mj->mi", gain, b.x - a.x)
+    cov = a.cov - gain @ a.cov
+    return State(x, 0.5 * (cov + np.swapaxes(cov, 1, 2)))

@@ -1,0 +1,193 @@
+"""One frame: dots named about a prediction, by windows, by rays that meet, by bones and by the pose."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.digitising.meeting import Lengths, meetings, name_points, violated
+from mocap.digitising.motion import State, positioned
+from mocap.digitising.naming import GATE, Named, name_dots, seen_from, window_cov
+from mocap.digitising.pose import PoseGaussian
+
+_POSE_COUNTS = 1 / 6
+"""What the other markers tell of one that is not seen errs alike for about so many frames."""
+
+
+@dataclass(eq=False)
+class Observer:
+    """How the dots of a frame are named.
+
+    Attributes:
+        matrices: (C, 3, 4) projections.
+        lengths: Lengths of the rigid bones, as far as they are known.
+        measured: (B,) frames that each was measured in.
+        length_m: Length of the animal.
+        sd_px: Standard deviation of a dot's coordinate.
+        radius_px: Radius of a dot.
+        poses: How the animal moves; None: not known.
+    """
+
+    matrices: Array
+    lengths: Lengths
+    measured: NDArray[np.int64]
+    length_m: float = 1.0
+    sd_px: float = 0.4
+    radius_px: float = 3.0
+    poses: PoseGaussian | None = None
+
+    def observed(self, ideal: Array, clicked: Array, state: State) -> tuple[Named, State]:
+        """Name the dots of a frame about a prediction.
+
+        Args:
+            ideal: (C, K, 2) ideal pixels of its dots; NaN: fewer.
+            clicked: (C, M, 2) ideal pixels of its clicks; NaN: none.
+            state: Prediction.
+
+        Returns:
+            What it shows, and the state after it.
+        """
+        known, clicks = self.known(ideal, clicked)
+        sd_px = self.deviations(ideal)
+        naming = partial(name_dots, self.matrices, ideal, sd_px=sd_px, reach_px=2.2 * self.radius_px, clicks=clicks)
+        named = naming(state.xyz_m, state.cov_m2, known=known)
+        named = self._by_bones(named, state)
+        guess = None
+        lost = named.rays == 0
+        if lost.any() and self.poses is not None:
+            guess = self.poses.given(named.xyz_m, named.rays >= 2)
+        if guess is not None:
+            better = lost & (np.trace(guess[1], axis1=1, axis2=2) < 4 * np.trace(state.cov_m2, axis1=1, axis2=2))
+            xyz, cov = _weighted(state.xyz_m, state.cov_m2, guess[0], guess[1] / _POSE_COUNTS, better)
+            state = positioned(state, xyz, cov, better)
+        if lost.any():
+            state = self._within_bones(state, named)
+        if (named.rays < 2).any():
+            found = self._meeting(ideal, state, named)
+            if found is not None:
+                known = np.where(known >= 0, known, found)
+                named = naming(state.xyz_m, state.cov_m2, known=known)
+                named = self._by_bones(named, state)
+        return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
+
+    def deviations(self, ideal: Array) -> Array:
+        """(C, K) standard deviation of a coordinate of each dot: dots near each other pull each other."""
+        if not ideal.shape[1]:
+            return np.zeros(ideal.shape[:2])
+        away = np.linalg.norm(ideal[:, :, None] - ideal[:, None], axis=-1)
+        i = np.arange(ideal.shape[1])
+        away[:, i, i] = np.inf
+        nearest = np.nan_to_num(away, nan=np.inf).min(axis=2)
+        return self.sd_px * np.where(
+            nearest < 3 * self.radius_px, 3.0, np.where(nearest < 4 * self.radius_px, 2.0, 1.0)
+        )
+
+    def _meeting(self, ideal: Array, state: State, named: Named) -> NDArray[np.int64] | None:
+        """(C, M) dots of markers that were found where rays of unnamed dots meet; None: there are none."""
+        wanted = np.flatnonzero(named.rays < 2)
+        free = np.isfinite(ideal[..., 0])
+        for c in range(len(free)):
+            dots = named.dot[c][named.rays >= 2]
+            free[c, dots[dots >= 0]] = False
+        uv, jacobian = seen_from(self.matrices, state.xyz_m[wanted])
+        s = window_cov(jacobian, state.cov_m2[wanted], self.sd_px)
+        away = ideal[:, :, None] - uv[:, None]
+        with np.errstate(invalid="ignore"):
+            near = np.einsum("ckmi,cmij,ckmj->ckm", away, np.linalg.inv(s), away) < GATE
+        free &= near.any(axis=2)
+        # a dot where a marker is that is known belongs to that one, though it may be unsure in this camera
+        others = np.flatnonzero(named.rays >= 2)
+        taken, _ = seen_from(self.matrices, named.xyz_m[others])
+        with np.errstate(invalid="ignore"):
+            free &= ~(np.linalg.norm(ideal[:, :, None] - taken[:, None], axis=-1) < max(2.0, 5 * self.sd_px)).any(
+                axis=2
+            )
+        points, made = meetings(self.matrices, ideal, free, sd_px=self.sd_px)
+        error_m = self.sd_px / float(np.nanmedian(np.linalg.norm(jacobian, axis=(-2, -1))) / np.sqrt(2))
+        pairs = name_points(
+            points, made, wanted, state.xyz_m, state.cov_m2, named.rays >= 2, self.lengths, error_m=error_m
+        )  # fmt: skip
+        if not pairs:
+            return None
+        found = named.dot.copy()
+        found[:, named.rays < 2] = -1
+        for marker, point in pairs:
+            found[:, marker] = made[point]
+        return found
+
+    def _by_bones(self, named: Named, state: State) -> Named:
+        """Without the names of markers whose bones are too long or too short; the one moved by more loses its."""
+        wrong = np.zeros(len(named.rays), dtype=bool)
+        both = named.rays >= 1
+        for a, b in violated(named.xyz_m, named.cov_m2, self.lengths):
+            if not (both[a] and both[b]):
+                continue
+            far = [np.nan_to_num(named.surprise[m], nan=50.0) / named.rays[m] for m in (a, b)]
+            wrong[b if far[1] >= far[0] else a] = True
+        if not wrong.any():
+            return named
+        dot, rays = named.dot.copy(), named.rays.copy()
+        dot[:, wrong], rays[wrong] = -1, 0
+        xyz, cov = named.xyz_m.copy(), named.cov_m2.copy()
+        xyz[wrong], cov[wrong] = state.xyz_m[wrong], state.cov_m2[wrong]
+        surprise = np.where(wrong, np.nan, named.surprise)
+        return Named(dot, xyz, cov, named.doubtful | wrong, surprise, rays)
+
+    def _within_bones(self, state: State, named: Named) -> State:
+        """A marker that is not found is no farther from its neighbours than their bones are long."""
+        xyz, cov = state.xyz_m.copy(), state.cov_m2.copy()
+        changed = np.zeros(len(xyz), dtype=bool)
+        found = named.rays >= 1
+        for (a, b), long in zip(self.lengths.ends, self.lengths.length_m, strict=True):
+            for lost, other in ((a, b), (b, a)):
+                if found[lost] or not found[other] or not np.isfinite(long) or changed[lost]:
+                    continue
+                if np.trace(cov[lost]) > long**2:
+                    out = xyz[lost] - named.xyz_m[other]
+                    size = max(float(np.linalg.norm(out)), 1e-9)
+                    xyz[lost] = named.xyz_m[other] + out * min(1.0, long / size)
+                    cov[lost] = named.cov_m2[other] + np.eye(3) * long**2 / 3
+                    changed[lost] = True
+        return positioned(state, xyz, cov, changed) if changed.any() else state
+
+    def measure_bones(self, named: Named) -> None:
+        """Running mean of the lengths of the rigid bones whose ends are named."""
+        a, b = self.lengths.ends.T
+        both = (named.rays[a] >= 2) & (named.rays[b] >= 2)
+        long = np.linalg.norm(named.xyz_m[a] - named.xyz_m[b], axis=1)
+        self.measured = self.measured + both
+        share = 1 / np.clip(self.measured, 1, 100)
+        mean = np.where(np.isnan(self.lengths.length_m), long, self.lengths.length_m)
+        error = np.where(both, long - mean, 0.0)
+        # 3 % at first, as if from five measurements
+        sd = np.where(np.isnan(self.lengths.sd_m), 0.03 * long, self.lengths.sd_m)
+        share_sd = 1 / np.clip(self.measured + 5, 6, 100)
+        sd = np.where(both, np.sqrt(np.maximum(sd**2 + (error**2 - sd**2) * share_sd, 0.0)), sd)
+        mean = mean + error * share
+        known = self.measured > 0
+        least = 2e-3 * self.length_m
+        self.lengths = Lengths(self.lengths.ends, np.where(known, mean, np.nan), np.maximum(np.nan_to_num(sd), least))
+
+    def known(self, ideal: Array, clicked: Array) -> tuple[NDArray[np.int64], Array]:
+        """Dots that clicks name (C, M), and ideal places of clicks where there is no dot (C, M, 2)."""
+        known, at = np.full(clicked.shape[:2], -1), clicked.copy()
+        reach = max(4.0, 1.5 * self.radius_px)
+        for c, m in np.argwhere(np.isfinite(at[..., 0])):
+            away = np.linalg.norm(ideal[c] - at[c, m], axis=-1)
+            if len(away) and np.nanmin(away, initial=np.inf) < reach:
+                k = int(np.nanargmin(away))
+                if k not in known[c]:
+                    known[c, m] = k
+                    at[c, m] = np.nan
+        return known, at
+
+
+def _weighted(a: Array, a_cov: Array, b: Array, b_cov: Array, which: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Two opinions on positions as one, for some markers; the others stay."""
+    xyz, cov = a.copy(), a_cov.copy()
+    gain = np.swapaxes(np.linalg.solve(a_cov[which] + b_cov[which], a_cov[which]), 1, 2)
+    xyz[which] += np.einsum("mij,mj->mi", gain, b[which] - a[which])
+    cov[which] -= gain @ a_cov[which]
+    return xyz, 0.5 * (cov + np.swapaxes(cov, 1, 2))

@@ -1,0 +1,139 @@
+"""Where a marker is by the markers that are seen: a Gaussian of poses, moved and turned onto them."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.subspace import principal_components
+from mocap.arrays import Array
+from mocap.body import nearest_rotation, trunk_shape
+
+LEAST = 4
+"""No pose is turned onto fewer markers."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGaussian:
+    """Poses y = mean + loading z + noise, z ~ N(0, I), in the frame of the trunk.
+
+    Attributes:
+        mean: (M, 3) mean pose.
+        loading: (M, 3, r) loadings.
+        noise_m2: Variance of a coordinate about them.
+        left_m2: (M,) variance of a coordinate of a marker by which it was missed in poses that were not learned from.
+        trunk: (M,) True for markers that the frame is turned onto first.
+    """
+
+    mean: Array
+    loading: Array
+    noise_m2: float
+    left_m2: Array
+    trunk: NDArray[np.bool_]
+
+    def given(self, xyz_m: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array] | None:
+        """All markers of a frame given those that are seen: positions (M, 3) and covariances (M, 3, 3).
+
+        The conditional Gaussian z | seen, in turn with the rigid motion that brings the pose nearest to what is seen
+        (Kabsch 1976).
+
+        Args:
+            xyz_m: (M, 3) positions in the world.
+            seen: (M,) True where they are known.
+
+        Returns:
+            None: too few markers are seen.
+        """
+        if seen.sum() < LEAST:
+            return None
+        rank = self.loading.shape[2]
+        w, y = self.loading[seen].reshape(-1, rank), xyz_m[seen]
+        information = np.eye(rank) + w.T @ w / self.noise_m2
+        spread = np.linalg.inv(information)
+        shape = self.mean
+        use = seen & self.trunk if (seen & self.trunk).sum() >= LEAST else seen
+        rotation, shift = np.eye(3), np.zeros(3)
+        for turn in range(3):
+            rotation, shift = rigid(shape[use], xyz_m[use])
+            body = (y - shift) @ rotation
+            z = spread @ (w.T @ (body - self.mean[seen]).ravel()) / self.noise_m2
+            shape = self.mean + self.loading @ z
+            use = seen if turn == 0 else use
+        cov = self.loading @ spread @ np.swapaxes(self.loading, 1, 2) + self.left_m2[:, None, None] * np.eye(3)
+        return shape @ rotation.T + shift, rotation @ cov @ rotation.T
+
+
+def rigid(a: Array, b: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and shift (3,) that bring (N, 3) points a nearest to b: b ~ a R^T + shift."""
+    ma, mb = a.mean(axis=0), b.mean(axis=0)
+    rotation = nearest_rotation(((b - mb).T @ (a - ma))[None])[0]
+    return rotation, mb - rotation @ ma
+
+
+def fit_poses(
+    xyz_m: Array, trunk: Sequence[int], *, rank: int = 10, most: int = 400, least_sd_m: float = 0.0
+) -> PoseGaussian | None:
+    """Learn a Gaussian of poses.
+
+    Args:
+        xyz_m: (T, M, 3) positions, of one recording or of several on end; NaN where not seen.
+        trunk: Indices of the trunk's markers; none: all.
+        rank: Greatest number of components.
+        most: Greatest number of frames that are used, evenly chosen.
+        least_sd_m: The noise is taken to be at least that.
+
+    Returns:
+        None: too few frames show enough of the animal.
+    """
+    seen = np.isfinite(xyz_m[..., 0])
+    body = np.zeros(seen.shape[1], dtype=bool)
+    body[list(trunk) if len(trunk) >= LEAST else slice(None)] = True
+    usable = np.flatnonzero((seen[:, body].sum(axis=1) >= LEAST) & (seen.mean(axis=1) > 0.5))
+    if len(usable) < 8 or not seen[usable].any(axis=0).all():
+        return None
+    usable = usable[np.unique(np.linspace(0, len(usable) - 1, min(most, len(usable))).astype(int))]
+    points = xyz_m[usable]
+    end = max(6, 2 * len(points) // 3)
+    first = _fitted(points[:end], body, rank, least_sd_m)
+    # each marker of later poses is hidden in turn: what has not been seen before is missed by more
+    squares = np.full((len(points) - end, points.shape[1]), np.nan)
+    later = points[end:][:: max(1, (len(points) - end) // 12)]
+    for row, pose in enumerate(later):
+        there = np.isfinite(pose[:, 0])
+        for m in np.flatnonzero(there):
+            found = first.given(pose, there & (np.arange(len(pose)) != m))
+            if found is not None:
+                squares[row, m] = np.mean((found[0][m] - pose[m]) ** 2)
+    whole = _fitted(points, body, rank, least_sd_m)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of markers that no later pose shows
+        missed = np.nanmean(squares, axis=0)
+    usual = float(np.nanmean(squares)) if np.isfinite(squares).any() else 4 * whole.noise_m2
+    return replace(whole, left_m2=np.maximum(2.0 * np.where(np.isfinite(missed), missed, 2 * usual), whole.noise_m2))
+
+
+def _fitted(points: Array, body: NDArray[np.bool_], rank: int, least_sd_m: float) -> PoseGaussian:
+    seen = np.isfinite(points[..., 0])
+    shape = trunk_shape(points[:, body])
+    y = np.full(points.shape, np.nan)
+    for frame, there in enumerate(seen):
+        rotation, shift = rigid(shape[there[body]], points[frame, body & there])
+        y[frame] = (points[frame] - shift) @ rotation
+    rank = max(1, min(rank, len(y) // 4))
+    found = principal_components(y.reshape(len(y), -1), rank, iterations=15)
+    loading = (found.loading @ _root(found.scores)).reshape(*shape_of(y), rank)
+    noise = max(2.0 * found.noise, least_sd_m**2)
+    return PoseGaussian(found.mean.reshape(-1, 3), loading, noise, np.full(points.shape[1], noise), body)
+
+
+def shape_of(y: Array) -> tuple[int, int]:
+    """(M, 3) of poses (T, M, 3)."""
+    return y.shape[1], y.shape[2]
+
+
+def _root(scores: Array) -> Array:
+    """(r, r) square root of the second moment of scores."""
+    values, vectors = np.linalg.eigh(scores.T @ scores / len(scores))
+    return vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T

@@ -1,0 +1,225 @@
+"""Digitise films: from a few clicks to named pixels and positions with intervals."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from filters.model import LearnedModel
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera, check_cameras
+from mocap.digitising.asking import Question, pixel_sd, questions
+from mocap.digitising.clicks import Click, places, read_clicks
+from mocap.digitising.engine import Engine, Progress
+from mocap.digitising.films import check_order, open_films
+from mocap.digitising.pose import PoseGaussian, fit_poses
+from mocap.digitising.write import Report, named_pixels, report_of, write_digitised
+from mocap.errors import FormatError, MocapError
+from mocap.io.output import result_folder
+from mocap.io.profile import with_profile
+from mocap.io.registry import as_table, read
+from mocap.library.learning import Model
+from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.skeleton import Skeleton, read_skeleton
+
+PathText = str | PathLike[str]
+ERROR_PX = 1.0
+
+
+@dataclass(eq=False)
+class Digitised:
+    """Films that were digitised; ``click`` goes on.
+
+    Attributes:
+        engine: Dots, names, positions and clicks.
+        fps: Frames a second.
+        error_px: Standard deviation in pixels above which clicks are asked for.
+        refused: Camera, frame and marker of questions that were answered by: not to be seen.
+    """
+
+    engine: Engine
+    fps: float
+    error_px: float
+    refused: set[tuple[int, int, int]]
+
+    @property
+    def pixels(self) -> PixelTracks:
+        """What was clicked or found and named; NaN where the marker is not seen, or not surely."""
+        return named_pixels(self.engine, self.fps)
+
+    @property
+    def points(self) -> MarkerTracks:
+        """Positions of all markers with covariance; ``smoothed`` where fewer than two cameras show the marker."""
+        tracks = self.engine.tracks
+        known = np.isfinite(tracks.xyz_m[..., 0])
+        status = np.where(tracks.rays >= 2, Status.MEASURED, np.where(known, Status.SMOOTHED, Status.MISSING))
+        t_s = np.arange(len(known)) / self.fps
+        return MarkerTracks(names=self.engine.names, t_s=t_s, xyz_m=tracks.xyz_m, cov_m2=tracks.cov_m2, status=status)
+
+    @property
+    def report(self) -> Report:
+        """What was found, as numbers."""
+        return report_of(self.engine, self.error_px)
+
+    @property
+    def sd_px(self) -> Array:
+        """(T, M) standard deviation of each marker in the picture that knows it least."""
+        return pixel_sd(self.engine)
+
+    def questions(self, most: int = 40) -> list[Question]:
+        """The next clicks to make, the most useful first."""
+        return questions(self.engine, error_px=self.error_px, most=most, refused=frozenset(self.refused))
+
+    def click(self, clicks: Sequence[Click]) -> tuple[int, int] | None:
+        """Take clicks, also corrections; only the frames about them are named again, and are returned (from 0)."""
+        for click in clicks:
+            if click.uv_px is None:
+                self.refused.add((click.camera, click.frame, click.marker))
+        return self.engine.rerun(clicks) if clicks else None
+
+    def ask(self, answer: Callable[[Question], tuple[float, float] | None], *, budget: int) -> int:
+        """Ask for clicks until all is known well enough, or the budget is used up; how many were made.
+
+        Args:
+            answer: Place as recorded (the first pixel at (1, 1)), or None where the marker cannot be seen.
+            budget: Greatest number of clicks.
+        """
+        for made in range(budget):
+            todo = self.questions(1)
+            if not todo:
+                return made
+            asked = todo[0]
+            place = answer(asked)
+            self.click([Click(camera=asked.camera, frame=asked.frame, marker=asked.marker, uv_px=place)])
+        return budget
+
+    def save(self, folder: PathText, *, overwrite: bool = False) -> None:
+        """Write tables in DLTdv's format, the calibration, the clicks, what is asked next, and a report.
+
+        Raises:
+            OutputError: it cannot be written there.
+        """
+        with result_folder(Path(folder), "digitise", replace=overwrite) as draft:
+            self.write(draft)
+
+    def write(self, folder: Path, *, most: int = 40) -> None:
+        """Write the files of ``save`` into a folder that ``mocap.io.output.result_folder`` gives."""
+        write_digitised(folder, self.engine, self.pixels, self.points, self.report, self.questions(most))
+
+
+def digitise(
+    films: PathText | Sequence[PathText],
+    *,
+    calibration: PathText,
+    skeleton: PathText | Skeleton,
+    start: PathText | Sequence[Click],
+    model: PathText | Model | None = None,
+    profile: PathText | None = None,
+    fps: float | None = None,
+    offset_frames: Sequence[int] | None = None,
+    error_px: float = ERROR_PX,
+    progress: Progress = lambda _stage, _share: None,
+) -> Digitised:
+    """Find and name markers in the films of calibrated cameras.
+
+    In each frame a filter predicts where every marker is, with its covariance; dots are looked for in these windows of
+    all pictures, and are named together: by the predicted covariance, by rays that meet, by the lengths of the bones,
+    and by the pose. A second pass backward decides what a crossing left open. What is not sure is left unnamed, and the
+    next click that removes most variance can be asked for (``questions``, ``ask``).
+
+    Args:
+        films: A film or folder of pictures for each camera, in the order of the cameras; or a folder of them.
+        calibration: Cameras, in any format that mocap knows; pixels count rows from the upper left corner.
+        skeleton: Skeleton TOML, or a skeleton: markers, rigid bones, trunk.
+        start: First clicks: a file of pixels (DLTdv's xypts, ...) or clicks; each marker in two cameras in one frame.
+        model: A file of ``mocap learn``, or a model: poses of other recordings tell where hidden markers are.
+        profile: Camera profile with the lenses.
+        fps: Frames a second; None: as the first film says.
+        offset_frames: Frame of each film minus frame of the tracks.
+        error_px: Clicks are asked for where a marker is known worse than that, in pixels.
+        progress: Called with a stage and the share of it that is done.
+
+    Raises:
+        MocapError: the films do not fit the calibration (number, size, order), or there are no clicks to begin with.
+        FormatError: a file cannot be read.
+        SkeletonError: the skeleton cannot be read.
+    """
+    cameras = cameras_of(Path(calibration), None if profile is None else Path(profile))
+    given = [films] if isinstance(films, (str, PathLike)) else list(films)
+    opened = open_films([Path(film) for film in given], cameras, offset_frames=offset_frames)
+    known = skeleton if isinstance(skeleton, Skeleton) else read_skeleton(Path(skeleton))
+    if isinstance(start, (str, PathLike)):
+        clicks = read_clicks(Path(start), known, n_cameras=len(cameras), n_frames=opened.n_frames)
+    else:
+        clicks = list(start)
+    shape = (len(cameras), opened.n_frames, len(known.markers))
+    check_clicks(clicks, shape)
+    frames = sorted({click.frame for click in clicks})
+    table = places(clicks, shape)[:, frames]
+    check_order(cameras, table.reshape(len(cameras), -1, 2), opened.movies)
+    poses = None if model is None else poses_of_model(model, known)
+    engine = Engine(films=opened, cameras=cameras, skeleton=known, poses=poses, clicks=clicks)
+    engine.decode(progress=progress)
+    refused = {(c.camera, c.frame, c.marker) for c in clicks if c.uv_px is None}
+    rate = fps or opened.movies[0].fps
+    if rate is None:
+        raise MocapError("the frame rate is in no film: give `fps`")
+    return Digitised(engine, float(rate), error_px, refused)
+
+
+def check_clicks(clicks: Sequence[Click], shape: tuple[int, int, int]) -> None:
+    """Refuse clicks outside of cameras, frames and markers.
+
+    Raises:
+        MocapError: one is, or there are none.
+    """
+    if not clicks:
+        raise MocapError("`start`: there are no clicks: click each marker in two or more films of one frame")
+    for click in clicks:
+        place = (click.camera, click.frame, click.marker)
+        if not all(0 <= i < n for i, n in zip(place, shape, strict=True)):
+            raise MocapError(
+                f"`start`: a click in camera {click.camera + 1}, frame {click.frame + 1}, marker {click.marker + 1}, "
+                f"but there are {shape[0]} cameras, {shape[1]} frames and {shape[2]} markers"
+            )
+
+
+def cameras_of(calibration: Path, profile: Path | None) -> tuple[Camera, ...]:
+    """Cameras of a calibration in any format.
+
+    Raises:
+        FormatError: it holds none.
+        CalibrationError: they are impossible.
+    """
+    contents = read(calibration)
+    if not contents.cameras:
+        raise FormatError(f"{calibration.name}: contains no cameras ({contents.format}): give a calibration")
+    cameras = contents.cameras
+    check_cameras(cameras, calibration.name)
+    if profile is not None:
+        with as_table(profile) as (table, _):
+            cameras = with_profile(cameras, table)
+    return tuple(cameras)
+
+
+def poses_of_model(model: PathText | Model, skeleton: Skeleton) -> PoseGaussian | None:
+    """The poses of the trials of a learned model, for the markers of a skeleton.
+
+    Raises:
+        MocapError: the model lacks a marker.
+    """
+    from mocap.library.learning import load_model
+
+    learned: LearnedModel = (model if isinstance(model, Model) else load_model(model)).learned
+    missing = [name for name in skeleton.markers if name not in learned.names]
+    if missing:
+        raise MocapError(
+            f"`model`: it does not know {', '.join(missing[:6])}: name markers alike in model and skeleton, or leave "
+            "the model out"
+        )
+    index = [learned.names.index(name) for name in skeleton.markers]
+    xyz = np.concatenate([trial.xyz_m[:, index] for trial in learned.trials])
+    trunk = [skeleton.markers.index(name) for name in (skeleton.trunk or learned.trunk) if name in skeleton.markers]
+    return fit_poses(xyz, trunk)

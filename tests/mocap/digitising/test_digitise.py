@@ -1,0 +1,192 @@
+"""From films and the clicks of one frame to named dots, against what the films were drawn from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import mocap as library
+from mocap.digitising.clicks import Click, read_clicks, write_clicks
+from mocap.errors import CalibrationError, MocapError
+from mocap.library.digitised import digitise
+from tests.mocap.digitising.filmed import NAMES, film
+
+HIDDEN = [(c, slice(15, 27), 5) for c in range(3)] + [(1, slice(5, 30), 0)]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """The hand is hidden from all cameras in frames 15 to 26, the nose from one for longer."""
+    return film(tmp_path_factory.mktemp("scene"), hide=HIDDEN)
+
+
+@pytest.fixture(scope="module")
+def result(scene):
+    return digitise(scene.folder / "films", start=scene.clicks(), **scene.arguments)
+
+
+def misses(result, scene):
+    """(C, T, M) distance in pixels of what was named from the truth; infinite where the film does not show it."""
+    found, true = result.pixels.uv_px, scene.uv_px
+    away = np.linalg.norm(found - np.where(np.isfinite(true), true, np.inf), axis=-1)
+    return np.where(np.isfinite(found[..., 0]), away, np.nan)
+
+
+def test_the_function_is_public():
+    assert library.digitise is digitise
+
+
+def test_names_are_right(result, scene):
+    """Nothing wrong is named, and 95 % of what is shown is named, to a fifth of a pixel; hands cross the body."""
+    away = misses(result, scene)
+    assert np.nanmax(away) < 2
+    assert np.sqrt(np.nanmean(away**2)) < 0.3
+    shown = np.isfinite(scene.uv_px[..., 0])
+    assert result.pixels.seen[shown].mean() > 0.93
+    assert not result.pixels.seen[~shown].any()
+
+
+def test_intervals_hold(result, scene):
+    """Of positions seen by two cameras 95 % intervals hold 90 to 100 %; they widen where the hand is hidden."""
+    points = result.points
+    sd = np.sqrt(np.einsum("tmii->tmi", points.cov_m2))
+    inside = np.abs(points.xyz_m - scene.xyz_m) < 1.96 * sd
+    assert 0.9 < inside[result.engine.tracks.rays >= 2].mean() <= 1
+    hand = NAMES.index("hand")
+    assert points.sd_m[20, hand] > 10 * np.median(points.sd_m[:, hand])
+    assert (np.abs(points.xyz_m - scene.xyz_m) < 4 * sd)[:, hand].all()
+
+
+def test_the_next_click_is_where_the_hand_is_hidden(result):
+    asked = result.questions()
+    assert asked
+    assert asked[0].marker == NAMES.index("hand")
+    assert 15 <= asked[0].frame <= 26
+    assert [q.removes_m2 for q in asked] == sorted((q.removes_m2 for q in asked), reverse=True)
+
+
+def test_answers_remove_variance_and_touch_only_their_frames(scene, tmp_path):
+    """Six clicks where nothing is shown (a person knows better) lower the variance; far frames keep their bytes."""
+    result = digitise(scene.folder / "films", start=scene.clicks(), **scene.arguments)
+    exact = film(tmp_path, 2).cameras
+    true = np.stack([c.lens.distort(c_uv) for c, c_uv in zip(exact, _ideal(exact, scene.xyz_m), strict=True)])
+    hand = NAMES.index("hand")
+    before, sd = result.engine.tracks.xyz_m.copy(), result.points.sd_m.copy()
+    asked = result.questions(1)[0]
+    touched = result.click([_answer(asked, true)])
+    assert touched is not None
+    outside = np.ones(len(before), dtype=bool)
+    outside[touched[0] : touched[1] + 1] = False
+    np.testing.assert_array_equal(result.engine.tracks.xyz_m[outside], before[outside])
+    made = result.ask(lambda q: tuple(true[q.camera, q.frame, q.marker]), budget=5)
+    assert 1 <= made <= 5
+    assert np.sum(result.points.sd_m[:, hand] ** 2) < 0.2 * np.sum(sd[:, hand] ** 2)
+    error = np.linalg.norm(result.points.xyz_m[15:27, hand] - scene.xyz_m[15:27, hand], axis=-1)
+    assert np.median(error) < 0.004
+
+
+def _ideal(cameras, xyz_m):
+    from mocap.cameras.camera import project, stacked
+
+    return project(stacked(cameras), xyz_m)
+
+
+def _answer(question, true):
+    return Click(
+        camera=question.camera,
+        frame=question.frame,
+        marker=question.marker,
+        uv_px=tuple(true[question.camera, question.frame, question.marker]),
+    )
+
+
+def test_not_to_be_seen_is_an_answer(scene):
+    """It is not asked again."""
+    result = digitise(scene.folder / "films", start=scene.clicks(), **scene.arguments)
+    asked = []
+
+    def blind(question):
+        asked.append((question.camera, question.frame, question.marker))
+
+    result.ask(blind, budget=4)
+    assert len(set(asked)) == len(asked) == 4
+
+
+def test_clicks_in_dltdv_format_come_back(scene, tmp_path):
+    """Written and read again, to the sixth decimal."""
+    clicks = scene.clicks(3)
+    path = tmp_path / "clicks_xypts.csv"
+    cameras = tuple(camera.name for camera in scene.cameras)
+    write_clicks(path, clicks, names=NAMES, cameras=cameras, n_frames=40, fps=100.0)
+    again = read_clicks(path, scene.skeleton, n_cameras=3, n_frames=40)
+    key = {(c.camera, c.frame, c.marker): c.uv_px for c in again}
+    assert len(again) == len(clicks)
+    for click in clicks:
+        np.testing.assert_allclose(key[click.camera, click.frame, click.marker], click.uv_px, atol=1e-6)
+
+
+def test_films_in_a_wrong_order_are_refused(scene):
+    """With the order in which the clicks meet."""
+    films = [scene.folder / "films" / name for name in ("cam2", "cam1", "cam3")]
+    swapped = [replace(c, camera={0: 1, 1: 0}.get(c.camera, c.camera)) for c in scene.clicks(cameras=(0, 1, 2))]
+    moved = [scene.folder / "films" / name for name in ("cam1", "cam2", "cam3")]
+    for path, name in zip(films, "abc", strict=True):
+        target = scene.folder / name
+        if not target.exists():
+            target.symlink_to(path)
+    del moved
+    with pytest.raises(CalibrationError, match=r"not in the order.*a: cam2, b: cam1, c: cam3"):
+        digitise([scene.folder / name for name in "abc"], start=swapped, **scene.arguments)
+
+
+def test_films_of_another_size_or_number_are_refused(scene, tmp_path):
+    other = film(tmp_path, 2)
+    for path in (other.folder / "films" / "cam2").iterdir():
+        import cv2
+
+        cv2.imwrite(str(path), cv2.imread(str(path))[:200])
+    with pytest.raises(MocapError, match="is 320 x 200 px, but camera cam2 was calibrated at 320 x 240: it fits no"):
+        digitise(other.folder / "films", start=other.clicks(), **other.arguments)
+    with pytest.raises(MocapError, match=r"2 films .* for 3 cameras"):
+        digitise([scene.folder / "films" / n for n in ("cam1", "cam2")], start=scene.clicks(), **scene.arguments)
+
+
+@pytest.mark.parametrize(
+    ("clicks", "said"),
+    [
+        ([], "there are no clicks"),
+        ([Click(camera=0, frame=99, marker=0, uv_px=(5.0, 5.0))], "frame 100"),
+        ([Click(camera=0, frame=0, marker=0, uv_px=(50.0, 50.0))], "no marker is clicked in two cameras"),
+    ],
+)
+def test_useless_clicks_are_refused(scene, clicks, said):
+    with pytest.raises(MocapError, match=said):
+        digitise(scene.folder / "films", start=clicks, **scene.arguments)
+
+
+def test_the_command_writes_what_the_library_finds(scene, result, mocap, tmp_path):
+    """DLTdv's tables, the questions, the calibration; a second run needs --force."""
+    cameras = tuple(camera.name for camera in scene.cameras)
+    start = tmp_path / "start_xypts.csv"
+    write_clicks(start, scene.clicks(), names=NAMES, cameras=cameras, n_frames=40, fps=100.0)
+    out, where = tmp_path / "out", scene.folder
+    options = ["--calibration", where / "calibration.toml", "--skeleton", where / "skeleton.toml", "--fps", 100]
+    command = ["digitise", where / "films", *options, "--start", start, "--budget", 3, "--out", out]
+    code, shown, said = mocap(*command)
+    assert code == 0, said
+    assert "clicks" in shown
+    table = pd.read_csv(out / "xypts.csv")
+    assert table.shape == (40, 7 * 3 * 2)
+    found = np.isfinite(table["back_cam1_X"].to_numpy())
+    np.testing.assert_allclose(table["back_cam1_X"], result.pixels.uv_px[0, :, 1, 0], atol=0.1)
+    assert found.mean() > 0.9
+    assert 1 <= len(pd.read_csv(out / "asked.csv")) <= 3
+    origin = pd.read_csv(out / "origin.csv")
+    assert origin["nose_cam1"].iloc[0] == "click"
+    assert origin["back_cam3"].iloc[20] == "dot"
+    assert mocap(*command)[0] == 1
+    code, _, said = mocap("track", out / "xypts.csv", "--calibration", out / "calibration.toml", "--fps", 100,
+                          "--skeleton", out / "skeleton.toml", "--no-validate", "--model", "constant_velocity",
+                          "--out", tmp_path / "tracked")  # fmt: skip
+    assert code == 0, said

@@ -1,0 +1,96 @@
+"""Dots to a fraction of a pixel, their look from clicks, and lenses by a table."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from datasets.rig import tunnel_cameras
+from mocap.digitising.dots import DotLook, find_dots, look_of
+from mocap.digitising.films import grey_levels
+from mocap.digitising.straight import straightening_of
+from mocap.io.film import pyav
+from tests.mocap.digitising.filmed import drawn
+
+
+@pytest.fixture(scope="module")
+def picture():
+    """A picture with 40 dots that are not near each other, and their places."""
+    rng = np.random.default_rng(1)
+    grid = np.stack(np.meshgrid(np.arange(30, 300, 35), np.arange(25, 225, 40)), axis=-1).reshape(-1, 2)
+    at = grid + rng.uniform(-5, 5, grid.shape)
+    return drawn(at, rng, 2.0), at - 1
+
+
+def test_look_is_that_of_the_dots(picture):
+    """Radius of 2.5 px within the steps of the scales, bright; of the negative picture dark."""
+    grey, at = picture
+    look = look_of([grey], [at + 0.7])
+    assert look is not None
+    assert look.bright
+    assert 1.5 <= look.radius_px <= 3.0
+    negative = look_of([255 - grey], [at])
+    assert negative is not None
+    assert not negative.bright
+    assert look_of([np.full_like(grey, 90)], [at]) is None
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_dots_are_where_they_were_drawn(picture, dtype):
+    """All of them, none twice, without bias, to a twentieth of a pixel: noise of 2 on contrast of 180."""
+    grey, at = picture
+    grey = grey.astype(dtype) * (256 if dtype == np.uint16 else 1)
+    look = look_of([grey], [at])
+    found = find_dots(grey, look)
+    away = cdist(found[:, :2], at)
+    assert len(found) == len(at)
+    error = (found[away.argmin(axis=0), :2] - at).ravel()
+    assert np.abs(error.mean()) < 0.02
+    assert error.std() < 0.06
+
+
+def test_a_window_is_a_part_of_the_picture(picture):
+    """Dots well inside of a window are those of the whole picture there."""
+    grey, _ = picture
+    look = DotLook(radius_px=2.5, bright=True, least=15.0)
+    whole = find_dots(grey, look)
+    part = find_dots(grey[40:200, 60:250], look, corner=(60, 40))
+    inside = part[(part[:, 0] > 75) & (part[:, 0] < 235) & (part[:, 1] > 55) & (part[:, 1] < 185)]
+    assert len(inside) > 10
+    assert cdist(inside[:, :2], whole[:, :2]).min(axis=1).max() < 0.01
+
+
+def test_the_table_is_the_lens():
+    """Bilinear in steps of 4 px: within a hundredth of a pixel of the lens's own inverse, all over the picture."""
+    camera = tunnel_cameras(2)[0]
+    rng = np.random.default_rng(0)
+    uv = rng.uniform(0, camera.size_px, (500, 2))
+    table = straightening_of(camera, camera.size_px)
+    assert np.abs(table(uv) - camera.lens.undistort(uv)).max() < 0.01
+
+
+@pytest.mark.parametrize("kind", ["gray", "yuv420p", "yuvj420p", "rgb24", "bgr24", "gray16le", "gray12le"])
+def test_grey_levels_of_every_film(kind):
+    """8 bits stay as they are, more become 16; colours by their luminance (within rounding of the conversion)."""
+    ramp = np.tile(np.arange(16, 232, 3, dtype=np.uint8), (36, 1))
+    library = pyav()
+    deep = "1" in kind
+    source = ramp.astype(np.uint16) * 257 if deep else ramp
+    frame = library.VideoFrame.from_ndarray(source, format="gray16le" if deep else "gray").reformat(format=kind)
+    got = grey_levels(frame).astype(float)
+    assert got.shape == ramp.shape
+    # limited range (16 to 235) squeezes by 219/255; what counts is that grey levels are linear
+    slope, offset = np.polyfit(ramp.ravel(), got.ravel(), 1)
+    scale = 256 if deep else 1
+    assert 0.8 * scale < slope < 1.2 * scale
+    assert np.abs(got - slope * ramp - offset).max() < 2 * scale
+
+
+def test_response_is_cv2_blurs():
+    """Of a single bright pixel it is the difference of two normalised Gaussians, whatever OpenCV's border does."""
+    grey = np.zeros((41, 41), dtype=np.uint8)
+    grey[20, 20] = 200
+    look = DotLook(radius_px=2.0, bright=True, least=1.0)
+    found = find_dots(grey, look)
+    assert cv2.countNonZero(grey) == 1
+    np.testing.assert_allclose(found[0, :2], [20, 20], atol=1e-6)

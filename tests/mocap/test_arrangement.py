@@ -1,0 +1,181 @@
+"""Mirrored axes, cameras in another order and shifted films are found and named; clean recordings are not accused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mocap.audit import alarms, audit_filmed, fit_findings
+from mocap.cameras.arrangement import ArrangementError, find_arrangement
+from mocap.cameras.camera import dlt_coefficients, record
+from mocap.cameras.origin import decide_origin
+from mocap.records import PixelTracks
+from tests.mocap.rigs import look_at, ring
+from tests.mocap.test_audit import moving
+from tests.real_data import real
+
+WIDTH, HEIGHT = 2048.0, 1024.0
+
+
+def scene(lens, seed=1, sized=False, noise=0.5):
+    """Four cameras that stand in no regular order, and pixels of a swimming body."""
+    rng = np.random.default_rng(seed)
+    cameras = []
+    for camera, position in zip(ring(4, lens=lens), rng.uniform([-2, -2, 0.3], [2, 2, 2.0], (4, 3)), strict=True):
+        position = 2.5 * position / np.linalg.norm(position)
+        intrinsic = np.array([[1200.0, 0, WIDTH / 2], [0, 1212.0, HEIGHT / 2], [0, 0, 1]])
+        turned = look_at(position)
+        matrix = intrinsic @ np.column_stack([turned, -turned @ position])
+        own = None if camera.lens is None else replace(camera.lens, centre_px=(WIDTH / 2, HEIGHT / 2))
+        size = (int(WIDTH), int(HEIGHT)) if sized else None
+        cameras.append(replace(camera, matrix=matrix, size_px=size, lens=own))
+    uv = record(cameras, moving(np.arange(200)))
+    return tuple(cameras), uv + rng.normal(0, noise, uv.shape)
+
+
+def mirrored(uv):
+    """Columns from the right in two of four cameras."""
+    uv[[0, 3], ..., 0] = WIDTH - uv[[0, 3], ..., 0]
+
+
+def upside_down(uv):
+    """Rows from below in one camera."""
+    uv[2, ..., 1] = HEIGHT - uv[2, ..., 1]
+
+
+def exchanged(uv):
+    """Two cameras in each other's place."""
+    uv[[1, 2]] = uv[[2, 1]]
+
+
+def moved_round(uv):
+    """Every camera in the place of the next."""
+    uv[:] = np.roll(uv, 1, axis=0)
+
+
+def below(uv):
+    """The films of two cameras stood below the others'."""
+    uv[[1, 2], ..., 1] += HEIGHT
+
+
+FAULTS = {
+    "mirrored": (mirrored, "mirrored pixels", {"cam1", "cam4"}, "u mirrored"),
+    "upside down": (upside_down, "mirrored pixels", {"cam3"}, "v flipped"),
+    "exchanged": (exchanged, "swapped cameras", {"cam2", "cam3"}, "pixels of 'cam2' with the calibration of 'cam3'"),
+    "moved round": (moved_round, "swapped cameras", {"cam1", "cam2", "cam3", "cam4"}, "another order"),
+    "below": (below, "shifted pixels", {"cam2", "cam3"}, "v -> v - "),
+}
+
+
+@pytest.mark.parametrize(
+    ("fault", "lens"), [*((fault, False) for fault in FAULTS), ("mirrored", True), ("exchanged", True)]
+)
+def test_what_was_done_to_the_pixels_is_named(fault, lens):
+    """With a lens or without, the size of pictures not known: the change, its cameras and both residuals.
+
+    Undone, rays meet as the noise lets them: the median of 4 cameras' residuals at 0.5 px is 0.45 px.
+    """
+    change, kind, names, words = FAULTS[fault]
+    cameras, uv = scene(lens)
+    assert find_arrangement(cameras, uv) is None
+    change(uv)
+    found = find_arrangement(cameras, uv)
+    assert found is not None
+    assert (found.kind, set(found.cameras)) == (kind, names)
+    assert words in found.describe()
+    assert found.undone_px == pytest.approx(0.45, abs=0.1)
+    assert found.residual_px > 5
+    with pytest.raises(ArrangementError, match=r"px as the files are"):
+        decide_origin(cameras, uv)
+
+
+def test_a_moved_camera_and_noise_are_no_arrangement():
+    """A camera that was turned, and 6 px of noise: no flip is blamed; rays that miss by far are warned of."""
+    cameras, uv = scene(False)
+    bent = uv.copy()
+    bent[1] += [25.0, -14.0]
+    assert find_arrangement(cameras, bent) is None
+    assert find_arrangement(*scene(False, noise=6.0)) is None
+    turned = uv + (0.6 * np.array([[30.0, -5], [-22, 18], [9, -33], [-28, 14]]))[:, None, None]
+    (found,) = alarms(fit_findings(cameras, turned))
+    assert found.kind == "large residual"
+    assert found.numbers["jitter_px"] == pytest.approx(0.5, abs=0.05)
+    (noisy,) = [fit_findings(*scene(False, noise=12.0))]
+    assert not noisy  # 12 px of clicks that are that careless are noise, not cameras
+
+
+def test_corners_that_differ_unstated_are_told_loudly():
+    """A picture height lets rows be flipped; a choice that nobody stated is an alarm, one that was stated is not."""
+    cameras, uv = scene(False)
+    uv[..., 1] = HEIGHT - uv[..., 1]
+    for stated in (False, True):
+        decision = decide_origin(
+            cameras,
+            uv,
+            origin="lower-left" if stated else None,
+            coefficients="upper-left" if stated else None,
+            height_px=HEIGHT,
+        )
+        flipped = uv * [1, -1] + [0, HEIGHT]
+        tracks = PixelTracks(
+            names=tuple("abcde"), cameras=tuple(c.name for c in cameras), t_s=np.arange(200.0), uv_px=uv
+        )
+        told = [f for f in alarms(audit_filmed(cameras, tracks, flipped, decision)) if f.kind == "pixel origin"]
+        assert bool(told) == (not stated)
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Pixels and coefficients of a rig as DLTdv writes them; two cameras mirrored."""
+    cameras, uv = scene(False)
+    mirrored(uv)
+    names = [f"pt{m + 1}_cam{c + 1}_{x}" for m in range(5) for c in range(4) for x in "XY"]
+    table = uv.transpose(1, 2, 0, 3).reshape(len(uv[0]), -1)
+    pixels, coefficients = tmp_path / "trial_xypts.csv", tmp_path / "trial_dltCoefs.csv"
+    np.savetxt(pixels, table, "%.6f", ",", header=",".join(names), comments="")
+    np.savetxt(coefficients, np.stack([dlt_coefficients(c) for c in cameras], axis=1), "%.12g", ",")
+    return pixels, coefficients
+
+
+def test_mirrored_files_are_refused_and_described(mocap, files, tmp_path):
+    """``triangulate`` writes nothing of them; ``info`` names the cameras, the formula, both residuals."""
+    pixels, coefficients = files
+    out = tmp_path / "x.csv"
+    code, _, err = mocap("triangulate", pixels, "--calibration", coefficients, "--out", out)
+    assert code == 1
+    assert not out.exists()
+    assert "u mirrored (u -> 20" in err
+    assert "'cam1', 'cam4'" in err
+    code, out, _ = mocap("info", pixels, coefficients)
+    assert code == 0
+    assert "u mirrored (u -> 20" in out
+
+
+def test_info_takes_the_corners_that_track_takes(mocap, files):
+    """What is stated is what is printed."""
+    pixels, coefficients = files
+    table = np.loadtxt(pixels, delimiter=",", skiprows=1).reshape(-1, 5, 4, 2)
+    table[:, :, [0, 3], 0] = WIDTH - table[:, :, [0, 3], 0]
+    header = pixels.read_text().splitlines()[0]
+    np.savetxt(pixels, table.reshape(len(table), -1), "%.6f", ",", header=header, comments="")
+    for corner in ("upper-left", "lower-left"):
+        _, out, _ = mocap("info", pixels, coefficients, "--origin", corner, "--image-height", HEIGHT)
+        assert f"pixel origin {corner}" in out
+
+
+@pytest.mark.slow
+def test_a_real_bats_mirrored_columns_are_named():
+    """FE404 F2 with u -> 2048 - u in two cameras: named, with the residuals; as it is, nothing is blamed."""
+    from mocap.io.dltdv import read_coefficients, read_pixels
+    from mocap.io.profile import with_profile
+
+    folder = real("bat_windtunnel_dltdv8", "derived_csv", "FE404_F2")
+    cameras = with_profile(read_coefficients(folder / "FE404_F2_dltCoefs.csv"), folder / "FE404_F2_camera_profile.txt")
+    uv = read_pixels(folder / "FE404_F2_xypts.csv", fps=700).uv_px.copy()
+    assert find_arrangement(cameras, uv) is None
+    assert cameras[0].lens is not None
+    uv[[0, 2], ..., 0] = 2 * cameras[0].lens.centre_px[0] - uv[[0, 2], ..., 0]
+    found = find_arrangement(cameras, uv)
+    assert found is not None
+    assert "u mirrored" in found.change
+    assert found.residual_px > 5 * found.undone_px

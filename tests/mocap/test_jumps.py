@@ -1,0 +1,54 @@
+"""A marker that jumps to another place is found and named; careless clicks and quick wings are not called jumps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets import make_bat, make_lizard
+from mocap.audit import alarms, audit_filmed, jump_findings
+from mocap.cameras.camera import record, undistorted
+from mocap.cameras.origin import decide_origin
+
+
+def audited(twin, uv):
+    """Alarms of a twin with other pixels."""
+    decision = decide_origin(twin.cameras, uv, origin="upper-left", coefficients="upper-left")
+    pixels = replace(twin.pixels, uv_px=uv)
+    return alarms(audit_filmed(twin.cameras, pixels, undistorted(twin.cameras, uv), decision))
+
+
+@pytest.mark.parametrize("hole", [0, 1, 4])
+def test_a_jump_in_a_hole_is_found(hole):
+    """From frame 100 on one marker of a bat is clicked 203 mm away, after a hole of so many frames; also in 3D alone.
+
+    At 240 frames a second that is faster than 1.5 times the 99.9 % quantile (11 m/s) over up to 4 frames.
+    """
+    twin = make_bat(seed=5, n_frames=200)
+    marker = twin.pixels.names.index("elbow_l")
+    xyz = np.array(twin.truth.xyz_m)
+    way = np.array([0.203, 0.0, 0.0]) if hole < 4 else np.array([0.6, 0.0, 0.0])
+    xyz[100:, marker] += way
+    uv = np.array(twin.pixels.uv_px)
+    uv[:, :, marker] += (record(twin.cameras, xyz) - record(twin.cameras, twin.truth.xyz_m))[:, :, marker]
+    uv[:, 100 - hole : 100, marker] = np.nan
+    xyz[100 - hole : 100, marker] = np.nan
+    for found in (
+        [f for f in audited(twin, uv) if f.kind == "jump"],
+        jump_findings(xyz, twin.pixels.t_s, twin.pixels.names),
+    ):
+        (one,) = found
+        assert one.markers == ("elbow_l",)
+        assert one.frames == (100 - hole, 101)
+        assert one.numbers["length"] == pytest.approx(np.linalg.norm(way), abs=0.05)
+
+
+@pytest.mark.parametrize("make", [make_bat, make_lizard])
+def test_single_clicks_are_not_jumps(make):
+    """1 % of clicks off by 80 px in a whole flight and a whole walk: careless, no marker has jumped."""
+    twin = make(seed=6, n_frames=250)
+    rng = np.random.default_rng(1)
+    uv = np.array(twin.pixels.uv_px)
+    wrong = rng.random(uv.shape[:3]) < 0.01
+    uv[wrong] += rng.choice([-80.0, 80.0], (wrong.sum(), 2))
+    assert not [f.text for f in audited(twin, uv) if f.kind == "jump"]

@@ -17,6 +17,7 @@ from mocap.cli.demo import demo
 from mocap.cli.design_joint import design_joint
 from mocap.cli.digitise import digitise
 from mocap.cli.info import info
+from mocap.cli.label import label
 from mocap.cli.learn import learn
 from mocap.cli.reproduce import reproduce
 from mocap.cli.share import share
@@ -65,6 +66,7 @@ for command in (
     convert,
     triangulate,
     digitise,
+    label,
     track,
     learn,
     skeleton,

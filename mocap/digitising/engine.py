@@ -237,6 +237,8 @@ class Engine:
             ahead = self._ahead(state)
             self._keep(frame, self._dots(pictures, self._windows(ahead)))
             state = self._forward(frame, state)
+        # frames before the first clicks are named backward only, with the noise as it was found after these
+        self.tracks.density[:start] = np.max(self.tracks.density[start : start + 30], axis=0)
         self._estimate_sd(range(start, n))
         self._backward(n - 1, 0, None, progress=progress)
         # once more over the dots, with the poses of the whole film and the noise as it was found

@@ -192,7 +192,6 @@ def prepare(source: Recording) -> Prepared:
         likelihood=source.contents.score,
         stored_findings=told,
         stale=stale,
-        likelihood=source.contents.score,
     )
 
 
@@ -223,7 +222,6 @@ def prepare_filmed(
     likelihood: Array | None = None,
     stored_findings: Sequence[str] = (),
     stale: tuple[audit.StalePoint, ...] | None = None,
-    likelihood: Array | None = None,
 ) -> Prepared:
     """Triangulate and clean pixels whose cameras are known.
 
@@ -238,7 +236,6 @@ def prepare_filmed(
         likelihood: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
         stored_findings: Sentences on stored points.
         stale: Stored points that do not follow from the pixels.
-        likelihood: (C, T, M) that a network states of its clicks; None: it states none.
 
     Raises:
         CalibrationError: no sample is believed.

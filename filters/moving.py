@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,14 @@ class RateKeeper:
     _kept: dict[int, Array] = field(default_factory=dict)
     _ahead: list[tuple[Gaussian, Prediction | None, Array, Array]] = field(default_factory=list)
 
+    @cached_property
+    def _weights(self) -> Array:
+        return self.asked.all_weights
+
+    @cached_property
+    def _pairs(self) -> NDArray[np.int64]:
+        return np.array(self.asked.pairs, dtype=np.int64).reshape(-1, 2)
+
     def take(self, frame: int, filtered: Gaussian, prediction: Prediction | None, state: Gaussian) -> None:
         """One frame.
 
@@ -65,20 +74,19 @@ class RateKeeper:
         if found is None:
             return
         velocity, jacobian = found
-        weights = self.asked.all_weights
+        weights = self._weights
         count, n = len(velocity), len(state.mean)
         if len(weights) > count:
             means = np.tensordot(weights[count:], jacobian, 1)
             jacobian = np.concatenate([jacobian, means])
             velocity = np.concatenate([velocity, weights[count:] @ velocity])
         flat = jacobian.reshape(-1, n)
-        rows = np.ascontiguousarray(dtrmm(1.0, state.factor, flat, side=1, lower=1)).reshape(-1, 6, n)
-        rows = rows.astype(np.float32)
-        other = np.swapaxes(rows, 1, 2)
-        a, b = np.array(self.asked.pairs, dtype=int).reshape(-1, 2).T
+        rows = flat.astype(np.float32) @ state.factor.astype(np.float32)
+        every = (rows @ rows.T).reshape(len(jacobian), 6, len(jacobian), 6).swapaxes(1, 2)
+        each = np.arange(len(jacobian))
         self._velocity.append(velocity)
-        self._own.append(rows @ other)
-        self._cross.append(rows[a] @ other[b])
+        self._own.append(every[each, each])
+        self._cross.append(every[self._pairs[:, 0], self._pairs[:, 1]])
         speeds = np.ascontiguousarray(jacobian[:, 3:].reshape(-1, n))
         if len(self._ahead) == 2 and frame % EVERY == 0 and prediction is not None:
             self._kept[frame + 1] = self._change(filtered, prediction, speeds)

@@ -46,6 +46,8 @@ SLOW = {
     "filters/test_registry.py": 7,
     "filters/test_shape_mechanics.py": 2,
     "mocap/digitising/test_digitise.py": 15,
+    "mocap/digitising/test_label.py": 20,
+    "mocap/digitising/test_page.py": 15,
     "mocap/joint_design/test_design_joint.py": 55,
     "mocap/rerun/test_view_compare.py": 16,
     "mocap/rerun/test_view_ends.py": 25,

@@ -13,10 +13,10 @@ from mocap.cameras.linearised import fit, linearise
 LAG = 3
 """Frames between residuals that are compared: errors that last longer do not average out over the frames that a filter
 smooths over."""
-UNSEEN = 1.5
+UNSEEN = 2.0
 """Variance of lasting errors that all cameras of a point share, over that of those which differ between cameras. Rays
-show nothing of it: it is by how much a network's points are off two people's beyond what rays show (three flights: 1
-to 2)."""
+show nothing of it: it is by how much a network's points are off two people's beyond what rays show (three flights: 1.5
+to 3)."""
 FEWEST = 30.0
 """Redundant errors without which nothing is said of what lasts."""
 SHRINK = 30.0
@@ -54,16 +54,18 @@ def persistent_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Arra
     return np.sqrt(np.maximum((product + SHRINK * usual) / (share + SHRINK), 0.0))
 
 
-def lasting_share(lasting_px: Array, usual_px: Array) -> Array:
+def lasting_share(lasting_px: Array, usual_px: Array, *, removed_px: float = 0.0) -> Array:
     """(M,) covariance of a point that does not average out over frames, over that of its clicks in one frame.
 
     With the variance s^2 of what lasts of a click's s0^2: (1 + ``UNSEEN``) s^2 / s0^2. Where it is not known what lasts
-    (frames too far apart for any filter to average over) the clicks' own covariance holds what differs between cameras,
-    and ``UNSEEN`` of it is left to add.
+    (frames too far apart for any filter to average over) all errors do, those with the variance r^2 that were taken for
+    slow ones and removed included: (1 + ``UNSEEN``) (s0^2 + r^2) / s0^2, less 1 for what the clicks' covariance holds.
 
     Args:
         lasting_px: (M,) deviations of errors that last; NaN: not known.
-        usual_px: (M,) deviations of all errors.
+        usual_px: (M,) deviations of the errors that the clicks' covariance holds.
+        removed_px: Deviation of the slow errors that were removed.
     """
     known = (1 + UNSEEN) * (np.nan_to_num(lasting_px) / usual_px) ** 2
-    return np.where(np.isfinite(lasting_px), known, UNSEEN)
+    unknown = UNSEEN + (1 + UNSEEN) * (removed_px / usual_px) ** 2
+    return np.where(np.isfinite(lasting_px), known, unknown)

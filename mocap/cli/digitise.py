@@ -1,6 +1,8 @@
 """``mocap digitise``."""
 
 import json
+import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +10,7 @@ import typer
 
 from mocap.cli.console import program, progress, say, show, typed
 from mocap.cli.options import AsJson, Force, Fps, Out, Profile
+from mocap.errors import MocapError
 
 
 def digitise(
@@ -21,12 +24,12 @@ def digitise(
     skeleton: Annotated[Path, typer.Option(help="Skeleton in TOML: markers, rigid bones, trunk.")],
     out: Out,
     start: Annotated[
-        Path,
+        Path | None,
         typer.Option(
             help="First clicks, as DLTdv's xypts: each marker in two or more cameras in one frame; clicks in other "
-            "frames are taken too."
+            "frames are taken too. With --web it may be left out."
         ),
-    ],
+    ] = None,
     model: Annotated[Path | None, typer.Option(help="A model that mocap learn wrote of this kind of animal.")] = None,
     budget: Annotated[int, typer.Option(min=0, help="How many clicks to ask for next (asked.csv).")] = 40,
     error_px: Annotated[
@@ -40,6 +43,11 @@ def digitise(
             "--video-offset", help="Frame of the film minus frame of the tracks; once for all cameras, or for each."
         ),
     ] = None,
+    web: Annotated[
+        bool,
+        typer.Option("--web", help="Click in the browser, on 127.0.0.1 only; each click is saved at once in --out."),
+    ] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -48,6 +56,32 @@ def digitise(
     from mocap.digitising.write import report_text
     from mocap.io.output import result_folder
 
+    if web:
+        from mocap.library.digitise_page import open_session, served
+
+        session = open_session(
+            films,
+            calibration=calibration,
+            skeleton=skeleton,
+            folder=out,
+            start=start,
+            model=model,
+            profile=profile,
+            fps=fps,
+            offset_frames=offset,
+            error_px=error_px,
+        )
+        with served(session, port=port) as address:
+            say(f"Click at {address} (Ctrl-C here ends it; clicks are saved in {out} one by one)")
+            with suppress(KeyboardInterrupt):
+                threading.Event().wait()
+        if session.found is not None:
+            with result_folder(out, "digitise", replace=True, beside=True, tell=say) as folder:
+                session.found.write(folder, most=budget)
+            say(f"Wrote {out}/: xypts.csv, xyzpts.csv, clicks_xypts.csv, asked.csv, origin.csv, report.md, calibration")
+        return
+    if start is None:
+        raise MocapError("--start is missing: give first clicks (DLTdv's xypts), or click in the browser with --web")
     inputs = [*films, calibration, skeleton, start, model, profile]
     with result_folder(out, "digitise", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
         result = mocap.digitise(

@@ -18,20 +18,29 @@ def kinematics(
         Path | None,
         typer.Option(help="Another skeleton of the same markers, with other joints, axes, outlines or masses."),
     ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(help="Also for another program: xlsx, mat, mot or sto; give the option once for each."),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Angles, velocities, accelerations, lengths, areas and strokes of a tracked run, each with its deviation."""
     import mocap
+    from mocap.errors import MocapError
     from mocap.io.output import result_folder
+    from mocap.results.exports import EXPORTS
     from mocap.skeleton import read_skeleton
 
+    unknown = sorted(set(export or ()) - set(EXPORTS))
+    if unknown:
+        raise MocapError(f"--export {unknown[0]}: give {', '.join(EXPORTS)}")
     result = mocap.load(run)
     if skeleton is not None:
         result = result.with_skeleton(read_skeleton(skeleton))
     place = run / "kinematics" if out is None else out
     inputs = [run, *([skeleton] if skeleton is not None else [])]
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
-        result.write_kinematics(folder, progress=tell)
+        result.write_kinematics(folder, exports=export or (), progress=tell)
     for note in result.kinematics.notes:
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")

@@ -18,6 +18,7 @@ from mocap.cli.design_joint import design_joint
 from mocap.cli.digitise import digitise
 from mocap.cli.info import info
 from mocap.cli.kinematics import kinematics
+from mocap.cli.label import label
 from mocap.cli.learn import learn
 from mocap.cli.reproduce import reproduce
 from mocap.cli.share import share
@@ -66,6 +67,7 @@ COMMANDS = (
     convert,
     triangulate,
     digitise,
+    label,
     track,
     kinematics,
     learn,

@@ -237,6 +237,8 @@ class Engine:
             ahead = self._ahead(state)
             self._keep(frame, self._dots(pictures, self._windows(ahead)))
             state = self._forward(frame, state)
+        # frames before the first clicks are named backward only, with the noise as it was found after these
+        self.tracks.density[:start] = np.max(self.tracks.density[start : start + 30], axis=0)
         self._estimate_sd(range(start, n))
         self._backward(n - 1, 0, None, progress=progress)
         # once more over the dots, with the poses of the whole film and the noise as it was found
@@ -380,12 +382,28 @@ class Engine:
         """Take more clicks; only the frames about them are named again. Returns the first and last of these."""
         new = list(clicks)
         self.clicks += new
-        first, last = self._touched(sorted({click.frame for click in new}), margin)
-        start = unpacked(self.tracks.forward[first])
-        state = start
-        for frame in range(first, last + 1):
+        return self._about(new, margin)
+
+    def undo(self, *, margin: int = 20) -> Click | None:
+        """Take the last click back; the frames about it are named again."""
+        if not self.clicks:
+            return None
+        click = self.clicks.pop()
+        self._about([click], margin)
+        return click
+
+    def _about(self, changed: Sequence[Click], margin: int) -> tuple[int, int]:
+        """Name the frames again that clicks may change."""
+        markers = sorted({click.marker for click in changed})
+        first, last = self._touched(sorted({click.frame for click in changed}), markers, margin)
+        begun = np.flatnonzero(np.isfinite(np.asarray(self.tracks.forward)[:, 0, 0]))
+        begin = max(first, int(begun[0])) if len(begun) else last + 1
+        state = unpacked(self.tracks.forward[begin]) if begin <= last else None
+        for frame in range(begin, last + 1):
             self.density = self.tracks.density[frame]
-            ahead = state if frame == first else self._ahead(state)
+            ahead = state if frame == begin or state is None else self._ahead(state)
+            if ahead is None:
+                break
             self.tracks.forward[frame] = packed(ahead)
             named, state = self._observed(frame, ahead)
             self._take(frame, named)
@@ -403,22 +421,19 @@ class Engine:
         self._backward(last, first, after)
         return first, last
 
-    def _touched(self, frames: Sequence[int], margin: int) -> tuple[int, int]:
+    def _touched(self, frames: Sequence[int], markers: Sequence[int], margin: int) -> tuple[int, int]:
         """Frames that clicks may change: to where their markers are sure on both sides, and a margin."""
-        markers = sorted({click.marker for click in self.clicks if click.frame in set(frames)})
-        sure = np.asarray((self.tracks.rays[:, markers] >= 2).all(axis=1))
-        begun = np.isfinite(np.asarray(self.tracks.forward)[:, 0, 0])
-        begin = int(np.argmax(begun)) if begun.any() else 0
+        sure = np.asarray((self.tracks.rays[:, list(markers)] >= 2).all(axis=1))
         first, last = frames[0], frames[-1]
         run = 0
-        while first > begin and run < margin:
+        while first > 0 and run < margin:
             first -= 1
             run = run + 1 if sure[first] else 0
         run = 0
         while last < self.films.n_frames - 1 and run < margin:
             last += 1
             run = run + 1 if sure[last] else 0
-        return max(first, begin), last
+        return first, last
 
     def again(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Both passes over the dots that were kept, with the poses and the noise as they are known now."""

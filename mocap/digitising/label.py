@@ -73,7 +73,8 @@ def cut(xyz_m: Array, *, jump_m: float) -> tuple[Segment, ...]:
         step = np.full(path.shape, np.nan)
         step[1:] = path[1:] - path[:-1]
         bend = np.linalg.norm(step - np.vstack([step[:1] * np.nan, step[:-1]]), axis=1)
-        broken = ~seen | (np.nan_to_num(np.linalg.norm(step, axis=1)) > 5 * jump_m) | (np.nan_to_num(bend) > jump_m)
+        size = np.nan_to_num(np.linalg.norm(step, axis=1))
+        broken = ~seen | (size > 5 * jump_m) | ((np.nan_to_num(bend) > jump_m) & (size > jump_m))
         starts = seen & (np.concatenate([[True], ~seen[:-1]]) | broken)
         for first in np.flatnonzero(starts):
             after = np.flatnonzero(~seen[first + 1 :] | starts[first + 1 :])
@@ -181,7 +182,7 @@ class _State:
             columns = np.flatnonzero(seen[frame])
             found = recognise(self.xyz[frame, columns], self.poses)
             tried += 1
-            if found is None or found.margin < _NEEDED_MARGIN:
+            if found is None or found.margin < _NEEDED_MARGIN or found.sure.sum() < 0.5 * (found.point >= 0).sum():
                 continue
             here = {self.segments[i].column: i for i in self.present(frame)}
             for marker in np.flatnonzero(found.sure):

@@ -47,7 +47,7 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
         poses: Poses of M markers.
 
     Returns:
-        None: there are fewer than four points, or no assignment of half of the markers or points.
+        None: there are fewer than four points, or no assignment of 70 % of the markers or points.
     """
     if len(points) < LEAST:
         return None
@@ -72,7 +72,7 @@ def recognise(points: Array, poses: PoseGaussian) -> Registration | None:
         return None
     ranked = sorted(found.items(), key=lambda item: item[1])
     best = np.array(ranked[0][0])
-    if (best >= 0).sum() < max(LEAST, 0.5 * min(len(points), len(best))):
+    if (best >= 0).sum() < max(LEAST, 0.7 * min(len(points), len(best))):
         return None
     # an assignment that differs in a point or two only is the same one, less well settled
     others = [c for k, c in ranked[1:] if np.sum((np.array(k) != best) & (np.array(k) >= 0)) > 2]

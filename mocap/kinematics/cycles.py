@@ -194,7 +194,7 @@ def footfalls(motion: Motion, skeleton: Skeleton, *, slow: float = 0.05, shortes
     A foot is slow below ``slow`` times the body's mean speed, or below 1.5 standard deviations of a component of its
     velocity, if that is more. The ground is fitted to the positions of slow feet: a
     plane, or a rod (the distance from the line through them); heights count from each foot's own median. A foot stands
-    that is slow and not higher than four median absolute deviations of the slow feet's heights, or a fifth of the
+    that is slow and not higher than four median absolute deviations of the slow feet's heights, or half of the
     median height of the others. Gaps and contacts of fewer than ``shortest`` frames are closed and dropped. On the
     lizard twin 97 % of all frames are right; contacts last 4 % too long, as a foot starts and ends its swing slowly.
 
@@ -224,7 +224,7 @@ def footfalls(motion: Motion, skeleton: Skeleton, *, slow: float = 0.05, shortes
     has = np.isfinite(own).any(axis=0)
     height[:, has] -= np.nanmedian(own[:, has], axis=0)
     swing = np.abs(height[np.isfinite(height) & ~still])
-    tolerance = max(4 * float(np.median(np.abs(height[still]))), 0.2 * float(np.median(swing)) if len(swing) else 0.0)
+    tolerance = max(4 * float(np.median(np.abs(height[still]))), 0.5 * float(np.median(swing)) if len(swing) else 0.0)
     stance = still & (np.abs(height) <= tolerance)
     for foot in range(len(feet)):
         for start, stop in true_runs(~stance[:, foot]):

@@ -79,6 +79,13 @@ class Digitised:
                 self.refused.add((click.camera, click.frame, click.marker))
         return self.engine.rerun(clicks) if clicks else None
 
+    def undo(self) -> Click | None:
+        """Take the last click back."""
+        click = self.engine.undo()
+        if click is not None and click.uv_px is None:
+            self.refused.discard((click.camera, click.frame, click.marker))
+        return click
+
     def ask(self, answer: Callable[[Question], tuple[float, float] | None], *, budget: int) -> int:
         """Ask for clicks until all is known well enough, or the budget is used up; how many were made.
 

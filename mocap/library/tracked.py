@@ -14,7 +14,7 @@ import xarray as xr
 from mocap.arrays import Array
 from mocap.errors import MocapError
 from mocap.io.movies import Movie
-from mocap.io.output import result_folder
+from mocap.io.output import result_file, result_folder
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
 from mocap.kinematics.points import asked_for
@@ -28,6 +28,7 @@ from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
 from mocap.records import Status
 from mocap.results.dataset import markers_dataset
+from mocap.results.exports import EXPORTS
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.skeleton import Skeleton
@@ -183,11 +184,12 @@ class Tracked:
 
         return recording_id(self.run)
 
-    def write_kinematics(self, folder: Path, *, progress: Tell = silent) -> None:
+    def write_kinematics(self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent) -> None:
         """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
+            exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well.
             progress: Called with the name of the stage and the share of it that is done.
         """
         from mocap.plots.figures import pictures, report_page, write_pictures
@@ -195,9 +197,27 @@ class Tracked:
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self._cycles, folder / "cycles.csv")
+            for kind in exports:
+                EXPORTS[kind](self.kinematics, self._cycles, folder / f"kinematics.{kind}")
             shown = list(pictures(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
+
+    def export_kinematics(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the kinematics for another program, by the end of the name: ``.xlsx``, ``.mat``, ``.mot``, ``.sto``.
+
+        Args:
+            path: The file.
+            overwrite: Whether an earlier file of ours may be replaced.
+
+        Raises:
+            MocapError: the name ends otherwise, or the file cannot be written so.
+        """
+        kind = Path(path).suffix.removeprefix(".")
+        if kind not in EXPORTS:
+            raise MocapError(f"{path}: kinematics are exported as .{', .'.join(EXPORTS)}")
+        with result_file(Path(path), replace=overwrite) as stage:
+            EXPORTS[kind](self.kinematics, self._cycles, stage)
 
     @cached_property
     def footfalls(self) -> Footfalls | None:

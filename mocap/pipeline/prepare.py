@@ -189,9 +189,9 @@ def prepare(source: Recording) -> Prepared:
         pixel_sd=source.pixel_sd,
         unit_stated=source.unit is not None,
         findings=source.frame_findings,
+        likelihood=source.contents.score,
         stored_findings=told,
         stale=stale,
-        likelihood=source.contents.score,
     )
 
 
@@ -219,9 +219,9 @@ def prepare_filmed(
     pixel_sd: float | None = None,
     unit_stated: bool = True,
     findings: Sequence[str] = (),
+    likelihood: Array | None = None,
     stored_findings: Sequence[str] = (),
     stale: tuple[audit.StalePoint, ...] | None = None,
-    likelihood: Array | None = None,
 ) -> Prepared:
     """Triangulate and clean pixels whose cameras are known.
 
@@ -233,9 +233,9 @@ def prepare_filmed(
         pixel_sd: Standard deviation of a pixel that the user states; None: estimated.
         unit_stated: Whether the unit of lengths is known; else a scene that is too large for metres is reported.
         findings: The first sentences of the report.
+        likelihood: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
         stored_findings: Sentences on stored points.
         stale: Stored points that do not follow from the pixels.
-        likelihood: (C, T, M) that a network states of its clicks; None: it states none.
 
     Raises:
         CalibrationError: no sample is believed.

@@ -239,7 +239,7 @@ def lasting_cov(prepared: Prepared) -> Array:
     if prepared.filmed is None:
         return np.zeros_like(prepared.cov_m2)
     usual = prepared.jitter_px * (np.ones(len(prepared.names)) if prepared.noise is None else prepared.noise.marker)
-    cov = prepared.cov_m2 * lasting_share(prepared.persistent_px, usual)[:, None, None]
+    cov = prepared.cov_m2 * lasting_share(prepared.persistent_px, usual, removed_px=prepared.bias_px)[:, None, None]
     for marker in range(cov.shape[1]):
         seen = np.isfinite(cov[:, marker, 0, 0])
         if seen.any():

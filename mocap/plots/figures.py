@@ -100,8 +100,9 @@ def pictures(run: Run, found: Kinematics, rows: Sequence[Cycle], steps: Footfall
 
 
 def _most_moving(found: Kinematics, names: Sequence[str], most: int = 3) -> list[str]:
-    """The angles that have a value in at least half of the frames and move most, all of one side."""
-    some = [found[n] for n in names if n in found and np.isfinite(found[n].value).mean() > 0.5]
+    """The angles that move most, all of one side, of those that are known in half as many frames as the best known."""
+    count = {n: int(np.isfinite(found[n].value).sum()) for n in names if n in found}
+    some = [found[n] for n, known in count.items() if known >= max(8, 0.5 * max(count.values()))]
     order = sorted(some, key=lambda q: -float(np.nanstd(q.value)))
     other = {"l": "_r_", "r": "_l_"}
     side = next((part for q in order[:1] for part in q.name.split("_") if part in other), None)

@@ -82,7 +82,14 @@ def plot_over_time(found: Kinematics, quantities: Sequence[str], *, ax: "Axes | 
     for q, colour in zip(several, COLOURS, strict=False):
         ax.fill_between(t_s, q.low, q.high, color=colour, alpha=0.25, linewidth=0)
         ax.plot(t_s, q.value, color=colour, linewidth=0.9, label=label(q.name))
-    ax.set_ylim(*sensible([q.value for q in several]))
+    low, high = sensible([q.value for q in several])
+    bands = [
+        np.concatenate([b[np.isfinite(b)] for b in ends])
+        for ends in zip(*((q.low, q.high) for q in several), strict=True)
+    ]
+    if len(bands[0]):
+        low, high = min(low, float(np.percentile(bands[0], 10))), max(high, float(np.percentile(bands[1], 90)))
+    ax.set_ylim(low, high)
     there = np.flatnonzero(np.any([np.isfinite(q.value) for q in several], axis=0))
     if len(there):
         ax.set_xlim(float(t_s[there[0]]), float(t_s[there[-1]]))
@@ -175,10 +182,14 @@ def plot_stroke_path(stroke: Quantity, deviation: Quantity, *, ax: "Axes | None"
 
 
 def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax: "Axes | None" = None) -> "Axes":
-    """Where each marker was filled, rejected or missing: a row a marker, every one named."""
+    """Where each marker was filled, rejected or missing, in frames that show any: a row a marker, each named."""
     from matplotlib.patches import Patch
 
     ax = new_axes(width_mm=180, height_mm=20 + 3.2 * len(names), left_mm=22) if ax is None else ax
+    known = np.flatnonzero((status != Status.MISSING).any(axis=1))
+    if len(known):  # frames before and after all sightings are left out
+        part = slice(int(known[0]), int(known[-1]) + 1)
+        t_s, status = t_s[part], status[part]
     kinds = (
         ("filled", COLOURS[1], (status == Status.SMOOTHED) | (status == Status.PREDICTED)),
         ("rejected", COLOURS[3], status == Status.REJECTED),

@@ -68,7 +68,7 @@ def test_too_few_clicks_teach_nothing(clicked):
     bat, uv, likelihood = clicked
     matrices = stacked(bat.cameras)
     assert likelihood_noise(matrices[:2], uv[:2], likelihood[:2]) is None
-    assert likelihood_noise(matrices, uv, np.ones_like(likelihood)) is None
+    assert likelihood_noise(matrices, uv, np.full(uv.shape[:3], 1.0)) is None
     assert likelihood_noise(matrices, uv[:, :1], likelihood[:, :1]) is None
 
 

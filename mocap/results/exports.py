@@ -1,0 +1,124 @@
+"""Kinematics for other programs: Excel, MATLAB, OpenSim."""
+
+import importlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mocap.errors import MocapError
+from mocap.io.cells import as_cells
+from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.records import WORDS, Kinematics, Quantity
+
+SHEET_COLUMNS = 16_384
+"""Columns that a sheet of Excel has."""
+
+
+def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
+    """Excel: the sheets value, sd, status (a row a frame), cycles, and quantities with their units and meanings.
+
+    Raises:
+        MocapError: openpyxl is not installed, or there are more quantities than a sheet has columns.
+    """
+    try:
+        openpyxl = importlib.import_module("openpyxl")
+    except ImportError:
+        raise MocapError("writing .xlsx needs openpyxl: pip install 'eal-mocap[excel]'") from None
+    if len(found) + 2 > SHEET_COLUMNS:
+        raise MocapError(
+            f"a sheet of Excel has {SHEET_COLUMNS} columns, but there are {len(found)} quantities: use .nc"
+        )
+    book = openpyxl.Workbook(write_only=True)
+    header = ["frame", "t_s", *as_cells(list(found))]
+    frames = np.arange(1, len(found.t_s) + 1).tolist()
+    sheets: dict[str, Callable[[Quantity], list]] = {
+        "value": lambda q: _cells(q.value),
+        "sd": lambda q: _cells(q.sd),
+        "status": lambda q: [WORDS[code] for code in q.rests],
+    }
+    for name, column in sheets.items():
+        sheet = book.create_sheet(name)
+        sheet.append(header)
+        for row in zip(frames, found.t_s.tolist(), *(column(q) for q in found.quantities), strict=True):
+            sheet.append(row)
+    sheet = book.create_sheet("cycles")
+    table = cycles_table(rows)
+    sheet.append(list(table.columns))
+    for row in table.itertuples(index=False):
+        sheet.append([None if isinstance(v, float) and not np.isfinite(v) else v for v in row])
+    sheet = book.create_sheet("quantities")
+    sheet.append(["quantity", "unit", "kind", "meaning", "markers"])
+    for q in found.quantities:
+        sheet.append(as_cells([q.name, q.unit, q.kind, q.what, " ".join(q.markers)]))
+    book.save(path)
+
+
+def _cells(values: np.ndarray) -> list:
+    return [v if np.isfinite(v) else None for v in values.tolist()]
+
+
+def write_mat(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
+    """MATLAB (version 5): ``t_s``, ``value``, ``sd``, ``status`` (T x Q), cells ``names``, ``units``; ``cycles``."""
+    from scipy.io import savemat
+
+    def cell(texts: Sequence[str]) -> np.ndarray:
+        out = np.empty(len(texts), dtype=object)
+        out[:] = texts
+        return out
+
+    table = cycles_table(rows)
+    cycles = {
+        str(c): cell(table[c].tolist()) if table[c].dtype.kind not in "fi" else table[c].to_numpy()
+        for c in table.columns
+    }
+    savemat(
+        path,
+        {
+            "recording": found.recording,
+            "t_s": found.t_s[:, None],
+            "names": cell(list(found)),
+            "units": cell([q.unit for q in found.quantities]),
+            "value": np.stack([q.value for q in found.quantities], axis=1),
+            "sd": np.stack([q.sd for q in found.quantities], axis=1),
+            "status": np.stack([q.rests for q in found.quantities], axis=1),
+            "status_words": cell(list(WORDS)),
+            "cycles": cycles,
+        },
+        long_field_names=True,
+    )
+
+
+def write_mot(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:  # noqa: ARG001
+    """OpenSim motion: the angles of joints and of the body, in degrees, a column each; NaN where there is none."""
+    angles = [q for q in found.quantities if q.unit == "deg" and q.kind in ("joint", "body", "stroke")]
+    _storage(found, [(q.name.removesuffix("_deg"), q.value) for q in angles], path, title="Coordinates", degrees=True)
+
+
+def write_sto(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:  # noqa: ARG001
+    """OpenSim storage: every quantity, followed by its standard deviation."""
+    columns = [pair for q in found.quantities for pair in ((q.name, q.value), (f"{q.name}_sd", q.sd))]
+    _storage(found, columns, path, title="kinematics", degrees=True)
+
+
+def _storage(
+    found: Kinematics, columns: Sequence[tuple[str, np.ndarray]], path: Path, *, title: str, degrees: bool
+) -> None:
+    head = [title, "version=1", f"nRows={len(found.t_s)}", f"nColumns={len(columns) + 1}"]
+    head += [
+        f"inDegrees={'yes' if degrees else 'no'}",
+        "endheader",
+        "\t".join(["time", *(name for name, _ in columns)]),
+    ]
+    table = np.column_stack([found.t_s, *(values for _, values in columns)])
+    form = "\t".join(["%.9g"] * table.shape[1])
+    path.write_text("\n".join(head + [form % tuple(row) for row in table.tolist()]) + "\n", encoding="utf-8")
+
+
+EXPORTS: dict[str, Callable[[Kinematics, Sequence[Cycle], Path], None]] = {
+    "xlsx": write_xlsx,
+    "mat": write_mat,
+    "mot": write_mot,
+    "sto": write_sto,
+}
+"""Writers by the end of the file's name."""

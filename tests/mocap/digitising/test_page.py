@@ -1,0 +1,142 @@
+"""The page: real clicks in a real browser, each on the disk at once."""
+
+import json
+import time
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import numpy as np
+import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
+
+from mocap.digitising.clicks import read_clicks
+from mocap.library.digitise_page import SAVED, open_session, served
+from tests.mocap.digitising.filmed import NAMES, SIZE, film
+from tests.mocap.rerun.browser import chromium
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return film(tmp_path_factory.mktemp("page"), 12)
+
+
+def session_of(scene, folder):
+    where = scene.folder
+    return open_session(
+        [where / "films"],
+        calibration=where / "calibration.toml",
+        skeleton=where / "skeleton.toml",
+        folder=folder,
+        fps=100.0,
+    )
+
+
+def until(driver, script, seconds=30.0):
+    """Wait for a condition of the page."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if driver.execute_script(f"return {script}"):
+            return
+        time.sleep(0.05)
+    raise TimeoutError(f"{script}: {driver.find_element('id', 'said').text}")
+
+
+def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
+    """All markers are clicked in two films with the mouse and their keys, named, undone; no other host."""
+    session = session_of(scene, tmp_path / "out")
+    with served(session) as address, chromium() as driver:
+        driver.get(address)
+        until(driver, "document.body.dataset.ready === '1'")
+        count = 0
+        for marker in range(len(NAMES)):
+            driver.find_element("tag name", "body").send_keys("abcdefg"[marker])
+            for camera in (0, 1):
+                canvas = driver.find_element("id", f"film{camera}")
+                size = canvas.size
+                scale = min(size["width"] / SIZE[0], size["height"] / SIZE[1])
+                # pixels of the screen from the middle of the canvas
+                u, v = scene.uv_px[camera, 0, marker] - 0.5 - np.array(SIZE) / 2
+                ActionChains(driver).move_to_element_with_offset(
+                    canvas, round(u * scale), round(v * scale)
+                ).click().perform()
+                count += 1
+                until(driver, f"document.body.dataset.clicks === '{count}'")
+        saved = read_clicks(tmp_path / "out" / SAVED, scene.skeleton, n_cameras=3, n_frames=12)
+        assert len(saved) == 14
+        for click in saved:
+            off = np.subtract(click.uv_px, scene.uv_px[click.camera, 0, click.marker])
+            assert np.abs(off).max() < 1.5  # half a pixel of the screen is more than one of the film
+        body = driver.find_element("tag name", "body")
+        body.send_keys(Keys.ENTER)
+        until(driver, "document.body.dataset.tracked === '1'", 60)
+        found = session.found
+        assert found is not None
+        away = np.linalg.norm(found.pixels.uv_px - scene.uv_px, axis=-1)
+        assert np.nanmedian(away[:, 1:]) < 0.3
+        assert np.isfinite(away).mean() > 0.85
+        body.send_keys(Keys.ARROW_RIGHT)
+        until(driver, "document.body.dataset.frame === '1'")
+        body.send_keys(Keys.BACKSPACE)
+        until(driver, "document.body.dataset.undone === '1'")
+        assert len(session.clicks) == 13
+        log = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
+        asked = {m["params"]["request"]["url"] for m in log if m["method"] == "Network.requestWillBeSent"}
+        assert all(url.startswith((address, "data:")) for url in asked)
+        assert len([url for url in asked if "/picture" in url]) >= 6
+
+
+def test_a_killed_session_goes_on(scene, tmp_path):
+    """Another session on the same folder has all clicks; one that is not to be seen is no click of DLTdv."""
+    first = session_of(scene, tmp_path / "out")
+    for click in scene.clicks()[:5]:
+        first.click(click)
+    again = session_of(scene, tmp_path / "out")
+    assert [(c.camera, c.frame, c.marker) for c in again.clicks] == sorted(
+        (c.camera, c.frame, c.marker) for c in first.clicks
+    )
+
+
+def test_other_hosts_and_nonsense_are_refused(scene, tmp_path):
+    """A page of another host, another name of this computer, a click outside of the films, an unknown path."""
+    session = session_of(scene, tmp_path / "out")
+    good = json.dumps({"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}).encode()
+    far = json.dumps({"camera": 7, "frame": 0, "marker": 0, "uv_px": [5, 5]}).encode()
+    with served(session) as address:
+        for path, data, headers, code in (
+            ("click", good, {"Origin": "http://example.com"}, 403),
+            ("info", None, {"Host": "example.com"}, 403),
+            ("click", far, {}, 400),
+            ("click", b"{", {}, 400),
+            ("elsewhere", None, {}, 404),
+            ("frame?frame=0", None, {}, 400),
+        ):
+            with pytest.raises(HTTPError) as refused:
+                urlopen(Request(address + path, data=data, headers=headers), timeout=10)
+            assert refused.value.code == code
+            refused.value.close()
+        assert not session.clicks
+        with urlopen(Request(address + "click", data=good), timeout=10) as answer:
+            assert json.load(answer)["said"] == "1 clicks"
+        with urlopen(address + "track", data=b"{}", timeout=30) as answer:
+            assert "two cameras" in json.load(answer)["said"]
+
+
+def test_lines_pass_through_the_marker(scene, tmp_path):
+    """A click in one film puts a line into the others on which the marker lies: epipolar geometry with lenses."""
+    session = session_of(scene, tmp_path / "out")
+    click = scene.clicks(sd_px=0.0)[0]
+    session.click(click)
+    for camera, shown in enumerate(session.frame(0, click.marker)["cameras"]):
+        if camera == click.camera:
+            assert not shown["lines"]
+            continue
+        line = np.array(shown["lines"][0])
+        a, b = line[:-1], line[1:]
+        along = b - a
+        share = np.clip(
+            np.sum((scene.uv_px[camera, 0, click.marker] - a) * along, axis=1) / np.sum(along**2, axis=1), 0, 1
+        )
+        near = a + share[:, None] * along
+        away = np.linalg.norm(near - scene.uv_px[camera, 0, click.marker], axis=1)
+        assert away.min() < 0.2

@@ -1,0 +1,61 @@
+"""Kinematics for other programs, read back by what those programs' users read them with."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import loadmat
+
+from mocap.errors import MocapError
+from mocap.library.tracked import Tracked
+from tests.mocap.rerun.flapping import make_run
+
+
+@pytest.fixture(scope="module")
+def result():
+    return Tracked(make_run(n_frames=30))
+
+
+@pytest.fixture(scope="module")
+def angle(result):
+    return next(q for q in result.kinematics.quantities if q.unit == "deg" and q.kind == "joint")
+
+
+def test_excel_holds_values_deviations_and_status(result, angle, tmp_path):
+    """As pandas reads it; empty cells where there is none."""
+    pytest.importorskip("openpyxl")
+    result.export_kinematics(tmp_path / "a.xlsx")
+    book = pd.read_excel(tmp_path / "a.xlsx", sheet_name=None)
+    np.testing.assert_allclose(book["value"][angle.name], angle.value)
+    np.testing.assert_allclose(book["sd"][angle.name], angle.sd)
+    words = np.array(["missing", "measured", "filled"])[angle.rests]
+    assert book["status"][angle.name].tolist() == words.tolist()
+    assert set(book["quantities"]["quantity"]) == set(result.kinematics)
+
+
+def test_matlab_holds_the_same(result, angle, tmp_path):
+    """As SciPy reads it; names and values in one order."""
+    result.export_kinematics(tmp_path / "a.mat")
+    table = loadmat(tmp_path / "a.mat", simplify_cells=True)
+    column = list(table["names"]).index(angle.name)
+    np.testing.assert_array_equal(table["value"][:, column], angle.value)
+    np.testing.assert_array_equal(table["sd"][:, column], angle.sd)
+
+
+@pytest.mark.parametrize("kind", ["mot", "sto"])
+def test_opensim_files_state_their_size(result, angle, tmp_path, kind):
+    """Header with rows, columns and degrees; then a table with tabs."""
+    path = tmp_path / f"a.{kind}"
+    result.export_kinematics(path)
+    lines = path.read_text().splitlines()
+    end = lines.index("endheader")
+    assert "inDegrees=yes" in lines[:end]
+    table = pd.read_csv(path, sep="\t", skiprows=end + 1)
+    assert f"nRows={len(table)}" in lines[:end]
+    assert f"nColumns={len(table.columns)}" in lines[:end]
+    name = angle.name.removesuffix("_deg") if kind == "mot" else angle.name
+    np.testing.assert_allclose(table[name], angle.value, rtol=1e-8)
+
+
+def test_an_unknown_kind_is_refused(result, tmp_path):
+    with pytest.raises(MocapError, match="exported as"):
+        result.export_kinematics(tmp_path / "a.bvh")

@@ -13,7 +13,7 @@ FEWEST_STEPS = 1000
 LONGEST_HOLE = 6
 """Frames over which a jump may be hidden."""
 BESIDE = 3
-"""Samples before and after a jump that move as usual."""
+"""Samples before and after a jump, with no more than one frame missing between them, that move as usual."""
 FAR = 4.0
 """A jump is longer by that factor than what usual speeds before and after it explain."""
 
@@ -60,7 +60,7 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str =
         speed, hole = np.linalg.norm(velocity, axis=-1), np.diff(frames)
         for i in np.flatnonzero((speed > limit) & (hole <= LONGEST_HOLE)):
             around = [*range(i - BESIDE + 1, i), *range(i + 1, i + BESIDE)]
-            if around[0] < 0 or around[-1] >= len(step) or (speed[around] > usual).any():
+            if around[0] < 0 or around[-1] >= len(step) or (speed[around] > usual).any() or (hole[around] > 2).any():
                 continue
             drift = (velocity[around[: BESIDE - 1]].mean(axis=0) + velocity[around[BESIDE - 1 :]].mean(axis=0)) / 2
             left = float(np.linalg.norm(step[i] - drift * dt[i]))

@@ -57,6 +57,7 @@ class PixelOrigin:
         height_px: Image height that flips use; None where nothing is flipped.
         residual_px: Median triangulation residual of the decision.
         next_px: That of the best choice that would have given other points; inf where there is none.
+        usual: Whether it is how the program that wrote the pixels counts.
         guessed: Whether pixels and coefficients were found to count from different corners, and nobody stated it.
     """
 
@@ -68,6 +69,7 @@ class PixelOrigin:
     residual_px: float
     next_px: float
     guessed: bool = False
+    usual: bool = False
 
     def describe(self) -> str:
         """One sentence for reports."""
@@ -78,7 +80,8 @@ class PixelOrigin:
         flip = "" if self.pixels == self.coefficients else f"; coefficients from the {self.coefficients}"
         if self.guessed:
             flip += " (not stated, found by the residual: state `origin` and `calibration_origin`)"
-        how = "as stated" if self.stated else "chosen by the smaller residual"
+        chosen = "as its program counts" if self.usual else "chosen by the smaller residual"
+        how = "as stated" if self.stated else chosen
         return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
 
 
@@ -219,6 +222,7 @@ def decide_origin(
         height_px=best[3],
         residual_px=best[0],
         next_px=min(rest, default=np.inf),
+        usual=best[1] == best[2] == usual,
         guessed=best[1] != best[2] and (origin is None or coefficients is None),
     )
 

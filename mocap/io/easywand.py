@@ -148,6 +148,7 @@ def _easywand(path: Path, _hints: Hints) -> FileContents:
         uv_px=uv,
         calibration=wand.cameras,
         lenses=tuple(zip(wand.lenses, wand.sizes_px, strict=True)),
+        pixel_origin="upper-left",  # its lenses are described in the pixels' own rows, whichever way these run
         findings=tuple(findings),
     )
 

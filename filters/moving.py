@@ -48,8 +48,8 @@ class RateKeeper:
     model: MotionModel
     asked: Asked
     _velocity: list[Array] = field(default_factory=list)
-    _own: list[NDArray[np.float32]] = field(default_factory=list)
-    _cross: list[NDArray[np.float32]] = field(default_factory=list)
+    _own: list[NDArray] = field(default_factory=list)
+    _cross: list[NDArray] = field(default_factory=list)
     _kept: dict[int, Array] = field(default_factory=dict)
     _ahead: list[tuple[Gaussian, Prediction | None, Array, Array]] = field(default_factory=list)
 
@@ -81,7 +81,7 @@ class RateKeeper:
             jacobian = np.concatenate([jacobian, means])
             velocity = np.concatenate([velocity, weights[count:] @ velocity])
         flat = jacobian.reshape(-1, n)
-        rows = flat.astype(np.float32) @ state.factor.astype(np.float32)
+        rows: NDArray = flat.astype(np.float32) @ state.factor.astype(np.float32)
         every = (rows @ rows.T).reshape(len(jacobian), 6, len(jacobian), 6).swapaxes(1, 2)
         each = np.arange(len(jacobian))
         self._velocity.append(velocity)

@@ -1,12 +1,15 @@
 """From films and the clicks of one frame to named dots, against what the films were drawn from."""
 
+from copy import deepcopy
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
 
 import mocap as library
+from mocap.cameras.camera import project, stacked
 from mocap.digitising.clicks import Click, read_clicks, write_clicks
 from mocap.errors import CalibrationError, MocapError
 from mocap.library.digitised import digitise
@@ -66,10 +69,10 @@ def test_the_next_click_is_where_the_hand_is_hidden(result):
     assert [q.removes_m2 for q in asked] == sorted((q.removes_m2 for q in asked), reverse=True)
 
 
-def test_answers_remove_variance_and_touch_only_their_frames(scene, tmp_path):
-    """Six clicks where nothing is shown (a person knows better) lower the variance; far frames keep their bytes."""
-    result = digitise(scene.folder / "films", start=scene.clicks(), **scene.arguments)
-    exact = film(tmp_path, 2).cameras
+def test_answers_remove_variance_and_touch_only_their_frames(scene, result):
+    """Four clicks where nothing is shown (a person knows better) lower the variance; far frames keep their bytes."""
+    result = deepcopy(result)
+    exact = scene.cameras
     true = np.stack([c.lens.distort(c_uv) for c, c_uv in zip(exact, _ideal(exact, scene.xyz_m), strict=True)])
     hand = NAMES.index("hand")
     before, sd = result.engine.tracks.xyz_m.copy(), result.points.sd_m.copy()
@@ -79,16 +82,14 @@ def test_answers_remove_variance_and_touch_only_their_frames(scene, tmp_path):
     outside = np.ones(len(before), dtype=bool)
     outside[touched[0] : touched[1] + 1] = False
     np.testing.assert_array_equal(result.engine.tracks.xyz_m[outside], before[outside])
-    made = result.ask(lambda q: tuple(true[q.camera, q.frame, q.marker]), budget=5)
-    assert 1 <= made <= 5
-    assert np.sum(result.points.sd_m[:, hand] ** 2) < 0.2 * np.sum(sd[:, hand] ** 2)
+    made = result.ask(lambda q: tuple(true[q.camera, q.frame, q.marker]), budget=3)
+    assert 1 <= made <= 3
+    assert np.sum(result.points.sd_m[:, hand] ** 2) < 0.3 * np.sum(sd[:, hand] ** 2)
     error = np.linalg.norm(result.points.xyz_m[15:27, hand] - scene.xyz_m[15:27, hand], axis=-1)
     assert np.median(error) < 0.004
 
 
 def _ideal(cameras, xyz_m):
-    from mocap.cameras.camera import project, stacked
-
     return project(stacked(cameras), xyz_m)
 
 
@@ -101,16 +102,16 @@ def _answer(question, true):
     )
 
 
-def test_not_to_be_seen_is_an_answer(scene):
+def test_not_to_be_seen_is_an_answer(result):
     """It is not asked again."""
-    result = digitise(scene.folder / "films", start=scene.clicks(), **scene.arguments)
+    result = deepcopy(result)
     asked = []
 
     def blind(question):
         asked.append((question.camera, question.frame, question.marker))
 
-    result.ask(blind, budget=4)
-    assert len(set(asked)) == len(asked) == 4
+    result.ask(blind, budget=2)
+    assert len(set(asked)) == len(asked) == 2
 
 
 def test_clicks_in_dltdv_format_come_back(scene, tmp_path):
@@ -130,12 +131,10 @@ def test_films_in_a_wrong_order_are_refused(scene):
     """With the order in which the clicks meet."""
     films = [scene.folder / "films" / name for name in ("cam2", "cam1", "cam3")]
     swapped = [replace(c, camera={0: 1, 1: 0}.get(c.camera, c.camera)) for c in scene.clicks(cameras=(0, 1, 2))]
-    moved = [scene.folder / "films" / name for name in ("cam1", "cam2", "cam3")]
     for path, name in zip(films, "abc", strict=True):
         target = scene.folder / name
         if not target.exists():
             target.symlink_to(path)
-    del moved
     with pytest.raises(CalibrationError, match=r"not in the order.*a: cam2, b: cam1, c: cam3"):
         digitise([scene.folder / name for name in "abc"], start=swapped, **scene.arguments)
 
@@ -143,8 +142,6 @@ def test_films_in_a_wrong_order_are_refused(scene):
 def test_films_of_another_size_or_number_are_refused(scene, tmp_path):
     other = film(tmp_path, 2)
     for path in (other.folder / "films" / "cam2").iterdir():
-        import cv2
-
         cv2.imwrite(str(path), cv2.imread(str(path))[:200])
     with pytest.raises(MocapError, match="is 320 x 200 px, but camera cam2 was calibrated at 320 x 240: it fits no"):
         digitise(other.folder / "films", start=other.clicks(), **other.arguments)

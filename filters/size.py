@@ -48,7 +48,7 @@ def _log_distances(xyz_m: Array, pairs: NDArray[np.intp]) -> tuple[Array, Array]
     spread = np.where(seen, (apart - mean) ** 2, 0.0).sum(axis=0) / np.maximum(count, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.sqrt(spread / np.maximum(INDEPENDENT * count, 1)) / mean
-        return np.log(mean), np.where((count >= 10) & (mean > 0), error, np.nan)
+        return np.log(np.maximum(mean, 1e-300)), np.where((count >= 10) & (mean > 0), error, np.nan)
 
 
 def sized_like(trials: Sequence[MarkerTrial], target: MarkerTrial) -> list[MarkerTrial]:

@@ -88,5 +88,7 @@ def test_a_report_of_hostile_names(tmp_path):
     assert not [t for t in tokens if t.type in ("html_block", "fence", "code_block")]
     rows = [t for t in tokens if t.type == "tr_open"]
     cells = [t for t in tokens if t.type in ("td_open", "th_open")]
-    assert len(rows) == 6 + 1 + len(HOSTILE)
-    assert len(cells) == 2 * 6 + 4 * (1 + len(HOSTILE))
+    by_marker = 2 + len(names)  # a title, all of them, each
+    assert len(rows) == 6 + 1 + len(HOSTILE) + by_marker
+    assert len(cells) == 2 * 6 + 4 * (1 + len(HOSTILE)) + 4 * by_marker
+    assert set(names) <= set(shown)

@@ -19,7 +19,7 @@ from selenium import webdriver
 from selenium.common.exceptions import WebDriverException
 
 SIZE = (800, 600)
-_START_S, _SETTLE_S = 60.0, 1.5
+_START_S, _SETTLE_S = 120.0, 1.5
 
 
 @contextmanager

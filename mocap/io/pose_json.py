@@ -122,6 +122,15 @@ def _followed(frames: dict[int, list[Array]]) -> tuple[dict[int, Array], int]:
     return out, most
 
 
+def _content(path: Path) -> str:
+    """What a folder without poses holds, in words."""
+    inside = sorted(p.name for p in path.iterdir())
+    if not inside:
+        return " with nothing in it"
+    more = f", ... ({len(inside)} in all)" if len(inside) > 3 else ""
+    return f" without poses (JSON, a file a frame); in it: {', '.join(inside[:3])}{more}"
+
+
 def read_folder(path: Path) -> FileContents:
     """Pixels and likelihoods of a folder of JSON files, or of one file.
 
@@ -137,7 +146,7 @@ def read_folder(path: Path) -> FileContents:
     else:
         views = {path.stem: [path]}
     if not any(views.values()):
-        raise FormatError(f"{path.name}: is a folder without JSON files: expected a file of poses for each frame")
+        raise FormatError(f"{path.resolve().name}: is a folder{_content(path)}: give a file")
     tracks, most = {}, 0
     for name, files in views.items():
         tracks[name], people = _followed(_frames(files))
@@ -145,7 +154,10 @@ def read_folder(path: Path) -> FileContents:
     numbers = np.array(sorted({n for found in tracks.values() for n in found}), dtype=np.int64)
     counts = {len(p) for found in tracks.values() for p in found.values()}
     if not len(numbers):
-        raise FormatError(f"{path.name}: nobody was found in any frame: check the films that were given")
+        raise FormatError(
+            f"{path.resolve().name}: is a folder of JSON files in which no person is found: give a file, or a folder with "
+            "the poses of each frame"
+        )
     if len(counts) > 1:
         raise FormatError(f"{path.name}: frames have {min(counts)} to {max(counts)} keypoints: use one model")
     (count,) = counts

@@ -155,8 +155,8 @@ def read_folder(path: Path) -> FileContents:
     counts = {len(p) for found in tracks.values() for p in found.values()}
     if not len(numbers):
         raise FormatError(
-            f"{path.resolve().name}: is a folder of JSON files in which no person is found: give a file, or a folder with "
-            "the poses of each frame"
+            f"{path.resolve().name}: is a folder of JSON files in which no person is found: give a file, or a folder "
+            "with the poses of each frame"
         )
     if len(counts) > 1:
         raise FormatError(f"{path.name}: frames have {min(counts)} to {max(counts)} keypoints: use one model")

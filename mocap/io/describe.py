@@ -55,7 +55,7 @@ def _missing(seen: NDArray[np.bool_]) -> float:
 def _undigitised(names: Sequence[str], seen: NDArray[np.bool_]) -> dict[str, Any]:
     """Frames and markers without a single sample."""
     tracks = seen.reshape(-1, *seen.shape[-2:])
-    lost = [names[m] for m in np.flatnonzero(~np.any(tracks, axis=(0, 1)))]
+    lost = [name for name, any_seen in zip(names, np.any(tracks, axis=(0, 1)), strict=True) if not any_seen]
     return {"frames": int((~np.any(tracks, axis=(0, 2))).sum()), "markers": lost}
 
 

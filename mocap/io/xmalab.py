@@ -138,7 +138,9 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
         findings += ["the coordinate system is the same in all frames: it is fixed to the bone"] if still else []
     if off > 1e-3:
         findings.append(f"matrices are not rotations: entries of R R^T differ from the identity by up to {off:.2g}")
-    findings += [f"transforms were low-pass filtered at {f[1:-2]} Hz by XMALab" for f in sorted(filters - {None})]
+    findings += [
+        f"transforms were low-pass filtered at {f[1:-2]} Hz by XMALab" for f in sorted(f for f in filters if f)
+    ]
     return FileContents(
         format="xmalab-rigid-bodies",
         paths=(path,),

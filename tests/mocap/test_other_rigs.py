@@ -200,3 +200,20 @@ def test_an_unknown_file_is_answered_by_what_it_looks_like(name, tmp_path):
         identify(path)
     assert says in str(told.value)
     assert len(str(told.value)) < 500
+
+
+def test_a_folder_that_is_no_recording_says_what_is_in_it(tmp_path):
+    """Of an empty folder, of one with other files, and of one whose JSON holds nobody, the error says so."""
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "other").mkdir()
+    for name in ("a.mat", "b.csv", "c.txt", "d.txt"):
+        (tmp_path / "other" / name).write_text("x")
+    (tmp_path / "people").mkdir()
+    (tmp_path / "people" / "f_000_keypoints.json").write_text('{"people": []}')
+    for name, said in (
+        ("empty", "empty: is a folder with nothing in it: give a file"),
+        ("other", r"other: is a folder without poses .*in it: a.mat, b.csv, c.txt, ... \(4 in all\): give a file"),
+        ("people", "people: is a folder of JSON files in which no person is found"),
+    ):
+        with pytest.raises(FormatError, match=said):
+            read(tmp_path / name)

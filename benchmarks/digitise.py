@@ -15,6 +15,7 @@ import csv
 import shutil
 import tempfile
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -201,7 +202,7 @@ def followed(film: Filmed, step: "Callable[[int], Stepper]") -> Result:
     return Result(clicks=clicks, uv_px=uv, named=np.isfinite(uv[..., 0]), xyz_m=xyz, inside=np.nan, seconds=seconds)
 
 
-class Stepper:
+class Stepper(ABC):
     """One film: ``next`` proposes where markers are, ``put`` is told where they are."""
 
     def __init__(self, n_markers: int) -> None:
@@ -221,9 +222,9 @@ class Stepper:
         """Take the corrected places."""
         self.before, self.at = picture, at.copy()
 
+    @abstractmethod
     def moved(self, before: Array, now: Array, at: Array, which: Array) -> Array:
         """(K, 2) places of the markers ``which`` that were ``at``."""
-        raise NotImplementedError
 
 
 class LucasKanade(Stepper):

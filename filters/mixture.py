@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, root_scalar
 
-from filters.score import Z95, Residuals
-from mocap.arrays import Array, frozen
+from filters.score import Residuals
+from mocap.arrays import Z95, Array, frozen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

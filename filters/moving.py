@@ -100,7 +100,7 @@ class RateKeeper:
         (middle, onward, _, _), (_, _, last, factor) = self._ahead
         if onward is None:
             raise ValueError("the middle one of three frames has a prediction to the last")
-        hold, own = speeds, 0.0
+        hold = speeds
         variance = np.zeros(len(speeds))
         for state, step in ((filtered, prediction), (middle, onward)):
             n = len(state.mean)

@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 
 from filters.hide import Hidden
 from filters.poses import MarkerTrial
-from mocap.arrays import Array
-
-Z95 = 1.959964
-"""Half width of a 95 % interval in standard deviations."""
+from mocap.arrays import Z95, Array
 
 
 @dataclass(frozen=True, kw_only=True)

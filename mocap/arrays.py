@@ -9,6 +9,10 @@ Array = NDArray[np.floating[Any]]
 """Real numbers; records keep them as float64."""
 
 
+Z95 = 1.959964
+"""Half width of a 95 % interval in standard deviations."""
+
+
 def frozen(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, dtype: type = np.float64) -> NDArray:
     """A read-only copy of ``value`` whose shape is ``shape`` (None: any length).
 

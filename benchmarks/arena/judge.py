@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from benchmarks.arena.flights import PAIRS, Flight
 from benchmarks.arena.methods import Outcome
-from mocap.arrays import Array
+from mocap.arrays import Z95, Array
 from mocap.cameras.camera import project
 
-Z95 = 1.959964
 RIGHT_M = 0.01
 """A pair counts as put right if both points are within that of their own landmarks."""
 

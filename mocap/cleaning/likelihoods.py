@@ -139,13 +139,7 @@ def _ranges(value: Array, edges: Array) -> list[NDArray[np.int64]]:
 
 
 def _falling(values: Array, weight: Array) -> Array:
-    """The nearest sequence that nowhere rises: neighbours that do are pooled (pool adjacent violators)."""
-    blocks: list[list[float]] = []  # mean, weight, length
-    for value, w in zip(values, weight, strict=True):
-        blocks.append([float(value), float(w), 1])
-        while len(blocks) > 1 and blocks[-1][0] > blocks[-2][0]:
-            mean, total, length = blocks.pop()
-            before = blocks[-1]
-            before[0] = (before[0] * before[1] + mean * total) / (before[1] + total)
-            before[1], before[2] = before[1] + total, before[2] + length
-    return np.concatenate([np.full(int(length), mean) for mean, _, length in blocks])
+    """The nearest sequence that nowhere rises."""
+    from scipy.optimize import isotonic_regression
+
+    return isotonic_regression(values, weights=weight, increasing=False).x

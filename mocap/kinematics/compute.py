@@ -6,7 +6,18 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.kinematics import angles
-from mocap.kinematics.delta import Naming, Points, central, change, change_sd, edges, made, of_velocity, with_rates
+from mocap.kinematics.delta import (
+    Naming,
+    Points,
+    called,
+    central,
+    change,
+    change_sd,
+    edges,
+    made,
+    of_velocity,
+    with_rates,
+)
 from mocap.kinematics.points import BODY, MASS, asked_for
 from mocap.kinematics.records import Kinematics, Quantity
 from mocap.kinematics.stroke import stroke_quantities
@@ -35,7 +46,7 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
     found += _body(motion, skeleton, up)
     if MASS in motion.names:
         found += point_quantities(motion, MASS, kind="mass")
-    found += stroke_quantities(motion, skeleton, up)
+    found += stroke_quantities(motion, skeleton)
     found += _lengths(motion, skeleton)
     for name in motion.names:
         if name not in (BODY, MASS):
@@ -163,17 +174,9 @@ def _body(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:
 def _turning(heading: Quantity, body: Points) -> Quantity:
     """Turning rate of the course, from the change of the velocity's direction."""
     t_s = body.motion.t_s
-    value = np.degrees(central(t_s, np.radians(heading.value)))
-    return Quantity(
-        name="body_turning_rate_deg_s",
-        unit="deg_s",
-        what="rate of change of body_heading",
-        kind="body",
-        markers=(BODY,),
-        value=value,
-        sd=np.where(np.isfinite(value), change_sd(t_s, heading.sd, body.kept), np.nan),
-        rests=np.where(np.isfinite(value), edges(heading.rests), 0),
-    )
+    value = np.degrees(central(t_s, np.radians(heading.value), angle=True))
+    naming = Naming(name="body_turning_rate", unit="deg_s", what="rate of change of body_heading", kind="body")
+    return called(naming, (BODY,), value, change_sd(t_s, heading.sd, body.kept), edges(heading.rests))
 
 
 def _lengths(motion: Motion, skeleton: Skeleton) -> list[Quantity]:

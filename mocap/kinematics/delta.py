@@ -144,15 +144,20 @@ class Naming:
 def made(points: Points, naming: Naming, value: Array, sd: Array, rests: NDArray[np.int8]) -> Quantity:
     """A quantity in its unit (angles come in radians), where it has a value."""
     scale = 180 / np.pi if naming.unit.startswith("deg") else 1.0
+    return called(naming, points.names, scale * value, scale * sd, rests)
+
+
+def called(naming: Naming, markers: tuple[str, ...], value: Array, sd: Array, rests: NDArray[np.int8]) -> Quantity:
+    """A quantity by its name, of (T,) values and deviations in its unit; NaN where it rests on nothing."""
     there = np.isfinite(value) & (rests != Rests.MISSING)
     return Quantity(
         name=f"{naming.name}_{naming.unit}",
         unit=naming.unit,
         what=naming.what,
         kind=naming.kind,
-        markers=points.names,
-        value=np.where(there, scale * value, np.nan),
-        sd=np.where(there, scale * sd, np.nan),
+        markers=markers,
+        value=np.where(there, value, np.nan),
+        sd=np.where(there, sd, np.nan),
         rests=np.where(there, rests, Rests.MISSING),
     )
 
@@ -216,15 +221,5 @@ def with_rates(points: Points, function: Function, naming: Naming, *, rates: boo
 def change(rate: Quantity, points: Points, naming: Naming) -> Quantity:
     """How a rate changes over the frames before and after, by lag-one covariances (``Motion.kept``)."""
     t_s = points.motion.t_s
-    value, rests = central(t_s, rate.value), edges(rate.rests)
-    there = np.isfinite(value) & (rests != Rests.MISSING)
-    return Quantity(
-        name=f"{naming.name}_{naming.unit}",
-        unit=naming.unit,
-        what=naming.what,
-        kind=naming.kind,
-        markers=rate.markers,
-        value=np.where(there, value, np.nan),
-        sd=np.where(there, change_sd(t_s, rate.sd, points.kept), np.nan),
-        rests=np.where(there, rests, Rests.MISSING),
-    )
+    sd = change_sd(t_s, rate.sd, points.kept)
+    return called(naming, rate.markers, central(t_s, rate.value), sd, edges(rate.rests))

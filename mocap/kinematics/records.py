@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen, unique
+from mocap.arrays import Z95, Array, frozen, unique
 from mocap.errors import MocapError
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-Z95 = 1.959964
-"""Half width of a 95 % interval in standard deviations."""
 
 
 class Rests(IntEnum):

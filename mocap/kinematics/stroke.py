@@ -8,8 +8,8 @@ from scipy.signal import hilbert
 
 from mocap.arrays import Array
 from mocap.kinematics import angles
-from mocap.kinematics.delta import Naming, Points, with_rates
-from mocap.kinematics.records import Quantity, Rests
+from mocap.kinematics.delta import Naming, Points, called, with_rates
+from mocap.kinematics.records import Quantity
 from mocap.measures import Line
 from mocap.moving import Motion
 from mocap.skeleton import Skeleton
@@ -71,7 +71,7 @@ def stroke_function(plane: StrokePlane, *, deviation: bool) -> Callable[[Array],
     return angle
 
 
-def stroke_quantities(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:  # noqa: ARG001
+def stroke_quantities(motion: Motion, skeleton: Skeleton) -> list[Quantity]:
     """Stroke angle, deviation and phase of every stated stroke; none where the trunk's axes are not stated."""
     measures = skeleton.measures
     if measures.forward is None or measures.left is None:
@@ -113,13 +113,6 @@ def phase_of(stroke: Quantity, name: str) -> Quantity:
         signal = np.array(hilbert(whole - whole.mean()), dtype=complex)
         value = np.where(there, np.degrees(np.angle(signal)) % 360, np.nan)
         sd = np.where(there, np.degrees(stroke.sd / np.maximum(np.abs(signal), 1e-9)), np.nan)
-    return Quantity(
-        name=f"{name}_phase_deg",
-        unit="deg",
-        what=f"phase of {stroke.name}: 0 at its upper end, 180 at its lower end",
-        kind="stroke",
-        markers=stroke.markers,
-        value=value,
-        sd=sd,
-        rests=np.where(there, stroke.rests, Rests.MISSING),
-    )
+    what = f"phase of {stroke.name}: 0 at its upper end, 180 at its lower end"
+    naming = Naming(name=f"{name}_phase", unit="deg", what=what, kind="stroke")
+    return called(naming, stroke.markers, value, sd, stroke.rests)

@@ -27,7 +27,7 @@ from mocap.skeleton import Skeleton, read_skeleton
 
 SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
-_95 = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
+_REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
 
 
 @dataclass(eq=False)
@@ -142,7 +142,7 @@ class Session:
         out = np.full((*uv.shape[:2], 5), np.nan)
         for c, m in np.argwhere(np.isfinite(s).all(axis=(-1, -2))):
             values, vectors = np.linalg.eigh(s[c, m])
-            axes = _95 * np.sqrt(np.maximum(values[::-1], 0))
+            axes = _REACH * np.sqrt(np.maximum(values[::-1], 0))
             out[c, m, 2:] = *axes, np.arctan2(vectors[1, 1], vectors[0, 1])
         for c, camera in enumerate(self.cameras):
             out[c, :, :2] = uv[c] if camera.lens is None else camera.lens.distort(uv[c])
@@ -207,12 +207,18 @@ def open_session(
     Arguments as of ``mocap.digitise``.
 
     Raises:
-        MocapError: the films do not fit the calibration, or a file cannot be read.
+        MocapError: the films do not fit the calibration, a file cannot be read, or clicks saved in ``folder`` would be
+            replaced by those of ``start``.
     """
     cameras = cameras_of(calibration, profile)
     opened = open_films(films, cameras, offset_frames=offset_frames)
     known = read_skeleton(skeleton)
     saved = folder / SAVED
+    if start is not None and saved.is_file() and not saved.samefile(start):
+        raise MocapError(
+            f"{saved} holds clicks that were made earlier, and clicks after those of {start.name} would replace them: "
+            "leave `start` out to go on with them, or give another folder"
+        )
     earlier = start or (saved if saved.is_file() else None)
     clicks = [] if earlier is None else read_clicks(earlier, known, n_cameras=len(cameras), n_frames=opened.n_frames)
     rate = fps or opened.movies[0].fps

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap.arrays import Array
+from mocap.arrays import Z95, Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
 SERIES = ("#0072B2", "#D55E00", "#009E73")
 """Blue, vermillion and green of Okabe & Ito 2008."""
-Z95 = 1.959964
 
 
 def plot_coordinates(

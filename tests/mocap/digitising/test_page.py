@@ -10,7 +10,8 @@ import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
-from mocap.digitising.clicks import read_clicks
+from mocap.digitising.clicks import Click, read_clicks
+from mocap.errors import MocapError
 from mocap.library.digitise_page import SAVED, open_session, served
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
 from tests.mocap.rerun.browser import chromium
@@ -21,13 +22,14 @@ def scene(tmp_path_factory):
     return film(tmp_path_factory.mktemp("page"), 12)
 
 
-def session_of(scene, folder):
+def session_of(scene, folder, start=None):
     where = scene.folder
     return open_session(
         [where / "films"],
         calibration=where / "calibration.toml",
         skeleton=where / "skeleton.toml",
         folder=folder,
+        start=start,
         fps=100.0,
     )
 
@@ -95,6 +97,20 @@ def test_a_killed_session_goes_on(scene, tmp_path):
     assert [(c.camera, c.frame, c.marker) for c in again.clicks] == sorted(
         (c.camera, c.frame, c.marker) for c in first.clicks
     )
+
+
+def test_clicks_saved_earlier_are_not_replaced_by_others(scene, tmp_path):
+    """First clicks and a folder that holds those of an earlier time: which is meant is asked, nothing is touched."""
+    folder = tmp_path / "out"
+    session = session_of(scene, folder)
+    session.click(Click(camera=0, frame=0, marker=1, uv_px=(10.0, 20.0)))
+    before = (folder / SAVED).read_bytes()
+    other = tmp_path / "first_xypts.csv"
+    other.write_bytes(before)
+    with pytest.raises(MocapError, match="clicks that were made earlier"):
+        session_of(scene, folder, start=other)
+    assert (folder / SAVED).read_bytes() == before
+    assert len(session_of(scene, folder, start=folder / SAVED).clicks) == 1
 
 
 def test_other_hosts_and_nonsense_are_refused(scene, tmp_path):

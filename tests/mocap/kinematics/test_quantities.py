@@ -182,3 +182,18 @@ def test_axes_that_a_skeleton_states_give_three_angles():
     found = kinematics(with_means(motion, asked_for(NAMES, skeleton, n_frames=9)), skeleton)
     assert {f"knee_{name}_deg" for name in ("angle", "flexion", "abduction", "rotation")} <= set(found)
     assert all(np.isfinite(found[f"knee_{name}_deg"].sd).all() for name in ("flexion", "abduction", "rotation"))
+
+
+def test_a_course_that_crosses_south_turns_as_it_does_elsewhere():
+    """A body on a circle turns at one rate, also where its course goes from 180 to -180 degrees."""
+    motion, skeleton, _ = limb(n_frames=80)
+    omega, t = 12.0, motion.t_s
+    circle = np.stack([np.cos(omega * t), np.sin(omega * t), 0 * t], axis=1)
+    along = omega * np.stack([-np.sin(omega * t), np.cos(omega * t), 0 * t], axis=1)
+    still = motion.xyz_m[:1]
+    turning = replace(motion, xyz_m=still + circle[:, None], velocity_m_s=np.repeat(along[:, None], 4, axis=1))
+    found = kinematics(with_means(turning, asked_for(NAMES, skeleton, n_frames=80)), skeleton)
+    heading = found["body_heading_deg"].value
+    assert heading.min() < -170
+    assert heading.max() > 170
+    np.testing.assert_allclose(found["body_turning_rate_deg_s"].value[1:-1], np.degrees(omega), rtol=1e-3)

@@ -1,0 +1,67 @@
+"""Sphinx settings of the site; ``docs/build.py`` copies the pages, adds what is made from code, and builds."""
+
+import sys
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+WORK = HERE.parent / "work"
+sys.path.insert(0, str(HERE / "tools"))
+
+project, author = "eal-mocap", "the eal-mocap developers"
+project_copyright = author
+version = release = version_of("eal-mocap")
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_gallery.gen_gallery",
+    "sphinx_design",
+    "shell",
+]
+exclude_patterns = ["tools", "build.py", "scripts", "**/README.txt", "**/GALLERY_HEADER.rst"]
+myst_enable_extensions = ["deflist", "colon_fence"]
+myst_heading_anchors = 3
+nitpicky = False
+run_in = str(WORK)
+language = "en"
+highlight_language = "text"
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+autodoc_default_options = {"members": True}
+napoleon_numpy_docstring = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": ["scripts/tutorials", "scripts/gallery"],
+    "gallery_dirs": ["tutorials/executed", "gallery/executed"],
+    "filename_pattern": r"\.py$",
+    "abort_on_example_error": True,
+    "show_signature": False,
+    "show_memory": False,
+    "min_reported_time": 1e9,
+    "write_computation_times": False,
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "remove_config_comments": True,
+    "only_warn_on_example_error": False,
+    "copyfile_regex": "",
+}
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"eal-mocap {version}"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "article_header_start": ["breadcrumbs"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "navbar_end": ["theme-switcher"],
+    "pygments_light_style": "tango",
+}

@@ -1,0 +1,11 @@
+"""
+Inspecting a potential
+======================
+
+"""
+
+import mocap
+
+result = mocap.load("out/demo")
+V = result.potential("elbow_l")
+V.plot()

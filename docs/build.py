@@ -8,12 +8,11 @@ browser would have to fetch from another host. ``--keep`` shows again what an ea
 import os
 import shutil
 import sys
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-os.environ.setdefault("MPLBACKEND", "agg")
 DEMO = "mocap demo bat --out out/demo"
 """The run that tutorials, gallery and reference look at."""
 
@@ -22,8 +21,12 @@ def build(out: Path, *, keep: bool = False) -> int:
     """Build into a folder; 0, or 1 where something is wrong."""
     from sphinx.cmd.build import main as sphinx
 
-    from docs.tools import commands, formats, html, shell
+    from docs.tools import html, shell
+    from docs.tools.made import PAGES
 
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    os.environ.setdefault("MPLBACKEND", "agg")
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     source, work = out / "source", out / "work"
     for name in () if keep else ("source", "work", "trees", "html"):
         shutil.rmtree(out / name, ignore_errors=True)
@@ -33,10 +36,11 @@ def build(out: Path, *, keep: bool = False) -> int:
         link = source / "scripts" / folder / "out"
         if not link.is_symlink():
             link.symlink_to(work / "out", target_is_directory=True)
-    (source / "reference" / "commands.md").write_text(commands.page(), encoding="utf-8")
-    (source / "reference" / "formats.md").write_text(formats.page(), encoding="utf-8")
+    for name, page in PAGES.items():
+        (source / name).write_text(page(), encoding="utf-8")
     shell.run(DEMO, work)
     options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(out / "trees")]
+    options += ["-D", f"version={version}", "-D", f"release={version}", "-D", f"html_title=eal-mocap {version}"]
     failed = sphinx([*options, str(source), str(out / "html")])
     wrong = [] if failed else html.troubles(out / "html")
     for line in wrong:

@@ -1,7 +1,6 @@
 """Sphinx settings of the site; ``docs/build.py`` copies the pages, adds what is made from code, and builds."""
 
 import sys
-from importlib.metadata import version as version_of
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -10,7 +9,6 @@ sys.path.insert(0, str(HERE / "tools"))
 
 project, author = "eal-mocap", "the eal-mocap developers"
 project_copyright = author
-version = release = version_of("eal-mocap")
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
@@ -49,7 +47,6 @@ sphinx_gallery_conf = {
 }
 
 html_theme = "pydata_sphinx_theme"
-html_title = f"eal-mocap {version}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False

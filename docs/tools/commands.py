@@ -44,9 +44,10 @@ def unknown_in(line: str) -> list[str]:
     known = commands()
     name = next((" ".join(words[:n]) for n in (3, 2) if " ".join(words[:n]) in known), None)
     if name is None:
-        groups = {" ".join(k.split()[:2]) for k in known}
-        whole = len(words) == 1 or words[1].startswith("-") or (" ".join(words[:2]) in groups and len(words) == 2)
-        return [] if whole else [" ".join(words[:2])]
+        groups = {" ".join(known_name.split()[:2]) for known_name in known if len(known_name.split()) == 3}
+        group = " ".join(words[:2]) in groups
+        whole = len(words) == 1 or words[1].startswith("-") or (group and len(words) == 2)
+        return [] if whole else [" ".join(words[: 3 if group else 2])]
     given = {re.split(r"[=\]]", w)[0].strip("[") for w in words if w.strip("[").startswith("--")}
     return sorted(given - options(known[name]) - {"--debug"})
 

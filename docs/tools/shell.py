@@ -14,6 +14,9 @@ from docutils.parsers.rst import Directive, directives
 
 CONTROLS = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 
+PROGRESS = re.compile(r"\d+ s: ")
+"""Lines that say how far a command is, and differ each time."""
+
 
 def run(line: str, work: Path, *, fails: bool = False) -> str:
     """What a line of a shell prints, run in a folder; what a build ran before there is remembered.
@@ -44,7 +47,8 @@ def run(line: str, work: Path, *, fails: bool = False) -> str:
     if (done.returncode != 0) != fails:
         raise RuntimeError(f"{line}: ended with {done.returncode}:\n{done.stdout[-2000:]}")
     printed = CONTROLS.sub("", done.stdout).replace(f"{beside}{os.sep}", "")
-    printed = "\n".join(text.rstrip() for text in printed.strip("\n").splitlines())
+    lines = [text.rstrip() for text in printed.strip("\n").splitlines() if not PROGRESS.match(text)]
+    printed = "\n".join(lines)
     kept.parent.mkdir(exist_ok=True)
     kept.write_text(json.dumps({"line": line, "printed": printed}), encoding="utf-8")
     return printed

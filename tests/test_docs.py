@@ -3,10 +3,20 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from docs.tools import columns, commands, html
 from docs.tools.made import PAGES
+from eal import fit_potential
+from filters.anatomy import Anatomy
+from filters.models.base import TrialSet, estimate
+from filters.observations import PositionObservations
+from filters.poses import MarkerTrial
+from mocap.errors import FormatError
+from mocap.io.format import Hints
+from mocap.io.head import head
+from mocap.io.registry import read_as
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs" / "scripts").rglob("*.py")])
@@ -16,8 +26,9 @@ README_LINES = 100
 
 def typed(text: str) -> list[str]:
     """Every command of ours in a text: lines of blocks of code, lines that are indented, and code within a line."""
-    lines = re.findall(r"^(?:    )?(mocap [a-z-].*)$", text, re.MULTILINE)
-    lines = [line.rsplit("\\", 1)[0] for line in lines]
+    blocks = re.findall(r"^```.*?^```", text, re.MULTILINE | re.DOTALL)
+    lines = re.findall(r"^(mocap [a-z-].*)$", "\n".join(blocks), re.MULTILINE)
+    lines += re.findall(r"^(?:#\s*)?    (mocap [a-z-].*)$", text, re.MULTILINE)
     return lines + re.findall(r"`(mocap [a-z][^`]*)`", text)
 
 
@@ -99,6 +110,57 @@ def test_the_reference_describes_every_command():
     for name, command in commands.commands().items():
         section = page.split(f"## {name}\n", 1)[1].split("\n## ", 1)[0]
         assert all(f"`{option}`" in section for option in commands.options(command) - {"--help"})
+
+
+def example(name: str) -> dict:
+    """What a block of code of the page about extending defines, found by a word in it."""
+    page = (ROOT / "docs" / "howto" / "extend.md").read_text(encoding="utf-8")
+    (block,) = [b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if name in b]
+    defined: dict = {"__name__": "example"}
+    exec(compile(block, name, "exec"), defined)
+    return defined
+
+
+def test_the_example_of_a_format_reads(tmp_path):
+    """Centimetres become metres, an empty cell is a gap, and another first line is refused with both."""
+    (made,) = example("birdlab")["FORMATS"]
+    path = tmp_path / "a.txt"
+    path.write_text("# BIRDLAB 200 Hz\nbeak,tail\n100,0,0,1,2,3\n,,,4,5,6\n")
+    assert made.knows(head(path))
+    found = read_as(made, path, Hints())
+    assert found.fps == 200
+    assert found.points is not None
+    np.testing.assert_allclose(found.points.xyz_m[0, 0], [1.0, 0.0, 0.0])
+    assert np.isnan(found.points.xyz_m[1, 0]).all()
+    path.write_text("# BIRDLAB\nbeak\n1,2,3\n")
+    with pytest.raises(FormatError, match="'# BIRDLAB'; expected"):
+        read_as(made, path, Hints())
+
+
+def test_the_example_of_a_motion_model_fills_a_gap():
+    """A marker that goes straight on is filled on its line."""
+    model = example("RestingSettings")["RestingSettings"]()
+    t_s = np.arange(40) / 100
+    truth = np.stack([t_s, 2 * t_s, 0 * t_s], axis=1)[:, None] + np.array([[0.0, 0, 0], [0.1, 0, 0]])
+    shown = truth.copy()
+    shown[15:25, 0] = np.nan
+    trial = MarkerTrial(name="a", t_s=t_s, xyz_m=shown, sd_m=np.full(shown.shape[:2], 1e-4))
+    observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+    filled = estimate(model, TrialSet([trial], Anatomy((0, 1))), observations)
+    np.testing.assert_allclose(filled.xyz_m[15:25, 0], truth[15:25, 0], atol=1e-3)
+
+
+def test_the_example_of_a_kernel_has_the_slopes_it_states():
+    """Gradient of log K by differences; V_z is low at the samples and high far from them."""
+    kernel = example("RationalKernel")["RationalKernel"](beta=2.0)
+    rng = np.random.default_rng(0)
+    q, z, step = rng.normal(size=(1, 2)), rng.normal(size=(5, 2)), 1e-6
+    for axis in np.eye(2):
+        slope = (kernel.log_gram(q + step * axis, z) - kernel.log_gram(q - step * axis, z)) / (2 * step)
+        np.testing.assert_allclose(kernel.log_gradients(q, z) @ axis, slope, atol=1e-8)
+    potential = fit_potential(rng.normal(size=(60, 2)), kernel=kernel, lam=1e-3)
+    assert potential.value(potential.samples).max() < 0.1
+    assert potential.value(np.array([30.0, 30.0])) > 0.9
 
 
 def test_what_another_host_would_send_is_seen(tmp_path):

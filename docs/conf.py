@@ -7,7 +7,7 @@ HERE = Path(__file__).resolve().parent
 WORK = HERE.parent / "work"
 sys.path.insert(0, str(HERE / "tools"))
 
-project, author = "eal-mocap", "the eal-mocap developers"
+project, author = "eal-mocap", "the eal-mocap authors"
 project_copyright = author
 extensions = [
     "myst_parser",
@@ -29,6 +29,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_default_options = {"members": True}
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True
 
 sphinx_gallery_conf = {
     "examples_dirs": ["scripts/tutorials", "scripts/gallery"],
@@ -62,3 +63,16 @@ html_theme_options = {
     "navbar_end": ["theme-switcher"],
     "pygments_light_style": "tango",
 }
+
+
+def setup(app) -> None:
+    """Called by Sphinx; |x| in a docstring is a size, and no substitution of reStructuredText."""
+
+    def sizes(_app, _what, _name, _obj, _options, lines: list[str]) -> None:
+        lines[:] = ["``".join(_bars(line.split("``"))) for line in lines]
+
+    app.connect("autodoc-process-docstring", sizes)
+
+
+def _bars(parts: list[str]) -> list[str]:
+    return [part if k % 2 else part.replace("|", r"\|") for k, part in enumerate(parts)]

@@ -1,6 +1,7 @@
 """What the pages say is so: commands and options exist, links lead somewhere, the README is short."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,8 @@ def test_links_between_pages_lead_somewhere(name):
         made = target.relative_to(ROOT / "docs").as_posix() if target.is_relative_to(ROOT / "docs") else ""
         executed = re.fullmatch(r"(tutorials|gallery)/executed/(\w+)\.rst", made)
         if executed:
-            target = ROOT / "docs" / "scripts" / executed[1] / f"{executed[2]}.py"
+            file = "GALLERY_HEADER.rst" if executed[2] == "index" else f"{executed[2]}.py"
+            target = ROOT / "docs" / "scripts" / executed[1] / file
         there = made in PAGES or target.is_file()
         if not there or (anchor and made not in PAGES and anchor not in anchors(target)):
             wrong.append(link)
@@ -102,6 +104,13 @@ def test_the_readme_is_short_and_its_pictures_are_there():
     assert len(lines) <= README_LINES
     assert {"make demo", "make test"} <= {" ".join(line.split()[:2]) for line in lines[:40]}
     assert all((ROOT / name).is_file() for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", "\n".join(lines)))
+
+
+def test_the_version_is_one():
+    """That of ``pyproject.toml``; ``CITATION.cff`` repeats it, and the changelog has a section of it."""
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f"\nversion: {stated}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\n## {stated}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
 def test_the_reference_describes_every_command():

@@ -1,7 +1,7 @@
 """What the page of files says of columns, to be compared with what a run writes; the table of cycles, from the code."""
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 
@@ -42,7 +42,7 @@ def documented(title: str) -> list[str]:
     return [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
 
 
-def undocumented(columns: Iterable[str], title: str, names: dict[str, Collection[str]]) -> list[str]:
+def undocumented(columns: Iterable[str], title: str, names: Mapping[str, Collection[str]]) -> list[str]:
     """The columns that the page does not describe.
 
     Args:
@@ -54,7 +54,7 @@ def undocumented(columns: Iterable[str], title: str, names: dict[str, Collection
     return [column for column in columns if not known.fullmatch(column)]
 
 
-def _pattern(text: str, names: dict[str, Collection[str]]) -> str:
+def _pattern(text: str, names: Mapping[str, Collection[str]]) -> str:
     parts = re.split(r"<(\w+)>", text)
     for k in range(1, len(parts), 2):
         longest_first = sorted(names.get(parts[k], ()), key=len, reverse=True)

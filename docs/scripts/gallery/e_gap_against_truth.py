@@ -2,8 +2,8 @@
 A gap, filled, and the truth
 ============================
 
-The demo's bat is synthetic, so the truth is known. The longest gap of a wing tip: what a straight line makes of it, what
-the filter makes of it with its 95 % interval, and where the tip really was.
+The demo's bat is synthetic, so the truth is known. The longest gap of a wing tip: what a straight line makes of it,
+what the filter makes of it with its 95 % interval, and where the tip really was.
 """
 
 import matplotlib.pyplot as plt

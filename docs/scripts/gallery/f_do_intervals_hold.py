@@ -2,8 +2,8 @@
 Do intervals hold?
 ==================
 
-Errors divided by their stated standard deviations, where markers were measured and where they were filled. If intervals were exact,
-both would follow the curve; narrower means that intervals are too wide.
+Errors divided by their stated standard deviations, where markers were measured and where they were filled. If
+intervals were exact, both would follow the curve; narrower means that intervals are too wide.
 """
 
 import matplotlib.pyplot as plt

@@ -2,7 +2,8 @@
 From samples to a map
 =====================
 
-Four times as many samples, four times: the map of where points were seen gets sharper, and keeps the hole in their middle.
+Four times as many samples, four times: the map of where points were seen gets sharper, and keeps the hole in their
+middle.
 """
 
 import matplotlib.pyplot as plt

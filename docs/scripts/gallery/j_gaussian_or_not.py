@@ -2,8 +2,8 @@
 What a Gaussian cannot say
 ==========================
 
-The same samples on an arc: a Gaussian (left: its level curves) thinks the middle of the arc most usual, where no sample is; the
-empirical potential (right) does not.
+The same samples on an arc: a Gaussian (left: its level curves) thinks the middle of the arc most usual, where no
+sample is; the empirical potential (right) does not.
 """
 
 import matplotlib.pyplot as plt

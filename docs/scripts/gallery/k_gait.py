@@ -2,7 +2,8 @@
 Which foot stands when
 ======================
 
-A second of a synthetic lizard's walk up a rod, tracked with constant velocity alone, and its gait diagram.
+Three quarters of a second of a synthetic lizard's walk up a rod, tracked with constant velocity alone, and its gait
+diagram.
 """
 
 from pathlib import Path
@@ -11,7 +12,7 @@ from tempfile import mkdtemp
 import datasets
 import mocap
 
-walk = datasets.lizard(seed=0, n_frames=260)
+walk = datasets.lizard(seed=0, n_frames=180)
 files = datasets.write_recording(walk, Path(mkdtemp()))
 recording = mocap.read(files["pixels"], calibration=files["coefficients"], fps=walk.fps, skeleton=files["skeleton"])
 result = mocap.track(recording, model="constant_velocity", validate=False)

@@ -2,8 +2,8 @@
 From film to angles
 ===================
 
-From four films and a few clicks to joint angles. On the command line the same is ``mocap digitise`` and ``mocap track``. You need
-films of an animal with dots on its joints, and calibrated cameras (:doc:`/tutorials/calibrate`).
+From four films and a few clicks to joint angles. On the command line the same is ``mocap digitise`` and ``mocap
+track``. You need films of an animal with dots on its joints, and calibrated cameras (:doc:`/tutorials/calibrate`).
 """
 
 # %%
@@ -33,8 +33,9 @@ print(*sorted(path.name for path in (folder / "films").iterdir()))
 # %%
 # A person's clicks
 # -----------------
-# Every marker in two cameras of one frame. ``mocap digitise --web`` opens a page to make them; a table of DLTdv with one frame
-# clicked is as good. Here they are taken from what the films show in frame 16, with a hand that trembles by a pixel.
+# Every marker in two cameras of one frame. ``mocap digitise --web`` opens a page to make them; a table of DLTdv with
+# one frame clicked is as good. Here they are taken from what the films show in frame 16, with a hand that trembles by
+# a pixel.
 
 shown = shown_pixels(*scene, start_s=flight.start_s)
 u_v = np.full_like(shown.uv_px, np.nan)

@@ -2,14 +2,15 @@
 The same in a notebook
 ======================
 
-Everything that the command line does is a function that takes and gives objects. This page reads a recording, tracks it, and goes on
-with pandas and xarray. Download it as a notebook at its foot.
+Everything that the command line does is a function that takes and gives objects. This page reads a recording, tracks
+it, and goes on with pandas and xarray. Download it as a notebook at its foot.
 """
 
 # %%
 # A recording to work with
 # ------------------------
-# Half a second of a synthetic bat's flight, written as files of DLTdv. With your own files begin at ``mocap.read``.
+# A third of a second of a synthetic bat's flight, written as files of DLTdv. With your own files begin at
+# ``mocap.read``.
 
 from pathlib import Path
 from tempfile import mkdtemp
@@ -17,7 +18,7 @@ from tempfile import mkdtemp
 import datasets
 import mocap
 
-flight = datasets.bat(seed=3, n_frames=120)
+flight = datasets.bat(seed=3, n_frames=90)
 files = datasets.write_recording(flight, Path(mkdtemp()))
 print(*sorted(path.name for path in files.values()), sep="\n")
 
@@ -58,8 +59,12 @@ import numpy as np
 tip = result.markers.sel(keypoint="d3_tip_l", individual="id_0")
 sd_mm = 1e3 * np.sqrt(tip.covariance.sel(space="z", space_to="z"))
 filled = tip.status == 4  # attrs: flag_values, flag_meanings
-print(f"{int(filled.sum())} frames filled; sd measured {float(sd_mm[tip.status == 1].median()):.2f} mm, "
-      f"filled {float(sd_mm[filled].median()):.2f} mm" if filled.any() else "every frame measured")
+print(
+    f"{int(filled.sum())} frames filled; sd measured {float(sd_mm[tip.status == 1].median()):.2f} mm, "
+    f"filled {float(sd_mm[filled].median()):.2f} mm"
+    if filled.any()
+    else "every frame measured"
+)
 
 # %%
 # Angles

@@ -2,14 +2,16 @@
 Several flights and one model
 =============================
 
-One flight may show a movement once that others show often. This page learns a model from two flights and tracks a third, in which
-a wing was hidden for a while. On the command line the same is ``mocap learn`` and ``mocap track --model``.
+One flight may show a movement once that others show often. This page learns a model from two flights and tracks a
+third, in which a wing was hidden for a while. On the command line the same is ``mocap learn`` and ``mocap track
+--model``.
 """
 
 # %%
 # Three flights
 # -------------
-# Synthetic bats of 34 markers; only 100 frames each, to be quick. Positions are enough for learning, so the cameras are left out.
+# Synthetic bats of 34 markers; only 90 frames each, to be quick. Positions are enough for learning, so the cameras
+# are left out.
 
 from pathlib import Path
 from tempfile import mkdtemp
@@ -22,8 +24,9 @@ import mocap
 
 def recording(seed, hidden=None):
     """A flight as positions in a table; ``hidden``: frames in which the left hand is not seen."""
-    flight = datasets.bat(seed=seed, n_frames=100)
-    names, xyz = flight.truth.names, flight.truth.xyz_m + np.random.default_rng(seed).normal(0, 2e-4, flight.truth.xyz_m.shape)
+    flight = datasets.bat(seed=seed, n_frames=90)
+    names, true = flight.truth.names, flight.truth.xyz_m
+    xyz = true + np.random.default_rng(seed).normal(0, 2e-4, true.shape)
     hand = [m for m, name in enumerate(names) if name.startswith(("d3", "d4", "wrist")) and name.endswith("_l")]
     if hidden is not None:
         xyz[hidden, hand] = np.nan
@@ -71,7 +74,8 @@ for name, result in (("learned", learned), ("constant velocity", alone)):
     plt.plot(markers.t_s[window], 1e3 * z, label=name)
     plt.fill_between(markers.t_s[window], 1e3 * (z - 1.96 * sd), 1e3 * (z + 1.96 * sd), alpha=0.2)
 plt.plot(truth.t_s[window], 1e3 * truth.xyz_m[window, m, 2], "k--", label="truth")
-plt.gca().set(xlabel="time (s)", ylabel="height (mm)", ylim=(1e3 * truth.xyz_m[window, m, 2].min() - 30, 1e3 * truth.xyz_m[window, m, 2].max() + 30))
+height = 1e3 * truth.xyz_m[window, m, 2]
+plt.gca().set(xlabel="time (s)", ylabel="height (mm)", ylim=(height.min() - 30, height.max() + 30))
 plt.legend()
 
 # %%
@@ -81,4 +85,5 @@ plt.legend()
 model.save(Path(mkdtemp()) / "bat.npz")
 
 # %%
-# What to bring to a model of your own: :doc:`/howto/several_recordings`. When to believe what it fills: :doc:`/howto/trust`.
+# What to bring to a model of your own: :doc:`/howto/several_recordings`. When to believe what it fills:
+# :doc:`/howto/trust`.

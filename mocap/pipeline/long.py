@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +10,12 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.io.contents import FileContents
+from mocap.io.parquet_range import ParquetPoints
 from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
 from mocap.pipeline.recording import Filmed, Recording, film_of, load_filmed, load_points, load_skeleton
-from mocap.records import MarkerTracks, PixelTracks
+from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton
+from mocap.text import as_text
 
 Mask = NDArray[np.bool_]
 
@@ -191,3 +194,31 @@ def long_recording(source: Recording) -> LongRecording:
         likelihood=contents.score,
         findings=(*source.frame_findings, filmed.pixel_origin.describe(), *filmed.told),
     )
+
+
+def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording:
+    """Positions of a Parquet table that is read by range: the recording never is in memory.
+
+    Args:
+        path: mocap's long table (``mocap.io.parquet_range``); samples that were not measured are left out.
+        skeleton_file: Skeleton TOML; None: none.
+
+    Raises:
+        FormatError: the file is none, or is not sorted.
+        SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
+    """
+    points = ParquetPoints(path)
+    skeleton, names = load_skeleton(skeleton_file, points.names)
+
+    def tracks(frames: slice) -> MarkerTracks:
+        found, _ = points.read(frames)
+        measured = found.status == Status.MEASURED
+        return replace(
+            found,
+            names=names,
+            xyz_m=np.where(measured[..., None], found.xyz_m, np.nan),
+            cov_m2=np.where(measured[..., None, None], found.cov_m2, np.nan),
+            status=np.where(measured, found.status, Status.MISSING),
+        )
+
+    return long_tracks(tracks, skeleton, name=as_text(path.stem), t_s=points.t_s, names=names)

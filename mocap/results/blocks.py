@@ -12,15 +12,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as parquet
 
-from mocap.errors import FormatError, MocapError
-from mocap.io.tables import WORDS
+from mocap.errors import MocapError
+from mocap.io.parquet_range import COVARIANCES, ParquetPoints
+from mocap.io.tables import REPAIRED, WORDS
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
 from mocap.records import MarkerTracks, Status
 
 MARKERS, KINEMATICS, CYCLES, BLOCKS = "markers.parquet", "kinematics.parquet", "cycles.csv", "blocks.csv"
-COVARIANCES = (("xx", 0, 0), ("xy", 0, 1), ("xz", 0, 2), ("yy", 1, 1), ("yz", 1, 2), ("zz", 2, 2))
 
 
 class BlockWriter:
@@ -107,7 +107,7 @@ class BlockWriter:
 def _marker_table(frames: np.ndarray, markers: MarkerTracks, repaired: np.ndarray) -> pa.Table:
     n_frames, n_markers = markers.status.shape
     names = np.tile(np.arange(n_markers, dtype=np.int32), n_frames)
-    words = [*(str(word) for word in WORDS), "repaired"]
+    words = [*(str(word) for word in WORDS), REPAIRED]
     codes = np.where(repaired & (markers.status == Status.MEASURED), len(WORDS), markers.status).astype(np.int8)
     columns: dict[str, Any] = {
         "frame": np.repeat(frames, n_markers),
@@ -136,37 +136,7 @@ def read_markers(folder: Path, frames: range) -> tuple[MarkerTracks, np.ndarray]
         MocapError: there are no such frames.
         FormatError: the file cannot be read.
     """
-    path = folder / MARKERS
-    try:
-        file = parquet.ParquetFile(path)
-        groups = []
-        for i in range(file.num_row_groups):
-            column = file.metadata.row_group(i).column(0).statistics
-            if column.max > frames.start and column.min <= frames.stop:
-                groups.append(i)
-        last = file.metadata.row_group(file.num_row_groups - 1).column(0).statistics.max
-        if not groups or frames.stop > last or frames.start < 0 or not len(frames):
-            raise MocapError(f"{folder}: has the frames 1 to {last}, not {frames.start + 1} to {frames.stop}")
-        table = file.read_row_groups(groups)
-    except (OSError, pa.ArrowException, AttributeError) as error:
-        raise FormatError(f"{path}: cannot be read ({error}): it is cut or damaged: track again") from None
-    numbers = table.column("frame").to_numpy()
-    table = table.slice(int(np.searchsorted(numbers, frames.start + 1)))
-    table = table.slice(0, int(np.searchsorted(table.column("frame").to_numpy(), frames.stop, side="right")))
-    count = len(table) // len(frames)
-    shape = (len(frames), count)
-    columns = {name: table.column(name).to_numpy() for name in table.column_names if name not in ("marker", "origin")}
-    words = np.array(table.column("origin").cast(pa.string()).to_pylist(), dtype=str).reshape(shape)
-    repaired = words == "repaired"
-    lookup = {str(word): code for code, word in enumerate(WORDS)} | {"repaired": int(Status.MEASURED)}
-    cov = np.empty((*shape, 3, 3))
-    for name, i, j in COVARIANCES:
-        cov[..., i, j] = cov[..., j, i] = columns[f"cov_{name}_m2"].reshape(shape)
-    markers = MarkerTracks(
-        names=tuple(table.column("marker").slice(0, count).to_pylist()),
-        t_s=columns["t_s"].reshape(shape)[:, 0],
-        xyz_m=np.stack([columns[f"{axis}_m"].reshape(shape) for axis in "xyz"], axis=-1),
-        cov_m2=cov,
-        status=np.vectorize(lookup.__getitem__, otypes=[np.int8])(words),
-    )
-    return markers, repaired
+    points = ParquetPoints(folder / MARKERS)
+    if not 0 <= frames.start < frames.stop <= points.n_frames:
+        raise MocapError(f"{folder}: has the frames 1 to {points.n_frames}, not {frames.start + 1} to {frames.stop}")
+    return points.read(slice(frames.start, frames.stop))

@@ -6,6 +6,8 @@ import pytest
 
 import mocap
 from datasets import make_bat
+from mocap.cli.main import main
+from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.library.blocks import load_range, track_in_blocks
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
@@ -143,3 +145,25 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
             frames |= set(batch.column("frame").to_pylist())
     assert frames <= set(range(1, T + 1, 3))
     assert {1, 700} <= frames
+
+
+def test_the_command_line(folder, tmp_path, monkeypatch, capsys):
+    """``mocap track --blocks`` gives the tables, ``mocap.load`` any of their frames; what cannot be is refused."""
+    source = folder / "markers.parquet"
+
+    def run(*words: object) -> int:
+        monkeypatch.setattr("sys.argv", ["mocap", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        return stopped.value.code
+
+    out = tmp_path / "out"
+    assert run("track", source, "--blocks", 300, "--model", "constant_velocity", "--out", out) == 0
+    assert "tracked in 3 blocks" in (out / "report.md").read_text()
+    part = mocap.load(out, frames=range(298, 304))
+    assert part.markers.sizes["time"] == 6
+    assert detail([out], "299:304", tmp_path / "part.rrd").stat().st_size > 1000
+    capsys.readouterr()
+    assert run("track", source, "--blocks", 300, "--model", "eal", "--out", tmp_path / "other") == 1
+    assert run("view", out, "--frames", "7") == 1
+    assert "FIRST:LAST" in capsys.readouterr().err

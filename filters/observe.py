@@ -85,14 +85,14 @@ def observe(
     """
     n_groups, marker = len(sights.size), sights.where[:, 1]
     if not n_groups:
-        return state, _unused(sights)
+        return state, unused(sights)
     white, y = sights.slope / sights.sd[..., None], sights.innovation / sights.sd
     cov = marker_covariances(deviations)
     predicted = 1 + np.einsum("gri,gij,grj->gr", white, cov[marker], white)
     far = (np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1)
     used = gate_groups(np.sum(y**2 / predicted, axis=1), far, sights.where, sights.apart)
     if not used.any():
-        return state, _unused(sights)
+        return state, unused(sights)
     weight = used.astype(float)
     heavy = used & np.isfinite(sights.dof) & (rounds > 0)
     freedom = sights.dof[heavy] + sights.size[heavy]
@@ -116,8 +116,8 @@ def observe(
     return posterior, Observed(sights.where, sights.innovation, weight, nis, n_rows, float(log_likelihood))
 
 
-def _unused(sights: Sights) -> Observed:
-    """Nothing was believed."""
+def unused(sights: Sights) -> Observed:
+    """Of sights of which nothing was believed."""
     return Observed(sights.where, sights.innovation, np.zeros(len(sights.size)), np.nan, 0, 0.0)
 
 

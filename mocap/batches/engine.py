@@ -36,6 +36,8 @@ CONFIG = {
     "distributed.nanny.pre-spawn-environ.OPENBLAS_NUM_THREADS": 1,
     "distributed.comm.timeouts.connect": "60s",
 }
+CONNECT_S = 10.0
+"""So long a scheduler may take to answer."""
 GUARD = (
     "the processes of the workers could not be started: in a script, call mocap.batch below "
     '`if __name__ == "__main__":`, as every process reads the script first'
@@ -59,13 +61,13 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
     with config.set(CONFIG):
         if scheduler is not None:
             try:
-                found = Client(scheduler, timeout="10s", set_as_default=False)
+                found = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
             except (OSError, ValueError) as error:
                 raise MocapError(
                     f"`scheduler` {scheduler}: no Dask scheduler answers ({error}): start one (dask scheduler), and "
                     "give its address as tcp://HOST:8786"
                 ) from None
-            with found, found.as_current():
+            with found:
                 yield found
             return
         try:
@@ -81,7 +83,7 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
             raise MocapError(f"{GUARD} ({error})") from None
         except ValueError as error:
             raise MocapError(f"`memory` {memory}: {error}: give it as 2GB") from None
-        with cluster, Client(cluster, set_as_default=False) as found, found.as_current():
+        with cluster, Client(cluster, set_as_default=False) as found:
             yield found
 
 
@@ -113,7 +115,7 @@ def tracked(
     # marked as producers of data, tasks wait at the scheduler and not at a worker whose death they would be accused of
     graph = {key: Task(key, _on_worker, trial, options, out, again, _data_producer=True) for key, trial in keys.items()}
     futures = connected.get(graph, list(graph), sync=False, retries=1)
-    for future in as_completed(futures):
+    for future in as_completed(futures, loop=connected.loop):
         trial = keys[future.key]
         if future.status == "finished":
             yield future.result()
@@ -135,8 +137,7 @@ def _on_worker(trial: Trial, options: Options, out: Path, again: bool) -> tuple[
         worker.log_event(TOPIC, {"worker": str(worker.name), "does": f"{trial.name}: {stage}"})
 
     begun = perf_counter()
-    with config.set(scheduler="synchronous"):  # or xarray, which sees a cluster, asks it for the locks of its files
-        record = track_trial(trial, options, out, again=again, progress=_changes(tell))
+    record = track_trial(trial, options, out, again=again, progress=_changes(tell))
     return record, perf_counter() - begun
 
 

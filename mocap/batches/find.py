@@ -56,7 +56,8 @@ def find_trials(
     Raises:
         MocapError: nothing was found; the message says what was looked for, and where.
     """
-    stated = {key: value for key, value in (stated or {}).items() if value is not None and value != []}
+    nothing = (None, [], Hints())
+    stated = {key: value for key, value in (stated or {}).items() if value not in nothing}
     hints = stated.get("hints") or Hints()
     found: list[Trial] = []
     for source in sources:

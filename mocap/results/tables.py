@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
+from mocap.io.netcdf import as_netcdf
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
@@ -84,7 +85,7 @@ def write_kinematics(found: Kinematics, folder: Path) -> None:
         writer.writerows(zip(*[c.tolist() for c in columns], strict=True))
     dataset = found.to_dataset()
     packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("value", "sd", "status")}
-    (folder / "kinematics.nc").write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+    (folder / "kinematics.nc").write_bytes(as_netcdf(dataset, encoding=packed))
 
 
 def write_cycles(rows: Sequence[Cycle], path: Path) -> None:

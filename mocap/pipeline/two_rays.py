@@ -17,7 +17,7 @@ from mocap.cleaning.clean import REASONS
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import Part, learn_motion, marker_trial, part_names, track, why_no_pose
 
-FAR = 5.0
+FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
 LEAST = 0.05
 """Points of two rays are looked at if they are more than this share: that costs a pass of the filter."""

@@ -71,8 +71,8 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
 
 @pytest.fixture(scope="module")
 def demo():
-    """That of a lizard is run by ``tests/test_installed.py``, which asks the same of its report."""
-    return run_demo("bat", stages=Stages())
+    """Half of a flight. The lizard's is run whole by ``tests/test_installed.py``, which asks the same of its report."""
+    return run_demo("bat", stages=Stages(), n_frames=270)
 
 
 def test_demo_beats_what_people_use(demo):

@@ -9,6 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
 from mocap.cli.console import in_words_of, say, say_error, show_text, talk_in_any_encoding, visible
 from mocap.cli.convert import convert
@@ -86,6 +87,7 @@ COMMANDS = (
     digitise,
     label,
     track,
+    batch,
     kinematics,
     learn,
     skeleton,

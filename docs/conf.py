@@ -37,6 +37,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "abort_on_example_error": True,
     "show_signature": False,
+    "ignore_repr_types": r"matplotlib",
     "show_memory": False,
     "min_reported_time": 1e9,
     "write_computation_times": False,

@@ -33,7 +33,7 @@ def run(line: str, work: Path, *, fails: bool = False) -> str:
     if kept.is_file():
         return json.loads(kept.read_text(encoding="utf-8"))["printed"]
     beside = Path(sys.executable).parent
-    environment = os.environ | {"PATH": f"{beside}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "110"}
+    environment = os.environ | {"PATH": f"{beside}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "88"}
     done = subprocess.run(
         ["bash", "-c", line],
         cwd=work,

@@ -8,6 +8,8 @@ from mocap.errors import MocapError
 class FilmError(MocapError):
     """Films cannot be read or written here."""
 
+    page = "howto/installing.md"
+
 
 def pyav() -> ModuleType:
     """The library, imported when a film is first asked for.

@@ -6,6 +6,7 @@ import pytest
 
 import mocap
 from datasets import make_bat
+from docs.tools import columns
 from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
@@ -112,6 +113,12 @@ def test_tables_hold_every_frame(bat, folder):
     assert blocks["measured"].mean() == pytest.approx(
         (whole.tracked.markers.status == Status.MEASURED).mean(), abs=1e-3
     )
+
+
+def test_every_column_is_documented(folder):
+    """Of the files that only recordings in blocks have."""
+    assert not columns.undocumented(pd.read_parquet(folder / "markers.parquet").columns, "markers.parquet", {})
+    assert not columns.undocumented(pd.read_csv(folder / "blocks.csv", nrows=0).columns, "blocks.csv", {})
 
 
 def test_any_range_of_frames(folder):

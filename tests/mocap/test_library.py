@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from matplotlib import pyplot
+from matplotlib.figure import Figure
 
 import mocap
 from datasets import make_lizard, write_recording
@@ -152,6 +154,16 @@ def documented_names(result):
         "distance": list(measures.distances),
         "area": list(measures.areas),
     }
+
+
+def test_a_notebook_shows_figures_that_it_did_not_give_axes_for(tracked):
+    """pyplot, whose figures a notebook shows, knows the figure; axes that are given stay where they are."""
+    ax = tracked.plot.gaps()
+    assert pyplot.gcf() is ax.figure
+    pyplot.close(ax.figure)
+    assert not pyplot.get_fignums()
+    tracked.plot.gaps(ax=Figure().add_subplot())
+    assert not pyplot.get_fignums()
 
 
 def test_saving_again_needs_to_be_told(tracked, saved):

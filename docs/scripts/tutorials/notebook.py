@@ -52,19 +52,15 @@ result
 result.markers
 
 # %%
-# The height of a wing tip, and how well it is known where it was not seen:
+# How well heights are known, where markers were seen and where not:
 
 import numpy as np
 
-tip = result.markers.sel(keypoint="d3_tip_l", individual="id_0")
-sd_mm = 1e3 * np.sqrt(tip.covariance.sel(space="z", space_to="z"))
-filled = tip.status == 4  # attrs: flag_values, flag_meanings
-print(
-    f"{int(filled.sum())} frames filled; sd measured {float(sd_mm[tip.status == 1].median()):.2f} mm, "
-    f"filled {float(sd_mm[filled].median()):.2f} mm"
-    if filled.any()
-    else "every frame measured"
-)
+one = result.markers.sel(individual="id_0")
+sd_mm = 1e3 * np.sqrt(one.covariance.sel(space="z", space_to="z"))
+for code, word in ((1, "measured"), (4, "filled")):  # one.status.attrs has the words of all codes
+    where = one.status == code
+    print(f"{word}: {int(where.sum())} samples, sd of the height {float(sd_mm.where(where).median()):.2f} mm")
 
 # %%
 # Angles

@@ -142,7 +142,8 @@ def _observe(
         return mean, factor, unused(sights)
     white, y = sights.slope / sights.sd[..., None], sights.innovation / sights.sd
     predicted = 1 + np.sum((white @ cov[marker]) * white, axis=2)
-    used = gate_groups((np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1), sights.where)
+    far = (np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1)
+    used = gate_groups(np.sum(y**2 / predicted, axis=1), far, sights.where, sights.apart)
     if not used.any():
         return mean, factor, unused(sights)
     weight = used.astype(float)

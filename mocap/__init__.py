@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from mocap.neighbours import check_neighbours
 
 if TYPE_CHECKING:
+    from mocap.batches.run import Batch, batch
     from mocap.errors import MocapError
     from mocap.io.format import Hints
     from mocap.library.digitised import Digitised, digitise
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from mocap.pipeline.recording import Recording
 
 __all__ = [
+    "Batch",
     "Digitised",
     "Hints",
     "LabelledRecording",
@@ -27,6 +29,7 @@ __all__ = [
     "Model",
     "Recording",
     "Tracked",
+    "batch",
     "digitise",
     "label",
     "learn",
@@ -38,6 +41,7 @@ __all__ = [
 ]
 
 _PLACES = {
+    "Batch": "mocap.batches.run",
     "Digitised": "mocap.library.digitised",
     "Hints": "mocap.io.format",
     "LabelledRecording": "mocap.library.labelled",
@@ -45,6 +49,7 @@ _PLACES = {
     "Model": "mocap.library.learning",
     "Recording": "mocap.pipeline.recording",
     "Tracked": "mocap.library.tracked",
+    "batch": "mocap.batches.run",
     "digitise": "mocap.library.digitised",
     "label": "mocap.library.labelled",
     "learn": "mocap.library.learning",

@@ -9,6 +9,7 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
 from mocap.cli.console import in_words_of, say, say_error, talk_in_any_encoding, visible
 from mocap.cli.convert import convert
@@ -69,6 +70,7 @@ COMMANDS = (
     digitise,
     label,
     track,
+    batch,
     kinematics,
     learn,
     skeleton,

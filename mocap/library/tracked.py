@@ -170,13 +170,20 @@ class Tracked:
             self.write(stage)
         return Tracked(self.run, Path(folder))
 
-    def write(self, folder: Path, *, progress: Tell = silent) -> None:
-        """Write the files of ``save`` into an empty folder, as ``mocap.io.output.result_folder`` gives it."""
+    def write(self, folder: Path, *, progress: Tell = silent, pictures: bool = True) -> None:
+        """Write the files of ``save`` into an empty folder, as ``mocap.io.output.result_folder`` gives it.
+
+        Args:
+            folder: Where to.
+            progress: Called with the name of the stage and the share of it that is done.
+            pictures: Whether ``figures/``, ``report.html`` and ``recording.rrd`` are written, too: all that is there
+                to be looked at, and can be made again from the rest.
+        """
         from mocap.rerun.record import write_recording
 
         with Stages(tell=progress).stage("write"):
-            write_run(self.run, folder, write_recording=write_recording)
-            self.write_kinematics(folder)
+            write_run(self.run, folder, write_recording=write_recording if pictures else None)
+            self.write_kinematics(folder, pictures=pictures)
 
     @property
     def recording_id(self) -> str:
@@ -185,22 +192,28 @@ class Tracked:
 
         return recording_id(self.run)
 
-    def write_kinematics(self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent) -> None:
+    def write_kinematics(
+        self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent, pictures: bool = True
+    ) -> None:
         """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
             exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well.
             progress: Called with the name of the stage and the share of it that is done.
+            pictures: Whether figures and the page with them are written, too.
         """
-        from mocap.plots.figures import pictures, report_page, write_pictures
-
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self._cycles, folder / "cycles.csv")
             for kind in exports:
                 EXPORTS[kind](self.kinematics, self._cycles, folder / f"kinematics.{kind}")
-            shown = list(pictures(self.run, self.kinematics, self._cycles, self.footfalls))
+            if not pictures:
+                return
+            from mocap.plots.figures import pictures as figures_of
+            from mocap.plots.figures import report_page, write_pictures
+
+            shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
 

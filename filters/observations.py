@@ -181,3 +181,22 @@ class PositionObservations:
             dof=np.full(len(marker), np.inf),
             apart=np.zeros(len(marker), dtype=bool),
         )
+
+
+def some_markers(observations: Observations, markers: NDArray[np.int64]) -> Observations:
+    """What is seen of some of the markers.
+
+    Raises:
+        TypeError: observations of a kind whose markers cannot be told apart.
+    """
+    if isinstance(observations, PositionObservations):
+        return PositionObservations(xyz_m=observations.xyz_m[:, markers], sd_m=observations.sd_m[:, markers])
+    if isinstance(observations, PixelObservations):
+        return replace(
+            observations,
+            uv_px=observations.uv_px[:, :, markers],
+            sd_px=observations.sd_px[:, :, markers],
+            xyz_m=observations.xyz_m[:, markers],
+            cov_m2=observations.cov_m2[:, markers],
+        )
+    raise TypeError(f"expected pixels or positions, not {type(observations).__name__}")

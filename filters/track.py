@@ -9,8 +9,10 @@ from threadpoolctl import threadpool_limits
 
 from filters.apart import smooth_apart
 from filters.ensemble import Gaussian, Prediction, marker_covariances
+from filters.groups import MOST, groups_of, smooth_in_groups
 from filters.motion.base import MotionModel, Step
 from filters.motion.constant_velocity import ConstantVelocity
+from filters.motion.pose import PoseMotion
 from filters.moving import RateKeeper
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
@@ -166,20 +168,20 @@ def smooth(
         progress: Called with the share done.
     """
     if isinstance(model, ConstantVelocity) and passes == 1:
-        options: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
+        plain: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
         with threadpool_limits(1):
-            return smooth_apart(model, observations, t_s, **options)
-    return smooth_together(
-        model,
-        observations,
-        t_s,
-        gate_sd=gate_sd,
-        most_bytes=most_bytes,
-        passes=passes,
-        settled=settled,
-        asked=asked,
-        progress=progress,
-    )
+            return smooth_apart(model, observations, t_s, **plain)
+    options: dict[str, Any] = {
+        "gate_sd": gate_sd,
+        "most_bytes": most_bytes,
+        "passes": passes,
+        "settled": settled,
+        "asked": asked,
+        "progress": progress,
+    }
+    if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST:
+        return smooth_in_groups(model, observations, t_s, groups_of(model), smooth_together, **options)
+    return smooth_together(model, observations, t_s, **options)
 
 
 def smooth_together(

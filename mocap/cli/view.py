@@ -20,10 +20,17 @@ def view(
     import webbrowser
     from tempfile import TemporaryDirectory
 
+    import mocap
+    from mocap.io.manifest import current
     from mocap.rerun.compare import recording_of
     from mocap.rerun.viewer import open_viewer
 
     with TemporaryDirectory() as folder:
+        for i, run in enumerate(runs):  # mocap batch leaves the recording to be made where one looks at it
+            if run.is_dir() and current(run, "run.nc").is_file() and not current(run, "recording.rrd").is_file():
+                made = Path(folder) / str(i) / run.resolve().name
+                mocap.load(run).write_recording(made)
+                runs[i] = made
         viewer = open_viewer(recording_of(runs, Path(folder)), web=web)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a terminated command ends its viewer too
         try:

@@ -57,7 +57,7 @@ def simulated(*, quick: bool) -> list[str]:
         while not all(future.done() for future in futures):
             most_mb = max(most_mb, process.memory_info().rss / 1e6)
             time.sleep(0.5)
-        client.gather(futures)
+        client.gather(futures)  # type: ignore[misc]
         wall_s, cpu_s = time.perf_counter() - begun, sum(process.cpu_times()[:2]) - cpu
     ideal_s = trials * seconds / workers
     return [

@@ -20,7 +20,7 @@ SHARP_MARKER = MarkerSettings(acceleration=0.3)
 """Constant velocity in a mixture: nearer with less noise than recordings show; its width is learned afterwards."""
 MODELS: tuple[TrajectoryModel, ...] = (SHARP_MARKER, PoseSettings(ranks=(8,)))
 """What a learned tracker is made of: constant velocity of each marker, and the EAL model, whose settings are the same
-for all recordings (docs/decisions.md, "Fixed settings")."""
+for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
 
 
 @dataclass(frozen=True, kw_only=True)

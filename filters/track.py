@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from filters.apart import smooth_apart
 from filters.ensemble import Gaussian, Prediction, marker_covariances
 from filters.motion.base import MotionModel, Step
+from filters.motion.constant_velocity import ConstantVelocity
 from filters.moving import RateKeeper
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
@@ -163,6 +165,36 @@ def smooth(
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
+    if isinstance(model, ConstantVelocity) and passes == 1:
+        options: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
+        with threadpool_limits(1):
+            return smooth_apart(model, observations, t_s, **options)
+    return smooth_together(
+        model,
+        observations,
+        t_s,
+        gate_sd=gate_sd,
+        most_bytes=most_bytes,
+        passes=passes,
+        settled=settled,
+        asked=asked,
+        progress=progress,
+    )
+
+
+def smooth_together(
+    model: MotionModel,
+    observations: Observations,
+    t_s: Array,
+    *,
+    gate_sd: float = 6.0,
+    most_bytes: float = 1e9,
+    passes: int = 1,
+    settled: float = 0.05,
+    asked: Asked | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """``smooth`` for a state whose components depend on each other, with one covariance matrix of all."""
     about: list[Reference] | None = None
     for number in range(passes):
         tell = None if progress is None else (lambda share, n=number: progress((n + share) / passes))

@@ -27,6 +27,7 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
 from mocap.records import Status
+from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
 from mocap.results.stored import read_run
@@ -367,10 +368,23 @@ def track(
     return Tracked(run)
 
 
-def load(folder: str | PathLike[str]) -> Tracked:
+def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked:
     """What ``mocap track`` or ``Tracked.save`` wrote into a folder.
+
+    Args:
+        folder: The folder.
+        frames: Frames, from 0, of a recording that was tracked in blocks (docs/long_recordings.md): all of these,
+            without pixels and velocities; None: the whole, of such a recording its overview.
 
     Raises:
         FormatError: the folder holds no result, or one of another version.
+        MocapError: a range is asked for of what was not tracked in blocks, or it has no such frames.
     """
-    return Tracked(read_run(Path(folder)), Path(folder))
+    folder = Path(folder)
+    if frames is None:
+        return Tracked(read_run(folder), folder)
+    if not is_long(folder):
+        raise MocapError(f"{folder}: was tracked at once: load it without `frames`")
+    from mocap.library.blocks import load_range
+
+    return Tracked(load_range(folder, frames))

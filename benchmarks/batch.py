@@ -50,14 +50,14 @@ def make_twins(folder: Path, count: int, *, frames: int) -> None:
         if not place.is_dir():
             recording = make_bat(seed=i, n_frames=frames, n_cameras=3)
             paths = write_recording(recording, place)
-            for kind in ("truth", "card"):
-                paths[kind].unlink()
+            paths["truth"].unlink()
+            paths["card"].unlink()
 
 
-def spent(command: Sequence[str], **options: object) -> Spent:
+def spent(command: Sequence[str]) -> Spent:
     """Run a command to its end."""
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)  # type: ignore[call-overload]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return Spent(wall_s=time.perf_counter() - begun, cpu_s=cpu)
@@ -104,8 +104,7 @@ def in_one_process(twins: Path, out: Path) -> list[str]:
 
 def speed(twins: Path, folder: Path, count: int) -> list[str]:
     """Two processes over one, and beside no engine and a shell loop."""
-    start = spent([*CALL, "info", "--help"])
-    took = {}
+    took: dict[str, Spent] = {}
     commands: dict[str, Callable[[Path], list[str]]] = {
         "mocap batch, 1 process": lambda out: batch(twins, out, jobs=1),
         "mocap batch, 2 processes": lambda out: batch(twins, out, jobs=2),
@@ -117,6 +116,7 @@ def speed(twins: Path, folder: Path, count: int) -> list[str]:
         out = folder / f"speed{len(took)}"
         shutil.rmtree(out, ignore_errors=True)
         took[name] = spent(command(out))
+        print(name, took[name], file=sys.stderr, flush=True)
     again = spent(batch(twins, folder / "speed1", jobs=2))
     same = contents(folder / "speed0") == contents(folder / "speed1")
     lines = [
@@ -128,19 +128,53 @@ def speed(twins: Path, folder: Path, count: int) -> list[str]:
     for name, one in took.items():
         lines.append(f"| {name} | {one.wall_s:.1f} | {one.cpu_s:.1f} | {one.cpu_s / count:.2f} |")
     alone, two, bare, pictures, shell = took.values()
-    idle = two.cpu_s / (2 * two.wall_s)
     lines += [
         "",
-        f"- speedup of 2 processes over 1: {alone.wall_s / two.wall_s:.2f} (start included; the two cores gave this "
-        f"command {100 * idle:.0f} % of their time)",
-        f"- the engine costs {100 * (alone.cpu_s / bare.cpu_s - 1):.1f} % processor time over the same trials without "
-        "one (start of its processes included)",
+        f"- speedup of 2 processes over 1: {alone.wall_s / two.wall_s:.2f} by the clock, start included",
+        f"- beside the same trials without an engine: {100 * (alone.cpu_s / bare.cpu_s - 1):+.1f} % processor time, start of "
+        "the worker included",
         f"- the shell loop takes {shell.wall_s / pictures.wall_s:.2f} times as long as mocap batch --pictures, which "
-        "writes the same files",
-        f"- a second run, which has nothing to do: {again.wall_s:.1f} s; the start of the command alone "
-        f"{start.wall_s:.1f} s",
+        f"writes the same files, and {shell.cpu_s / pictures.cpu_s:.2f} times the processor time",
+        f"- a second run, which has nothing to do: {again.wall_s:.1f} s",
         f"- 1 and 2 processes write the same bytes: {same}",
     ]
+    return lines
+
+
+def engine(twins: Path, folder: Path, count: int) -> list[str]:
+    """What the engine costs once it runs: time in which workers wait, and processor time of the command itself.
+
+    Both are shares, which a busy neighbour hardly changes: workers wait between the first trial's begin and the last
+    trial's end for as long as no trial is theirs (``times.csv``).
+    """
+    lines = ["## The engine, once it runs", "", "| processes | workers wait | the command itself |", "|---|---|---|"]
+    for jobs in (1, 2):
+        out = folder / f"engine{jobs}"
+        shutil.rmtree(out, ignore_errors=True)
+        running = subprocess.Popen(batch(twins, out, jobs=jobs), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        own: dict[int, float] = {}
+        workers: dict[int, float] = {}
+        while running.poll() is None:
+            done = len(list(out.rglob("trial.json")))
+            try:
+                command = psutil.Process(running.pid)
+                own[done] = sum(command.cpu_times()[:2])
+                for process in command.children(recursive=True):
+                    workers[process.pid] = sum(process.cpu_times()[:2])
+            except psutil.NoSuchProcess:
+                break
+            time.sleep(0.1)
+        seconds = pd.read_csv(out / "times.csv").set_index("trial")["seconds"]
+        ended = {trial: (out / trial / "trial.json").stat().st_mtime for trial in map(str, seconds.index)}
+        begun = min(when - float(seconds[trial]) for trial, when in ended.items())
+        span = jobs * (max(ended.values()) - begun)
+        # at the end one worker has none left: the longest trial at most, of which half is expected
+        waited = 1 - (float(seconds.sum()) + (jobs - 1) * float(seconds.median()) / 2) / span
+        command_s = max(own.values()) - min(cpu for done, cpu in own.items() if done)
+        lines.append(
+            f"| {jobs} | {100 * max(waited, 0):.1f} % | {1e3 * command_s / (count - 1):.0f} ms a trial, "
+            f"{100 * command_s / (sum(workers.values()) + command_s):.1f} % of all processor time |"
+        )
     return lines
 
 
@@ -239,7 +273,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="12 twins instead of 60, 3 kills instead of 5")
     parser.add_argument("--count", type=int, help="so many twins")
     parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument("--parts", default="speed,kills,memory,simulated", help="which of them, separated by commas")
+    parser.add_argument(
+        "--parts", default="speed,engine,kills,memory,simulated", help="which of them, separated by commas"
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder for twins and results")
     given = parser.parse_args()
     count = given.count or (12 if given.quick else 60)
@@ -252,6 +288,8 @@ def main() -> None:
     for part in given.parts.split(","):
         if part == "speed":
             lines += speed(twins, given.out, count)
+        elif part == "engine":
+            lines += engine(twins, given.out, count)
         elif part == "kills":
             lines += kills(damaged(twins, count), given.out, count, times=3 if given.quick else 5, seed=0)
         elif part == "memory":

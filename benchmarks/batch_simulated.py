@@ -8,11 +8,12 @@ import asyncio
 import logging
 import time
 from pathlib import Path
+from typing import Any
 
 import psutil
 from dask import config
 from dask._task_spec import Task
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, wait
 
 from mocap.batches.engine import CONFIG
 from mocap.batches.known import Options, Record
@@ -38,7 +39,7 @@ def simulated(*, quick: bool) -> list[str]:
             n_workers=workers,
             threads_per_worker=1,
             processes=False,
-            dashboard_address=None,  # type: ignore[arg-type]
+            dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
@@ -51,13 +52,13 @@ def simulated(*, quick: bool) -> list[str]:
             f"track-{i}": Task(f"track-{i}", wait_for, trial, options, out, seconds, _data_producer=True)
             for i, trial in enumerate(named)
         }
-        futures = client.get(graph, list(graph), sync=False, retries=1)
+        futures: Any = client.get(graph, list(graph), sync=False, retries=1)
         queued_s = time.perf_counter() - begun
         most_mb = 0.0
         while not all(future.done() for future in futures):
             most_mb = max(most_mb, process.memory_info().rss / 1e6)
             time.sleep(0.5)
-        client.gather(futures)  # type: ignore[misc]
+        wait(futures)
         wall_s, cpu_s = time.perf_counter() - begun, sum(process.cpu_times()[:2]) - cpu
     ideal_s = trials * seconds / workers
     return [

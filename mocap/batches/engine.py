@@ -75,7 +75,7 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
                 processes=True,
                 memory_limit="auto" if memory is None else memory,
                 preload="mocap.batches.worker",
-                dashboard_address=None,  # type: ignore[arg-type]
+                dashboard_address="127.0.0.1:0",  # any free port: several batches may run
                 silence_logs=logging.CRITICAL,
             )
         except RuntimeError as error:

@@ -61,7 +61,7 @@ def batch(
 ) -> None:
     """Track many trials, each as mocap track does; what has been done is not done again.
 
-    Options about cameras and recordings hold for all trials; a manifest states them for each (docs/batch.md).
+    Options about cameras and recordings hold for all trials; a manifest states them for each (docs/howto/batch.md).
     """
     import mocap
     from mocap.batches.plan import write_plan

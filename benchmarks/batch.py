@@ -20,11 +20,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 
 import pandas as pd
 import psutil
 
 from datasets import make_bat, write_recording
+from mocap.batches.summary import read_times
 
 FPS = 240.0
 CALL = [sys.executable, "-c", "if __name__ == '__main__': from mocap.cli.main import main; main()"]
@@ -131,8 +133,8 @@ def speed(twins: Path, folder: Path, count: int) -> list[str]:
     lines += [
         "",
         f"- speedup of 2 processes over 1: {alone.wall_s / two.wall_s:.2f} by the clock, start included",
-        f"- beside the same trials without an engine: {100 * (alone.cpu_s / bare.cpu_s - 1):+.1f} % processor time, start of "
-        "the worker included",
+        f"- beside the same trials without an engine: {100 * (alone.cpu_s / bare.cpu_s - 1):+.1f} % processor time, "
+        "start of the worker included",
         f"- the shell loop takes {shell.wall_s / pictures.wall_s:.2f} times as long as mocap batch --pictures, which "
         f"writes the same files, and {shell.cpu_s / pictures.cpu_s:.2f} times the processor time",
         f"- a second run, which has nothing to do: {again.wall_s:.1f} s",
@@ -164,12 +166,12 @@ def engine(twins: Path, folder: Path, count: int) -> list[str]:
             except psutil.NoSuchProcess:
                 break
             time.sleep(0.1)
-        seconds = pd.read_csv(out / "times.csv").set_index("trial")["seconds"]
-        ended = {trial: (out / trial / "trial.json").stat().st_mtime for trial in map(str, seconds.index)}
-        begun = min(when - float(seconds[trial]) for trial, when in ended.items())
+        seconds = read_times(out)
+        ended = {trial: (out / trial / "trial.json").stat().st_mtime for trial in seconds}
+        begun = min(when - seconds[trial] for trial, when in ended.items())
         span = jobs * (max(ended.values()) - begun)
         # at the end one worker has none left: the longest trial at most, of which half is expected
-        waited = 1 - (float(seconds.sum()) + (jobs - 1) * float(seconds.median()) / 2) / span
+        waited = 1 - (sum(seconds.values()) + (jobs - 1) * median(seconds.values()) / 2) / span
         command_s = max(own.values()) - min(cpu for done, cpu in own.items() if done)
         lines.append(
             f"| {jobs} | {100 * max(waited, 0):.1f} % | {1e3 * command_s / (count - 1):.0f} ms a trial, "

@@ -9,20 +9,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing import current_process
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 from dask import config
 from dask._task_spec import Task
-from distributed import Client, Future, KilledWorker, LocalCluster, as_completed, get_worker
+from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from mocap.batches.known import Options, Record
-from mocap.batches.one import stated_of, track_trial
+from mocap.batches.one import stated_of
 from mocap.batches.trial import Trial
+from mocap.batches.worker import TOPIC, track_here
 from mocap.errors import MocapError
 
-TOPIC = "mocap-batch"
-"""Under which workers say what they do."""
 CONFIG = {
     "distributed.scheduler.allowed-failures": 1,  # a trial whose worker dies is tried once more
     "distributed.scheduler.worker-saturation": 1.0,  # one trial a worker: a death accuses no other
@@ -76,7 +74,8 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
                 threads_per_worker=1,
                 processes=True,
                 memory_limit="auto" if memory is None else memory,
-                dashboard_address=None,  # type: ignore[arg-type]
+                preload="mocap.batches.worker",
+                dashboard_address="127.0.0.1:0",  # any free port: several batches may run
                 silence_logs=logging.CRITICAL,
             )
         except RuntimeError as error:
@@ -113,7 +112,7 @@ def tracked(
     connected.subscribe_topic(TOPIC, heard)
     keys = {f"track-{i}": trial for i, trial in enumerate(trials)}
     # marked as producers of data, tasks wait at the scheduler and not at a worker whose death they would be accused of
-    graph = {key: Task(key, _on_worker, trial, options, out, again, _data_producer=True) for key, trial in keys.items()}
+    graph = {key: Task(key, track_here, trial, options, out, again, _data_producer=True) for key, trial in keys.items()}
     futures = connected.get(graph, list(graph), sync=False, retries=1)
     for future in as_completed(futures, loop=connected.loop):
         trial = keys[future.key]
@@ -128,30 +127,6 @@ def tracked(
 def on_worker(connected: Client, work: Callable[..., Any], *arguments: Any) -> Any:
     """The result of one call on a worker."""
     return connected.submit(work, *arguments, pure=False).result()
-
-
-def _on_worker(trial: Trial, options: Options, out: Path, again: bool) -> tuple[Record, float]:
-    worker = get_worker()
-
-    def tell(stage: str, _share: float) -> None:
-        worker.log_event(TOPIC, {"worker": str(worker.name), "does": f"{trial.name}: {stage}"})
-
-    begun = perf_counter()
-    record = track_trial(trial, options, out, again=again, progress=_changes(tell))
-    return record, perf_counter() - begun
-
-
-def _changes(tell: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """Tells a stage once."""
-    last = ""
-
-    def told(stage: str, share: float) -> None:
-        nonlocal last
-        if stage != last:
-            last = stage
-            tell(stage, share)
-
-    return told
 
 
 def _why(future: Future) -> str:

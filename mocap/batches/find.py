@@ -65,7 +65,9 @@ def find_trials(
         if is_manifest(path):
             found += [replace(trial, stated={**stated, **trial.stated}) for trial in read_manifest(path)]
         elif path.is_dir():
-            found += _in_folder(path, stated, hints, out)
+            here = _in_folder(path, stated, hints, out)
+            before = f"{path.resolve().name}/" if len(sources) > 1 else ""
+            found += [replace(trial, name=f"{before}{trial.name}") for trial in here]
         elif path.exists():
             found += _of_files(path.parent, [path], stated, hints)
         else:
@@ -210,8 +212,8 @@ def _trial(
         skip = skip or trouble
     if cameras and "calibration" not in own and not skip:
         skip = (
-            f"pixels without a calibration: looked in {folder} and above, up to {looked.root}, for DLT coefficients, "
-            "calibration.toml, easyWand and others: state it in the manifest, or with `calibration`"
+            "pixels without a calibration: none lies in its folder, in one called calibration, or above, up to "
+            f"{looked.root.resolve().name}: state it in the manifest, or with `calibration`"
         )
     return Trial(name=_trial_name(looked.root, folder, name), paths=tuple(paths), stated=own, skip=skip)
 

@@ -39,7 +39,6 @@ COLUMNS = ("trial", "status", "error", *FIGURES)
 SHOWN = {
     "trial": "trial",
     "status": "status",
-    "error": "error",
     "animal": "animal",
     "frames": "frames",
     "markers": "markers",
@@ -51,6 +50,7 @@ SHOWN = {
     "coverage95": "inside 95 % intervals (%)",
     "warnings": "warnings",
     "seconds": "time (s)",
+    "error": "error",
 }
 """Columns of the page, and their titles."""
 

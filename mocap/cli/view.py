@@ -29,7 +29,8 @@ def view(
 
     with TemporaryDirectory() as folder:
         if frames is None:
-            shown = recording_of(runs, Path(folder))
+            made = [with_recording(run, Path(folder) / str(i)) for i, run in enumerate(runs)]
+            shown = recording_of(made, Path(folder))
         else:
             shown = detail(runs, frames, Path(folder) / "recording.rrd")
         viewer = open_viewer(shown, web=web)
@@ -43,6 +44,18 @@ def view(
             pass
         finally:
             viewer.close()
+
+
+def with_recording(run: Path, folder: Path) -> Path:
+    """A run, or, where its result has no recording for the viewer (as ``mocap batch`` writes it), one made of it."""
+    import mocap
+    from mocap.io.manifest import current
+
+    if not run.is_dir() or current(run, "recording.rrd").is_file() or not current(run, "run.nc").is_file():
+        return run
+    made = folder / run.resolve().name
+    mocap.load(run).write_recording(made)
+    return made
 
 
 def detail(runs: list[Path], frames: str, out: Path) -> Path:

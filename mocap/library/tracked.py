@@ -185,6 +185,13 @@ class Tracked:
             write_run(self.run, folder, write_recording=write_recording if pictures else None)
             self.write_kinematics(folder, pictures=pictures)
 
+    def write_recording(self, folder: Path) -> None:
+        """Write ``recording.rrd`` alone into a folder, which is made if need be."""
+        from mocap.rerun.record import write_recording
+
+        folder.mkdir(parents=True, exist_ok=True)
+        write_recording(self.run, folder / "recording.rrd")
+
     @property
     def recording_id(self) -> str:
         """Of its recording in rerun."""
@@ -307,13 +314,12 @@ class Tracked:
         from tempfile import TemporaryDirectory
         from weakref import finalize
 
-        from mocap.rerun.record import write_recording
         from mocap.rerun.viewer import open_viewer
 
         if self.folder is not None and (self.folder / "recording.rrd").is_file():
             return open_viewer(self.folder / "recording.rrd", web=web)
         folder = TemporaryDirectory(prefix="mocap-")
-        write_recording(self.run, Path(folder.name) / "recording.rrd")
+        self.write_recording(Path(folder.name))
         viewer = open_viewer(Path(folder.name) / "recording.rrd", web=web)
         finalize(viewer, folder.cleanup)
         return viewer

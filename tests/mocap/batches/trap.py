@@ -6,7 +6,7 @@ from pathlib import Path
 
 from distributed import Worker, WorkerPlugin
 
-from mocap.batches import engine
+from mocap.batches import worker as here
 
 
 class Trap(WorkerPlugin):
@@ -19,7 +19,7 @@ class Trap(WorkerPlugin):
     def setup(self, worker: Worker) -> None:
         """On every worker, also on those that replace others."""
         del worker
-        track = engine.track_trial
+        track = here.track_trial
 
         def trapped(trial, *arguments, **options):
             if trial.name == self.trial and len(self.counter.read_text()) < self.times:
@@ -28,4 +28,4 @@ class Trap(WorkerPlugin):
                 os.kill(os.getpid(), signal.SIGKILL)
             return track(trial, *arguments, **options)
 
-        engine.track_trial = trapped
+        here.track_trial = trapped

@@ -31,7 +31,7 @@ async def wait_for(trial: Trial, _options: Options, _out: Path, seconds: float) 
 
 def simulated(*, quick: bool) -> list[str]:
     """The table."""
-    workers, trials, seconds = (20, 500, 1.0) if quick else (100, 10_000, 1.0)
+    workers, trials, seconds = (20, 500, 1.0) if quick else (100, 10_000, 2.0)
     process, options, out = psutil.Process(), Options(), Path("/results")
     with (
         config.set(CONFIG | {"distributed.worker.memory.terminate": False}),

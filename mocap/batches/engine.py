@@ -13,6 +13,7 @@ from typing import Any
 
 from dask import config
 from dask._task_spec import Task
+from dask.utils import parse_bytes
 from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
 
 from mocap.batches.known import Options, Record
@@ -29,11 +30,17 @@ CONFIG = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,  # a pause would have no end: the memory is the trial's own
     "distributed.worker.memory.terminate": 0.95,
+    "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.worker.profile.enabled": False,  # nobody looks at Dask's own page: what it samples costs time
+    "distributed.admin.system-monitor.interval": "10s",
+    "distributed.admin.tick.interval": "500ms",
     "distributed.nanny.pre-spawn-environ.OMP_NUM_THREADS": 1,
     "distributed.nanny.pre-spawn-environ.MKL_NUM_THREADS": 1,
     "distributed.nanny.pre-spawn-environ.OPENBLAS_NUM_THREADS": 1,
     "distributed.comm.timeouts.connect": "60s",
 }
+LEAST_MEMORY = 500_000_000
+"""Bytes; a process that has read no trial yet holds half of it."""
 CONNECT_S = 10.0
 """So long a scheduler may take to answer."""
 GUARD = (
@@ -52,8 +59,9 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
         scheduler: Address of a scheduler that runs; the others are then its own affair.
 
     Raises:
-        MocapError: the processes do not start, or no scheduler answers.
+        MocapError: the processes do not start, their memory is too small, or no scheduler answers.
     """
+    _check(memory)
     if getattr(current_process(), "_inheriting", False):
         raise MocapError(GUARD)
     with config.set(CONFIG):
@@ -80,10 +88,18 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
             )
         except RuntimeError as error:
             raise MocapError(f"{GUARD} ({error})") from None
-        except ValueError as error:
-            raise MocapError(f"`memory` {memory}: {error}: give it as 2GB") from None
         with cluster, Client(cluster, set_as_default=False) as found:
             yield found
+
+
+def _check(memory: str | float | None) -> None:
+    """Refuse a limit at which every process would be ended before it reads a trial, and started again for ever."""
+    try:
+        enough = memory is None or parse_bytes(memory) >= LEAST_MEMORY
+    except ValueError as error:
+        raise MocapError(f"`memory` {memory}: {error}: give it as 2GB") from None
+    if not enough:
+        raise MocapError(f"`memory` {memory}: a process needs 500 MB before it reads a trial: give more, as 2GB")
 
 
 def tracked(
@@ -93,7 +109,7 @@ def tracked(
     out: Path,
     *,
     again: bool = False,
-    hear: Callable[[str, str], None],
+    hear: Callable[[str, str, str], None],
 ) -> Iterator[tuple[Record, float | None]]:
     """How each trial went, as they end, and the seconds that it took (None: not known).
 
@@ -103,11 +119,11 @@ def tracked(
         options: How.
         out: The folder of results, which every worker can write.
         again: Whether those are tracked again that have been.
-        hear: Told the name of a worker and what it does.
+        hear: Told the address of a worker, the trial that it is at, and what it does.
     """
 
     def heard(event: tuple[float, Any]) -> None:
-        hear(event[1]["worker"], event[1]["does"])
+        hear(event[1]["worker"], event[1]["trial"], event[1]["stage"])
 
     connected.subscribe_topic(TOPIC, heard)
     keys = {f"track-{i}": trial for i, trial in enumerate(trials)}

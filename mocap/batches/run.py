@@ -185,9 +185,10 @@ def _track(
     missing = state.missing
     with engine.client(jobs=min(jobs, len(missing)), memory=memory, scheduler=scheduler) as connected:
         if learn:
-            state.hear("model", "learning from all trials")
+            state.hear("", "model", "learning from all trials")
             engine.on_worker(connected, learn_model, state.todo, state.out, options.seed)
             state.doing.clear()
+            state.numbers.clear()
         for record, seconds in engine.tracked(
             connected,
             missing,
@@ -214,7 +215,8 @@ class _State:
         progress: Whom to tell.
         went: How trials went that have been finished.
         taken: Seconds that trials took in this run.
-        doing: What workers do.
+        doing: The trial that each worker is at, and the stage of it, by the worker's address.
+        numbers: What each worker is called, by its address.
         before: How many had been finished when it began.
         begun_s: When that was.
         refreshed_s: When the summary was written last.
@@ -229,7 +231,8 @@ class _State:
     progress: Callable[[Progress], None]
     went: dict[str, Record] = field(default_factory=dict)
     taken: dict[str, float] = field(default_factory=dict)
-    doing: dict[str, str] = field(default_factory=dict)
+    doing: dict[str, tuple[str, str]] = field(default_factory=dict)
+    numbers: dict[str, int] = field(default_factory=dict)
     before: int = 0
     begun_s: float = 0.0
     refreshed_s: float = 0.0
@@ -247,16 +250,18 @@ class _State:
             self.sum_up()
         self._tell()
 
-    def hear(self, worker: str, doing: str) -> None:
+    def hear(self, worker: str, trial: str, stage: str) -> None:
         """A worker says what it does."""
         with self.turn:
-            self.doing[worker] = doing
+            self.numbers.setdefault(worker, len(self.numbers) + 1)
+            self.doing[worker] = trial, stage
             self._tell()
 
     def ended(self, record: Record, seconds: float | None) -> None:
         """A trial has ended."""
         with self.turn:
             self.went[record.trial] = record
+            self.doing = {worker: does for worker, does in self.doing.items() if does[0] != record.trial}
             self._tell(record)
         if seconds is not None:
             self.taken[record.trial] = seconds
@@ -274,7 +279,7 @@ class _State:
                 known=self.before,
                 total=len(self.todo),
                 left_s=left,
-                workers=dict(self.doing),
+                workers={f"worker {self.numbers[w]}": f"{t}: {stage}" for w, (t, stage) in self.doing.items()},
                 last=last,
             )
         )

@@ -27,7 +27,7 @@ def track_here(trial: Trial, options: Options, out: Path, again: bool) -> tuple[
     worker = get_worker()
 
     def tell(stage: str) -> None:
-        worker.log_event(TOPIC, {"worker": str(worker.name), "does": f"{trial.name}: {stage}"})
+        worker.log_event(TOPIC, {"worker": worker.address, "trial": trial.name, "stage": stage})
 
     begun = perf_counter()
     record = track_trial(trial, options, out, again=again, progress=_changes(tell))

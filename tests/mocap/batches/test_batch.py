@@ -123,7 +123,12 @@ def test_what_is_done_is_not_done_again(lab, undisturbed, scheduler, tmp_path, m
 def test_shards_make_the_same_results(lab, undisturbed, scheduler, tmp_path):
     """Each takes its part; the summary of the last that ends is that of all; times are a file a shard."""
     _, out = undisturbed
-    first = library.batch(lab, tmp_path / "out", shard="1/2", scheduler=scheduler, **QUICK)
+    told = []
+    first = library.batch(lab, tmp_path / "out", shard="1/2", scheduler=scheduler, progress=told.append, **QUICK)
+    assert (told[-1].done, told[-1].total, told[-1].failed) == (3, 3, 0)
+    assert {doing for progress in told for doing in progress.workers.values()} >= {
+        f"{name}: write" for name in first.own
+    }
     assert len(first.table) == len(first.own) == 3
     both = library.batch(lab, tmp_path / "out", shard="2/2", scheduler=scheduler, **QUICK)
     assert len(both.table) == 6
@@ -203,6 +208,8 @@ def test_wrong_usage(lab, tmp_path, mocap, monkeypatch):
     for options, told in (
         ({"model": "bad.npz"}, "or a file that mocap learn wrote"),
         ({"jobs": 0}, "give 1 or more"),
+        ({"memory": "100MB"}, "needs 500 MB"),
+        ({"memory": "much"}, "give it as 2GB"),
         ({"scheduler": "tcp://127.0.0.1:9"}, "no Dask scheduler answers"),
     ):
         with pytest.raises(MocapError, match=told):

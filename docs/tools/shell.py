@@ -79,20 +79,17 @@ class Run(Directive):
         env = self.state.document.settings.env
         work = Path(env.app.config.run_in)
         typed = [line for line in self.content if line.strip()]
-        printed = []
-        try:
-            for k, line in enumerate(typed):
-                printed += run(line, work, fails="fails" in self.options and k == len(typed) - 1).splitlines()
-        except RuntimeError as error:
-            raise self.error(str(error)) from error
-        most = self.options.get("lines", len(printed))
-        shown = [*printed[:most], *(["..."] if len(printed) > most else [])]
-        code = nodes.literal_block("\n".join(typed), "\n".join(typed), language="sh")
-        found: list[nodes.Node] = [code]
-        if shown:
-            out = nodes.literal_block("\n".join(shown), "\n".join(shown), language="text")
-            out["classes"].append("printed")
-            found.append(out)
+        found: list[nodes.Node] = []
+        for k, line in enumerate(typed):
+            try:
+                printed = run(line, work, fails="fails" in self.options and k == len(typed) - 1).splitlines()
+            except RuntimeError as error:
+                raise self.error(str(error)) from error
+            found.append(nodes.literal_block(line, line, language="sh"))
+            most = self.options.get("lines", len(printed))
+            shown = "\n".join([*printed[:most], *(["..."] if len(printed) > most else [])])
+            if shown:
+                found.append(nodes.literal_block(shown, shown, language="text", classes=["printed"]))
         if "show" in self.options:
             found.append(self._picture(env, work / self.options["show"]))
         return found

@@ -47,7 +47,7 @@ print(third)
 # ``learn`` hides gaps in the trials and prints how well they are filled, by length.
 
 model = mocap.learn(trials)
-model
+print(model.report_text)
 
 # %%
 # Track the third

@@ -1,6 +1,6 @@
 """Long recordings, many markers, many trials: time and memory.
 
-``python -m benchmarks.long [--quick] [--part frames|markers|trials|potentials] [--seconds 300] --out DIR``. Each case runs in a
+``python -m benchmarks.long [--quick] [--part PART] [--seconds 300] --out DIR``. Each case runs in a
 process of its own, whose peak memory (``ru_maxrss``) and time are measured, imports and twin included; the twin is made
 stretch by stretch, so that it takes no memory that grows. A case that is not done after ``--seconds`` is stopped, and
 the table says how far it came.

@@ -5,7 +5,7 @@ marker. The residuals are independent of each other given the whole path of what
 value alone: an exact filter of M markers has a dense covariance of size 6M, and costs its cube. Here the markers are
 split into groups that each estimate what is shared from their own markers, all with one subspace, mechanics, body path
 and regression, which are learned from all markers. What is lost are the few digits that a group of 30 markers knows
-the shape less well by than all; docs/long_recordings.md has the error. Covariances between markers of different groups
+the shape less well by than all; docs/howto/long_recordings.md has the error. Covariances between markers of different groups
 are taken for zero.
 """
 

@@ -367,7 +367,7 @@ def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked
 
     Args:
         folder: The folder.
-        frames: Frames, from 0, of a recording that was tracked in blocks (docs/long_recordings.md): all of these,
+        frames: Frames, from 0, of a recording that was tracked in blocks (docs/howto/long_recordings.md): all of these,
             without pixels and velocities; None: the whole, of such a recording its overview.
 
     Raises:

@@ -3,7 +3,7 @@
 Memory is that of one block, whatever the number of frames, and time is linear. What a smoother says of a frame depends
 on frames far from it by a factor that falls exponentially with their distance, once each marker was seen for some
 frames; a block is therefore tracked with a margin in which that has happened (``margin``), and only its own frames are
-kept. docs/long_recordings.md has what differs from tracking the whole at once.
+kept. docs/howto/long_recordings.md has what differs from tracking the whole at once.
 """
 
 from collections import Counter

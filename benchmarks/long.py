@@ -278,6 +278,7 @@ def potentials_case(count: int, n_frames: int) -> dict[str, object]:
         one = found["elbow_l"]
         potential = one.potential().potential
         scores = one.left_out()
+        spent, peak = time.process_time() - began, peak_mb()
         at_once = None
         if count * n_frames <= 60_000:
             every = np.concatenate([trial(name)["elbow_l"] for name in names]) / one.scale_m
@@ -288,9 +289,9 @@ def potentials_case(count: int, n_frames: int) -> dict[str, object]:
         "learned": "potentials of 4 joints",
         "trials": count,
         "frames": n_frames,
-        "cpu_seconds": time.process_time() - began,
+        "cpu_seconds": spent,
         "before_mb": before,
-        "peak_mb": peak_mb(),
+        "peak_mb": peak,
         "landmarks": len(potential.centres),
         "largest difference from all at once": at_once,
         "mean V_z left out": float(np.mean([score.value for score in scores])),

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mocap.library.digitised import Digitised, digitise
     from mocap.library.labelled import LabelledRecording, label
     from mocap.library.learning import Model, learn, load_model
+    from mocap.library.many import learn_joints
     from mocap.library.recording import propose_skeleton, read
     from mocap.library.tracked import Tracked, load, track
     from mocap.pipeline.recording import Recording
@@ -33,6 +34,7 @@ __all__ = [
     "digitise",
     "label",
     "learn",
+    "learn_joints",
     "load",
     "load_model",
     "propose_skeleton",
@@ -53,6 +55,7 @@ _PLACES = {
     "digitise": "mocap.library.digitised",
     "label": "mocap.library.labelled",
     "learn": "mocap.library.learning",
+    "learn_joints": "mocap.library.many",
     "load": "mocap.library.tracked",
     "load_model": "mocap.library.learning",
     "propose_skeleton": "mocap.library.recording",

@@ -91,7 +91,7 @@ def write_in_blocks(
     with one_blas_thread():
         with stages.stage("learn once"):
             known = learn_once(recording, model=model, learned=learned, seed=seed)
-        tally, thin, detail = Tally.new(), [], None
+        tally, thin, detail = Tally(), [], None
         with BlockWriter(folder, fps=1 / recording.dt_s) as writer:
             for core, run, own, findings in tracked_blocks(recording, known, size=size, stages=stages):
                 with stages.stage("kinematics and tables"):
@@ -187,10 +187,6 @@ def _report(
         some = sd[(status == which) & np.isfinite(sd)]
         return float(1e3 * np.median(some)) if len(some) else None
 
-    sentences = [
-        f"{text} (in {count} of {blocks} blocks)" if count > 1 else text
-        for text, count in tally.findings.most_common(40)
-    ]
     return {
         "name": recording.name,
         "frames": recording.n_frames,
@@ -205,7 +201,7 @@ def _report(
         "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
         "validation": {"methods": {} if known.learned is None else known.learned.scores},
         "joints": sorted(overview.potentials),
-        "findings": [*recording.findings, *sentences],
+        "findings": [*recording.findings, *tally.sentences()],
     }
 
 
@@ -230,9 +226,9 @@ def _readable(report: Mapping) -> str:
         "",
         f"Standard deviation (median): measured {sd['measured']}, filled {sd['filled']}.",
         "",
-        f"`recording.rrd`, `markers.nc`, `run.nc` and potentials are of every {report['overview']['every']}. frame "
+        f"`recording.rrd`, `markers.nc`, `run.nc` and potentials are of one frame in {report['overview']['every']} "
         f"({report['overview']['frames']} frames); `markers.parquet` and `kinematics.parquet` hold all frames. "
-        "`mocap view FOLDER --frames 1001:2000` shows all of a range.",
+        "`mocap view FOLDER --frames 1001:2000` shows every frame of a range.",
         "",
         "## Findings",
         "",

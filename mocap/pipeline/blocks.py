@@ -6,9 +6,10 @@ frames; a block is therefore tracked with a margin in which that has happened (`
 kept. docs/howto/long_recordings.md has what differs from tracking the whole at once.
 """
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -202,8 +203,9 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
     if not recording.seen(window).any():
         return _nothing(recording, window, known, asked), own, ()
     prepared = recording.prepared(window)
+    findings = tuple(renumbered(text, window.start) for text in prepared.findings)
     if not np.isfinite(prepared.xyz_m[..., 0]).any():
-        return _nothing(recording, window, known, asked), own, prepared.findings
+        return _nothing(recording, window, known, asked), own, findings
     part = seen_part(prepared)
     learned = known.learned
     if learned is not None and why_no_pose(prepared, part) is None:
@@ -212,7 +214,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
     tracked = tracked_motion(prepared, part, name, smoothed)
     motion = motion_of(tracked.markers, part.frames, smoothed.rates, asked)
-    return _run(recording, prepared, tracked, motion), own, prepared.findings
+    return _run(recording, prepared, tracked, motion), own, findings
 
 
 def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estimate:
@@ -297,22 +299,39 @@ class Tally:
 
     Attributes:
         samples: Samples by status.
-        findings: In how many blocks each sentence was found.
+        findings: In how many blocks a sentence was found; sentences that differ in their numbers alone are one.
+        first: The first of these.
     """
 
-    samples: Counter
-    findings: Counter
-
-    @classmethod
-    def new(cls) -> "Tally":
-        """Nothing yet."""
-        return cls(Counter(), Counter())
+    samples: Counter = field(default_factory=Counter)
+    findings: Counter = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
 
     def add(self, run: Run, findings: Sequence[str]) -> None:
         """One block's own frames."""
         codes, counts = np.unique(run.tracked.markers.status, return_counts=True)
         self.samples.update({Status(int(c)).name.lower(): int(k) for c, k in zip(codes, counts, strict=True)})
-        self.findings.update(findings)
+        for text in findings:
+            kind = re.sub(r"\d[\d.e+-]*", "#", text)
+            self.findings[kind] += 1
+            self.first.setdefault(kind, text)
+
+    def sentences(self, most: int = 40) -> list[str]:
+        """The commonest findings."""
+        found = self.findings.most_common(most)
+        return [
+            self.first[kind] + (f" (and in {count - 1} other blocks, with their own numbers)" if count > 1 else "")
+            for kind, count in found
+        ]
+
+
+def renumbered(text: str, first: int) -> str:
+    """A finding whose frames count from 1 at frame ``first`` + 1 of the recording, with the recording's numbers."""
+
+    def moved(found: re.Match[str]) -> str:
+        return re.sub(r"\d+", lambda number: str(int(number[0]) + first), found[0])
+
+    return re.sub(r"\bframes? \d+(?:(?: and | to |-)\d+)?", moved, text)
 
 
 def tracked_blocks(

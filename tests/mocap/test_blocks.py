@@ -11,7 +11,7 @@ from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.library.blocks import load_range, track_in_blocks
-from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
+from mocap.pipeline.blocks import LEAST, MOST, Tally, blocks_of, learn_once, margin, renumbered, track_block
 from mocap.pipeline.cut import cut, joined
 from mocap.pipeline.long import LongRecording, long_points
 from mocap.records import MarkerTracks, Status
@@ -174,3 +174,18 @@ def test_the_command_line(folder, tmp_path, monkeypatch, capsys):
     assert run("track", source, "--blocks", 300, "--model", "eal", "--out", tmp_path / "other") == 1
     assert run("view", out, "--frames", "7") == 1
     assert "FIRST:LAST" in capsys.readouterr().err
+
+
+def test_findings_of_blocks(bat):
+    """Frames are those of the recording, and what many blocks say is one sentence."""
+    jump = "'knee' jumps by 2.1 mm between frames 744 and 745 (0.6 m/s; 99.9 % of all steps)"
+    assert renumbered(jump, 5000) == jump.replace("744 and 745", "5744 and 5745")
+    assert renumbered("3 frames were left out; frame 7, frames 8 to 9", 10) == (
+        "3 frames were left out; frame 17, frames 18 to 19"
+    )
+    tally = Tally()
+    run, _, _ = track_block(bat, learn_once(bat, model="constant_velocity"), range(60))
+    for number in (1, 2, 3):
+        tally.add(run, [f"noise of 0.{number} mm", *(["once"] if number == 2 else [])])
+    assert tally.sentences() == ["noise of 0.1 mm (and in 2 other blocks, with their own numbers)", "once"]
+    assert sum(tally.samples.values()) == 3 * run.tracked.markers.status.size

@@ -3,10 +3,17 @@
 import numpy as np
 import pytest
 
+import mocap
+from datasets import make_bat
 from eal import fit_potential
 from eal.sums import total
 from mocap.errors import MocapError
+from mocap.pipeline.blocks import learn_once, track_block
+from mocap.pipeline.long import long_points
 from mocap.pipeline.many import learn_joints
+from mocap.records import marker_tracks
+from mocap.results.stored import write_arrays
+from mocap.skeleton import Joint, Skeleton
 
 
 def samples(name: str) -> dict[str, np.ndarray]:
@@ -78,3 +85,27 @@ def test_what_cannot_be_left_out(found):
         learn_joints(["a0"], samples)["elbow"].left_out()
     with pytest.raises(MocapError, match="no joint"):
         learn_joints(["a0"], lambda _name: {"elbow": np.zeros((3, 2))})
+
+
+def test_results_on_disk(tmp_path):
+    """What ``mocap track`` wrote, joint by joint, as its own samples are."""
+    for seed in (0, 1):
+        film = make_bat(seed=seed, n_frames=80, n_cameras=2)
+        names = film.truth.names[:9]
+        joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
+        skeleton = Skeleton(name="bat", markers=names, joints=(joint,))
+        tracks = marker_tracks(names, film.truth.t_s, film.truth.xyz_m[:, :9])
+        recording = long_points(tracks, skeleton, name=f"{seed}")
+        run, _, _ = track_block(recording, learn_once(recording, model="constant_velocity"), range(80))
+        (tmp_path / f"{seed}").mkdir()
+        write_arrays(run, tmp_path / f"{seed}")
+        (tmp_path / f"{seed}" / "report.json").write_text("{}")
+        (tmp_path / f"{seed}" / "report.md").write_text("")
+    found = mocap.learn_joints([tmp_path / "0", tmp_path / "1"])["neck"]
+    measured = mocap.load(tmp_path / "1").joints["neck"]
+    inside = measured.q_m["limb"][~measured.filled]
+    assert found.sums["1"].total == len(inside)
+    assert found.potential().value(inside).mean() < 0.1
+    assert len(found.left_out()) == 2
+    with pytest.raises(MocapError, match="have 1 names"):
+        mocap.learn_joints([tmp_path / "0", tmp_path / "0"])

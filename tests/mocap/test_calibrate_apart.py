@@ -235,7 +235,9 @@ def test_pictures_a_film_and_clicks_as_a_user_has_them(tmp_path, monkeypatch, ca
         stream = film.add_stream("libx264", rate=30, options={"crf": "10"})
         stream.width, stream.height, stream.pix_fmt = 480, 360, "yuv420p"
         for path in sorted((own / "right").iterdir()):
-            film.mux(stream.encode(av.VideoFrame.from_ndarray(cv2.imread(str(path)), format="bgr24")))
+            film.mux(
+                stream.encode(av.VideoFrame.from_ndarray(np.asarray(cv2.imread(str(path)), np.uint8), format="bgr24"))
+            )
         film.mux(stream.encode())
     shutil.rmtree(own / "right")
     size = ("--checkerboard", "6x5", "--square-mm", "90")

@@ -5,6 +5,7 @@ Pages are copied to ``OUT/source``, where the reference made from code joins the
 browser would have to fetch from another host. ``--keep`` shows again what an earlier build ran, for work on the texts.
 """
 
+import argparse
 import os
 import shutil
 import sys
@@ -15,6 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 DEMO = "mocap demo bat --out out/demo"
 """The run that tutorials, gallery and reference look at."""
+MARK = ".eal-mocap-site"
+"""In a folder with this file ``source``, ``work``, ``trees`` and ``html`` are ours to replace."""
 
 
 def build(out: Path, *, keep: bool = False) -> int:
@@ -28,8 +31,13 @@ def build(out: Path, *, keep: bool = False) -> int:
     os.environ.setdefault("MPLBACKEND", "agg")
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     source, work = out / "source", out / "work"
+    if out.exists() and any(out.iterdir()) and not (out / MARK).is_file():
+        print(f"{out} holds files that are not of a site built here: give a folder that is new or empty", file=sys.stderr)  # noqa: T201
+        return 1
     for name in () if keep else ("source", "work", "trees", "html"):
         shutil.rmtree(out / name, ignore_errors=True)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / MARK).touch()
     shutil.copytree(ROOT / "docs", source, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     work.mkdir(parents=True, exist_ok=True)
     for folder in ("tutorials", "gallery"):
@@ -51,4 +59,8 @@ def build(out: Path, *, keep: bool = False) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(build(Path(sys.argv[1]).resolve(), keep="--keep" in sys.argv[2:]))
+    given = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    given.add_argument("out", type=Path, metavar="OUT")
+    given.add_argument("--keep", action="store_true")
+    told = given.parse_args()
+    sys.exit(build(told.out.resolve(), keep=told.keep))

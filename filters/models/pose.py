@@ -29,6 +29,10 @@ Potential = Literal[
 ]
 
 
+LEAST_M = 1e-6
+"""No regression is surer of a coordinate than that, not even of that which points of one plane share."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings(TrajectoryModel):
     """Choices of the pose model; the numbers that settled the defaults are in docs/explanation/decisions.md.
@@ -107,7 +111,7 @@ class PoseSettings(TrajectoryModel):
         if self.regression:
             found = self._regression.fit(trials).fill()
             lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
-            model = replace(model, regression=Regression(found.xyz_m, lasts * found.cov_m2))
+            model = replace(model, regression=Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3))))
         return FittedMotion(model, trials.trials[-1].t_s, self.passes)
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:

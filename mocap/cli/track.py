@@ -90,6 +90,10 @@ def track(
             min=0,
         ),
     ] = None,
+    mm_per_px: Annotated[
+        float | None,
+        typer.Option(help="Scale of one film without a calibration, in its plane; if not given, positions are pixels."),
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -107,7 +111,7 @@ def track(
         inputs = [*tracks, stated.skeleton, None if learned is None else Path(model)]
         in_blocks(by_range, out, model, learned, blocks or BLOCK, inputs, force, as_json)
         return
-    recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag)
+    recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag, mm_per_px=mm_per_px)
     opened = open_movies(movies.video or [])
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")

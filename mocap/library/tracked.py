@@ -30,6 +30,7 @@ from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
+from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.skeleton import Skeleton
@@ -115,6 +116,8 @@ class Tracked:
     @cached_property
     def markers(self) -> xr.Dataset:
         """Markers with covariance and status, laid out as the package movement does (``mocap.results.dataset``)."""
+        if self.run.plane is not None:
+            return plane_dataset(self.run)
         return markers_dataset(self.run.tracked, self.run.repaired)
 
     @cached_property
@@ -124,8 +127,17 @@ class Tracked:
 
     @cached_property
     def kinematics(self) -> Kinematics:
-        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation."""
+        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation.
+
+        Raises:
+            MocapError: the recording is one film, in the plane of its picture.
+        """
+        self._in_space("kinematics")
         return kinematics(self.run.motion, self.run.skeleton, recording=self.run.name)
+
+    def _in_space(self, what: str) -> None:
+        if self.run.plane is not None:
+            raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
 
     def _joint(self, name: str) -> Joint:
         markers, world = self.run.tracked.markers, next(iter(self.run.joints.values()))
@@ -179,8 +191,15 @@ class Tracked:
             pictures: Whether ``figures/``, ``report.html`` and ``recording.rrd`` are written, too: all that is there
                 to be looked at, and can be made again from the rest.
         """
+        from mocap.plots.plane import write_plane_figures
         from mocap.rerun.record import write_recording
 
+        if self.run.plane is not None:
+            with Stages(tell=progress).stage("write"):
+                write_plane(self.run, folder)
+                if pictures:
+                    write_plane_figures(self.run, folder)
+            return
         with Stages(tell=progress).stage("write"):
             write_run(self.run, folder, write_recording=write_recording if pictures else None)
             self.write_kinematics(folder, pictures=pictures)
@@ -311,6 +330,7 @@ class Tracked:
         Args:
             web: In the browser, at the ``url`` of what is returned, instead of a window.
         """
+        self._in_space("the viewer")
         from tempfile import TemporaryDirectory
         from weakref import finalize
 

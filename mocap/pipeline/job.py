@@ -15,6 +15,7 @@ from mocap.errors import MocapError
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.moving import motion_of
+from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
@@ -171,7 +172,7 @@ def _run_job(
         report_text=readable(report, title=prepared.name),
         file=source.tracks if isinstance(source, Recording) else None,
     )
-    return run, prepared
+    return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
 
 
 def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:

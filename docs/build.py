@@ -32,7 +32,7 @@ def build(out: Path, *, keep: bool = False) -> int:
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     source, work = out / "source", out / "work"
     if out.exists() and any(out.iterdir()) and not (out / MARK).is_file():
-        print(f"{out} holds files that are not of a site built here: give a folder that is new or empty", file=sys.stderr)  # noqa: T201
+        print(f"{out} holds files that no build wrote: give a folder that is new or empty", file=sys.stderr)  # noqa: T201
         return 1
     for name in () if keep else ("source", "work", "trees", "html"):
         shutil.rmtree(out / name, ignore_errors=True)

@@ -1,11 +1,13 @@
 """What the blueprint has to know of a run: what there is, how large, and where to look."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.kinematics.cycles import Cycle
+from mocap.kinematics.records import Quantity
 from mocap.pipeline.run import Run
 from mocap.rerun.camera_errors import CameraErrors, camera_errors
 from mocap.rerun.landscape import Landscape
@@ -34,6 +36,8 @@ class Layout:
         joint_frames: For each joint the frame of reference in which it is shown.
         errors: Innovations and residuals of each camera; None without cameras.
         nis_limit: Upper end of the axis of the normalised innovation.
+        angles: Angles and what else is plotted beside the scene, by group.
+        cycles: Wing beats, strides, waves.
     """
 
     name: str
@@ -45,6 +49,8 @@ class Layout:
     joint_frames: Mapping[str, str] = field(default_factory=dict)
     errors: CameraErrors | None = None
     nis_limit: float = 3.0
+    angles: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
+    cycles: Sequence[Cycle] = ()
 
     @property
     def trail_frames(self) -> int:
@@ -74,6 +80,8 @@ def run_layout(
     landscapes: Mapping[str, Landscape],
     blocks: Mapping[str, Block],
     joint_frames: Mapping[str, str],
+    angles: Mapping[str, Sequence[Quantity]] | None = None,
+    cycles: Sequence[Cycle] = (),
 ) -> Layout:
     """The layout of a run."""
     bounds: dict[str, Box] = {}
@@ -95,6 +103,8 @@ def run_layout(
         joint_frames=joint_frames,
         errors=None if run.ideal_px is None else camera_errors(run.tracked, run.ideal_px),
         nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
+        angles=angles or {},
+        cycles=cycles,
     )
 
 

@@ -10,7 +10,7 @@ _PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 
 
 def side_of(name: str) -> str:
-    """``left`` or ``right`` where a part of the name says so (``elbow_l``, ``L_elbow``, ``leftKnee``), else ``trunk``."""
+    """``left`` or ``right`` where the name says so (``elbow_l``, ``L_elbow``, ``leftKnee``), else ``trunk``."""
     found = {_WORDS[part.lower()] for part in _PARTS.findall(name) if part.lower() in _WORDS}
     return found.pop() if len(found) == 1 else TRUNK
 

@@ -20,7 +20,7 @@ def kinematics(
     ] = None,
     export: Annotated[
         list[str] | None,
-        typer.Option(help="Also for another program: xlsx, mat, mot or sto; give the option once for each."),
+        typer.Option(help="Also for another program: xlsx, mat, mot, sto or bvh; give the option once for each."),
     ] = None,
     force: Force = False,
 ) -> None:

@@ -12,6 +12,7 @@ from mocap.pipeline.run import Run
 from mocap.rerun.camera_errors import CameraErrors, camera_errors
 from mocap.rerun.landscape import Landscape
 from mocap.rerun.scene import Scene, ViewCamera
+from mocap.rerun.series import robust_range
 from mocap.rerun.volume import Block
 
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -29,6 +30,7 @@ class Layout:
     Attributes:
         name: Of the run.
         n_frames: Number of frames.
+        n_markers: Number of markers.
         scene: The scene.
         bounds_px: For each camera with pixels the part of its image where the motion is; those that saw most first.
         landscapes: For each joint that has a potential, that potential over its plane.
@@ -36,12 +38,14 @@ class Layout:
         joint_frames: For each joint the frame of reference in which it is shown.
         errors: Innovations and residuals of each camera; None without cameras.
         nis_limit: Upper end of the axis of the normalised innovation.
+        likelihood_range: Ends of the axis of the log-likelihood; None: the viewer's choice.
         angles: Angles and what else is plotted beside the scene, by group.
         cycles: Wing beats, strides, waves.
     """
 
     name: str
     n_frames: int
+    n_markers: int
     scene: Scene
     bounds_px: Mapping[str, Box] = field(default_factory=dict)
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
@@ -49,6 +53,7 @@ class Layout:
     joint_frames: Mapping[str, str] = field(default_factory=dict)
     errors: CameraErrors | None = None
     nis_limit: float = 3.0
+    likelihood_range: tuple[float, float] | None = None
     angles: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
     cycles: Sequence[Cycle] = ()
 
@@ -96,6 +101,7 @@ def run_layout(
     return Layout(
         name=run.name,
         n_frames=len(run.tracked.markers.t_s),
+        n_markers=len(run.tracked.markers.names),
         scene=scene,
         bounds_px=bounds,
         landscapes=landscapes,
@@ -103,6 +109,7 @@ def run_layout(
         joint_frames=joint_frames,
         errors=None if run.ideal_px is None else camera_errors(run.tracked, run.ideal_px),
         nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
+        likelihood_range=robust_range(run.tracked.log_likelihood),
         angles=angles or {},
         cycles=cycles,
     )

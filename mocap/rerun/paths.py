@@ -8,6 +8,7 @@ MARKERS = "/world/markers"
 UNCERTAINTY = "/world/uncertainty"
 TRAILS = "/world/trails"
 PATH = "/world/path"
+AXES = "/world/axes"
 CAMERAS = "/world/cameras"
 JOINTS = "/joints"
 INNOVATION = "/health/innovation"
@@ -82,7 +83,7 @@ def quantity(group: str, name: str) -> str:
 
 def cycles(kind: str, of: str) -> str:
     """The cycles of one limb."""
-    return child(CYCLES, f"{kind.replace('_', ' ')} {of}")
+    return child(CYCLES, f"{of}_{kind}")
 
 
 def run(number: int) -> str:

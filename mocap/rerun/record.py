@@ -78,9 +78,7 @@ def make_layout(run: Run) -> Layout:
         landscapes=landscapes,
         blocks=blocks,
         joint_frames=frames,
-        angles=chosen(
-            found.quantities, [j.name for j in run.skeleton.joints], list(run.skeleton.measures.strokes)
-        ),
+        angles=chosen(found.quantities, [j.name for j in run.skeleton.joints], list(run.skeleton.measures.strokes)),
         cycles=cycles(found, run.motion, run.skeleton),
     )
 

@@ -13,7 +13,7 @@ from mocap.pipeline.run import Run
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import time_columns
 from mocap.rerun.layout import Layout
-from mocap.rerun.scene_views import scene_view
+from mocap.rerun.scene_views import NARROW, scene_view
 from mocap.rerun.series import robust_range, series_view
 from mocap.sides import by_side, side_of
 
@@ -44,15 +44,15 @@ def tab(layout: Layout) -> rrb.Container | None:
     if layout.cycles:
         lanes = rrb.StateTimelineView(
             origin=paths.CYCLES,
-            name="Cycles (frames): number and phase",
+            name="Cycles, numbered: blue down-stroke or stance, orange up-stroke or swing",
             time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         )
         right = rrb.Vertical(right, lanes, row_shares=[5, 1 + 0.25 * min(len(_lanes(layout.cycles)), 6)])
-    return rrb.Horizontal(scene_view(layout), right, column_shares=[2, 3], name="Angles and cycles")
+    return rrb.Horizontal(scene_view(layout, near=NARROW), right, column_shares=[2, 3], name="Angles and cycles")
 
 
 def chosen(found: Sequence[Quantity], joints: Sequence[str], strokes: Sequence[str]) -> dict[str, list[Quantity]]:
-    """Flexions (or stated angles) of the joints by side, strokes with their side, and the body; what has no value is out.
+    """Flexions (or stated angles) of the joints by side with the strokes, and the body; only what has values.
 
     Args:
         found: All quantities.
@@ -139,8 +139,9 @@ def sections(rows: Sequence[Cycle]) -> list[tuple[float, str]]:
 def _log_cycles(rec: rr.RecordingStream, path: str, rows: Sequence[Cycle], t_s: np.ndarray) -> None:
     parts = sections(rows)
     names = [name for _, name in parts if name]
+    labels = [name.split()[0] if name.endswith(("down", "stance")) or " " not in name else " " for name in names]
     colors = [palette.ORANGE if name.endswith(("up", "swing")) else palette.BLUE for name in names]
-    rec.log(path, rr.StateConfiguration(values=names, labels=names, colors=colors), static=True)
+    rec.log(path, rr.StateConfiguration(values=names, labels=labels, colors=colors), static=True)
     at = np.clip(np.searchsorted(t_s, [start for start, _ in parts]), 0, len(t_s) - 1)
     last = {int(frame): name for frame, (_, name) in zip(at, parts, strict=True)}
     frames = np.array(list(last), dtype=np.int64)

@@ -76,6 +76,13 @@ def track(
         ),
     ] = False,
     validate: Annotated[bool, typer.Option(help="Hide some samples and measure how well they are filled.")] = True,
+    fit_lens: Annotated[
+        bool,
+        typer.Option(
+            "--fit-lens",
+            help="Estimate radial lens distortion from the recording, where no lens is given, and correct it.",
+        ),
+    ] = False,
     mm_per_px: Annotated[
         float | None,
         typer.Option(help="Scale of one film without a calibration, in its plane; if not given, positions are pixels."),
@@ -89,7 +96,9 @@ def track(
     from mocap.rerun.footage import open_movies
     from mocap.rerun.watch import session
 
-    recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag, mm_per_px=mm_per_px)
+    recording = stated.read(
+        tracks, stored_points=stored, correct_lag=correct_lag, fit_lens=fit_lens, mm_per_px=mm_per_px
+    )
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
     opened = open_movies(movies.video or [])
     if live and learned is not None:

@@ -31,6 +31,7 @@ from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.unstated_unit import too_long
+from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import (
     Filmed,
@@ -72,6 +73,8 @@ class Prepared:
         ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
         jitter_px: The same over all rays; NaN without cameras.
         plane: The picture of one film, in which positions are; None: they are in space.
+        lens_cov_m2: (T, M, 3, 3) covariance of points from a lens that was estimated or is not corrected; NaN where not
+            seen; None: lenses are taken as known.
         stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
             of a pixel; 1: nothing is stated.
         bias_px: Standard deviation of the slow ray errors that were removed.
@@ -120,6 +123,7 @@ class Prepared:
     audited: tuple[audit.Finding, ...] = ()
     stated_over_shown: float = 1.0
     plane: Plane | None = None
+    lens_cov_m2: Array | None = None
 
     def in_space(self, what: str) -> "Prepared":
         """The same, refused where it is of one film.
@@ -277,6 +281,8 @@ def prepare_filmed(
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     lasting = persistent_px(filmed.matrices, uv, found.xyz_m, relative=worse)
+    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
+    lens_cov, lens_said = lens_uncertainty(filmed, audited, uv)
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     uv = uv - bias.bias_px
     start = triangulate.linear(filmed.matrices, uv, relative=worse)
@@ -288,8 +294,7 @@ def prepare_filmed(
     pointless = np.isnan(found.xyz_m[..., 0])
     lost = found.rejected.any(axis=0) & pointless
     unsure = unlikely.any(axis=0) & pointless & ~lost
-    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
-    told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
+    told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"] + lens_said
     if filmed.late_frames is not None:
         shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
         told += [
@@ -303,6 +308,7 @@ def prepare_filmed(
         found_out.append(
             f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
             f"tracking; {bias.jitter_px:.2f} px of jitter remain"
+            + ("; what the lens does to all cameras alike stays in the points" if lens_said and not filmed.lens else "")
         )
     return Prepared(
         name=name,
@@ -348,6 +354,7 @@ def prepare_filmed(
         stale=stale,
         audited=tuple(audited),
         stated_over_shown=ratio,
+        lens_cov_m2=lens_cov,
     )
 
 

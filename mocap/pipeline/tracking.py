@@ -25,6 +25,7 @@ from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
 from mocap.moving import Asked
+from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
 from mocap.records import MarkerTracks, Status
@@ -234,7 +235,8 @@ def lasting_cov(prepared: Prepared) -> Array:
     """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
-    (``mocap.cleaning.persistence``); where a marker is not seen, that of its median sample.
+    (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
+    seen, that of its median sample.
     """
     if prepared.filmed is None:
         return np.zeros_like(prepared.cov_m2)
@@ -244,7 +246,7 @@ def lasting_cov(prepared: Prepared) -> Array:
         seen = np.isfinite(cov[:, marker, 0, 0])
         if seen.any():
             cov[~seen, marker] = np.median(cov[seen, marker], axis=0)
-    return cov
+    return cov if prepared.lens_cov_m2 is None else cov + filled(prepared.lens_cov_m2)
 
 
 def validate(

@@ -64,7 +64,7 @@ def simulate_compiled(
 
     Raises:
         ValueError: a kernel is not Gaussian.
-        StabilityError: the step is too long.
+        StabilityError: the step is too long, with the mass at any state kept.
         IntegrationError: the state is not finite any more.
     """
     for p in potentials:
@@ -89,6 +89,8 @@ def simulate_compiled(
     if not np.isfinite(q).all():
         raise IntegrationError(f"the state stopped being finite: take a smaller step than {h_s:g} s")
     trajectory = Trajectory(t_s=np.arange(frames + 1, dtype=np.float64) * (every * h_s), q=q, v=v)
+    for t_s, at in zip(trajectory.t_s, trajectory.q, strict=True):
+        check_step(h_s, model, at, t_s=float(t_s))
     return CompiledRun(trajectory=trajectory, peaks=peaks)
 
 

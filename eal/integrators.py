@@ -36,26 +36,44 @@ def largest_strength(h_s: float, *, curvature: float, mass: float = 1.0) -> floa
     return float(LIMIT**2 * mass / (curvature * h_s**2))
 
 
-def check_step(h_s: float, model: PenalisedModel, q0: Array) -> None:
-    """Refuse a step that the penalty makes unstable.
+def check_step(h_s: float, model: PenalisedModel, q: Array, *, t_s: float = 0.0) -> None:
+    """Refuse a step that the penalty makes unstable, with the mass as it is at q.
 
     Args:
         h_s: Step in s.
         model: System, penalty and 1/eps^2.
-        q0: (..., d) start; the mass is taken there.
+        q: (..., d) configurations; the smallest eigenvalue of the mass matrix counts, of each member of a batch with
+            its own 1/eps^2.
+        t_s: Time of q, for the message.
 
     Raises:
         StabilityError: 1/eps^2 is above the limit; the message names the limit and the step that would do.
     """
-    mass = float(np.linalg.eigvalsh(model.system.mass(q0)).min())
-    limit = largest_strength(h_s, curvature=model.penalty.curvature_limit, mass=mass)
-    worst = float(np.max(model.strength))
-    if worst >= limit:
-        needed = h_s * np.sqrt(limit / worst)
+    mass = _least_mass(model.system.mass(q))
+    limit = largest_strength(h_s, curvature=model.penalty.curvature_limit) * mass
+    strength, limit, mass = np.broadcast_arrays(np.asarray(model.strength), limit, mass)
+    over = strength >= limit
+    if over.any():
+        at = np.unravel_index(int(np.argmax(np.where(over, strength - limit, -np.inf))), over.shape)
+        when = f" at t = {t_s:g} s, where the mass is {mass[at]:.3g}" if t_s > 0 else ""
         raise StabilityError(
-            f"1/eps^2 = {worst:.3g} is above the stability limit {limit:.3g} of rk4 with a step of {h_s:g} s: "
-            f"take a step below {needed:.2g} s, or integrate_adaptive with method='Radau', which has no limit"
+            f"1/eps^2 = {strength[at]:.3g} is above the stability limit {limit[at]:.3g} of rk4 with a step of "
+            f"{h_s:g} s{when}: take a step below {h_s * np.sqrt(limit[at] / strength[at]):.2g} s, or "
+            "integrate_adaptive with method='Radau', which has no limit"
         )
+
+
+def _least_mass(mass: Array) -> Array:
+    """Smallest eigenvalue of (..., d, d) mass matrices; one and two coordinates in closed form."""
+    d = mass.shape[-1]
+    if all(stride == 0 for stride in mass.strides[:-2]):
+        mass = mass[(0,) * (mass.ndim - 2)]
+    if d == 1:
+        return mass[..., 0, 0]
+    if d == 2:
+        middle = 0.5 * (mass[..., 0, 0] + mass[..., 1, 1])
+        return middle - np.hypot(0.5 * (mass[..., 0, 0] - mass[..., 1, 1]), mass[..., 0, 1])
+    return np.asarray(np.linalg.eigvalsh(mass)[..., 0], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,6 +131,7 @@ def integrate(
     h_s: float,
     steps: int,
     every: int = 1,
+    check: Callable[[float, Array], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Trajectory:
     """``steps`` steps of ``rk4_step`` from (q0, v0) at t = 0.
@@ -126,6 +145,7 @@ def integrate(
         h_s: Step in s.
         steps: Number of steps.
         every: Keep each such state.
+        check: Told time and configuration before every step; raises where the run must not go on.
         progress: Told the fraction done, some hundred times.
 
     Returns:
@@ -140,6 +160,8 @@ def integrate(
     positions[0], velocities[0] = q, v
     with one_blas_thread():
         for i in range(1, steps + 1):
+            if check is not None:
+                check((i - 1) * h_s, q)
             q, v = rk4_step(acceleration, (i - 1) * h_s, q, v, h_s)
             if i % every == 0:
                 positions[i // every], velocities[i // every] = q, v
@@ -178,14 +200,13 @@ def simulate(
         The trajectory; the batch is that of q0, v0 and 1/eps^2 together.
 
     Raises:
-        StabilityError: the step is too long for 1/eps^2.
+        StabilityError: the step is too long for 1/eps^2, with the mass at any step of the run.
         ValueError: a start of another dimension.
     """
     q, v = np.asarray(q0, dtype=np.float64), np.asarray(v0, dtype=np.float64)
     d = model.system.dimension
     if q.shape[-1] != d or v.shape[-1] != d:
         raise ValueError(f"q0 and v0 must have the {d} coordinates of the {model.system.name}, but have {q.shape[-1]}")
-    check_step(h_s, model, q)
     batch = np.broadcast_shapes(q.shape[:-1], v.shape[:-1], np.shape(model.strength))
     q, v = np.broadcast_to(q, (*batch, d)), np.broadcast_to(v, (*batch, d))
     return integrate(
@@ -195,6 +216,7 @@ def simulate(
         h_s=h_s,
         steps=round(duration_s / h_s),
         every=every,
+        check=lambda t_s, at: check_step(h_s, model, at, t_s=t_s),
         progress=progress,
     )
 

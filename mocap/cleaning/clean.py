@@ -16,6 +16,7 @@ REASONS = {
     "jump": "moves faster than is plausible for this marker",
     "duplicate": "coincides with another marker",
     "bone_length": "contradicts the length of a rigid bone",
+    "contradicted": "two rays alone, which meet away from where the motion and the other markers put it",
 }
 """Why a sample was rejected, by the key that reports use."""
 

@@ -20,14 +20,23 @@ def reproduce(
             envvar="MOCAP_REAL_DATA", help="Folder of real recordings: figure 7 is also drawn for one of them."
         ),
     ] = None,
+    span: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--span-s", help="Seconds over which the samples of figure 19a are taken; may be repeated; none: 1 and 10."
+        ),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Reproduce the figures of the EAL paper: pictures, tables, and a verdict on every claim."""
     from mocap.io.output import result_folder
     from mocap.reproduce import FIGURES
     from mocap.reproduce import reproduce as make_figures
+    from mocap.reproduce.fig_penalty import SPANS_S
     from mocap.reproduce.samples import real_bat_samples
 
+    if any(seconds <= 0 for seconds in span or []):
+        raise MocapError(f"--span-s must be above 0, but is {min(span or []):g}")
     for name in figures or []:
         if name.lower().removeprefix("fig") not in FIGURES:
             raise MocapError(f"there is no figure {name!r}: the figures are {', '.join(FIGURES)}")
@@ -38,6 +47,7 @@ def reproduce(
             quick,
             say,
             real_bat_m=None if real is None else real_bat_samples(real),
+            spans_s=span or SPANS_S,
         )
     errors.print(
         f"\nWrote {out}/: the figures with their numbers, and {len(verdicts)} verdicts in verdicts.json",

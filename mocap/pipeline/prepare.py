@@ -11,7 +11,7 @@ from mocap import audit
 from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera
-from mocap.cleaning.bias import ray_bias
+from mocap.cleaning.bias import lasting_bias, ray_bias
 from mocap.cleaning.camera_health import BadTime, camera_health, shifted_back
 from mocap.cleaning.clean import REASONS, clean
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise, click_noise
@@ -67,7 +67,8 @@ class Prepared:
         xyz_m: (T, M, 3) points of believed samples, corrected for slow ray errors; NaN else.
         cov_m2: (T, M, 3, 3) covariance of their jitter.
         filmed: Pixels and cameras; None where positions were given.
-        uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras.
+        uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras. Where a sample has two and no
+            point, they do not meet: one of them may be right.
         ray_sd_px: (C, T, M) standard deviation of a coordinate of each corrected pixel, weighed by how the rays of its
             marker meet.
         ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
@@ -293,6 +294,8 @@ def prepare_filmed(
     ratio = 1.0 if pixel_sd is None else pixel_sd / bias.jitter_px
     pointless = np.isnan(found.xyz_m[..., 0])
     lost = found.rejected.any(axis=0) & pointless
+    apart = found.rejected & lost & ~doubtful
+    uv = np.where(apart[..., None], filmed.ideal_px - lasting_bias(bias.bias_px, uv), uv)
     unsure = unlikely.any(axis=0) & pointless & ~lost
     told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"] + lens_said
     if filmed.late_frames is not None:

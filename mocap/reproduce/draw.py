@@ -19,12 +19,14 @@ class Curve:
         x: (n,) abscissae.
         y: (n, seeds) or (n,) ordinates; the median is drawn, and the range shaded.
         state: (n,) another error at the same abscissae, drawn dotted; empty: none.
+        dashed: Drawn as a dashed line.
     """
 
     label: str
     x: Array
     y: Array
     state: Array = field(default_factory=lambda: np.empty(0))
+    dashed: bool = False
 
 
 def log_log(
@@ -32,11 +34,12 @@ def log_log(
 ) -> None:
     """Curves on logarithmic axes, with a dashed reference line of the given slope above them."""
     axes = canvas.subplots()
-    colours = _colours(len(curves))
+    colours = _colours(sum(not curve.dashed for curve in curves)) * 2  # dashed ones repeat the colours of the others
     top = 0.0
-    for curve, colour in zip(curves, colours, strict=True):
+    for curve, colour in zip(curves, colours, strict=False):
         y = curve.y if curve.y.ndim == 2 else curve.y[:, None]
-        axes.loglog(curve.x, np.median(y, axis=1), "o-", color=colour, label=curve.label, markersize=3, linewidth=1.2)
+        line = "s--" if curve.dashed else "o-"
+        axes.loglog(curve.x, np.median(y, axis=1), line, color=colour, label=curve.label, markersize=3, linewidth=1.2)
         if y.shape[1] > 1:
             axes.fill_between(curve.x, y.min(axis=1), y.max(axis=1), color=colour, alpha=0.18, linewidth=0)
         if len(curve.state):

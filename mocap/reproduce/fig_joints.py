@@ -58,15 +58,18 @@ def _landscape(name: str, samples_m: Array, sentence: str, title: str, *, quick:
     grid = np.stack(np.meshgrid(x, y), axis=-1)
     v = potential.value(grid / scale)
     corners = float(potential.value(grid[[0, 0, -1, -1], [0, -1, 0, -1]] / scale).min())
+    a = potential.kernel.gram(grid.reshape(-1, 2) / scale, potential.centres) @ potential.root
+    least = float((1.0 - np.einsum("nr,nr->n", a, a)).min())
     on_data = float(np.quantile(potential.value(samples_m / scale), 0.95))
     held_out = float(np.mean(half.value(samples_m[len(samples_m) // 2 :] / half_scale) < 0.1))
     verdicts = (
         Verdict(
             figure=name,
             sentence=sentence,
-            claim="V is below 0.1 on 95 % of the samples and within [0, 1], and above 0.9 in the corners of the map",
-            measured=f"95 % quantile {on_data:.2g}, corners {corners:.3f}",
-            holds=bool(on_data < 0.1 and v.min() >= 0 and v.max() <= 1 and corners > 0.9),
+            claim="V is below 0.1 on 95 % of the samples and above 0.9 in the corners of the map, and before rounding "
+            "is cut nowhere below -1e-6",
+            measured=f"95 % quantile {on_data:.2g}, corners {corners:.3f}, least {least:.2g}",
+            holds=bool(on_data < 0.1 and corners > 0.9 and least > -1e-6),
         ),
         Verdict(
             figure=name,

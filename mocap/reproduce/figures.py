@@ -9,12 +9,15 @@ from matplotlib.figure import Figure as Canvas
 from threadpoolctl import threadpool_limits
 
 from eal.arrays import Array
-from mocap.reproduce import fig_balance, fig_joints, fig_penalty, fig_samples, fig_time
-from mocap.reproduce.record import Figure, Verdict
+from mocap.reproduce import fig_balance, fig_joints, fig_motion, fig_penalty, fig_samples, fig_time, theorems
+from mocap.reproduce.record import Figure, Verdict, label
 from mocap.reproduce.samples import built_in_samples
 
 _SYNTHETIC: dict[str, Callable[..., Figure]] = {
+    "3": fig_motion.figure_3,
+    "6": fig_motion.figure_6,
     "11": fig_balance.figure_11,
+    "12": fig_motion.figure_12,
     "13": fig_time.figure_13,
     "14a": fig_penalty.figure_14a,
     "14b": fig_penalty.figure_14b,
@@ -22,16 +25,34 @@ _SYNTHETIC: dict[str, Callable[..., Figure]] = {
     "15b": fig_samples.figure_15b,
     "16": fig_time.figure_16,
     "17": fig_time.figure_17,
+    "18": fig_motion.figure_18,
     "19a": fig_penalty.figure_19a,
     "19b": fig_penalty.figure_19b,
     "19c": fig_balance.figure_19c,
+    "theorem1": theorems.theorem_1,
+    "theorem2": theorems.theorem_2,
+    "theorem3": theorems.theorem_3,
 }
 _ANIMAL: dict[str, tuple[Callable[..., Figure], str]] = {
     "7": (fig_joints.figure_7, "bat"),
     "8": (fig_joints.figure_8, "lizard"),
     "20": (fig_joints.figure_20, "lizard"),
 }
-FIGURES = ("7", "8", "11", "13", "14a", "14b", "15a", "15b", "16", "17", "19a", "19b", "19c", "20")
+FIGURES = (
+    *("3", "6", "7", "8", "11", "12", "13", "14a", "14b", "15a", "15b", "16", "17", "18", "19a", "19b", "19c", "20"),
+    *("theorem1", "theorem2", "theorem3"),
+)
+
+ELSEWHERE = {
+    "1": "photograph of a bat and a lizard with markers: `mocap demo` makes recordings of both kinds with known truth",
+    "2": "photograph of the tunnel with its cameras: `mocap view` shows the cameras of any recording in space",
+    "4": "photograph of a board: `mocap data make` films one, `mocap calibrate` reads it",
+    "5": "photograph of the lizard on its rod: the scene of `mocap view` on the lizard of `mocap demo`",
+    "9": "strain energy of a joint: `mocap design-joint FOLDER --joint elbow_l` draws it beside its V_z, in "
+    "potential_and_energy.png",
+    "10": "printed joint: `mocap design-joint` writes its parts/*.stl and assembly.3mf",
+}
+"""Figures of the paper that are not made here, and where they are."""
 
 
 def _silent(line: str) -> None:
@@ -46,10 +67,12 @@ def reproduce(
     *,
     samples_m: Mapping[str, Array] | None = None,
     real_bat_m: Array | None = None,
+    spans_s: Sequence[float] = fig_penalty.SPANS_S,
 ) -> list[Verdict]:
     """Figures of the EAL paper as pictures, tables and verdicts.
 
-    Writes ``fig<NAME>.png``, ``fig<NAME>.csv`` and ``verdicts.json``. One BLAS thread: the matrices are small.
+    Writes ``fig<NAME>.png`` and ``fig<NAME>.csv`` (``theorem1.png`` ...), ``verdicts.json`` and ``figures.md``, which
+    says of every figure of the paper which file it is in, or where else it is. One BLAS thread: the matrices are small.
 
     Args:
         figures: Names such as ``14a``; None: all of ``FIGURES``.
@@ -59,23 +82,28 @@ def reproduce(
         samples_m: (N, 2) samples of the wrist about the elbow in metres, for ``bat`` and ``lizard``; None: the
             built-in animals.
         real_bat_m: (N, 2) samples of a real bat's; figure 7 is then drawn for it too, as ``7_real``.
+        spans_s: Spans of the samples of figure 19a, in seconds; the paper gives none.
 
     Returns:
         The verdicts, in the order of the figures.
 
     Raises:
-        ValueError: a figure that there is not.
+        ValueError: a figure that there is not, or a span that is not above 0.
     """
     names = list(FIGURES) if figures is None else [name.lower().removeprefix("fig") for name in figures]
     for name in names:
         if name not in FIGURES:
             raise ValueError(f"there is no figure {name!r}: the figures are {', '.join(FIGURES)}")
+    if not spans_s or min(spans_s) <= 0:
+        raise ValueError(f"spans_s must be times above 0 s, but are {list(spans_s)}")
     out.mkdir(parents=True, exist_ok=True)
     verdicts: list[Verdict] = []
     with threadpool_limits(1):
         for name in names:
             progress(f"figure {name}")
-            if name in _SYNTHETIC:
+            if name == "19a":
+                made = [fig_penalty.figure_19a(quick=quick, spans_s=spans_s)]
+            elif name in _SYNTHETIC:
                 made = [_SYNTHETIC[name](quick=quick)]
             else:
                 samples_m = built_in_samples() if samples_m is None else samples_m
@@ -90,7 +118,28 @@ def reproduce(
                     progress(verdict.line())
     text = json.dumps([v.as_dict() for v in verdicts], indent=1, ensure_ascii=False)
     (out / "verdicts.json").write_text(text, encoding="utf-8")
+    (out / "figures.md").write_text(_contents(verdicts), encoding="utf-8")
     return verdicts
+
+
+def _contents(verdicts: Sequence[Verdict]) -> str:
+    """A line for every figure of the paper: its file and how many of its claims hold, or where else it is."""
+    lines = ["# Figures of the EAL paper", ""]
+    for name in sorted((*FIGURES, *ELSEWHERE), key=_order):
+        mine = [v for v in verdicts if v.figure == name]
+        if name in ELSEWHERE:
+            lines.append(f"- Figure {name}: {ELSEWHERE[name]}")
+        elif mine:
+            stem = name if name.startswith("theorem") else f"fig{name}"
+            held = sum(v.holds for v in mine)
+            title = label(name).replace("fig", "Figure").capitalize()
+            lines.append(f"- {title}: {stem}.png, {stem}.csv; {held} of {len(mine)} claims hold")
+    return "\n".join(lines) + "\n"
+
+
+def _order(name: str) -> tuple[int, str]:
+    digits = "".join(c for c in name if c.isdigit())
+    return (int(digits) + (100 if name.startswith("theorem") else 0), name)
 
 
 def write_figure(figure: Figure, out: Path) -> None:
@@ -98,5 +147,5 @@ def write_figure(figure: Figure, out: Path) -> None:
     canvas = Canvas(figsize=(6.4, 4.6), dpi=110, layout="constrained")
     FigureCanvasAgg(canvas)
     figure.draw(canvas)
-    canvas.savefig(out / f"fig{figure.name}.png")
-    (out / f"fig{figure.name}.csv").write_bytes(figure.csv_text().encode())
+    canvas.savefig(out / f"{figure.stem}.png")
+    (out / f"{figure.stem}.csv").write_bytes(figure.csv_text().encode())

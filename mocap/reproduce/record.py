@@ -12,12 +12,17 @@ from matplotlib.figure import Figure as Canvas
 from eal.arrays import Array
 
 
+def label(figure: str) -> str:
+    """``fig 14a``, ``theorem 1``."""
+    return figure.replace("theorem", "theorem ") if figure.startswith("theorem") else f"fig {figure}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
     """One claim about a figure, and whether the numbers bear it out.
 
     Attributes:
-        figure: Figure of the paper: ``14a``.
+        figure: Figure of the paper: ``14a``; or ``theorem1``.
         sentence: The paper's words, or words close to them.
         claim: What was checked, with the expected number.
         measured: What came out.
@@ -32,7 +37,7 @@ class Verdict:
 
     def line(self) -> str:
         """One line for a terminal."""
-        return f"fig {self.figure}: {self.claim}: {self.measured}, {'holds' if self.holds else 'DOES NOT HOLD'}"
+        return f"{label(self.figure)}: {self.claim}: {self.measured}, {'holds' if self.holds else 'DOES NOT HOLD'}"
 
     def as_dict(self) -> dict[str, Any]:
         """For verdicts.json."""
@@ -60,6 +65,11 @@ class Figure:
     table: Mapping[str, Array]
     verdicts: tuple[Verdict, ...]
     draw: Callable[[Canvas], None]
+
+    @property
+    def stem(self) -> str:
+        """Of its files: ``fig14a``, ``theorem1``."""
+        return self.name if self.name.startswith("theorem") else f"fig{self.name}"
 
     def csv_text(self) -> str:
         """The table as CSV, numbers to ten digits."""

@@ -153,3 +153,9 @@ def errors(
 def slope(x: Array, y: Array) -> float:
     """Slope of log y against log x by least squares."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def slope_with_error(x: Array, y: Array) -> tuple[float, float]:
+    """Slope of log y against log x by least squares, and its standard error."""
+    line, covariance = np.polyfit(np.log(x), np.log(y), 1, cov=True)
+    return float(line[0]), float(np.sqrt(covariance[0, 0]))

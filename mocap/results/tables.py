@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
+from mocap.io.netcdf import as_netcdf
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
@@ -18,20 +19,21 @@ from mocap.records import MarkerTracks, Status
 from mocap.results.stored import write_arrays
 
 
-def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None]) -> None:
+def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None] | None) -> None:
     """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``.
 
     Args:
         run: What to write.
         folder: Where to, as ``mocap.io.output.result_folder`` gives it.
-        write_recording: Writes what is to be looked at.
+        write_recording: Writes what is to be looked at; None: nothing is.
     """
     write_arrays(run, folder)
     write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")
-    write_recording(run, folder / "recording.rrd")
+    if write_recording is not None:
+        write_recording(run, folder / "recording.rrd")
 
 
 def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path) -> None:
@@ -83,7 +85,7 @@ def write_kinematics(found: Kinematics, folder: Path) -> None:
         writer.writerows(zip(*[c.tolist() for c in columns], strict=True))
     dataset = found.to_dataset()
     packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("value", "sd", "status")}
-    (folder / "kinematics.nc").write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+    (folder / "kinematics.nc").write_bytes(as_netcdf(dataset, encoding=packed))
 
 
 def write_cycles(rows: Sequence[Cycle], path: Path) -> None:

@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 
 from mocap.reproduce import FIGURES, reproduce
+from mocap.reproduce.fig_balance import v_verdicts
 from mocap.reproduce.fig_joints import figure_20, joint_potential
+from mocap.reproduce.fig_penalty import figure_19a
+from mocap.reproduce.figures import ELSEWHERE
 from mocap.reproduce.record import long_table
 from mocap.reproduce.samples import wrist_about_elbow
 from mocap.reproduce.sweep import planar, spherical
+from mocap.reproduce.theorems import circle_draws
+from tests.reference import circle
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +32,8 @@ def test_figures_are_written_with_verdicts(arcs, tmp_path):
     """Pictures, tables and verdicts.json for a figure of each kind; nothing half-written stays."""
     lines = []
     verdicts = reproduce(["14a", "fig16", "7"], tmp_path, True, lines.append, samples_m=arcs)
-    names = {"fig14a.png", "fig14a.csv", "fig16.png", "fig16.csv", "fig7.png", "fig7.csv", "verdicts.json"}
+    names = {"fig14a.png", "fig14a.csv", "fig16.png", "fig16.csv", "fig7.png", "fig7.csv"}
+    names |= {"verdicts.json", "figures.md"}
     assert {p.name for p in tmp_path.iterdir()} == names
     stored = json.loads((tmp_path / "verdicts.json").read_text(encoding="utf-8"))
     assert [v["claim"] for v in stored] == [v.claim for v in verdicts]
@@ -58,9 +64,56 @@ def test_figure_20_confines_a_free_joint(arcs):
 
 
 def test_unknown_figures_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="there is no figure '12': the figures are 7, 8, 11"):
-        reproduce(["12"], tmp_path)
-    assert len(FIGURES) == 14
+    with pytest.raises(ValueError, match="there is no figure '9': the figures are 3, 6, 7, 8, 11"):
+        reproduce(["9"], tmp_path)
+    with pytest.raises(ValueError, match="spans_s must be times above 0 s"):
+        reproduce(["19a"], tmp_path, spans_s=(1.0, 0.0))
+    assert len(FIGURES) == 21
+
+
+def test_every_figure_of_the_paper_is_made_or_is_said_to_be_elsewhere():
+    """Figures 1 to 20, each once."""
+    numbers = {int("".join(c for c in name if c.isdigit())) for name in (*FIGURES, *ELSEWHERE) if "theorem" not in name}
+    assert numbers == set(range(1, 21))
+    assert not set(FIGURES) & set(ELSEWHERE)
+
+
+def test_figure_19a_is_over_the_spans_asked_for():
+    """Over 1 s the plateau at lambda = 1e-4 and 1/eps^2 = 1e6 is 1.08e-3 m, over 10 s 3.8e-4 to 4.5e-4 m."""
+    figure = figure_19a(quick=True, spans_s=(1.0, 10.0))
+    at = np.isclose(figure.table["lambda"], 1e-4, atol=0) & (figure.table["penalty"] == 1e6)
+    found = dict(zip(figure.table["span_s"][at], figure.table["constraint_error"][at], strict=True))
+    assert found[1.0] == pytest.approx(1.08e-3, rel=0.02)
+    assert 3.7e-4 < found[10.0] < 4.6e-4
+    assert [v.claim.split(":")[0] for v in figure.verdicts] == ["samples over 1 s"] * 2 + ["samples over 10 s"] * 2
+
+
+def test_verdicts_on_the_theorems(tmp_path):
+    """As printed theorems 1 and 3 do not hold, as corrected they do; V_j of the circle is the closed form's."""
+    verdicts = reproduce(["theorem1", "theorem2", "theorem3"], tmp_path, True)
+    assert [v.holds for v in verdicts] == [False, True, True, True, False, True]
+    gap, deviations = circle_draws(24)
+    sigma = circle.eigenvalues(1.0)
+    assert gap == pytest.approx(sigma[2] - sigma[3], rel=1e-6)
+    assert deviations.shape == (3, 24)
+    assert (tmp_path / "theorem3.png").exists()
+    assert "Theorem 3: theorem3.png, theorem3.csv; 1 of 2 claims hold" in (tmp_path / "figures.md").read_text()
+
+
+def test_verdicts_can_fail():
+    """The V of figure 11 with its minimum at a larger lambda for the smallest eps, and with a flat right arm."""
+    lams, penalties = np.logspace(-1, -9, 17), np.array([1e3, 1e4, 1e5, 1e6])
+
+    def judged(best, power):
+        away = np.abs(np.log10(lams)[:, None] - np.log10(best))
+        curves = 1e-5 * np.where(lams[:, None] > best, (lams[:, None] / best) ** power, 10 ** (0.3 * away))
+        return [v.holds for v in v_verdicts("11", lams, penalties, curves[:, :, None])]
+
+    good = np.array([1e-3, 1e-4, 1e-4, 1e-4])
+    assert judged(good, 1.0) == [True, True, True]
+    assert judged(good, 0.5) == [True, False, True]
+    assert judged(np.array([1e-3, 1e-4, 1e-5, 1e-6]), 1.0) == [True, True, False]  # never stays
+    assert judged(np.array([1e-4, 1e-3, 1e-5, 1e-5]), 1.0) == [True, True, False]  # moves back
 
 
 def test_tables_run_over_the_grid():

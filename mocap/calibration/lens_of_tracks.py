@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, project, stacked
 from mocap.cameras.lens import BrownLens
-from mocap.cameras.triangulate import linear
+from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
 
 BLOCKS = 8
@@ -109,18 +109,24 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
     kept = [uv[:, block != b] for b in range(BLOCKS)]
     left = [uv[:, block == b] for b in range(BLOCKS)]
     before = _median([_misses(matrices, u) for u in left])
-    tried = {}
-    for size in dict.fromkeys((1, n) if each else (1,)):
-        whole = _fitted(lenses, matrices, uv, np.zeros(size))
+
+    def by_stretches(whole: Array) -> tuple[float, Array]:
+        """The residual of stretches left out, and (BLOCKS, C) coefficients without each."""
         parts = [_fitted(lenses, matrices, u, whole) for u in kept]
         held = [_misses(matrices, _straight(lenses, u, _each(k, n))) for k, u in zip(parts, left, strict=True)]
-        tried[size] = (_median(held), whole, np.array(parts))
-    size = n if n in tried and tried[n][0] < _GAIN * tried[1][0] else 1
-    after, best, parts = tried[size]
-    off = np.stack([_each(k, n) for k in parts]) - np.mean([_each(k, n) for k in parts], axis=0)
+        return _median(held), np.stack([_each(k, n) for k in parts])
+
+    best = _fitted(lenses, matrices, uv, np.zeros(1))
+    after, parts = by_stretches(best)
+    own = _fitted(lenses, matrices, uv, np.repeat(best, n)) if each and n > 1 else None
+    if own is not None and _median([_misses(matrices, _straight(lenses, uv, own))]) < _GAIN * after:
+        after_own, parts_own = by_stretches(own)
+        if after_own < _GAIN * after:
+            after, best, parts = after_own, own, parts_own
+    off = parts - parts.mean(axis=0)
     cov = (BLOCKS - 1) / BLOCKS * off.T @ off
-    if size == 1 < n and n in tried:
-        cov = cov + np.var(tried[n][1], ddof=1) / n
+    if own is not None and len(best) == 1:
+        cov = cov + np.var(own, ddof=1) / n
     k1, sd = _each(best, n), np.sqrt(np.diag(cov))
     if not after < _GAIN * before:
         raise CalibrationError(
@@ -134,9 +140,7 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
             f"{k1[worst]:.2f} ± {sd[worst]:.2f}): the animal must be seen in all parts of the pictures; give the "
             "profile, or film a board: mocap calibrate lenses"
         )
-    return TrackLens(
-        lenses=tuple(lenses), k1=k1, cov=cov, before_px=before, after_px=after, by_camera=size == n and n > 1
-    )
+    return TrackLens(lenses=tuple(lenses), k1=k1, cov=cov, before_px=before, after_px=after, by_camera=len(best) > 1)
 
 
 def _bare(cameras: Sequence[Camera]) -> list[BrownLens]:
@@ -177,7 +181,7 @@ def _fitted(lenses: Sequence[BrownLens], matrices: Array, uv: Array, start: Arra
 
 
 def _misses(matrices: Array, uv: Array) -> Array:
-    miss = np.linalg.norm(uv - project(matrices, linear(matrices, uv)), axis=-1)
+    miss = residual_px(matrices, uv, linear(matrices, uv))
     return miss[np.isfinite(miss)]
 
 

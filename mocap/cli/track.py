@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import finish, program, progress, say, show, typed
-from mocap.cli.options import AsJson, Force, Out, RecordingOptions, Views
+from mocap.cli.options import AsJson, FitLens, Force, Out, RecordingOptions, Views
 from mocap.cli.records import with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
@@ -82,13 +82,7 @@ def track(
         ),
     ] = False,
     validate: Annotated[bool, typer.Option(help="Hide some samples and measure how well they are filled.")] = True,
-    fit_lens: Annotated[
-        bool,
-        typer.Option(
-            "--fit-lens",
-            help="Estimate radial lens distortion from the recording, where no lens is given, and correct it.",
-        ),
-    ] = False,
+    fit_lens: FitLens = False,
     blocks: Annotated[
         int | None,
         typer.Option(

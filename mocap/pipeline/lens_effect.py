@@ -6,14 +6,8 @@ import numpy as np
 
 from mocap import audit
 from mocap.arrays import Array
-from mocap.calibration.lens_of_tracks import lens_covariance, lens_of_tracks, moved_by_lens
-from mocap.errors import CalibrationError
+from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
 from mocap.pipeline.recording import Filmed
-
-_POINTS = 500
-_LEAST_K1 = 0.02
-_CERTAIN = 5.0
-"""A lens that only a fit sees is spoken of from so many standard deviations on."""
 
 
 def lens_uncertainty(filmed: Filmed, audited: list[audit.Finding], uv_px: Array) -> tuple[Array | None, list[str]]:
@@ -32,12 +26,9 @@ def lens_uncertainty(filmed: Filmed, audited: list[audit.Finding], uv_px: Array)
         bent = np.stack([_bent(filmed, c, uv) for c, uv in enumerate(uv_px)])
         return lens_covariance(filmed.cameras, filmed.lens, bent), []
     seen = [f for f in audited if f.kind == "distortion" and f.alarm and "k1" in f.numbers]
-    told, k1 = [], float(seen[0].numbers["k1"]) if seen else 0.0
-    if not seen and all(c.lens is None for c in filmed.cameras):
-        k1, told = _faint(filmed, uv_px)
-    if not k1:
+    if not seen:
         return None, []
-    moved = moved_by_lens(filmed.cameras, uv_px, k1)
+    moved = moved_by_lens(filmed.cameras, uv_px, float(seen[0].numbers["k1"]))
     far = 1e3 * np.linalg.norm(moved, axis=-1)
     far = far[np.isfinite(far)]
     if not len(far):
@@ -47,21 +38,7 @@ def lens_uncertainty(filmed: Filmed, audited: list[audit.Finding], uv_px: Array)
         f"{np.quantile(far, 0.9):.2f} mm (90 %); their standard deviations are widened by as much: give `profile`, or "
         "have it estimated with `fit_lens`"
     )
-    return moved[..., :, None] * moved[..., None, :], [*told, said]
-
-
-def _faint(filmed: Filmed, uv_px: Array) -> tuple[float, list[str]]:
-    """k1 that the audit's coarser measure does not see, and a sentence; 0 where rays do not determine it either."""
-    try:
-        found = lens_of_tracks(filmed.cameras, uv_px, most_points=_POINTS, each=False)
-    except CalibrationError:
-        return 0.0, []
-    if abs(found.k1[0]) < max(_LEAST_K1, _CERTAIN * found.sd[0]):
-        return 0.0, []
-    return float(found.k1[0]), [
-        f"the pixels look slightly distorted, and no lens is given: {found.words}; median residual of stretches that "
-        f"the fit did not see {found.before_px:.2f} px without it, {found.after_px:.2f} px with it"
-    ]
+    return moved[..., :, None] * moved[..., None, :], [said]
 
 
 def _bent(filmed: Filmed, camera: int, uv_px: Array) -> Array:

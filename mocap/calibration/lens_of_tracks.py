@@ -16,6 +16,9 @@ BLOCKS = 8
 """Stretches of frames that are left out in turn: what an animal does in one says little of the others."""
 _LEAST = 60
 _GAIN = 0.97
+_OWN = 0.9
+"""A coefficient for each camera needs residuals lower by this factor than one for all: cameras mostly bear like lenses,
+and errors of calibration look like lenses that differ."""
 _OPEN = 0.03
 _LARGEST = 0.6
 
@@ -84,8 +87,8 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
     for every k1). The recording's points are split into ``BLOCKS`` stretches of frames; leaving out each in turn gives
     residuals that the fit has not seen, by which the model is chosen, and the covariance (jackknife, Efron & Stein
     1981), which contains errors that go together within a stretch. Errors of the coefficients are in none of the
-    stretches alone: where one number is fitted, the variance of its mean over cameras that are fitted each by itself is
-    added.
+    stretches alone: where one number is fitted, the spread of numbers that are fitted to each camera by itself (median absolute
+    deviation, over the root of their number) is added.
 
     Args:
         cameras: The C cameras, without lenses.
@@ -119,14 +122,14 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
     best = _fitted(lenses, matrices, uv, np.zeros(1))
     after, parts = by_stretches(best)
     own = _fitted(lenses, matrices, uv, np.repeat(best, n)) if each and n > 1 else None
-    if own is not None and _median([_misses(matrices, _straight(lenses, uv, own))]) < _GAIN * after:
+    if own is not None and _median([_misses(matrices, _straight(lenses, uv, own))]) < _OWN * after:
         after_own, parts_own = by_stretches(own)
-        if after_own < _GAIN * after:
+        if after_own < _OWN * after:
             after, best, parts = after_own, own, parts_own
     off = parts - parts.mean(axis=0)
     cov = (BLOCKS - 1) / BLOCKS * off.T @ off
     if own is not None and len(best) == 1:
-        cov = cov + np.var(own, ddof=1) / n
+        cov = cov + (1.4826 * np.median(np.abs(own - np.median(own)))) ** 2 / n
     k1, sd = _each(best, n), np.sqrt(np.diag(cov))
     if not after < _GAIN * before:
         raise CalibrationError(

@@ -465,7 +465,12 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
     if not stale:
         return (), [f"{path.name}: all {total} stored points agree with the triangulation of the pixels"]
     worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
+    why = (
+        "out of date"
+        if 2 * len(stale) < total
+        else "of another calibration or lens than this one, of other pixels, or smoothed"
+    )
     return tuple(stale), [
         f"{path.name}: {len(stale)} of {total} stored points differ from the triangulation of the pixels (by up to "
-        f"{worst * 1e3:.1f} mm): they are out of date and were computed again"
+        f"{worst * 1e3:.1f} mm): they are {why}, and were computed again"
     ]

@@ -102,3 +102,13 @@ def test_a_lens_that_the_recording_does_not_show_is_refused():
     straight = project(stacked(cameras), cloud(rng, 300, radius_m=0.4)).reshape(3, 30, 10, 2)
     with pytest.raises(CalibrationError, match="no lens makes the rays meet better"):
         lens_of_tracks(cameras, straight + rng.normal(0, 0.5, straight.shape), each=False)
+
+
+def test_cameras_that_have_lenses_keep_them():
+    """What a file states of lenses is not fitted again."""
+    uv = project(stacked(ring(3, lens=True)), cloud(np.random.default_rng(2), 80)).reshape(3, 8, 10, 2)
+    names = tuple(f"m{i}" for i in range(10))
+    pixels = PixelTracks(names=names, cameras=("cam1", "cam2", "cam3"), t_s=np.arange(8) / 100, uv_px=uv)
+    stated = {"pixel_origin": "upper-left", "calibration_origin": "upper-left"}
+    with pytest.raises(CalibrationError, match="`fit_lens`: the cameras have lenses already"):
+        film_of(pixels, ring(3, lens=True), name="a", fit_lens=True, **stated)

@@ -87,8 +87,8 @@ def lens_of_tracks(cameras: Sequence[Camera], uv_px: Array, *, most_points: int 
     for every k1). The recording's points are split into ``BLOCKS`` stretches of frames; leaving out each in turn gives
     residuals that the fit has not seen, by which the model is chosen, and the covariance (jackknife, Efron & Stein
     1981), which contains errors that go together within a stretch. Errors of the coefficients are in none of the
-    stretches alone: where one number is fitted, the spread of numbers that are fitted to each camera by itself (median absolute
-    deviation, over the root of their number) is added.
+    stretches alone: where one number is fitted, the spread of numbers that are fitted to each camera by itself (median
+    absolute deviation, over the root of their number) is added.
 
     Args:
         cameras: The C cameras, without lenses.

@@ -406,6 +406,7 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
     xyz = np.where(named.unsure[..., None], np.nan, xyz)
+    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names))
     cleaning = clean(xyz, sd, tracks.t_s, skeleton, names)
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
@@ -437,12 +438,13 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
             *findings,
             "positions without cameras: their noise is taken from the file or estimated, "
             f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
-            *(f.text for f in audit.jump_findings(xyz, tracks.t_s, names)),
+            *(f.text for f in jumps),
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),
         ),
         swaps=named.swaps,
+        audited=jumps,
     )
 
 

@@ -25,6 +25,7 @@ from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
 from mocap.moving import Asked
+from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
@@ -192,6 +193,7 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
     believed |= used.sum(axis=0) >= 2
     origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
     origin[moved(prepared, xyz, cov).far & (origin == Status.MEASURED)] = Status.REJECTED
+    cov += jump_cov(prepared, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(prepared.xyz_m, axis=(0, 1)) - np.nanmin(prepared.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)

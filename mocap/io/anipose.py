@@ -29,9 +29,8 @@ PLACEHOLDER = 10.0
 def read_calibration(path: Path) -> tuple[Camera, ...]:
     """Read the cameras, in the order of their sections ``cam_<i>``, in the unit of the calibration board.
 
-    Caliscope's files have sections ``cameras.<i>`` and rotation matrices in place of vectors, those of FreeMoCap sections
-    of the cameras' own names. Distortions are OpenCV's:
-    4 (fisheye) or 5 (Brown) or 8 (rational) coefficients.
+    Caliscope's files have sections ``cameras.<i>`` and rotation matrices in place of vectors, FreeMoCap's sections are
+    named by their cameras. Distortions are OpenCV's: 4 (fisheye) or 5 (Brown) or 8 (rational) coefficients.
 
     Raises:
         FormatError: the file is no such TOML; the message names the camera and the key.

@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
 
-.PHONY: setup demo test quick check bench pictures lock clean
+.PHONY: setup demo test quick check bench pictures docs lock clean
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 RUN_STAMP := .venv/.installed-to-run
@@ -42,6 +42,9 @@ bench: setup
 
 pictures: setup
 	$(BIN)/python -m mocap.rerun.pictures docs/pictures
+
+docs: setup
+	OMP_NUM_THREADS=1 $(BIN)/python docs/build.py build/docs
 
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links
 

@@ -283,11 +283,11 @@ def found(case: Case, fault: Fault, raised: list[Finding]) -> bool:
     return bool(of_kind) and (not case.concerned or bool(case.concerned & named))
 
 
-def clean_table(count: int) -> tuple[Counter[str], set[int]]:
+def clean_table(count: int, first: int = 1000) -> tuple[Counter[str], set[int]]:
     """Alarms of clean recordings: kinds with their number, and the seeds that raise one."""
     kinds: Counter[str] = Counter()
     accused = set()
-    for seed in range(1000, 1000 + count):
+    for seed in range(first, first + count):
         recording = twin(seed)
         raised = {f.kind for f in audited(recording, clean(recording))}
         kinds.update(raised)
@@ -318,6 +318,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="2 seeds, 6 clean recordings")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--clean", type=int, default=200)
+    parser.add_argument("--first", type=int, default=1000, help="first seed of the clean recordings")
     parser.add_argument("--only", help="faults whose name contains this")
     options = parser.parse_args()
     seeds, count = (2, 6) if options.quick else (options.seeds, options.clean)
@@ -327,7 +328,7 @@ def main() -> None:
             told = ", ".join(f"{kind} {n}" for kind, n in others.most_common(3))
             print(f"{name:28}{size:8g} {unit:20}{share:7.0%}  {told}", flush=True)
         if options.only is None:
-            kinds, accused = clean_table(count)
+            kinds, accused = clean_table(count, options.first)
             told = ", ".join(f"{kind} {n}" for kind, n in kinds.most_common())
             print(f"\nclean recordings wrongly accused: {len(accused)} of {count}{f' ({told})' if told else ''}")
 

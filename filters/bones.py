@@ -7,9 +7,12 @@ from numpy.typing import NDArray
 
 from filters.motion.bones import Bones
 from filters.poses import MarkerTrial
+from mocap.arrays import Array
 
 INDEPENDENT = 0.1
 """Neighbouring frames err alike: each counts as so many independent ones."""
+AT_ONCE = 1 << 20
+"""Distances that are looked at at once: 8 MiB of them."""
 LEAST = 0.005
 """No distance is known better than to this share of it."""
 
@@ -25,21 +28,15 @@ def learn_bones(trials: Sequence[MarkerTrial], ends: NDArray[np.int64]) -> Bones
         trials: Trials of the same markers.
         ends: (P, 2) markers; pairs that are seen together too little to tell are left out.
     """
-    a, b = ends.T
-    apart = [np.linalg.norm(trial.xyz_m[:, a] - trial.xyz_m[:, b], axis=-1) for trial in trials]
-    seen = [np.isfinite(d) for d in apart]
-    count = np.array([s.sum(axis=0) for s in seen])  # (G, P)
-    mean = np.array([np.where(s, d, 0.0).sum(axis=0) for s, d in zip(seen, apart, strict=True)]) / np.maximum(count, 1)
-    noises = [trial.sd_m[:, a] ** 2 + trial.sd_m[:, b] ** 2 for trial in trials]
-    noise = [np.where(s, n, 0.0).sum(axis=0) for s, n in zip(seen, noises, strict=True)]
-    spread = [np.where(s, (d - m) ** 2, 0.0).sum(axis=0) for s, d, m in zip(seen, apart, mean, strict=True)]
+    sums = [_distances(trial, ends) for trial in trials]
+    count, mean, noise, spread = (np.array(parts) for parts in zip(*sums, strict=True))  # (G, P) each
     known = count > 0
     freedom = count.sum(axis=0) - known.sum(axis=0) / INDEPENDENT
     ok = freedom > 0
     ends, count, mean, known, freedom = ends[ok], count[:, ok], mean[:, ok], known[:, ok], freedom[ok]
     length = (count * mean).sum(axis=0) / count.sum(axis=0)
     floor = (LEAST * length) ** 2
-    within = np.maximum((np.sum(spread, axis=0) - np.sum(noise, axis=0))[ok] / freedom, floor)
+    within = np.maximum((spread.sum(axis=0) - noise.sum(axis=0))[ok] / freedom, floor)
     trials_known = known.sum(axis=0)
     differ = np.where(known, (mean - length) ** 2, 0.0).sum(axis=0) / np.maximum(trials_known - 1, 1)
     between = np.where(trials_known > 1, np.maximum(differ, floor), (0.1 * length) ** 2)
@@ -49,6 +46,27 @@ def learn_bones(trials: Sequence[MarkerTrial], ends: NDArray[np.int64]) -> Bones
         length_m=(own * mean[-1] + common * length) / (own + common),
         sd_m=np.sqrt(within + 1 / (own + common)),
     )
+
+
+def _distances(trial: MarkerTrial, ends: NDArray[np.int64]) -> tuple[Array, Array, Array, Array]:
+    """(P,) frames in which both ends are seen, mean distance, and sums of its noise's variance and squared deviation.
+
+    Some pairs at a time: memory beside the trial does not grow with its frames times pairs.
+    """
+    out = [np.zeros(len(ends)) for _ in range(4)]
+    width = max(1, AT_ONCE // max(len(trial.xyz_m), 1))
+    for start in range(0, len(ends), width):
+        some = slice(start, start + width)
+        a, b = ends[some].T
+        apart = np.linalg.norm(trial.xyz_m[:, a] - trial.xyz_m[:, b], axis=-1)
+        seen = np.isfinite(apart)
+        count = seen.sum(axis=0)
+        mean = np.where(seen, apart, 0.0).sum(axis=0) / np.maximum(count, 1)
+        noise = np.where(seen, trial.sd_m[:, a] ** 2 + trial.sd_m[:, b] ** 2, 0.0).sum(axis=0)
+        spread = np.where(seen, (apart - mean) ** 2, 0.0).sum(axis=0)
+        for whole, part in zip(out, (count, mean, noise, spread), strict=True):
+            whole[some] = part
+    return out[0], out[1], out[2], out[3]
 
 
 def rigid_bones(

@@ -1,7 +1,7 @@
 """Gaps hidden in training trials: how models are mixed, and how wide intervals must be, is learned from them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -20,7 +20,7 @@ SHARP_MARKER = MarkerSettings(acceleration=0.3)
 """Constant velocity in a mixture: nearer with less noise than recordings show; its width is learned afterwards."""
 MODELS: tuple[TrajectoryModel, ...] = (SHARP_MARKER, PoseSettings(ranks=(8,)))
 """What a learned tracker is made of: constant velocity of each marker, and the EAL model, whose settings are the same
-for all recordings (docs/decisions.md, "Fixed settings")."""
+for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,24 +58,23 @@ class HiddenGaps:
     anatomy: Anatomy
     hidden: Sequence[tuple[int, Hidden[MarkerTrial]]]
     tell: Callable[[str], None] = lambda _line: None
-    _trial_sets: dict[Hidden[MarkerTrial], TrialSet] = field(default_factory=dict)
 
-    def fill(self, model: TrajectoryModel) -> Residuals:
-        """Fill all of them by a model that was learned without them."""
-        parts = []
+    def fill(self, models: Sequence[TrajectoryModel]) -> tuple[Residuals, ...]:
+        """Fill all of them by each model, learned without them; what is shared by models is kept for one trial."""
+        parts: list[list[Residuals]] = [[] for _ in models]
         for number, (index, gaps) in enumerate(self.hidden):
-            if gaps not in self._trial_sets:
-                others = [trial for i, trial in enumerate(self.trials) if i != index]
-                self._trial_sets[gaps] = TrialSet([*others, gaps.shown], self.anatomy)
-            trials, shown = self._trial_sets[gaps], gaps.shown
-            found = estimate(model, trials, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
-            parts.append(residuals_of(gaps, found.xyz_m, found.cov_m2))
-            error = 1e3 * np.exp(parts[-1].log_rmse)
-            self.tell(
-                f"{model.description}: gaps hidden in {gaps.trial.name} ({number + 1} of {len(self.hidden)}) are "
-                f"filled to {error:.2f} mm"
-            )
-        return joined(parts)
+            others = [trial for i, trial in enumerate(self.trials) if i != index]
+            shown = gaps.shown
+            trials = TrialSet([*others, shown], self.anatomy)
+            for model, found in zip(models, parts, strict=True):
+                filled = estimate(model, trials, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
+                found.append(residuals_of(gaps, filled.xyz_m, filled.cov_m2))
+                error = 1e3 * np.exp(found[-1].log_rmse)
+                self.tell(
+                    f"{model.description}: gaps hidden in {gaps.trial.name} ({number + 1} of {len(self.hidden)}) are "
+                    f"filled to {error:.2f} mm"
+                )
+        return tuple(joined(found) for found in parts)
 
 
 def hidden_gaps(
@@ -127,7 +126,7 @@ def calibrated(mixture: Mixture, models: Sequence[TrajectoryModel], trials: Tria
         return mixture
     last = len(trials.trials) - 1
     gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, own)])
-    return mixture.calibrated([gaps.fill(model) for model in models])
+    return mixture.calibrated(gaps.fill(models))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,5 +146,5 @@ class Mixed:
 
 def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel]) -> Mixed:
     """How models are mixed, by how they fill hidden gaps."""
-    residuals = tuple(gaps.fill(model) for model in models)
+    residuals = gaps.fill(models)
     return Mixed(models=tuple(models), mixture=learn_mixture(residuals), residuals=residuals)

@@ -125,7 +125,7 @@ def learn_mixture(
 
     Args:
         residuals: What each model missed the same hidden samples by.
-        power: Power of the stated variances; 1: weights of precision. docs/decisions.md, "The mixture".
+        power: Power of the stated variances; 1: weights of precision. docs/explanation/decisions.md, "The mixture".
         strength: Penalty on squared offsets and slopes.
         prior: See above.
         folds: See above.

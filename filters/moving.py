@@ -1,6 +1,6 @@
 """Velocities and joint covariances of markers, taken from a smoother's states while it goes back in time."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -118,17 +118,7 @@ class RateKeeper:
         """All frames, from the first on; None where the model has no velocities."""
         if not self._velocity:
             return None
-        frames = sorted(self._kept)
-        shape = self._velocity[0].shape
-        kept = np.full((n_frames, *shape), 1.0)
-        if frames:
-            anchors = np.array([self._kept[f] for f in frames])
-            at = np.clip(np.searchsorted(frames, np.arange(n_frames), side="right") - 1, 0, len(frames) - 1)
-            after = np.minimum(at + 1, len(frames) - 1)
-            place = np.array(frames, dtype=float)
-            width = np.maximum(place[after] - place[at], 1.0)
-            share = np.clip((np.arange(n_frames) - place[at]) / width, 0.0, 1.0)[:, None, None]
-            kept = (1 - share) * anchors[at] + share * anchors[after]
+        kept = between(self._kept, (n_frames, *self._velocity[0].shape))
         return Rates(
             asked=self.asked,
             velocity_m_s=np.array(self._velocity[::-1]),
@@ -136,6 +126,20 @@ class RateKeeper:
             cross=np.array(self._cross[::-1]),
             kept=kept,
         )
+
+
+def between(known: Mapping[int, Array], shape: tuple[int, ...]) -> Array:
+    """(T, ...) values of some frames, linear between these and constant beyond them; 1 where there is none."""
+    frames = sorted(known)
+    if not frames:
+        return np.full(shape, 1.0)
+    anchors = np.array([known[f] for f in frames])
+    at = np.clip(np.searchsorted(frames, np.arange(shape[0]), side="right") - 1, 0, len(frames) - 1)
+    after = np.minimum(at + 1, len(frames) - 1)
+    place = np.array(frames, dtype=float)
+    width = np.maximum(place[after] - place[at], 1.0)
+    share = np.clip((np.arange(shape[0]) - place[at]) / width, 0.0, 1.0)[:, None, None]
+    return (1 - share) * anchors[at] + share * anchors[after]
 
 
 def asked_of(names: Sequence[str], asked: Asked) -> Asked:

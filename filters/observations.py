@@ -28,6 +28,7 @@ class Sights:
         slope: (g, 3, 3) change of each row with the position of the marker, a metre.
         sd: (g, 3) standard deviations, that of the linearisation included.
         dof: (g,) degrees of freedom of Student's t that the errors follow; infinite where they are normal.
+        apart: (g,) rays that do not meet another one of their marker: of such at most one is right.
     """
 
     where: NDArray[np.int64]
@@ -36,6 +37,7 @@ class Sights:
     slope: Array
     sd: Array
     dof: Array
+    apart: NDArray[np.bool_]
 
 
 def seen_from(sights: Sights, shift: Array) -> Sights:
@@ -69,6 +71,8 @@ class PixelObservations:
     A marker that is predicted more vaguely than ``wide_m`` would be projected from places where the projection is far
     from linear, or behind a camera. Such a marker is observed through the point in which its rays meet, with that
     point's covariance, which linearises the same pixels where they are; a single ray then says nothing.
+
+    Rays of a marker without a point that are more than one do not meet (``Sights.apart``).
 
     Attributes:
         matrices: (C, 3, 4) projections.
@@ -107,6 +111,8 @@ class PixelObservations:
         whitening = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, points]))
         slope[n:] = whitening
         innovation[n:] = np.einsum("gij,gj->gi", whitening, self.xyz_m[frame, points] - mean[points])
+        several = np.isfinite(self.uv_px[:, frame, :, 0]).sum(axis=0) > 1
+        apart = (several & np.isnan(self.xyz_m[frame, :, 0]))[marker]
         return Sights(
             where=np.stack([np.append(camera, np.full_like(points, WHOLE)), np.append(marker, points)], axis=1),
             size=np.repeat([2, 3], [n, len(points)]),
@@ -114,6 +120,7 @@ class PixelObservations:
             slope=slope,
             sd=sd,
             dof=np.append(np.full(n, np.inf) if self.dof is None else self.dof[camera], np.full(len(points), np.inf)),
+            apart=np.append(apart, np.zeros(len(points), dtype=bool)),
         )
 
 
@@ -172,4 +179,24 @@ class PositionObservations:
             slope=np.broadcast_to(np.eye(3), (len(marker), 3, 3)),
             sd=np.repeat(self.sd_m[frame, marker, None], 3, axis=1),
             dof=np.full(len(marker), np.inf),
+            apart=np.zeros(len(marker), dtype=bool),
         )
+
+
+def some_markers(observations: Observations, markers: NDArray[np.int64]) -> Observations:
+    """What is seen of some of the markers.
+
+    Raises:
+        TypeError: observations of a kind whose markers cannot be told apart.
+    """
+    if isinstance(observations, PositionObservations):
+        return PositionObservations(xyz_m=observations.xyz_m[:, markers], sd_m=observations.sd_m[:, markers])
+    if isinstance(observations, PixelObservations):
+        return replace(
+            observations,
+            uv_px=observations.uv_px[:, :, markers],
+            sd_px=observations.sd_px[:, :, markers],
+            xyz_m=observations.xyz_m[:, markers],
+            cov_m2=observations.cov_m2[:, markers],
+        )
+    raise TypeError(f"expected pixels or positions, not {type(observations).__name__}")

@@ -32,18 +32,30 @@ class Observed:
     log_likelihood: float
 
 
-def gate_groups(far: NDArray[np.bool_], where: NDArray[np.int64]) -> NDArray[np.bool_]:
+def gate_groups(
+    squared: Array, far: NDArray[np.bool_], where: NDArray[np.int64], apart: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """(g,) groups to believe, of which some are ``far`` (g,) from their prediction.
 
-    A ray that is far from its prediction is not believed, unless another ray of its marker is far as well: as
-    triangulation found all of them to meet, the prediction was wrong, and rays that are near it merely look along the
-    way that the marker went.
+    A ray that is far from its prediction is not believed, unless another ray of its marker is far as well: if
+    triangulation found them to meet, the prediction was wrong, and rays that are near it merely look along the way that
+    the marker went. Of rays that do not meet (``apart``) the one that is nearest to its prediction is believed, unless
+    it is far as well.
+
+    Args:
+        squared: (g,) squared distances from the prediction, in its deviations.
+        far: Groups that are far from it.
+        where: Camera and marker of each.
+        apart: Rays that do not meet another of their marker.
     """
-    if not far.any():
+    if not (far.any() or apart.any()):
         return ~far
     marker = where[:, 1]
-    agreed = np.bincount(marker[far], minlength=marker.max() + 1) >= 2
-    return ~(far & ~agreed[marker] & (where[:, 0] != WHOLE))
+    agreed = np.bincount(marker[far & ~apart], minlength=marker.max() + 1) >= 2
+    believed = ~(far & ~agreed[marker] & (where[:, 0] != WHOLE))
+    nearest = np.full(marker.max() + 1, np.inf)
+    np.minimum.at(nearest, marker[apart], squared[apart])
+    return believed & ~(apart & (squared > nearest[marker]))
 
 
 def observe(
@@ -73,13 +85,14 @@ def observe(
     """
     n_groups, marker = len(sights.size), sights.where[:, 1]
     if not n_groups:
-        return state, _unused(sights)
+        return state, unused(sights)
     white, y = sights.slope / sights.sd[..., None], sights.innovation / sights.sd
     cov = marker_covariances(deviations)
     predicted = 1 + np.einsum("gri,gij,grj->gr", white, cov[marker], white)
-    used = gate_groups((np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1), sights.where)
+    far = (np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1)
+    used = gate_groups(np.sum(y**2 / predicted, axis=1), far, sights.where, sights.apart)
     if not used.any():
-        return state, _unused(sights)
+        return state, unused(sights)
     weight = used.astype(float)
     heavy = used & np.isfinite(sights.dof) & (rounds > 0)
     freedom = sights.dof[heavy] + sights.size[heavy]
@@ -103,8 +116,8 @@ def observe(
     return posterior, Observed(sights.where, sights.innovation, weight, nis, n_rows, float(log_likelihood))
 
 
-def _unused(sights: Sights) -> Observed:
-    """Nothing was believed."""
+def unused(sights: Sights) -> Observed:
+    """Of sights of which nothing was believed."""
     return Observed(sights.where, sights.innovation, np.zeros(len(sights.size)), np.nan, 0, 0.0)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from filters.hide import Hidden
 from filters.poses import MarkerTrial
-from mocap.arrays import Z95, Array
+from mocap.arrays import Z95, Array, varying
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,7 +19,7 @@ class Score:
         samples: Number of samples that were compared.
         rmse_mm: Root mean square of the distance to the measured sample; NaN without samples.
         coverage95: Share of coordinates inside 1.96 standard deviations; NaN without intervals.
-        nll: Mean negative log likelihood of a coordinate (of the three together, over three; lengths in mm); NaN
+        nll: Mean negative log likelihood of a coordinate (of all together, over their number; lengths in mm); NaN
             without covariances, or where one is not positive definite.
     """
 
@@ -37,19 +37,19 @@ class Score:
 
 
 def score(error_m: Array, cov_m2: Array | None) -> Score:
-    """The score of errors (n, 3), with the covariances (n, 3, 3) that were stated for them; None: none were."""
+    """The score of errors (n, d), with the covariances (n, d, d) that were stated for them; None: none were."""
     if not len(error_m):
         return Score(samples=0, rmse_mm=np.nan, coverage95=np.nan, nll=np.nan)
     rmse = float(1e3 * np.sqrt(np.mean(np.sum(error_m**2, axis=1))))
     if cov_m2 is None:
         return Score(samples=len(error_m), rmse_mm=rmse, coverage95=np.nan, nll=np.nan)
-    variance = np.diagonal(cov_m2, axis1=1, axis2=2)
+    variance, d = np.diagonal(cov_m2, axis1=1, axis2=2), error_m.shape[1]
     nll = np.nan
     if np.isfinite(cov_m2).all() and (variance > 0).all():
         sign, log_det = np.linalg.slogdet(cov_m2 * 1e6)
         if (sign > 0).all():
             mahalanobis = np.einsum("ki,ki->k", error_m, np.linalg.solve(cov_m2, error_m[..., None])[..., 0])
-            nll = float(np.mean(mahalanobis + log_det + 3 * np.log(2 * np.pi)) / 6)
+            nll = float(np.mean(mahalanobis + log_det + d * np.log(2 * np.pi)) / (2 * d))
     return Score(
         samples=len(error_m),
         rmse_mm=rmse,
@@ -68,7 +68,8 @@ def compared(xyz_m: Array, cov_m2: Array | None, truth_m: Array, where: NDArray[
         where: (T, M) samples to compare; those without estimate or truth do not count.
     """
     ok = where & np.isfinite(xyz_m[..., 0]) & np.isfinite(truth_m[..., 0])
-    return score((xyz_m - truth_m)[ok], None if cov_m2 is None else cov_m2[ok])
+    axes = varying(truth_m)
+    return score((xyz_m - truth_m)[ok][:, axes], None if cov_m2 is None else cov_m2[ok][:, axes][:, :, axes])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -76,8 +77,8 @@ class Residuals:
     """What one model missed n hidden samples by, and what it stated.
 
     Attributes:
-        error_m: (n, 3) estimates minus measurements.
-        variance: (n, 3) stated variance of the estimates.
+        error_m: (n, d) estimates minus measurements; d = 3, or 2 in a plane.
+        variance: (n, d) stated variance of the estimates.
         noise: (n,) variance of the measurements.
         gap: (n,) number of the gap.
         length: (n,) its length in frames.
@@ -91,7 +92,7 @@ class Residuals:
 
     @property
     def expected(self) -> Array:
-        """(n, 3) stated variance of the errors: of estimates and measurements."""
+        """(n, d) stated variance of the errors: of estimates and measurements."""
         return self.variance + self.noise[:, None]
 
     @property
@@ -106,15 +107,15 @@ class Residuals:
 
     def score(self) -> Score:
         """The score, errors being those from measurements."""
-        return score(self.error_m, self.expected[..., None] * np.eye(3))
+        return score(self.error_m, self.expected[..., None] * np.eye(self.error_m.shape[1]))
 
 
 def residuals_of(hidden: Hidden[MarkerTrial], xyz_m: Array, cov_m2: Array) -> Residuals:
     """Compare estimates (T, M, 3) with covariance (T, M, 3, 3) with what was hidden."""
-    where = hidden.mask
+    where, axes = hidden.mask, varying(hidden.trial.xyz_m)
     return Residuals(
-        error_m=(xyz_m - hidden.trial.xyz_m)[where],
-        variance=np.diagonal(cov_m2[where], axis1=-2, axis2=-1),
+        error_m=(xyz_m - hidden.trial.xyz_m)[where][:, axes],
+        variance=np.diagonal(cov_m2[where], axis1=-2, axis2=-1)[:, axes],
         noise=hidden.trial.sd_m[where] ** 2,
         gap=hidden.gap[where],
         length=hidden.length[where],

@@ -51,16 +51,19 @@ def _log_distances(xyz_m: Array, pairs: NDArray[np.intp]) -> tuple[Array, Array]
         return np.log(np.maximum(mean, 1e-300)), np.where((count >= 10) & (mean > 0), error, np.nan)
 
 
+def size_factor(trial: MarkerTrial, target: MarkerTrial) -> float:
+    """By how much an animal is to be enlarged to be as large as another one; 1 where no difference is certain."""
+    log_ratio, error = relative_size(target, trial)
+    return float(np.exp(log_ratio)) if abs(log_ratio) > max(LEAST, 2 * error) else 1.0
+
+
 def sized_like(trials: Sequence[MarkerTrial], target: MarkerTrial) -> list[MarkerTrial]:
     """Trials scaled to the size of the animal in another one; those of the same size are returned as they are.
 
     An animal that is larger by a factor moves in the same angles, with all lengths and speeds that much larger.
     """
-    out = []
-    for trial in trials:
-        log_ratio, error = relative_size(target, trial)
-        if abs(log_ratio) > max(LEAST, 2 * error):
-            factor = float(np.exp(log_ratio))
-            trial = replace(trial, xyz_m=factor * trial.xyz_m, sd_m=factor * trial.sd_m)
-        out.append(trial)
-    return out
+    factors = [size_factor(trial, target) for trial in trials]
+    return [
+        trial if factor == 1 else replace(trial, xyz_m=factor * trial.xyz_m, sd_m=factor * trial.sd_m)
+        for trial, factor in zip(trials, factors, strict=True)
+    ]

@@ -41,7 +41,7 @@ class Components:
         trial_sd: (D,) standard deviation of that over trials.
         loading: (D, r) loadings of unit scores.
         scores: (N, r) scores.
-        score_cov: (N, r, r) their covariance given what the frame shows.
+        known: (N,) 1 less the mean share of the scores' variance that is left when a frame is seen.
         noise: Variance of an entry about the model.
         trial: (N,) trial of each pose.
     """
@@ -51,7 +51,7 @@ class Components:
     trial_sd: Array
     loading: Array
     scores: Array
-    score_cov: Array
+    known: Array
     noise: float
     trial: NDArray[np.int64]
 
@@ -60,10 +60,9 @@ class Components:
         """(N, D) poses of the model."""
         return self.mean + self.trial_offset[self.trial] + self.scores @ self.loading.T
 
-    @property
-    def known(self) -> Array:
-        """(N,) 1 less the mean share of the scores' variance that is left when a frame is seen."""
-        return 1 - np.trace(self.score_cov, axis1=1, axis2=2) / self.loading.shape[1]
+
+AT_ONCE = 4000
+"""Poses that are looked at at once: what is learned of them are sums, and memory beside the poses does not grow."""
 
 
 def bridge(y: Array) -> Array:
@@ -93,47 +92,81 @@ def principal_components(
         independent: Neighbouring frames err alike: each counts as so many independent ones for a trial's offset.
     """
     trial = np.zeros(len(y), dtype=np.int64) if trial is None else trial
-    member = (trial[:, None] == np.arange(trial.max() + 1)).astype(float)  # (N, G)
-    seen = np.isfinite(y)
-    filled = np.concatenate([bridge(part) for part in np.split(y, np.flatnonzero(np.diff(trial)) + 1)])
-    weight, data = seen.astype(float), np.where(seen, y, 0.0)
-    count = member.T @ weight  # (G, D)
-    first = _first_mean(data, weight, filled)
-    filled = np.where(seen | (count > 0)[trial], filled, first)
-    mean = filled.mean(axis=0)
-    _, s, vt = np.linalg.svd(filled - mean, full_matrices=False)
-    loading = vt[:rank].T * (s[:rank] / np.sqrt(len(y)))
-    noise = max(float(np.mean((filled - mean - (filled - mean) @ vt[:rank].T @ vt[:rank]) ** 2)), 1e-14)
-    z, cov = np.zeros((len(y), rank)), np.zeros((len(y), rank, rank))
-    offset, offset_var = np.zeros(count.shape), np.full(y.shape[1], 10 * noise)
+    n_trials, d = int(trial.max()) + 1, y.shape[1]
+    parts = [slice(k, k + AT_ONCE) for k in range(0, len(y), AT_ONCE)]
+    count = sum(
+        (_by_trial(np.isfinite(y[p]).astype(float), trial[p], n_trials) for p in parts), np.zeros((n_trials, d))
+    )
+    ever, entries = count.any(axis=0), float(count.sum())
+    mean, loading, noise = _first_components(y, rank, trial, count)
+    z, left = np.zeros((len(y), rank)), np.zeros(len(y))
+    offset, offset_var = np.zeros(count.shape), np.full(d, 10 * noise)
     diagonal = np.arange(rank)
     for _ in range(iterations):
-        centred = np.where(seen, data - mean - offset[trial], 0.0)
-        outer = (loading[:, :, None] * loading[:, None, :]).reshape(len(mean), -1)
-        cov = np.linalg.inv((weight @ outer).reshape(-1, rank, rank) / noise + np.eye(rank))
-        z = np.einsum("tij,tj->ti", cov, centred @ loading) / noise
-        extended = np.column_stack([z, np.ones(len(y))])
-        second = extended[:, :, None] * extended[:, None, :]
-        second[:, :rank, :rank] += cov
-        moment = (weight.T @ second.reshape(len(y), -1)).reshape(-1, rank + 1, rank + 1)
+        outer = (loading[:, :, None] * loading[:, None, :]).reshape(d, -1)
+        moment, pull, spread = np.zeros((d, (rank + 1) ** 2)), np.zeros((d, rank + 1)), np.zeros((d, rank**2))
+        for p in parts:
+            weight, data = _entries(y[p], offset[trial[p]])
+            cov = np.linalg.inv((weight @ outer).reshape(-1, rank, rank) / noise + np.eye(rank))
+            z[p] = np.einsum("tij,tj->ti", cov, (data - weight * mean) @ loading) / noise
+            left[p] = np.trace(cov, axis1=1, axis2=2)
+            extended = np.column_stack([z[p], np.ones(len(data))])
+            second = extended[:, :, None] * extended[:, None, :]
+            second[:, :rank, :rank] += cov
+            moment += weight.T @ second.reshape(len(data), -1)
+            pull += data.T @ extended
+            spread += weight.T @ cov.reshape(len(data), -1)
+        moment = moment.reshape(-1, rank + 1, rank + 1)
         moment[:, diagonal, diagonal] += noise / np.maximum(np.mean(loading**2, axis=0), 1e-14)
         moment[:, rank, rank] += 1e-9
-        shifted = np.where(seen, data - offset[trial], 0.0)
-        solution = np.linalg.solve(moment, (shifted.T @ extended)[..., None])[..., 0]
-        loading, mean = solution[:, :rank], np.where(weight.any(axis=0), solution[:, rank], mean)
-        misfit = np.where(seen, data - mean - z @ loading.T, 0.0)
-        if member.shape[1] > 1:
+        solution = np.linalg.solve(moment, pull[..., None])[..., 0]
+        loading, mean = solution[:, :rank], np.where(ever, solution[:, rank], mean)
+        if n_trials > 1:
+            missed = np.zeros(count.shape)
+            for p in parts:
+                weight, data = _entries(y[p])
+                missed += _by_trial(data - weight * (mean + z[p] @ loading.T), trial[p], n_trials)
             ridge = noise / (independent * offset_var)
-            offset = (member.T @ misfit) / (count + ridge)
-            left = noise / (independent * (count + ridge))
-            offset_var = np.mean(offset**2 + left, axis=0).clip(1e-12)
-            misfit = np.where(seen, misfit - offset[trial], 0.0)
-        spread = ((loading[:, :, None] * loading[:, None, :]).reshape(len(mean), -1) @ cov.reshape(len(y), -1).T).T
-        before, noise = noise, max(float((misfit**2 + weight * spread).sum() / weight.sum()), 1e-14)
+            offset = missed / (count + ridge)
+            unsure = noise / (independent * (count + ridge))
+            offset_var = np.mean(offset**2 + unsure, axis=0).clip(1e-12)
+        squared = float(np.einsum("di,di->", (loading[:, :, None] * loading[:, None, :]).reshape(d, -1), spread))
+        for p in parts:
+            weight, data = _entries(y[p], offset[trial[p]])
+            squared += float(np.sum((data - weight * (mean + z[p] @ loading.T)) ** 2))
+        before, noise = noise, max(squared / entries, 1e-14)
         if abs(noise - before) < 1e-4 * noise:
             break
-    trial_sd = np.sqrt(offset_var) if member.shape[1] > 1 else np.zeros(y.shape[1])
-    return Components(mean, offset, trial_sd, loading, z, cov, noise, trial)
+    trial_sd = np.sqrt(offset_var) if n_trials > 1 else np.zeros(d)
+    return Components(mean, offset, trial_sd, loading, z, 1 - left / rank, noise, trial)
+
+
+def _entries(y: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
+    """(n, D) 1 where an entry is seen, else 0; and what is seen, less an offset, else 0."""
+    seen = np.isfinite(y)
+    return seen.astype(float), np.where(seen, y - offset, 0.0)
+
+
+def _by_trial(values: Array, trial: NDArray[np.int64], n_trials: int) -> Array:
+    """(G, D) sums of (n, D) values over the rows of each trial, which follow each other."""
+    out = np.zeros((n_trials, values.shape[1]))
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(trial)) + 1])
+    np.add.at(out, trial[starts], np.add.reduceat(values, starts, axis=0))
+    return out
+
+
+def _first_components(y: Array, rank: int, trial: NDArray[np.int64], count: Array) -> tuple[Array, Array, float]:
+    """Mean, loadings and noise of poses whose gaps are bridged: where the search begins."""
+    filled = np.concatenate([bridge(part) for part in np.split(y, np.flatnonzero(np.diff(trial)) + 1)])
+    seen = np.isfinite(y)
+    first = _first_mean(np.where(seen, y, 0.0), seen, filled)
+    filled = np.where(seen | (count > 0)[trial], filled, first)
+    mean = filled.mean(axis=0)
+    filled -= mean
+    _, s, vt = np.linalg.svd(filled, full_matrices=False)
+    loading = vt[:rank].T * (s[:rank] / np.sqrt(len(y)))
+    noise = max(float(np.mean((filled - filled @ vt[:rank].T @ vt[:rank]) ** 2)), 1e-14)
+    return mean, loading, noise
 
 
 def _first_mean(data: Array, weight: Array, filled: Array) -> Array:

@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from filters.apart import smooth_apart
 from filters.ensemble import Gaussian, Prediction, marker_covariances
+from filters.groups import MOST, groups_of, smooth_in_groups
 from filters.motion.base import MotionModel, Step
+from filters.motion.constant_velocity import ConstantVelocity
+from filters.motion.pose import PoseMotion
 from filters.moving import RateKeeper
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
@@ -163,6 +167,36 @@ def smooth(
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
+    if isinstance(model, ConstantVelocity) and passes == 1:
+        plain: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
+        with threadpool_limits(1):
+            return smooth_apart(model, observations, t_s, **plain)
+    options: dict[str, Any] = {
+        "gate_sd": gate_sd,
+        "most_bytes": most_bytes,
+        "passes": passes,
+        "settled": settled,
+        "asked": asked,
+        "progress": progress,
+    }
+    if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST:
+        return smooth_in_groups(model, observations, t_s, groups_of(model), smooth_together, **options)
+    return smooth_together(model, observations, t_s, **options)
+
+
+def smooth_together(
+    model: MotionModel,
+    observations: Observations,
+    t_s: Array,
+    *,
+    gate_sd: float = 6.0,
+    most_bytes: float = 1e9,
+    passes: int = 1,
+    settled: float = 0.05,
+    asked: Asked | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """``smooth`` for a state whose components depend on each other, with one covariance matrix of all."""
     about: list[Reference] | None = None
     for number in range(passes):
         tell = None if progress is None else (lambda share, n=number: progress((n + share) / passes))

@@ -10,16 +10,19 @@ from typing import TYPE_CHECKING, Any
 from mocap.neighbours import check_neighbours
 
 if TYPE_CHECKING:
+    from mocap.batches.run import Batch, batch
     from mocap.errors import MocapError
     from mocap.io.format import Hints
     from mocap.library.digitised import Digitised, digitise
     from mocap.library.labelled import LabelledRecording, label
     from mocap.library.learning import Model, learn, load_model
+    from mocap.library.many import learn_joints
     from mocap.library.recording import propose_skeleton, read
     from mocap.library.tracked import Tracked, load, track
     from mocap.pipeline.recording import Recording
 
 __all__ = [
+    "Batch",
     "Digitised",
     "Hints",
     "LabelledRecording",
@@ -27,9 +30,11 @@ __all__ = [
     "Model",
     "Recording",
     "Tracked",
+    "batch",
     "digitise",
     "label",
     "learn",
+    "learn_joints",
     "load",
     "load_model",
     "propose_skeleton",
@@ -38,6 +43,7 @@ __all__ = [
 ]
 
 _PLACES = {
+    "Batch": "mocap.batches.run",
     "Digitised": "mocap.library.digitised",
     "Hints": "mocap.io.format",
     "LabelledRecording": "mocap.library.labelled",
@@ -45,9 +51,11 @@ _PLACES = {
     "Model": "mocap.library.learning",
     "Recording": "mocap.pipeline.recording",
     "Tracked": "mocap.library.tracked",
+    "batch": "mocap.batches.run",
     "digitise": "mocap.library.digitised",
     "label": "mocap.library.labelled",
     "learn": "mocap.library.learning",
+    "learn_joints": "mocap.library.many",
     "load": "mocap.library.tracked",
     "load_model": "mocap.library.learning",
     "propose_skeleton": "mocap.library.recording",

@@ -56,3 +56,14 @@ def true_runs(mask: NDArray) -> list[tuple[int, int]]:
     """Start and stop of every run of True in a (T,) mask."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def varying(xyz_m: Array) -> NDArray[np.bool_]:
+    """(3,) axes along which positions (..., 3) are not all one number: two of points in a plane z = 0.
+
+    All three where nothing varies.
+    """
+    flat = xyz_m.reshape(-1, 3)
+    flat = flat[np.isfinite(flat).all(axis=1)]
+    axes = np.ptp(flat, axis=0) > 0 if len(flat) else np.ones(3, dtype=bool)
+    return axes if axes.any() else np.ones(3, dtype=bool)

@@ -2,19 +2,31 @@
 
 
 class MocapError(Exception):
-    """Any trouble with a recording that its user can mend."""
+    """Any trouble with a recording that its user can mend.
+
+    Attributes:
+        page: The page of ``docs/`` that says more, where the message is not all there is to say.
+    """
+
+    page: str | None = None
 
 
 class FormatError(MocapError):
     """A file does not hold what its format promises."""
 
+    page = "howto/your_files.md"
+
 
 class CalibrationError(MocapError):
     """Cameras and pixels do not belong together, or cannot be told apart."""
 
+    page = "howto/calibration.md"
+
 
 class SkeletonError(MocapError):
     """A skeleton and the markers of a recording disagree."""
+
+    page = "howto/skeleton.md"
 
 
 class OutputError(MocapError):
@@ -23,6 +35,8 @@ class OutputError(MocapError):
     Attributes:
         kept: What became of the earlier result.
     """
+
+    page = "reference/files.md"
 
     def __init__(self, message: str, *, kept: str = "") -> None:
         """With what was kept, if anything is to be said of it."""

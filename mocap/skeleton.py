@@ -121,7 +121,7 @@ def read_skeleton(path: Path) -> Skeleton:
 
     ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes;
     ``trunk = [...]``; ``max_speed_m_s = 20.0``; a table ``[joints]`` with ``elbow = ["shoulder", "elbow", "wrist"]``;
-    a table ``[aliases]`` with ``pt1 = "shoulder"``; a table ``[measures]`` (docs/kinematics.md).
+    a table ``[aliases]`` with ``pt1 = "shoulder"``; a table ``[measures]`` (docs/reference/kinematics.md).
 
     Raises:
         SkeletonError: the file cannot be read as that.

@@ -45,6 +45,8 @@ SLOW = {
     "filters/test_recording_alone.py": 4,
     "filters/test_registry.py": 7,
     "filters/test_shape_mechanics.py": 2,
+    "mocap/batches/test_batch.py": 20,
+    "mocap/batches/test_find_trials.py": 3,
     "mocap/digitising/test_digitise.py": 15,
     "mocap/digitising/test_label.py": 20,
     "mocap/digitising/test_page.py": 15,

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from mocap import load
 from tests.mocap.test_main_job import assert_beats_others, assert_each_joint_has_a_potential, assert_intervals_hold
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGES, SHIPPED = ("mocap", "eal", "filters", "datasets"), (".py", ".toml", ".html")
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +60,26 @@ def test_the_wheel_alone_runs_the_demo(installed, tmp_path):
     script = "import mocap; r = mocap.load('out'); print(len(r.joints), r.markers.sizes['keypoint'])"
     loaded = run_there(installed, tmp_path, "-c", script)
     assert loaded.stdout.split() == ["18", "24"], loaded.stderr
+
+
+def test_wheel_and_sdist_carry_the_licence(installed):
+    """The text of ``LICENSE`` in both; the source distribution has all four packages and what they need at run time."""
+    text = (ROOT / "LICENSE").read_bytes()
+    (licence,) = installed.glob("eal_mocap-*.dist-info/licenses/LICENSE")
+    assert licence.read_bytes() == text
+    build = "from setuptools.build_meta import build_sdist; build_sdist('../sdist')"
+    subprocess.run([sys.executable, "-c", build], cwd=installed.parent / "source", check=True, capture_output=True)
+    (archive,) = (installed.parent / "sdist").iterdir()
+    with tarfile.open(archive) as files:
+        inside = {name.partition("/")[2] for name in files.getnames()}
+        (member,) = [m for m in files.getmembers() if m.name.partition("/")[2] == "LICENSE"]
+        found = files.extractfile(member)
+        assert found is not None
+        assert found.read() == text
+    wanted = [
+        path.relative_to(ROOT) for name in PACKAGES for path in (ROOT / name).rglob("*") if path.suffix in SHIPPED
+    ]
+    assert not {path.as_posix() for path in wanted} - inside
 
 
 def test_a_package_of_the_same_name_is_told(installed, tmp_path):

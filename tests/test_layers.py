@@ -39,7 +39,8 @@ ALLOWED = {
     "mocap/reproduce": _FLOW,
     "mocap/rerun": _FLOW | {"mocap/joint_design", "mocap/results"},
     "mocap/library": _SHOWN,
-    "mocap/cli": _SHOWN | {"mocap/library"},
+    "mocap/batches": _SHOWN | {"mocap/library"},
+    "mocap/cli": _SHOWN | {"mocap/library", "mocap/batches"},
 }
 """The packages and the rooms of mocap, in the direction of the flow, and which others each may import."""
 
@@ -47,6 +48,8 @@ PLACES = {
     "rerun": ("mocap/rerun/",),
     "cv2": ("mocap/", "datasets/"),
     "filterpy": ("filters/",),
+    "dask": ("mocap/batches/",),
+    "distributed": ("mocap/batches/",),
 }
 """Libraries that only some folders may import (tests may import all of them)."""
 

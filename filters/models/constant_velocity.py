@@ -8,7 +8,7 @@ import numpy as np
 from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.subspace import bridge
-from mocap.arrays import Array
+from mocap.arrays import Array, varying
 from mocap.body import smooth_series
 
 
@@ -63,10 +63,10 @@ def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
 def marker_density(xyz_m: Array, *, dt_s: float) -> Array:
     """(M,) spectral density of each marker's acceleration in a recording (T, M, 3); NaN where it is seen too seldom."""
     seen = np.isfinite(xyz_m[..., 0])
-    density = np.full(xyz_m.shape[1], np.nan)
+    density, axes = np.full(xyz_m.shape[1], np.nan), varying(xyz_m)
     for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
         frames = np.flatnonzero(seen[:, marker])
-        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])
+        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])[:, axes]
         density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s)).mean()
     return density
 
@@ -80,7 +80,7 @@ def learn_constant_velocity(
         xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
         dt_s: Time step.
         others: Other recordings of the same markers and rate. Of each marker's densities in all the geometric mean is
-            taken: one short recording may show it at rest (docs/decisions.md, "Noise of a marker").
+            taken: one short recording may show it at rest (docs/explanation/decisions.md, "Noise of a marker").
         settings: Choices.
     """
     seen = np.isfinite(xyz_m[..., 0])

@@ -4,8 +4,8 @@ Each marker's position in the body is regressed on the others by a Gaussian proc
 Its linear part is the standard imputation of missing markers by the covariance of all (Liu & McMillan 2006; Tits,
 Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
 the marker's neighbours (``filters/neighbours.py``), and both estimates are averaged. It knows nothing of dynamics, and
-so errs differently from the motion models, which makes a mixture of both better than either (docs/decisions.md, "The
-mixture").
+so errs differently from the motion models, which makes a mixture of both better than either
+(docs/explanation/decisions.md, "The mixture").
 """
 
 from collections.abc import Iterator, Sequence

@@ -29,9 +29,13 @@ Potential = Literal[
 ]
 
 
+LEAST_M = 1e-6
+"""No regression is surer of a coordinate than that, not even of that which points of one plane share."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings(TrajectoryModel):
-    """Choices of the pose model; the numbers that settled the defaults are in docs/decisions.md.
+    """Choices of the pose model; the numbers that settled the defaults are in docs/explanation/decisions.md.
 
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
@@ -107,7 +111,7 @@ class PoseSettings(TrajectoryModel):
         if self.regression:
             found = self._regression.fit(trials).fill()
             lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
-            model = replace(model, regression=Regression(found.xyz_m, lasts * found.cov_m2))
+            model = replace(model, regression=Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3))))
         return FittedMotion(model, trials.trials[-1].t_s, self.passes)
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
@@ -264,7 +268,7 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     The stiffness 1/eps^2 of V_z follows from what the potential says of poses that it has not seen: learned without a
     fifth of the motion it has the mean value v there, and 1/eps^2 = weight w / v a second, w the rate sd(zdot) / sd(z)
     of the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
-    cycles it is soft. The numbers are in docs/decisions.md, "Stiffness of V_z".
+    cycles it is soft. The numbers are in docs/explanation/decisions.md, "Stiffness of V_z".
     """
     if settings.potential == "none":
         return model

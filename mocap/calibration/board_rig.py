@@ -113,7 +113,7 @@ def calibrate_boards(
 def _held(lenses: Mapping[str, Lens], name: str) -> Intrinsics:
     if name not in lenses:
         raise CalibrationError(f"camera {name!r} has no known lens: there are {', '.join(map(repr, lenses))}")
-    return Intrinsics(lens=lenses[name], choice="known", held_out_px={}, f_sd_px=0.0, rms_px=0.0)
+    return Intrinsics(lens=lenses[name], choice="known", held_out_px={}, f_sd_px=0.0, rms_px=0.0, cov=np.zeros((0, 0)))
 
 
 def _turn(board: Board) -> Array:

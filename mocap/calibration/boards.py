@@ -51,7 +51,7 @@ class Checkerboard:
         if min(self.columns, self.rows) < 3 or not self.square_m > 0:
             raise CalibrationError(
                 "a checkerboard needs at least 3 x 3 inner corners and a square size above 0, but this has "
-                "{self.columns}x{self.rows} and {self.square_m * 1e3:g} mm: count the corners between the squares, "
+                f"{self.columns}x{self.rows} and {self.square_m * 1e3:g} mm: count the corners between the squares, "
                 "not the squares"
             )
 

@@ -60,7 +60,8 @@ def adjust(
         length_weight=minimum.weight[len(error) :],
         sd_px=sd,
         converged=minimum.converged,
-        f_sd_px=problem.focal_sd(minimum),
+        lens_cov=(covariance := problem.lens_covariance(scene, sd, minimum)),
+        f_sd_px=np.array([np.sqrt(c[0, 0]) if free.focal != "none" else 0.0 for c in covariance]),
     )
 
 
@@ -198,16 +199,48 @@ class _Problem:
         coefficients[self.coefficients[i]] += rest
         return type(lens).of(tuple(f), tuple(centre), coefficients)
 
-    def focal_sd(self, minimum: Minimum[Scene]) -> Array:
-        """Standard deviations of the first focal length of each camera, from the inverse normal matrix."""
-        if not self.n_focal:
-            return np.zeros(self.n_cameras)
+    def lens_covariance(self, scene: Scene, sd: float, minimum: Minimum[Scene]) -> tuple[Array, ...]:
+        """Covariance of the free numbers of each lens, from the inverse normal matrix.
+
+        Errors of one picture of a board are not independent (a board bends, its corners are blurred alike). With one
+        camera C is therefore widened by one factor for all its numbers, tr(C sum_b g_b g_b^T) over what that is for
+        independent errors, where it is above 1 (the sandwich of Liang & Zeger 1986, without the bias of few pictures,
+        as Bell & McCaffrey 2002): g_b = L_b^T W r_b is the score of picture b (that of its pose is 0 at the minimum),
+        and of independent errors g_b has covariance A_b - A_b C A_b, A_b what the picture tells of the lens.
+        """
+        numbers = [np.arange(a + p, b) for a, b, p in zip(self.start[:-1], self.start[1:], self.pose, strict=True)]
+        every = np.concatenate(numbers)
+        if not len(every):
+            return tuple(np.zeros((0, 0)) for _ in numbers)
         size = minimum.normal.diagonal()
         factor = factorised(minimum.normal + sparse.diags_array(1e-12 * size + 1e-300).tocsc())
-        where = self.start[:-1] + np.array(self.pose)
-        unit = np.zeros((int(self.start[-1]), self.n_cameras))
-        unit[where, np.arange(self.n_cameras)] = 1.0
-        return np.sqrt(np.maximum(factor.solve(unit)[where, np.arange(self.n_cameras)], 0.0))
+        unit = np.zeros((int(self.start[-1]), len(every)))
+        unit[every, np.arange(len(every))] = 1.0
+        solved = factor.solve(unit)
+        found, done = [], 0
+        for at in numbers:
+            block = solved[at, done : done + len(at)]
+            found.append((block + block.T) / 2)
+            done += len(at)
+        if self.n_cameras == 1 and self.free.orientation and self.n_bodies > 1:
+            found[0] *= max(1.0, self._dispersion(scene, sd, minimum, found[0], numbers[0]))
+        return tuple(found)
+
+    def _dispersion(
+        self, scene: Scene, sd: float, minimum: Minimum[Scene], covariance: Array, at: NDArray[np.int64]
+    ) -> float:
+        slopes, residual = self.jacobian(scene, sd), self.residuals(scene, sd)
+        root = np.sqrt(minimum.weight[self.groups])
+        found = expected = 0.0
+        for body in range(self.n_bodies):
+            rows = np.flatnonzero(np.repeat(self.seen.body == body, 2))
+            scaled = slopes[rows].toarray() * root[rows, None]
+            lens, pose = scaled[:, at], scaled[:, self.body_size * body : self.body_size * (body + 1)]
+            lens = lens - pose @ np.linalg.lstsq(pose, lens, rcond=None)[0]
+            score, told = lens.T @ (root[rows] * residual[rows]), lens.T @ lens
+            found += float(score @ covariance @ score)
+            expected += float(np.trace(covariance @ told) - np.trace(covariance @ told @ covariance @ told))
+        return found / expected
 
 
 def cross(v: Array) -> Array:

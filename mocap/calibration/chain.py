@@ -8,6 +8,10 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.errors import CalibrationError
 
+_TELLING = 4
+_AGREEING = 0.5
+"""Of this many common instants or more, so many agree where their pictures were taken at one time."""
+
 Seen = Mapping[tuple[int, str], Array]
 """By camera and instant: (4, 4) board axes to camera axes."""
 
@@ -19,10 +23,12 @@ class Pair:
     Attributes:
         T_second_from_first: (4, 4).
         stems: Instants that agree with it.
+        common: Number of instants that both saw.
     """
 
     T_second_from_first: Array
     stems: tuple[str, ...]
+    common: int
 
 
 def rigid(rotation: Array, translation: Array) -> Array:
@@ -64,14 +70,14 @@ def pair_of(seen: Seen, first: int, second: int, turn: Array | None, *, near: fl
         if best is None or score > fewest:
             best, fewest = (candidate, agree), score
     assert best is not None
-    return Pair(best[0], tuple(s for s, a in zip(stems, best[1], strict=True) if a))
+    return Pair(best[0], tuple(s for s, a in zip(stems, best[1], strict=True) if a), len(stems))
 
 
 def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]:
     """(C) transforms of the first camera's axes to each camera's, along the pairs with most instants in common.
 
     Raises:
-        CalibrationError: the cameras fall into groups that share no instant.
+        CalibrationError: the cameras fall into groups that share no instant, or pictures of one name are not of one.
     """
     n = len(names)
     pairs = {(i, j): p for i in range(n) for j in range(n) if i != j and (p := pair_of(seen, i, j, turn)) is not None}
@@ -86,6 +92,14 @@ def chained(seen: Seen, names: Sequence[str], turn: Array | None) -> list[Array]
                 "see it, or give pictures taken at the same time the same name"
             )
         _, i, j = max(edges)
+        best = pairs[-i, -j]
+        if best.common >= _TELLING and len(best.stems) < _AGREEING * best.common:
+            raise CalibrationError(
+                f"the boards of one name do not fit one scene: not of one instant? {names[-i]!r} and {names[-j]!r} "
+                f"share {best.common} names, and at most {len(best.stems)} of them agree on how the cameras stand: if "
+                "each camera's pictures were taken by themselves, use mocap calibrate lenses, then mocap calibrate "
+                "places; else give pictures taken at the same time the same name"
+            )
         found[-j] = pairs[-i, -j].T_second_from_first @ found[-i]
     return [found[i] for i in range(n)]
 

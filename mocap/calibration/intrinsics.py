@@ -34,6 +34,7 @@ class Intrinsics:
         held_out_px: Root mean square error on pictures held out, by choice; inf where a model failed; empty where there
             was one choice.
         f_sd_px: Standard deviation of its focal length.
+        cov: (k, k) covariance of fx, fy, cx, cy and the free coefficients; errors of one picture go together.
         rms_px: Root mean square error on all pictures.
     """
 
@@ -42,6 +43,14 @@ class Intrinsics:
     held_out_px: dict[str, float]
     f_sd_px: float
     rms_px: float
+    cov: Array
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Which numbers of the lens ``cov`` is of: fx, fy, cx, cy are 0 to 3, coefficients follow."""
+        if self.choice not in CHOICES:
+            return ()
+        return (0, 1, 2, 3, *(4 + i for i, moves in enumerate(CHOICES[self.choice][1]) if moves))
 
 
 def fit_intrinsics(
@@ -95,6 +104,7 @@ def fit_intrinsics(
         else {},
         f_sd_px=float(fits[choice].f_sd_px[0]),
         rms_px=float(np.sqrt(np.mean(np.sum(fits[choice].error_px ** 2, axis=-1)))),
+        cov=fits[choice].lens_cov[0],
     )
 
 

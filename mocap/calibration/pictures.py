@@ -13,11 +13,15 @@ from mocap.errors import CalibrationError
 KINDS = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"})
 
 
-def pictures_of(folder: Path) -> dict[str, dict[str, Path]]:
+def pictures_of(folder: Path, *, instants: bool = True) -> dict[str, dict[str, Path]]:
     """Pictures by camera and by instant.
 
     Two layouts are known: a folder a camera, pictures anywhere below it, and one folder with all pictures named by
     camera and number (``left07.jpg``). Pictures of one instant have one name, but for the name of the camera in front.
+
+    Args:
+        folder: Where they are.
+        instants: Whether names state instants; else every picture counts by itself, and is named by its path.
 
     Raises:
         CalibrationError: there are no pictures, or their names do not tell the cameras apart.
@@ -38,10 +42,12 @@ def pictures_of(folder: Path) -> dict[str, dict[str, Path]]:
                     "left07.png, or one folder for each camera"
                 )
             camera, stem = parts[1], parts[2]
+        if not instants:
+            stem = Path(*inside.parts[len(inside.parts) > 1 :]).as_posix()
         if stem in found[camera]:
             raise CalibrationError(f"{path}: camera {camera!r} has two pictures of frame {stem!r}: remove one")
         found[camera][stem] = path
-    return _numbered(dict(found))
+    return _numbered(dict(found)) if instants else dict(found)
 
 
 def _numbered(found: dict[str, dict[str, Path]]) -> dict[str, dict[str, Path]]:

@@ -107,6 +107,7 @@ class Adjusted:
         length_weight: (K,) how far each length was.
         sd_px: Standard deviation of a pixel coordinate, from the median error and the share that the unknowns take up.
         converged: False where the steps ran out.
+        lens_cov: (C) covariance of the free numbers of each lens: focal lengths, principal point, coefficients.
         f_sd_px: (C,) standard deviation of each focal length; 0 where it was not free.
     """
 
@@ -116,4 +117,5 @@ class Adjusted:
     length_weight: Array
     sd_px: float
     converged: bool
+    lens_cov: tuple[Array, ...]
     f_sd_px: Array

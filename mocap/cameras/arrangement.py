@@ -67,6 +67,8 @@ class ArrangementError(CalibrationError):
         arrangement: The change that makes them fit.
     """
 
+    page = "explanation/audit.md"
+
     def __init__(self, arrangement: Arrangement) -> None:
         """With what fits."""
         super().__init__(arrangement.describe())

@@ -155,6 +155,10 @@ def check_cameras(cameras: Sequence[Camera], where: str) -> None:
                 f"would place it, or give it a focal length, beyond those of any real camera: {again}"
             )
     centres = [decompose(camera).position_m for camera in cameras]
+    if len(cameras) > 1 and not any(np.any(centre) for centre in centres):
+        raise CalibrationError(
+            f"{where}: contains lenses, but all cameras are at the origin: run mocap calibrate places with these lenses"
+        )
     for (a, one), (b, other) in combinations(zip(cameras, centres, strict=True), 2):
         if np.linalg.norm(one - other) <= 1e-9 * max(np.linalg.norm(one), np.linalg.norm(other)):
             raise CalibrationError(

@@ -89,3 +89,19 @@ def ray_bias(
     if sd**2 < 3 * white:
         return RayBias(bias_px=none, sd_px=0.0, jitter_px=total)
     return RayBias(bias_px=bias, sd_px=sd, jitter_px=jitter)
+
+
+def lasting_bias(bias_px: Array, uv_px: Array) -> Array:
+    """(C, T, M, 2) slow errors of each camera and marker in all frames: between those that it saw, interpolated.
+
+    Args:
+        bias_px: (C, T, M, 2) ``RayBias.bias_px``.
+        uv_px: (C, T, M, 2) what it was estimated from; NaN where not seen.
+    """
+    out = np.zeros_like(bias_px)
+    every = np.arange(bias_px.shape[1])
+    for camera, marker in np.ndindex(bias_px.shape[0], bias_px.shape[2]):
+        seen = np.flatnonzero(np.isfinite(uv_px[camera, :, marker, 0]))
+        for axis in range(2 if len(seen) else 0):
+            out[camera, :, marker, axis] = np.interp(every, seen, bias_px[camera, seen, marker, axis])
+    return out

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from mocap.arrays import Array, varying
 from mocap.skeleton import Skeleton, ends_among
 
 Mask = NDArray[np.bool_]
@@ -16,6 +16,7 @@ REASONS = {
     "jump": "moves faster than is plausible for this marker",
     "duplicate": "coincides with another marker",
     "bone_length": "contradicts the length of a rigid bone",
+    "contradicted": "two rays alone, which meet away from where the motion and the other markers put it",
 }
 """Why a sample was rejected, by the key that reports use."""
 
@@ -60,7 +61,10 @@ def clean(xyz_m: Array, sd_m: Array, t_s: Array, skeleton: Skeleton, names: tupl
 
     slack = 4 * np.nan_to_num(_column_medians(sd_m))
     reject("jump", jumps(xyz, t_s, max_speed_m_s=limit, slack_m=slack))
-    reject("duplicate", duplicates(xyz, sd_m))
+    if varying(xyz).all():  # in a picture markers pass in front of each other
+        reject("duplicate", duplicates(xyz, sd_m))
+    else:
+        rejected["duplicate"] = np.zeros(xyz.shape[:2], dtype=bool)
     reject("bone_length", stretched(xyz, np.array(ends_among(names, skeleton.rigid), dtype=int).reshape(-1, 2)))
     return Cleaning(rejected=rejected, max_speed_m_s=limit)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.arrays import Array
+from mocap.arrays import Array, varying
 from mocap.records import MarkerTracks
 
 
@@ -12,8 +12,9 @@ def position_sd(tracks: MarkerTracks) -> Array:
     White noise of variance s^2 gives fourth differences of variance 70 s^2. Digitising errors have heavy tails: the
     result is the root mean square of a marker's differences within five robust standard deviations (their median is
     0.6745 of one). Markers with too few samples take the median of the others, and all at least 1e-6 m.
+    Points in a plane have two coordinates.
     """
-    size = np.abs(np.asarray(np.diff(tracks.xyz_m, n=4, axis=0))) / np.sqrt(70)
+    size = np.abs(np.asarray(np.diff(tracks.xyz_m[..., varying(tracks.xyz_m)], n=4, axis=0))) / np.sqrt(70)
     sd: Array = np.full(tracks.xyz_m.shape[1], np.nan)
     for marker in range(len(sd)):
         known = size[:, marker][np.isfinite(size[:, marker])]

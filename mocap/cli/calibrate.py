@@ -15,6 +15,19 @@ if TYPE_CHECKING:
     from mocap.calibration.boards import Board
     from mocap.pipeline.calibration_files import CalibrationReport
 
+SquareMm = Annotated[float, typer.Option(help="Side of a square in millimetres.")]
+CheckerboardSize = Annotated[str | None, typer.Option("--checkerboard", help="Inner corners, as in 9x6.")]
+CharucoSize = Annotated[str | None, typer.Option("--charuco", help="Squares of a ChArUco board, as in 7x5.")]
+MarkerMm = Annotated[float | None, typer.Option(help="Side of a ChArUco marker in millimetres.")]
+Dictionary = Annotated[str, typer.Option(help="Dictionary of the markers, as OpenCV names it.")]
+LensModel = Annotated[
+    str,
+    typer.Option(
+        help="Lens model: brown2 (k1 k2), brown (5 coefficients), rational (8), fisheye (4), or "
+        "auto: chosen on pictures left out of the fit."
+    ),
+]
+
 calibrate = typer.Typer(
     no_args_is_help=True,
     help="Calibrate cameras from boards, a wand, known points or markers; implausible results are refused.",
@@ -41,6 +54,8 @@ def _board(
 ) -> "Board":
     from mocap.calibration.boards import Charuco, Checkerboard
 
+    if not square_mm > 0:
+        raise CalibrationError(f"--square-mm {square_mm:g}: the side of a square must be above 0")
     if (checkerboard is None) == (charuco is None):
         raise CalibrationError(
             "state which board was filmed: --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)"
@@ -61,25 +76,19 @@ def images(
     folder: Annotated[
         Path, typer.Argument(help="Pictures: <camera>/<frame>.png, or <camera><frame>.png in one folder.")
     ],
-    square_mm: Annotated[float, typer.Option(help="Side of a square in millimetres.")],
+    square_mm: SquareMm,
     out: Out,
-    checkerboard: Annotated[str | None, typer.Option(help="Inner corners, as in 9x6.")] = None,
-    charuco: Annotated[str | None, typer.Option(help="Squares of a ChArUco board, as in 7x5.")] = None,
-    marker_mm: Annotated[float | None, typer.Option(help="Side of a ChArUco marker in millimetres.")] = None,
-    dictionary: Annotated[str, typer.Option(help="Dictionary of the markers, as OpenCV names it.")] = "DICT_4X4_50",
+    checkerboard: CheckerboardSize = None,
+    charuco: CharucoSize = None,
+    marker_mm: MarkerMm = None,
+    dictionary: Dictionary = "DICT_4X4_50",
     world_frame: Annotated[
         str | None,
         typer.Option(
             help="Frame in which the board defines the world's x-y plane; if not given, the one that most cameras see."
         ),
     ] = None,
-    lens: Annotated[
-        str,
-        typer.Option(
-            help="Lens model: brown2 (k1 k2), brown (5 coefficients), rational (8), fisheye (4), or "
-            "auto: chosen on pictures left out of the fit."
-        ),
-    ] = "auto",
+    lens: LensModel = "auto",
     lenses: Annotated[
         Path | None,
         typer.Option(
@@ -95,12 +104,92 @@ def images(
     from mocap.pipeline.calibrate import from_pictures
     from mocap.pipeline.calibration_files import write_calibration_folder
 
-    if not square_mm > 0:
-        raise CalibrationError(f"--square-mm {square_mm:g}: the side of a square must be above 0")
     board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
     inputs = [p for p in (folder, lenses) if p is not None]
     with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
         cameras, report = from_pictures(folder, board, world_frame=world_frame, lens=lens, known=lenses, tell=say)
+        written = write_calibration_folder(rig, cameras, report)
+    _finish(written, out, as_json)
+
+
+@calibrate.command()
+def lenses(
+    folder: Annotated[
+        Path,
+        typer.Argument(help="A folder or a film for each camera, or pictures <camera><number>.png; taken at any time."),
+    ],
+    square_mm: SquareMm,
+    out: Out,
+    checkerboard: CheckerboardSize = None,
+    charuco: CharucoSize = None,
+    marker_mm: MarkerMm = None,
+    dictionary: Dictionary = "DICT_4X4_50",
+    lens: LensModel = "auto",
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Each camera's lens from its own pictures or film of a board; `places` then finds where the cameras are."""
+    from mocap.io.lens_file import NAME, write_lenses
+    from mocap.io.output import result_folder
+    from mocap.pipeline.calibrate_lenses import lenses_from_pictures
+    from mocap.pipeline.calibration_files import write_report
+
+    board = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
+    with result_folder(out, "lenses", replace=force, beside=True, inputs=[folder], tell=say) as made:
+        known, report = lenses_from_pictures(folder, board, lens=lens, tell=say)
+        write_lenses(made / NAME, known)
+        written = write_report(made, report, [NAME])
+    _finish(written, out, as_json)
+
+
+@calibrate.command()
+def places(
+    lenses: Annotated[
+        Path, typer.Option(help="lenses.toml of `calibrate lenses`, any calibration.toml, or a folder with one.")
+    ],
+    out: Out,
+    points: Annotated[
+        Path | None, typer.Option(help="Known points: name,x,y,z, one row for each point (CSV, .xlsx).")
+    ] = None,
+    pixels: Annotated[
+        Path | None,
+        typer.Option(
+            help="Where they were clicked: camera,point,x,y, one row for each click; or a row for each point; or "
+            "DLTdv's xypts."
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Unit of the points (m, cm or mm), if their titles do not state it.")
+    ] = None,
+    origin: PixelOriginOption = None,
+    board: Annotated[
+        Path | None,
+        typer.Option(help="In place of points: one picture from each camera of one board that lies still."),
+    ] = None,
+    square_mm: Annotated[float, typer.Option(help="Side of a square of that board in millimetres.")] = 0.0,
+    checkerboard: CheckerboardSize = None,
+    charuco: CharucoSize = None,
+    marker_mm: MarkerMm = None,
+    dictionary: Dictionary = "DICT_4X4_50",
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Where cameras with known lenses are: from known points clicked in each picture, or one board on the floor."""
+    from mocap.io.output import result_folder
+    from mocap.pipeline.calibrate_places import places_from_board, places_from_points
+    from mocap.pipeline.calibration_files import write_calibration_folder
+
+    if (board is None) == (points is None or pixels is None):
+        raise CalibrationError("state what is known: --points and --pixels, or --board with the board's size")
+    inputs = [p for p in (lenses, points, pixels, board) if p is not None]
+    with result_folder(out, "calibration", replace=force, beside=True, inputs=inputs, tell=say) as rig:
+        if board is not None:
+            what = _board(checkerboard, charuco, square_mm, marker_mm, dictionary)
+            cameras, report = places_from_board(lenses, board, what, tell=say)
+        else:
+            assert points is not None
+            assert pixels is not None
+            cameras, report = places_from_points(lenses, points, pixels, unit=unit, lower_left=origin == "lower-left")
         written = write_calibration_folder(rig, cameras, report)
     _finish(written, out, as_json)
 

@@ -147,6 +147,9 @@ def finish(report: object, text: str, out: Path, as_json: bool) -> None:
         print(json.dumps(report))  # noqa: T201
         return
     show(text)
+    if isinstance(report, Mapping) and report.get("plane"):
+        say("", f"Wrote {out}/: markers.csv and .nc, figures/, report.json, report.md")
+        return
     learned = "potentials, " if isinstance(report, Mapping) and report.get("joints") else ""
     say(
         "",

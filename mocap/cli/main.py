@@ -9,8 +9,9 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
-from mocap.cli.console import in_words_of, say, say_error, talk_in_any_encoding, visible
+from mocap.cli.console import in_words_of, say, say_error, show_text, talk_in_any_encoding, visible
 from mocap.cli.convert import convert
 from mocap.cli.data import data
 from mocap.cli.demo import demo
@@ -32,6 +33,8 @@ from mocap.neighbours import NeighbourError, check_neighbours
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED = 1, 70, 130
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), and Ctrl-C."""
+INSTALLING = "howto/installing.md"
+"""The page for what is not installed, or not as it should be."""
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -55,13 +58,28 @@ class _Commands(TyperGroup):
 
 app = typer.Typer(
     cls=_Commands,
-    no_args_is_help=True,
+    invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.",
     epilog=f"{DEBUG} (anywhere on the line) or {DEBUG_VARIABLE}=1: print the full traceback of an internal error, "
     "to report it.",
 )
+START = """\
+mocap demo bat --out out/demo         a first look: tracks a built-in bat, in a minute or two
+mocap info FILES                      what is in your files, and what is wrong with them
+mocap skeleton FILES > animal.toml    proposes bones and joints, for you to correct
+mocap track FILES --skeleton animal.toml --out out/trial    then: mocap view out/trial
+mocap --help                          all commands; docs/tutorials/first_bat.md goes through them"""
+"""What to do next, in five lines, for who types ``mocap`` alone."""
+
+
+@app.callback()
+def start(context: typer.Context) -> None:
+    """Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials."""
+    if context.invoked_subcommand is None:
+        show_text(START)
+
+
 COMMANDS = (
     info,
     convert,
@@ -69,6 +87,7 @@ COMMANDS = (
     digitise,
     label,
     track,
+    batch,
     kinematics,
     learn,
     skeleton,
@@ -131,10 +150,10 @@ def explain(error: BaseException) -> int:
         say_error(f"the disk is full, or your quota is used up{place}: free some space, or give another --out{ending}")
         return TROUBLE
     if isinstance(error, ImportError) and _is_told(error):
-        say_error(f"{error}{ending}")
+        say_error(f"{error}{ending}; see docs: {INSTALLING}")
         return TROUBLE
     if isinstance(error, MocapError):
-        say_error(f"{error}{ending}")
+        say_error(f"{error}{ending}" + (f"; see docs: {error.page}" if error.page else ""))
         return TROUBLE
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object[max(0, error.start - 30) : error.end + 30]

@@ -1,20 +1,26 @@
 """``mocap track``."""
 
+import json
 import shlex
 import sys
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap.cli.console import finish, progress, say
+from mocap.cli.console import finish, program, progress, say, show, typed
 from mocap.cli.options import AsJson, Force, Out, RecordingOptions, Views
 from mocap.cli.records import with_records
-from mocap.errors import MocapError
+from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
+
+if TYPE_CHECKING:
+    from mocap.library.learning import Model
+    from mocap.pipeline.long import LongRecording
+    from mocap.pipeline.recording import Recording
 
 MODELS = ("auto", "mixture", "eal", "constant_velocity")
 
@@ -76,21 +82,49 @@ def track(
         ),
     ] = False,
     validate: Annotated[bool, typer.Option(help="Hide some samples and measure how well they are filled.")] = True,
+    blocks: Annotated[
+        int | None,
+        typer.Option(
+            help="Track in blocks of so many frames, in the memory of one block, and write Parquet; 0: the whole "
+            "at once. If not given, recordings of more than 20000 frames are tracked in blocks of 5000.",
+            min=0,
+        ),
+    ] = None,
+    mm_per_px: Annotated[
+        float | None,
+        typer.Option(help="Scale of one film without a calibration, in its plane; if not given, positions are pixels."),
+    ] = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
     import mocap
     from mocap.io.output import result_folder
+    from mocap.pipeline.blocks import BLOCK
+    from mocap.pipeline.long import long_recording
     from mocap.rerun.footage import open_movies
     from mocap.rerun.watch import session
 
-    recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag)
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
+    by_range = range_source(tracks, stated, blocks)
+    if by_range is not None:
+        inputs = [*tracks, stated.skeleton, None if learned is None else Path(model)]
+        in_blocks(by_range, out, model, learned, blocks or BLOCK, inputs, force, as_json)
+        return
+    recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag, mm_per_px=mm_per_px)
     opened = open_movies(movies.video or [])
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     inputs = [*recording.inputs, None if learned is None else Path(model)]
+    size = block_size(recording, blocks)
+    if size:
+        if live or opened:
+            raise MocapError(
+                f"--live and --video show recordings that are tracked at once, not in blocks of {size} frames: add "
+                "--blocks 0, or leave them out"
+            )
+        in_blocks(long_recording(recording), out, model, learned, size, inputs, force, as_json)
+        return
     with session(say) if live else nullcontext() as watched:
         with result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
             result = mocap.track(
@@ -111,6 +145,78 @@ def track(
             watched[0].show(out / "recording.rrd", result.recording_id)
             with suppress(KeyboardInterrupt):
                 watched[1].wait()
+
+
+def block_size(recording: "Recording", asked: int | None) -> int:
+    """Frames of a block; 0: the whole at once."""
+    from mocap.pipeline.blocks import BLOCK, LONG
+
+    if asked is not None:
+        return asked
+    frames = len(recording.contents.frames)
+    if frames <= LONG:
+        return 0
+    say(f"{recording.name}: {frames} frames are tracked in blocks of {BLOCK} (--blocks 0: the whole at once)")
+    return BLOCK
+
+
+def range_source(tracks: list[Path], stated: RecordingOptions, blocks: int | None) -> "LongRecording | None":
+    """A long Parquet table of positions alone, to be read by range; None: it is something else, or is not long."""
+    from mocap.io.parquet_range import ParquetPoints
+    from mocap.pipeline.blocks import BLOCK, LONG
+    from mocap.pipeline.long import long_parquet
+
+    if len(tracks) != 1 or tracks[0].suffix != ".parquet" or not tracks[0].is_file() or blocks == 0:
+        return None
+    if stated.calibration is not None or stated.fps is not None or stated.unit is not None:
+        return None
+    try:
+        frames = ParquetPoints(tracks[0]).n_frames
+    except FormatError:
+        return None  # pixels, or another table: read as any file
+    if frames <= LONG and blocks is None:
+        return None
+    say(f"{tracks[0].name}: {frames} frames are read and tracked in blocks of {blocks or BLOCK}")
+    return long_parquet(tracks[0], stated.skeleton)
+
+
+def in_blocks(
+    recording: "LongRecording",
+    out: Path,
+    model: str,
+    learned: "Model | None",
+    size: int,
+    inputs: "list[Path | None]",
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Track in blocks, and say what was found."""
+    from mocap.io.output import result_folder
+    from mocap.library.blocks import write_in_blocks
+
+    if model == "eal":
+        raise MocapError("--model eal: blocks are tracked with auto, mixture, constant_velocity, or a learned model")
+    with result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
+        report = write_in_blocks(
+            recording,
+            folder,
+            model="auto" if learned is not None else model,  # type: ignore[arg-type]
+            learned=None if learned is None else learned.learned,
+            size=size,
+            footer=f"\n## Command that repeats this run\n\n    {again()}\n",
+            progress=tell,
+        )
+    if as_json:
+        print(json.dumps(report))  # noqa: T201
+        return
+    show((out / "report.md").read_text(encoding="utf-8"))
+    say(
+        "",
+        f"Wrote {out}/: markers.parquet, kinematics.parquet, cycles.csv, blocks.csv; an overview in markers.nc and "
+        "recording.rrd; figures/, report.html, report.json, report.md",
+        f"Look at it: {typed(program(), 'view', out)}, or at some frames: "
+        f"{typed(program(), 'view', out, '--frames', '1001:2000')}",
+    )
 
 
 def again() -> str:

@@ -14,6 +14,10 @@ def view(
         list[Path],
         typer.Argument(help="Folder that track or demo wrote, or a .rrd file; two to four are shown side by side."),
     ],
+    frames: Annotated[
+        str | None,
+        typer.Option(help="Frames FIRST:LAST (from 1) of a result that was tracked in blocks, all of them."),
+    ] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
 ) -> None:
     """Open a run, or compare several, in rerun, on 127.0.0.1 only."""
@@ -24,7 +28,12 @@ def view(
     from mocap.rerun.viewer import open_viewer
 
     with TemporaryDirectory() as folder:
-        viewer = open_viewer(recording_of(runs, Path(folder)), web=web)
+        if frames is None:
+            made = [with_recording(run, Path(folder) / str(i)) for i, run in enumerate(runs)]
+            shown = recording_of(made, Path(folder))
+        else:
+            shown = detail(runs, frames, Path(folder) / "recording.rrd")
+        viewer = open_viewer(shown, web=web)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # a terminated command ends its viewer too
         try:
             if viewer.url:
@@ -35,3 +44,35 @@ def view(
             pass
         finally:
             viewer.close()
+
+
+def with_recording(run: Path, folder: Path) -> Path:
+    """A run, or, where its result has no recording for the viewer (as ``mocap batch`` writes it), one made of it."""
+    import mocap
+    from mocap.io.manifest import current
+
+    if not run.is_dir() or current(run, "recording.rrd").is_file() or not current(run, "run.nc").is_file():
+        return run
+    made = folder / run.resolve().name
+    mocap.load(run).write_recording(made)
+    return made
+
+
+def detail(runs: list[Path], frames: str, out: Path) -> Path:
+    """Some frames of one result, as a recording.
+
+    Raises:
+        MocapError: it was not tracked in blocks, or has no such frames.
+    """
+    from mocap.errors import MocapError
+    from mocap.library.blocks import load_range
+    from mocap.rerun.record import write_recording
+    from mocap.results.blocks import is_long
+
+    first, _, last = frames.partition(":")
+    if not (first.isdecimal() and last.isdecimal() and 0 < int(first) <= int(last)):
+        raise MocapError(f"--frames {frames}: expected FIRST:LAST, as 1001:2000")
+    if len(runs) != 1 or not is_long(runs[0]):
+        raise MocapError("--frames shows a part of one result that was tracked in blocks: give its folder alone")
+    write_recording(load_range(runs[0], range(int(first) - 1, int(last))), out, first=int(first))
+    return out

@@ -1,4 +1,4 @@
-"""PyAV, which reads and codes films; an extra, because its wheel holds coders under the GPL (docs/licences.md)."""
+"""PyAV, which reads and codes films; an extra, as its wheel holds coders under the GPL: docs/reference/licences.md."""
 
 from types import ModuleType
 
@@ -7,6 +7,8 @@ from mocap.errors import MocapError
 
 class FilmError(MocapError):
     """Films cannot be read or written here."""
+
+    page = "howto/installing.md"
 
 
 def pyav() -> ModuleType:

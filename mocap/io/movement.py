@@ -11,6 +11,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers, one_line
+from mocap.io.netcdf import as_netcdf
 from mocap.io.optical import UNIT_M, metres, rate_of_times
 from mocap.io.tables import WORDS
 from mocap.records import Status
@@ -155,7 +156,7 @@ def write_movement(path: Path, recording: FileContents) -> None:
     if len(views) == 1:
         dataset = dataset.isel(view=0, drop=recording.points is not None)
     # made in memory: a full disk ends the HDF5 library with a segmentation fault
-    path.write_bytes(dataset.to_netcdf(engine="h5netcdf"))
+    path.write_bytes(as_netcdf(dataset))
 
 
 def _grid(recording: FileContents) -> tuple[list[str], list[str], list[int]]:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"}
 """Endings of the files that make a folder a movie."""
+FILMS = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".webm", ".wmv"}
+"""Endings of films that are looked for in a folder."""
 FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel, as DLTdv counts them."""
 

@@ -8,6 +8,8 @@ from mocap.errors import MocapError
 class MakeError(MocapError):
     """A truss cannot be printed as asked; the message names the limit that binds."""
 
+    page = "howto/mechanism.md"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Material:

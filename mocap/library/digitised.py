@@ -44,6 +44,12 @@ class Digitised:
     error_px: float
     refused: set[tuple[int, int, int]]
 
+    def __repr__(self) -> str:
+        """One line."""
+        seen = self.pixels.seen
+        cameras, frames, markers = seen.shape
+        return f"<Digitised {frames} frames, {cameras} cameras, {markers} markers: {seen.mean():.1%} clicked or named>"
+
     @property
     def pixels(self) -> PixelTracks:
         """What was clicked or found and named; NaN where the marker is not seen, or not surely."""

@@ -16,6 +16,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+def shown(given: "Axes | None", ax: "Axes") -> "Axes":
+    """Axes, whose figure pyplot shows where it was made for them: a notebook then shows it below the cell."""
+    if given is None:
+        from matplotlib import pyplot
+
+        pyplot.figure(ax.figure)  # pyright: ignore[reportArgumentType]  # matplotlib 3.11 takes figures of others
+    return ax
+
+
 @dataclass(frozen=True, eq=False)
 class Plots:
     """Figures of a tracked recording; every method draws on ``ax`` or on new axes, and returns them."""
@@ -36,7 +45,7 @@ class Plots:
             raise MocapError(
                 f"quantities of one plot need one unit, but these have {', '.join(sorted(units)) or 'none'}"
             )
-        return plots.plot_over_time(self.kinematics, quantities, ax=ax)
+        return shown(ax, plots.plot_over_time(self.kinematics, quantities, ax=ax))
 
     def curves(self, quantity: str, *, of: str) -> Ensemble:
         """A quantity over the phase of the cycles of a limb or foot: mean, interval, each cycle.
@@ -57,7 +66,9 @@ class Plots:
             MocapError: as ``curves``.
         """
         curves = [self.curves(name, of=of) for name in quantities]
-        return plots.plot_by_phase(curves, unit=self.kinematics[quantities[0]].unit, of=of.replace("_", " "), ax=ax)
+        return shown(
+            ax, plots.plot_by_phase(curves, unit=self.kinematics[quantities[0]].unit, of=of.replace("_", " "), ax=ax)
+        )
 
     def gait(self, ax: "Axes | None" = None) -> "Axes":
         """Gait diagram.
@@ -67,7 +78,7 @@ class Plots:
         """
         if self.steps is None:
             raise MocapError("there is no gait diagram: state `feet` under [measures] in the skeleton")
-        return plots.plot_gait(self.steps, ax=ax)
+        return shown(ax, plots.plot_gait(self.steps, ax=ax))
 
     def stroke(self, name: str, ax: "Axes | None" = None) -> "Axes":
         """Path of a limb in and out of its stroke plane.
@@ -76,12 +87,12 @@ class Plots:
             MocapError: there is no such stroke.
         """
         found = self.kinematics
-        return plots.plot_stroke_path(found[f"{name}_stroke_deg"], found[f"{name}_deviation_deg"], ax=ax)
+        return shown(ax, plots.plot_stroke_path(found[f"{name}_stroke_deg"], found[f"{name}_deviation_deg"], ax=ax))
 
     def gaps(self, ax: "Axes | None" = None) -> "Axes":
         """Where markers were filled, rejected or missing."""
         markers = self.run.tracked.markers
-        return plots.plot_gaps(markers.names, markers.t_s, markers.status, ax=ax)
+        return shown(ax, plots.plot_gaps(markers.names, markers.t_s, markers.status, ax=ax))
 
     def residuals(self, ax: "Axes | None" = None) -> "Axes":
         """Distances of each camera's pixels from the tracked markers.
@@ -92,4 +103,4 @@ class Plots:
         if self.run.ideal_px is None:
             raise MocapError("there are no residuals: the recording was given as positions, without cameras")
         away = np.linalg.norm(self.run.ideal_px.uv_px - self.run.tracked.reprojected_px, axis=-1)
-        return plots.plot_residuals(self.run.ideal_px.cameras, away, self.run.tracked.used, ax=ax)
+        return shown(ax, plots.plot_residuals(self.run.ideal_px.cameras, away, self.run.tracked.used, ax=ax))

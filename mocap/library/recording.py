@@ -30,6 +30,7 @@ def read(
     correct_lag: bool = False,
     crop: PathText | Sequence[PathText] | None = None,
     hints: Hints | None = None,
+    mm_per_px: float | None = None,
 ) -> Recording:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
 
@@ -55,6 +56,7 @@ def read(
             those beside the tracks with names that match, if rays then meet better.
         hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
             number of cameras of a sparse pixel file, the sheet of a workbook.
+        mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions stay pixels.
 
     Raises:
         FormatError: a file cannot be read.
@@ -87,6 +89,7 @@ def read(
         stored_points=path(stored_points),
         correct_lag=correct_lag,
         hints=hints or Hints(),
+        mm_per_px=mm_per_px,
     )
     load_skeleton(recording.skeleton, recording.contents.names)
     return recording
@@ -103,4 +106,4 @@ def propose_skeleton(recording: Recording) -> Proposal:
     Raises:
         MocapError: it shows too little.
     """
-    return propose(prepare(recording))
+    return propose(prepare(recording).in_space("a skeleton"))

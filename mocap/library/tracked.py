@@ -27,8 +27,10 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
 from mocap.records import Status
+from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
+from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.skeleton import Skeleton
@@ -114,6 +116,8 @@ class Tracked:
     @cached_property
     def markers(self) -> xr.Dataset:
         """Markers with covariance and status, laid out as the package movement does (``mocap.results.dataset``)."""
+        if self.run.plane is not None:
+            return plane_dataset(self.run)
         return markers_dataset(self.run.tracked, self.run.repaired)
 
     @cached_property
@@ -123,8 +127,17 @@ class Tracked:
 
     @cached_property
     def kinematics(self) -> Kinematics:
-        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation."""
+        """Angles, velocities, accelerations, lengths, areas, strokes, each with its standard deviation.
+
+        Raises:
+            MocapError: the recording is one film, in the plane of its picture.
+        """
+        self._in_space("kinematics")
         return kinematics(self.run.motion, self.run.skeleton, recording=self.run.name)
+
+    def _in_space(self, what: str) -> None:
+        if self.run.plane is not None:
+            raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
 
     def _joint(self, name: str) -> Joint:
         markers, world = self.run.tracked.markers, next(iter(self.run.joints.values()))
@@ -169,13 +182,34 @@ class Tracked:
             self.write(stage)
         return Tracked(self.run, Path(folder))
 
-    def write(self, folder: Path, *, progress: Tell = silent) -> None:
-        """Write the files of ``save`` into an empty folder, as ``mocap.io.output.result_folder`` gives it."""
+    def write(self, folder: Path, *, progress: Tell = silent, pictures: bool = True) -> None:
+        """Write the files of ``save`` into an empty folder, as ``mocap.io.output.result_folder`` gives it.
+
+        Args:
+            folder: Where to.
+            progress: Called with the name of the stage and the share of it that is done.
+            pictures: Whether ``figures/``, ``report.html`` and ``recording.rrd`` are written, too: all that is there
+                to be looked at, and can be made again from the rest.
+        """
+        from mocap.plots.plane import write_plane_figures
         from mocap.rerun.record import write_recording
 
+        if self.run.plane is not None:
+            with Stages(tell=progress).stage("write"):
+                write_plane(self.run, folder)
+                if pictures:
+                    write_plane_figures(self.run, folder)
+            return
         with Stages(tell=progress).stage("write"):
-            write_run(self.run, folder, write_recording=write_recording)
-            self.write_kinematics(folder)
+            write_run(self.run, folder, write_recording=write_recording if pictures else None)
+            self.write_kinematics(folder, pictures=pictures)
+
+    def write_recording(self, folder: Path) -> None:
+        """Write ``recording.rrd`` alone into a folder, which is made if need be."""
+        from mocap.rerun.record import write_recording
+
+        folder.mkdir(parents=True, exist_ok=True)
+        write_recording(self.run, folder / "recording.rrd")
 
     @property
     def recording_id(self) -> str:
@@ -184,22 +218,28 @@ class Tracked:
 
         return recording_id(self.run)
 
-    def write_kinematics(self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent) -> None:
+    def write_kinematics(
+        self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent, pictures: bool = True
+    ) -> None:
         """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
             exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well.
             progress: Called with the name of the stage and the share of it that is done.
+            pictures: Whether figures and the page with them are written, too.
         """
-        from mocap.plots.figures import pictures, report_page, write_pictures
-
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self._cycles, folder / "cycles.csv")
             for kind in exports:
                 EXPORTS[kind](self.kinematics, self._cycles, folder / f"kinematics.{kind}")
-            shown = list(pictures(self.run, self.kinematics, self._cycles, self.footfalls))
+            if not pictures:
+                return
+            from mocap.plots.figures import pictures as figures_of
+            from mocap.plots.figures import report_page, write_pictures
+
+            shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
 
@@ -290,16 +330,16 @@ class Tracked:
         Args:
             web: In the browser, at the ``url`` of what is returned, instead of a window.
         """
+        self._in_space("the viewer")
         from tempfile import TemporaryDirectory
         from weakref import finalize
 
-        from mocap.rerun.record import write_recording
         from mocap.rerun.viewer import open_viewer
 
         if self.folder is not None and (self.folder / "recording.rrd").is_file():
             return open_viewer(self.folder / "recording.rrd", web=web)
         folder = TemporaryDirectory(prefix="mocap-")
-        write_recording(self.run, Path(folder.name) / "recording.rrd")
+        self.write_recording(Path(folder.name))
         viewer = open_viewer(Path(folder.name) / "recording.rrd", web=web)
         finalize(viewer, folder.cleanup)
         return viewer
@@ -348,10 +388,23 @@ def track(
     return Tracked(run)
 
 
-def load(folder: str | PathLike[str]) -> Tracked:
+def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked:
     """What ``mocap track`` or ``Tracked.save`` wrote into a folder.
+
+    Args:
+        folder: The folder.
+        frames: Frames, from 0, of a recording that was tracked in blocks (docs/howto/long_recordings.md): all of these,
+            without pixels and velocities; None: the whole, of such a recording its overview.
 
     Raises:
         FormatError: the folder holds no result, or one of another version.
+        MocapError: a range is asked for of what was not tracked in blocks, or it has no such frames.
     """
-    return Tracked(read_run(Path(folder)), Path(folder))
+    folder = Path(folder)
+    if frames is None:
+        return Tracked(read_run(folder), folder)
+    if not is_long(folder):
+        raise MocapError(f"{folder}: was tracked at once: load it without `frames`")
+    from mocap.library.blocks import load_range
+
+    return Tracked(load_range(folder, frames))

@@ -62,6 +62,13 @@ def write_calibration_folder(
         except (FormatError, ValueError) as error:
             (folder / name).unlink(missing_ok=True)
             held_back.append(f"{name} was not written: {error}")
+    return write_report(folder, report, written, held_back)
+
+
+def write_report(
+    folder: Path, report: CalibrationReport, written: Sequence[str], held_back: Sequence[str] = ()
+) -> CalibrationReport:
+    """Write ``report.json`` and ``report.md`` beside the files that were written; the report as written."""
     lines = [*report.lines, "", *(f"- {line}" for line in held_back)] if held_back else [*report.lines]
     lines += ["", "Written: " + ", ".join([*written, "report.json", "report.md"]) + "."]
     full = CalibrationReport(numbers={**report.numbers, "written": written, "not_written": held_back}, lines=lines)

@@ -24,22 +24,31 @@ from mocap.stages import Stages
 Animal = Literal["bat", "lizard"]
 
 
-def run_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> Run:
+def run_demo(animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None) -> Run:
     """The run alone; see ``measured_demo``."""
-    return measured_demo(animal, stages=stages, seed=seed)[0]
+    return measured_demo(animal, stages=stages, seed=seed, n_frames=n_frames)[0]
 
 
-def measured_demo(animal: Animal, *, stages: Stages, seed: int = 0) -> tuple[Run, Prepared, Array]:
+def measured_demo(
+    animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None
+) -> tuple[Run, Prepared, Array]:
     """Make the recording, write it as DLTdv files, run the main job on those files, and compare with the truth.
 
     The report's ``gaps`` holds the error inside the recording's own gaps for the tracker and for what people use today,
     and ``measured`` the error where the markers were seen.
 
+    Args:
+        animal: Which.
+        stages: Timer and progress.
+        seed: Which flight or walk.
+        n_frames: How long; None: as long as these recordings usually are.
+
     Returns:
         The run, the prepared recording, and the true markers (T, M, 3) in metres.
     """
     with stages.stage("make the recording"):
-        recording = (make_bat if animal == "bat" else make_lizard)(seed=seed)
+        length = {} if n_frames is None else {"n_frames": n_frames}
+        recording = (make_bat if animal == "bat" else make_lizard)(seed=seed, **length)
     with TemporaryDirectory() as folder:
         with stages.stage("make the recording"):
             files = write_recording(recording, Path(folder))

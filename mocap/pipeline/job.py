@@ -9,11 +9,13 @@ from threadpoolctl import threadpool_limits
 from filters.model import LearnedModel, for_recording, renamed
 from filters.models.pose import PoseSettings
 from filters.motion.base import MotionModel
+from filters.size import size_factor
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.moving import motion_of
+from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
@@ -33,6 +35,7 @@ from mocap.pipeline.tracking import (
     validate,
     why_no_pose,
 )
+from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.records import PixelTracks
 from mocap.stages import Stages
 
@@ -94,6 +97,10 @@ def _run_job(
         learned = None if learned is None else renamed(learned, prepared.skeleton)
     if model in ("eal", "mixture") and reason is not None:
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
+    if reason is None and model != "constant_velocity" and worth_checking(prepared):
+        with stages.stage("check points of two rays"):
+            prepared = without_contradicted(prepared, part, settings, learned)
+            part = seen_part(prepared)
     asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
     scores, hidden = {}, 0
     if validated:
@@ -165,7 +172,7 @@ def _run_job(
         report_text=readable(report, title=prepared.name),
         file=source.tracks if isinstance(source, Recording) else None,
     )
-    return run, prepared
+    return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
 
 
 def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
@@ -177,11 +184,14 @@ def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
 
 
 def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
+    """Names of the trials that are used, how they were scaled, and which is the recording itself."""
     own = marker_trial(prepared, part)
-    others = {trial.name for trial in for_recording(learned, part_names(prepared, part), own)}
-    itself = [trial.name for trial in learned.trials if trial.name not in others]
+    factors = {t.name: size_factor(t, own) for t in for_recording(learned, part_names(prepared, part), own)}
+    used = [name if factor == 1 else f"{name} (x {factor:.3g})" for name, factor in factors.items()]
+    itself = [trial.name for trial in learned.trials if trial.name not in factors]
+    scaled = "; scaled to this animal's size" if any(factor != 1 for factor in factors.values()) else ""
     left_out = f"; {', '.join(itself)} is this recording itself and was left out" if itself else ""
-    return f"learned from {', '.join(t.name for t in learned.trials if t.name in others) or 'no other'}{left_out}"
+    return f"learned from {', '.join(used) or 'no other'}{scaled}{left_out}"
 
 
 def _choose(

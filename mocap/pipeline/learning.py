@@ -67,7 +67,7 @@ def _prepared(sources: Sequence[Recording | Prepared], tell: Callable[[str], Non
     doubt: dict[int, OriginError] = {}
     for i, source in enumerate(sources):
         try:
-            found.append(source if isinstance(source, Prepared) else prepare(source))
+            found.append(source if isinstance(source, Prepared) else prepare(source).in_space("learning"))
         except OriginError as error:
             found.append(None)
             doubt[i] = error

@@ -84,6 +84,7 @@ def _power(matrix: Array, power: float) -> Array:
 
 def _carried(left: Array, block: np.ndarray, right: Array) -> np.ndarray:
     """(..., 6, 6) blocks with the position and the velocity of both sides scaled."""
-    parts = block.reshape(*block.shape[:-2], 2, 3, 2, 3)
-    done = np.einsum("...ij,...ajbk,...lk->...aibl", left.astype(np.float32), parts, right.astype(np.float32))
+    parts = np.swapaxes(block.reshape(*block.shape[:-2], 2, 3, 2, 3), -3, -2)
+    a, b = left.astype(np.float32)[..., None, None, :, :], right.astype(np.float32)[..., None, None, :, :]
+    done = np.swapaxes(a @ parts @ np.swapaxes(b, -1, -2), -3, -2)
     return done.reshape(block.shape)

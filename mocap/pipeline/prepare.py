@@ -11,7 +11,7 @@ from mocap import audit
 from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera
-from mocap.cleaning.bias import ray_bias
+from mocap.cleaning.bias import lasting_bias, ray_bias
 from mocap.cleaning.camera_health import BadTime, camera_health, shifted_back
 from mocap.cleaning.clean import REASONS, clean
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise, click_noise
@@ -29,8 +29,9 @@ from mocap.cleaning.robust_rays import student_t
 from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
-from mocap.errors import CalibrationError, FormatError
+from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.unstated_unit import too_long
+from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import (
     Filmed,
     Recording,
@@ -41,8 +42,9 @@ from mocap.pipeline.recording import (
     load_points,
     load_skeleton,
 )
+from mocap.pipeline.run import Plane
 from mocap.records import MarkerTracks, PixelTracks
-from mocap.skeleton import Skeleton, ends_among
+from mocap.skeleton import Measures, Skeleton, ends_among
 from mocap.stated import contradiction
 
 LEAST_SD_M = 1e-6
@@ -64,11 +66,13 @@ class Prepared:
         xyz_m: (T, M, 3) points of believed samples, corrected for slow ray errors; NaN else.
         cov_m2: (T, M, 3, 3) covariance of their jitter.
         filmed: Pixels and cameras; None where positions were given.
-        uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras.
+        uv_px: (C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras. Where a sample has two and no
+            point, they do not meet: one of them may be right.
         ray_sd_px: (C, T, M) standard deviation of a coordinate of each corrected pixel, weighed by how the rays of its
             marker meet.
         ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
         jitter_px: The same over all rays; NaN without cameras.
+        plane: The picture of one film, in which positions are; None: they are in space.
         stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
             of a pixel; 1: nothing is stated.
         bias_px: Standard deviation of the slow ray errors that were removed.
@@ -116,6 +120,17 @@ class Prepared:
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
     audited: tuple[audit.Finding, ...] = ()
     stated_over_shown: float = 1.0
+    plane: Plane | None = None
+
+    def in_space(self, what: str) -> "Prepared":
+        """The same, refused where it is of one film.
+
+        Raises:
+            MocapError: positions are in the plane of a picture.
+        """
+        if self.plane is not None:
+            raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
+        return self
 
     @property
     def dt_s(self) -> float:
@@ -175,6 +190,8 @@ def prepare(source: Recording) -> Prepared:
     Raises:
         MocapError: whatever makes that impossible, with what to do.
     """
+    if source.planar:
+        return _prepare_plane(source)
     if not source.filmed:
         return _prepare_points(source)
     filmed = load_filmed(source, iterations=None)
@@ -271,6 +288,8 @@ def prepare_filmed(
     ratio = 1.0 if pixel_sd is None else pixel_sd / bias.jitter_px
     pointless = np.isnan(found.xyz_m[..., 0])
     lost = found.rejected.any(axis=0) & pointless
+    apart = found.rejected & lost & ~doubtful
+    uv = np.where(apart[..., None], filmed.ideal_px - lasting_bias(bias.bias_px, uv), uv)
     unsure = unlikely.any(axis=0) & pointless & ~lost
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
     told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
@@ -351,6 +370,19 @@ def _prepare_points(source: Recording) -> Prepared:
         raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
     skeleton, names = load_skeleton(source.skeleton, tracks.names)
     return prepare_tracks(replace(tracks, names=names), skeleton, name=source.name, findings=source.frame_findings)
+
+
+def _prepare_plane(source: Recording) -> Prepared:
+    found = in_plane(source)
+    if not found.tracks.seen.any():
+        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
+    skeleton, names = load_skeleton(source.skeleton, found.tracks.names)
+    tracks = replace(found.tracks, names=names)
+    told = (*source.frame_findings, *found.findings)
+    prepared = prepare_tracks(
+        tracks, replace(skeleton, bones=(), joints=(), measures=Measures()), name=source.name, findings=told
+    )
+    return replace(prepared, plane=found.plane)
 
 
 def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = ()) -> Prepared:

@@ -48,6 +48,7 @@ class Recording:
         hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
         views: Further pixel files of the same trial, where each holds one camera; their calibration, too.
         crop: Files or folders with crop offsets (``mocap.io.crop``); empty: those beside the tracks, if any.
+        mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions are pixels.
     """
 
     tracks: Path
@@ -65,10 +66,12 @@ class Recording:
     hints: Hints = field(default_factory=Hints)
     views: tuple[Path, ...] = ()
     crop: tuple[Path, ...] = ()
+    mm_per_px: float | None = None
 
     def __post_init__(self) -> None:
         """Check what is stated."""
         stated = {"fps": self.fps, "pixel_sd": self.pixel_sd, "image_height_px": self.image_height_px}
+        stated["mm_per_px"] = self.mm_per_px
         for name, value in stated.items():
             check_stated(name, value)
         cameras = {"profile": self.profile, "origin": self.pixel_origin, "calibration_origin": self.calibration_origin}
@@ -123,6 +126,19 @@ class Recording:
     def filmed(self) -> bool:
         """Whether there are cameras, calibrated or not."""
         return self.calibration is not None or self.contents.pixels is not None
+
+    @property
+    def planar(self) -> bool:
+        """Whether this is one film without a calibration.
+
+        Raises:
+            MocapError: a scale is stated for something else.
+        """
+        found = self.contents
+        one = found.pixels is not None and len(found.pixels.cameras) == 1 and not found.cameras
+        if self.mm_per_px is not None and not (one and self.calibration is None):
+            raise MocapError("`mm_per_px` is the scale of one film without a calibration: leave it out")
+        return one and self.calibration is None
 
     def without_needless_calibration(self) -> "Recording":
         """The same, without the calibration where the file holds positions and no pixels."""

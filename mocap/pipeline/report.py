@@ -315,6 +315,8 @@ def readable(report: Mapping, *, title: str) -> str:
         ]
     if table := residual_lines(report.get("residual_px_by_camera", {})):
         lines += ["", *table[:-1]]
+    if "seconds" not in report:
+        return "\n".join([*lines, ""])
     seconds = ", ".join(f"{stage} {value:.1f} s" for stage, value in report["seconds"].items())
     return "\n".join([*lines, "", f"Time: {seconds}.", ""])
 

@@ -81,6 +81,32 @@ class Footage:
         return (self.frames >= 0) & (self.frames < self.movie.n_frames)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Plane:
+    """The picture of one film, in which markers move.
+
+    Attributes:
+        mm_per_px: Scale; None: not stated, and positions are pixels.
+    """
+
+    mm_per_px: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """Of positions in tables: ``m`` or ``px``."""
+        return "px" if self.mm_per_px is None else "m"
+
+    @property
+    def unit_m(self) -> float:
+        """Metres in which a pixel goes through the chain: 0.001 where no scale is stated."""
+        return 1e-3 * (1.0 if self.mm_per_px is None else self.mm_per_px)
+
+    @property
+    def per_m(self) -> float:
+        """Units of the tables a metre of the chain."""
+        return 1e3 if self.mm_per_px is None else 1.0
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
     """One recording, tracked.
@@ -101,6 +127,7 @@ class Run:
         report_text: The same as markdown.
         footage: The movie of each camera; empty where none were given.
         file: The file of the tracks; None: not known.
+        plane: The picture in which the markers move, third coordinates being 0; None: they move in space.
     """
 
     name: str
@@ -118,3 +145,4 @@ class Run:
     report_text: str
     footage: tuple[Footage, ...] = ()
     file: Path | None = None
+    plane: Plane | None = None

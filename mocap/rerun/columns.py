@@ -18,17 +18,17 @@ FRAME = "frame"
 TIME = "time"
 
 
-_FIRST: ContextVar[int] = ContextVar("first", default=1)
+_NUMBERS: ContextVar[tuple[int, int]] = ContextVar("numbers", default=(1, 1))
 
 
 @contextmanager
-def numbered_from(first: int) -> Iterator[None]:
-    """Frames are numbered from ``first`` inside: a recording of a part keeps the numbers of the whole."""
-    token = _FIRST.set(first)
+def numbered_from(first: int, *, every: int = 1) -> Iterator[None]:
+    """Frames are numbered from ``first`` inside, in steps of ``every``: parts keep the numbers of the whole."""
+    token = _NUMBERS.set((first, every))
     try:
         yield
     finally:
-        _FIRST.reset(token)
+        _NUMBERS.reset(token)
 
 
 def time_columns(t_s: Array, *, at: NDArray | None = None) -> list[rr.TimeColumn]:
@@ -42,8 +42,9 @@ def time_columns(t_s: Array, *, at: NDArray | None = None) -> list[rr.TimeColumn
     """
     frames = np.arange(len(t_s)) if at is None else at
     ns = np.round(t_s[frames] * 1e9).astype(np.int64)
+    first, every = _NUMBERS.get()
     return [
-        rr.TimeColumn(FRAME, sequence=frames + _FIRST.get()),
+        rr.TimeColumn(FRAME, sequence=first + every * frames),
         rr.TimeColumn(TIME, duration=ns.astype("timedelta64[ns]")),
     ]
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import rerun.blueprint as rrb
 
+from mocap.pipeline.cut import cut
 from mocap.pipeline.run import Run
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import numbered_from
-from mocap.rerun.cut import cut, known_part
+from mocap.rerun.cut import known_part
 from mocap.rerun.landscape import landscape
 from mocap.rerun.layout import Layout, joint_frames, run_layout
 from mocap.rerun.scene import Scene, make_scene
@@ -20,7 +21,7 @@ from mocap.rerun.volume import block
 APPLICATION = "mocap"
 
 
-def write_recording(run: Run, path: Path) -> None:
+def write_recording(run: Run, path: Path, *, first: int = 1, every: int = 1) -> None:
     """Write all views of a run to a file.
 
     Frames before the first and after the last position of any marker are left out: there is nothing to see in them.
@@ -28,6 +29,8 @@ def write_recording(run: Run, path: Path) -> None:
     Args:
         run: The run.
         path: The ``.rrd`` to write; its folder exists.
+        first: Number of the run's first frame.
+        every: Frames from one of the run's to the next, where it is an overview of a longer one.
 
     Raises:
         RecordingError: rerun does not take it.
@@ -40,7 +43,7 @@ def write_recording(run: Run, path: Path) -> None:
         recording_into(
             path, application=APPLICATION, recording_id=recording_id(run), blueprint=make_blueprint(layout)
         ) as rec,
-        numbered_from(shown.start + 1),
+        numbered_from(first + every * shown.start, every=every),
     ):
         for tab in TABS:
             tab.log(rec, part, layout)

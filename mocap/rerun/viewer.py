@@ -26,6 +26,8 @@ _START_S = 30.0
 class ViewerError(MocapError):
     """The viewer cannot be opened here."""
 
+    page = "howto/looking.md"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Viewer:

@@ -11,6 +11,7 @@ from eal import load_potential
 from filters.records import TrackedMotion
 from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
+from mocap.io.netcdf import as_netcdf
 from mocap.moving import Motion
 from mocap.pipeline.run import JointPotential, Run
 from mocap.records import JointTracks, MarkerTracks, PixelTracks
@@ -35,7 +36,7 @@ def write_arrays(run: Run, folder: Path) -> None:
     """
     _write(markers_dataset(run.tracked, run.repaired), folder / MARKERS)
     _write(_rest(run), folder / REST)
-    (folder / MOTION).write_bytes(_motion(run.motion).to_netcdf(engine="h5netcdf"))
+    (folder / MOTION).write_bytes(as_netcdf(_motion(run.motion)))
     write_skeleton(folder / SKELETON, run.skeleton)
     for kind, potentials in _potentials(run).items():
         for name, potential in potentials.items():
@@ -48,9 +49,8 @@ def _potentials(run: Run) -> dict[str, Mapping[str, JointPotential]]:
 
 
 def _write(dataset: xr.Dataset, path: Path) -> None:
-    packed = {name: _PACKED for name, found in dataset.data_vars.items() if found.ndim and found.size}
-    # made in memory: a full disk ends the HDF5 library with a segmentation fault
-    path.write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+    packed = {str(name): _PACKED for name, found in dataset.data_vars.items() if found.ndim and found.size}
+    path.write_bytes(as_netcdf(dataset, encoding=packed))
 
 
 def _motion(motion: Motion) -> xr.Dataset:

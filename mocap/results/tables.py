@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
+from mocap.io.netcdf import as_netcdf
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
@@ -18,20 +19,21 @@ from mocap.records import MarkerTracks, Status
 from mocap.results.stored import write_arrays
 
 
-def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None]) -> None:
+def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None] | None) -> None:
     """Write tables, arrays (``.nc``), the report, the skeleton, potentials and ``recording.rrd``.
 
     Args:
         run: What to write.
         folder: Where to, as ``mocap.io.output.result_folder`` gives it.
-        write_recording: Writes what is to be looked at.
+        write_recording: Writes what is to be looked at; None: nothing is.
     """
     write_arrays(run, folder)
     write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")
-    write_recording(run, folder / "recording.rrd")
+    if write_recording is not None:
+        write_recording(run, folder / "recording.rrd")
 
 
 def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path) -> None:
@@ -46,9 +48,9 @@ def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path
     sd = markers.sd_m
     for i, name in enumerate(markers.names):
         header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]
-        columns += [_text(markers.xyz_m[:, i, k], sd[:, i]) for k in range(3)]
-        columns += [_text(sd[:, i], sd[:, i]), words[:, i]]
-    _write(path, header, columns)
+        columns += [column_text(markers.xyz_m[:, i, k], sd[:, i]) for k in range(3)]
+        columns += [column_text(sd[:, i], sd[:, i]), words[:, i]]
+    write_columns(path, header, columns)
 
 
 def write_joints(run: Run, path: Path) -> None:
@@ -60,10 +62,10 @@ def write_joints(run: Run, path: Path) -> None:
         for frame, tracks in run.joints.items():
             for k in range(tracks.q_m.shape[2]):
                 header.append(f"{joint}_{frame}_{'xyz'[k]}")
-                columns.append(_text(tracks.q_m[:, i, k], run.joints["world"].sd_m[:, i]))
+                columns.append(column_text(tracks.q_m[:, i, k], run.joints["world"].sd_m[:, i]))
         header.append(f"{joint}_sd")
-        columns.append(_text(run.joints["world"].sd_m[:, i], run.joints["world"].sd_m[:, i]))
-    _write(path, header, columns)
+        columns.append(column_text(run.joints["world"].sd_m[:, i], run.joints["world"].sd_m[:, i]))
+    write_columns(path, header, columns)
 
 
 def write_kinematics(found: Kinematics, folder: Path) -> None:
@@ -83,7 +85,7 @@ def write_kinematics(found: Kinematics, folder: Path) -> None:
         writer.writerows(zip(*[c.tolist() for c in columns], strict=True))
     dataset = found.to_dataset()
     packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("value", "sd", "status")}
-    (folder / "kinematics.nc").write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=packed))
+    (folder / "kinematics.nc").write_bytes(as_netcdf(dataset, encoding=packed))
 
 
 def write_cycles(rows: Sequence[Cycle], path: Path) -> None:
@@ -103,13 +105,14 @@ def _with_sd(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return text(values), text(sd)
 
 
-def _text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:
+def column_text(values: np.ndarray, sd: np.ndarray) -> np.ndarray:
     """A column as text: seven decimals, and more where two digits of the smallest (T,) deviation ``sd`` need them."""
     form = f"%.{decimals_of(values, sd, least=7)}f"
     return np.where(np.isfinite(values), np.char.mod(form, np.nan_to_num(values)), "NaN")
 
 
-def _write(path: Path, header: list[str], columns: list[np.ndarray]) -> None:
+def write_columns(path: Path, header: list[str], columns: list[np.ndarray]) -> None:
+    """A table of columns of text."""
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(as_cells(header))

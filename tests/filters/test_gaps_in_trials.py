@@ -40,7 +40,7 @@ def test_nothing_of_a_hidden_sample_reaches_learning():
         hidden=[(index, Hidden(trial=moved, gaps=hidden.gaps))],
     )
     for kind in (MarkerSettings(), PoseSettings(ranks=(2,))):
-        before, after = search.fill(kind), changed.fill(kind)
+        (before,), (after,) = search.fill([kind]), changed.fill([kind])
         np.testing.assert_array_equal(after.variance, before.variance)
         np.testing.assert_allclose(after.error_m, before.error_m - 1, rtol=0, atol=1e-14)
         np.testing.assert_array_equal(after.length, hidden.length[hidden.mask])

@@ -24,7 +24,7 @@ def test_blocks_change_nothing(frames_a_block):
     """Filtering a block again from the state before it repeats the same operations: equal to the last digit."""
     model, observations, t_s = walk(100)
     whole = smooth(model, observations, t_s)
-    blocks = smooth(model, observations, t_s, most_bytes=frames_a_block * 3 * 8 * (2 * model.reads) ** 2 + 1)
+    blocks = smooth(model, observations, t_s, most_bytes=frames_a_block * 8 * 2 * 192 + 1)
     for name in ("xyz_m", "cov_m2", "log_likelihood"):
         np.testing.assert_array_equal(getattr(blocks, name), getattr(whole, name), err_msg=name)
     assert len(blocks.observed) == len(whole.observed) == 100

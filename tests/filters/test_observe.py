@@ -35,6 +35,7 @@ def frame(rng, *, n_cameras, n_markers, n=None, share=1.0, dof=np.inf, sd=(0.5, 
         slope=np.where(rows[:, None], rng.normal(size=(count, 3, 3)), 0.0),
         sd=np.where(rows, rng.uniform(*sd, (count, 3)), 1.0),
         dof=np.full(count, dof),
+        apart=np.zeros(count, dtype=bool),
     )
     return state, sights, (depends @ factor[:reads, :reads]).T.reshape(reads, n_markers, 3), depends
 
@@ -173,6 +174,7 @@ def test_intervals_of_students_rays_hold(dof, n_rays):
             slope=slope,
             sd=np.ones((n_rays, 3)),
             dof=np.full(n_rays, dof),
+            apart=np.zeros(n_rays, dtype=bool),
         )
         found, seen = observe(Gaussian(np.zeros(3), np.eye(3)), sights, np.eye(3).reshape(3, 1, 3), reads=3)
         nis.append(seen.nis / seen.n_rows)

@@ -136,3 +136,16 @@ def test_bridging_by_hand():
     nan = np.nan
     y = np.array([[nan, 1, nan], [1, nan, nan], [nan, nan, nan], [3, 4, nan], [nan, nan, nan]])
     np.testing.assert_array_equal(bridge(y), [[1, 1, 0], [1, 2, 0], [2, 3, 0], [3, 4, 0], [3, 4, 0]])
+
+
+def test_sums_over_parts_are_those_over_all(monkeypatch):
+    """Poses of two trials, looked at seven at a time: each sum is the same to rounding, and so is what follows."""
+    rng = np.random.default_rng(3)
+    y = rng.normal(size=(90, 3)) @ rng.normal(size=(3, 12)) + 0.05 * rng.normal(size=(90, 12))
+    y[rng.random(y.shape) < 0.2] = np.nan
+    trial = np.repeat([0, 1], [40, 50])
+    whole = principal_components(y, 3, trial=trial)
+    monkeypatch.setattr("filters.subspace.AT_ONCE", 7)
+    parts = principal_components(y, 3, trial=trial)
+    for name in ("mean", "trial_offset", "trial_sd", "loading", "scores", "known", "noise"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-8, atol=1e-10, err_msg=name)

@@ -1,5 +1,7 @@
 """What the tracker believes of what it sees, and what it makes of that."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,8 +33,41 @@ CASES = [(0, 0), (1, 0), (0, 1), (WHOLE, 2), (2, 3), (0, 3), (1, 3)]
 )
 def test_a_lone_ray_is_not_believed_agreeing_rays_are(far, refused):
     """The rule, case by case."""
-    mask = np.isin(np.arange(7), far)
-    np.testing.assert_array_equal(gate_groups(mask, np.array(CASES)), ~np.isin(np.arange(7), refused))
+    mask, apart = np.isin(np.arange(7), far), np.zeros(7, dtype=bool)
+    believed = gate_groups(mask.astype(float), mask, np.array(CASES), apart)
+    np.testing.assert_array_equal(believed, ~np.isin(np.arange(7), refused))
+
+
+@pytest.mark.parametrize(
+    ("squared", "far", "refused"),
+    [
+        ([1.0, 3.0], [], [1]),  # neither is far: the nearer one
+        ([40.0, 3.0], [0], [0]),
+        ([50.0, 40.0], [0, 1], [0, 1]),  # what does not meet does not agree
+    ],
+)
+def test_of_rays_that_do_not_meet_one_is_believed_at_most(squared, far, refused):
+    """Those of marker 0 do not meet, all others are near and stay."""
+    apart = np.isin(np.arange(7), [0, 1])
+    distance = np.concatenate([squared, np.full(5, 5.0)])
+    believed = gate_groups(distance, np.isin(np.arange(7), far), np.array(CASES), apart)
+    np.testing.assert_array_equal(believed, ~np.isin(np.arange(7), refused))
+
+
+def test_of_two_clicks_on_two_markers_the_right_one_is_followed():
+    """One of three cameras is left and another clicks 300 px off: the track is that of the right one alone."""
+    rng = np.random.default_rng(8)
+    seen, truth = pixels(rng, n_frames=12, still=True)
+    gone = np.zeros(seen.uv_px.shape[:3], dtype=bool)
+    gone[1:, 4:, 2] = True
+    alone = hide(seen, gone)
+    wrong = alone.uv_px.copy()
+    wrong[1, 4:, 2] = seen.uv_px[1, 4:, 2] + 300.0
+    both = replace(alone, uv_px=wrong)
+    model, t_s = still(seen), np.arange(12) / 100
+    expected, found = smooth(model, alone, t_s), smooth(model, both, t_s)
+    np.testing.assert_allclose(found.xyz_m, expected.xyz_m, atol=1e-9)
+    assert np.abs(found.xyz_m - truth).max() < 0.02
 
 
 def test_groups_are_believed_as_a_whole_by_their_worst_row():
@@ -54,6 +89,7 @@ def test_groups_are_believed_as_a_whole_by_their_worst_row():
             slope=slope[keep],
             sd=np.ones((keep.sum(), 3)),
             dof=np.full(keep.sum(), np.inf),
+            apart=np.zeros(keep.sum(), dtype=bool),
         )
         return observe(state, sights, deviations, reads=12, gate_sd=4.0)
 

@@ -7,7 +7,7 @@ import pytest
 
 from filters.anatomy import Anatomy
 from filters.models.base import TrialSet
-from filters.size import relative_size, sized_like
+from filters.size import relative_size, size_factor, sized_like
 from tests.filters.test_anatomy import walker
 
 
@@ -33,3 +33,13 @@ def test_the_same_animal_is_left_as_it_is():
     dark = replace(other, xyz_m=np.where(np.arange(240)[:, None, None] < 5, other.xyz_m, np.nan))
     assert relative_size(dark, one) == (0.0, np.inf)
     assert sized_like([one], dark)[0] is one
+
+
+def test_the_factor_is_told():
+    """What a report says of a scaled trial is what it was multiplied by; of one of the same size exactly 1."""
+    small, large = walker(1), walker(2)
+    large = replace(large, xyz_m=1.3 * large.xyz_m, sd_m=1.3 * large.sd_m)
+    factor = size_factor(small, large)
+    assert factor == pytest.approx(1.3, rel=0.02)
+    np.testing.assert_array_equal(sized_like([small], large)[0].xyz_m, factor * small.xyz_m)
+    assert size_factor(walker(1), walker(2)) == 1.0

@@ -172,7 +172,7 @@ def test_clean_twins_lose_nothing(make):
     assert {reason: int(mask.sum()) for reason, mask in found.rejected.items()} == dict.fromkeys(
         ("jump", "duplicate", "bone_length"), 0
     )
-    assert set(found.rejected) | {"rays_miss", "likelihood"} == set(REASONS)
+    assert set(found.rejected) | {"rays_miss", "likelihood", "contradicted"} == set(REASONS)
 
 
 def test_each_fault_has_its_reason_and_only_one():

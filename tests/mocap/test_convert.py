@@ -113,7 +113,7 @@ def test_a_unit_that_is_stated_scales(tmp_path):
 def test_files_without_tracks_or_cameras_are_named(tmp_path):
     """Residuals are no tracks, points are no pixels, a skeleton of pixels needs cameras."""
     (tmp_path / "res.csv").write_text("pt1_dltres\n1.5\n")
-    (tmp_path / "px.csv").write_text("pt1_cam1_X,pt1_cam1_Y\n1,2\n")
+    (tmp_path / "px.csv").write_text("pt1_cam1_X,pt1_cam1_Y,pt1_cam2_X,pt1_cam2_Y\n1,2,3,4\n")
     write(swing(), tmp_path / "a.trc")
     for file, error, message in (
         ("res.csv", MocapError, "contains no tracks"),

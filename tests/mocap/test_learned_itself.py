@@ -10,10 +10,12 @@ import pytest
 from filters.model_file import save_model
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.job import run_job
+from mocap.pipeline.prepare import prepare, prepare_tracks
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
+from mocap.skeleton import Skeleton
 from tests.filters.small_model import small_model
 
 
@@ -34,3 +36,18 @@ def test_the_report_says_that_it_was_left_out(tmp_path, monkeypatch, capsys):
     assert not stopped.value.code
     report = json.loads(capsys.readouterr().out)
     assert report["model"]["why"] == "learned from other; walk is this recording itself and was left out"
+
+
+def test_the_report_says_how_trials_were_scaled():
+    """A trial of an animal that is 1.4 times as large: the why of the model names the factor."""
+    walk = small_model().trials[0]
+    names = small_model().names
+    cov = np.broadcast_to(1e-6 * np.eye(3), (40, 5, 3, 3))
+    tracks = MarkerTracks(
+        names=names, t_s=walk.t_s, xyz_m=walk.xyz_m, cov_m2=cov, status=np.full((40, 5), Status.MEASURED)
+    )
+    prepared = prepare_tracks(tracks, Skeleton(name="walk", markers=names), name="mine")
+    large = replace(walk, name="large", xyz_m=1.4 * walk.xyz_m[::-1] + 0.1)
+    learned = replace(small_model(), trials=(large,))
+    run, _ = run_job(prepared, learned=learned, validated=False)
+    assert run.report["model"]["why"] == "learned from large (x 0.714); scaled to this animal's size"

@@ -9,9 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from matplotlib import pyplot
+from matplotlib.figure import Figure
 
 import mocap
 from datasets import make_lizard, write_recording
+from docs.tools import columns
 from mocap.cli.main import main
 from mocap.io.registry import read as read_file
 
@@ -118,6 +121,49 @@ def test_what_was_saved_is_loaded_to_the_last_bit(tracked, saved):
     assert again.run.skeleton == tracked.run.skeleton
     assert again.report == json.loads(json.dumps(tracked.report))
     assert again.run.report_text == tracked.run.report_text
+
+
+def test_every_file_and_column_is_documented(tracked, saved):
+    """What a run writes is on the page of files: names of files, columns, variables, keys of the report."""
+    names = documented_names(tracked)
+    for table in ("markers.csv", "joints.csv", "cycles.csv"):
+        assert not columns.undocumented(pd.read_csv(saved.folder / table, nrows=0).columns, table, names), table
+    quantities = [
+        c for c in pd.read_csv(saved.folder / "kinematics.csv", nrows=0) if not c.endswith(("_sd", "_status"))
+    ]
+    assert not columns.undocumented(quantities, "kinematics.csv", names)
+    for table in ("markers.nc", "kinematics.nc", "motion.nc"):
+        with xr.open_dataset(saved.folder / table, engine="h5netcdf") as found:
+            assert not columns.undocumented(map(str, found.variables), table, {}), table
+    report = json.loads((saved.folder / "report.json").read_text())
+    assert not columns.undocumented(report, "report.json", {})
+    with np.load(next((saved.folder / "potentials").iterdir())) as arrays:
+        assert not columns.undocumented(arrays, "potentials/<joint>.npz", {})
+    listed = columns.page().split("### ")[0]
+    assert not [p.name for p in saved.folder.iterdir() if f"`{p.name}{'/' if p.is_dir() else ''}`" not in listed]
+
+
+def documented_names(result):
+    """What the page's ``<marker>``, ``<joint>``, ... stand for in a result."""
+    skeleton, measures = result.run.skeleton, result.run.skeleton.measures
+    return {
+        "marker": result.run.tracked.markers.names,
+        "joint": [joint.name for joint in skeleton.joints],
+        "axis": "xyz",
+        "stroke": list(measures.strokes),
+        "distance": list(measures.distances),
+        "area": list(measures.areas),
+    }
+
+
+def test_a_notebook_shows_figures_that_it_did_not_give_axes_for(tracked):
+    """pyplot, whose figures a notebook shows, knows the figure; axes that are given stay where they are."""
+    ax = tracked.plot.gaps()
+    assert pyplot.gcf() is ax.figure
+    pyplot.close(ax.figure)
+    assert not pyplot.get_fignums()
+    tracked.plot.gaps(ax=Figure().add_subplot())
+    assert not pyplot.get_fignums()
 
 
 def test_saving_again_needs_to_be_told(tracked, saved):

@@ -8,9 +8,12 @@ import pandas as pd
 import pytest
 from rerun.chunk import RrdReader
 
+from docs.tools import columns
+from mocap import Tracked
 from mocap.cli.main import main
 from mocap.pipeline.demo import run_demo
 from mocap.stages import Stages
+from tests.mocap.test_library import documented_names
 from tests.real_data import real
 
 BAT = "bat_windtunnel_dltdv8/derived_csv"
@@ -68,8 +71,8 @@ def test_real_recordings_run_through(monkeypatch, capsys, tmp_path, tracks, opti
 
 @pytest.fixture(scope="module")
 def demo():
-    """That of a lizard is run by ``tests/test_installed.py``, which asks the same of its report."""
-    return run_demo("bat", stages=Stages())
+    """Half of a flight. The lizard's is run whole by ``tests/test_installed.py``, which asks the same of its report."""
+    return run_demo("bat", stages=Stages(), n_frames=270)
 
 
 def test_demo_beats_what_people_use(demo):
@@ -99,6 +102,14 @@ def assert_intervals_hold(report):
     assert report["gaps"]["mixture"]["coverage95"] >= 90
     assert 90 <= measured["mixture"]["coverage95"] <= 99.5
     assert measured["mixture"]["rmse_mm"] < measured["triangulation"]["rmse_mm"]
+
+
+def test_every_quantity_of_the_demo_is_documented(demo):
+    """Joints with stated axes, strokes, spans, areas and centres of mass among them."""
+    result = Tracked(demo)
+    assert not columns.undocumented(result.kinematics, "kinematics.csv", documented_names(result))
+    assert not columns.undocumented(result.cycles.columns, "cycles.csv", {})
+    assert not columns.undocumented(demo.report, "report.json", {})
 
 
 def test_demo_learns_a_potential_for_each_joint(demo):

@@ -1,0 +1,309 @@
+"""Batches of short twins: speed of two processes over one, what the engine costs, kills, bad files, memory.
+
+Everything is measured through the commands that a user types, in processes of their own. Beside them: a shell loop
+over ``mocap track`` (``xargs -P 2``, as GNU parallel would do it), which pays the start of Python for each trial.
+
+Wall-clock times are those of this machine while it was measured; processor seconds of the processes, which a busy
+neighbour changes less, are beside them.
+"""
+
+import argparse
+import hashlib
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import pandas as pd
+import psutil
+
+from datasets import make_bat, write_recording
+from mocap.batches.summary import read_times
+
+FPS = 240.0
+CALL = [sys.executable, "-c", "if __name__ == '__main__': from mocap.cli.main import main; main()"]
+"""The command ``mocap``, of this checkout."""
+QUICK = ["--model", "constant_velocity", "--no-validate"]
+"""The quickest trials are the hardest for an engine."""
+NOT_COMPARED = ("times.csv", "summary.html", ".mocap-manifest.json")
+"""Files of the results folder itself that tell the time, and the list that holds their SHA-256."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spent:
+    """What a command took: seconds by the clock, and of processors (with all processes that it started)."""
+
+    wall_s: float
+    cpu_s: float
+
+
+def make_twins(folder: Path, count: int, *, frames: int) -> None:
+    """Short flights of bats in nested folders, each with its calibration and skeleton."""
+    for i in range(count):
+        place = folder / f"bat{i % 10:02d}" / f"t{i:04d}"
+        if not place.is_dir():
+            recording = make_bat(seed=i, n_frames=frames, n_cameras=3)
+            paths = write_recording(recording, place)
+            paths["truth"].unlink()
+            paths["card"].unlink()
+
+
+def spent(command: Sequence[str]) -> Spent:
+    """Run a command to its end."""
+    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Spent(wall_s=time.perf_counter() - begun, cpu_s=cpu)
+
+
+def batch(twins: Path, out: Path, *options: str, jobs: int) -> list[str]:
+    """The command."""
+    given = ["--out", str(out), "--fps", str(FPS), "--jobs", str(jobs), *QUICK, *options]
+    return [*CALL, "batch", str(twins), *given]
+
+
+def contents(out: Path) -> dict[str, str]:
+    """SHA-256 of every file of the results that does not tell the time."""
+    files = [path for path in sorted(out.rglob("*")) if path.is_file()]
+    left_out = {out / name for name in NOT_COMPARED}
+    return {
+        path.relative_to(out).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in files
+        if path not in left_out
+    }
+
+
+def loop(twins: Path, out: Path) -> list[str]:
+    """``mocap track`` of each trial, two at a time; as ``mocap batch --pictures`` it writes all there is."""
+    out.mkdir()
+    options = " ".join(["--fps", str(FPS), *QUICK])
+    beside = '--calibration "${s}_dltCoefs.csv" --profile "${s}_camera_profile.txt" --skeleton "${s}_skeleton.toml"'
+    one = f's="${{1%_xypts.csv}}"; exec "$2" -c "$3" track "$1" {beside} {options} --out "$4/$(basename "$s")"'
+    listed = out / "list.txt"
+    listed.write_text("\n".join(sorted(map(str, twins.rglob("*_xypts.csv")))) + "\n")
+    return ["xargs", "-a", str(listed), "-P", "2", "-I{}", "sh", "-c", one, "sh", "{}", *CALL[::2], str(out)]
+
+
+def in_one_process(twins: Path, out: Path) -> list[str]:
+    """The same trials one after the other in one process without an engine."""
+    script = (
+        "import sys; from pathlib import Path; from mocap.batches.find import find_trials; "
+        "from mocap.batches.known import Options; from mocap.batches.one import track_trial; "
+        f"out = Path(sys.argv[2]); options = Options(model='constant_velocity', validate=False); "
+        f"[track_trial(t, options, out) for t in find_trials([sys.argv[1]], stated={{'fps': {FPS}}})]"
+    )
+    return [sys.executable, "-c", script, str(twins), str(out)]
+
+
+def speed(twins: Path, folder: Path, count: int) -> list[str]:
+    """Two processes over one, and beside no engine and a shell loop."""
+    took: dict[str, Spent] = {}
+    commands: dict[str, Callable[[Path], list[str]]] = {
+        "mocap batch, 1 process": lambda out: batch(twins, out, jobs=1),
+        "mocap batch, 2 processes": lambda out: batch(twins, out, jobs=2),
+        "no engine, 1 process": lambda out: in_one_process(twins, out),
+        "mocap batch --pictures, 2 processes": lambda out: batch(twins, out, "--pictures", jobs=2),
+        "xargs -P 2 mocap track": lambda out: loop(twins, out),
+    }
+    for name, command in commands.items():
+        out = folder / f"speed{len(took)}"
+        shutil.rmtree(out, ignore_errors=True)
+        took[name] = spent(command(out))
+        print(name, took[name], file=sys.stderr, flush=True)
+    again = spent(batch(twins, folder / "speed1", jobs=2))
+    same = contents(folder / "speed0") == contents(folder / "speed1")
+    lines = [
+        f"## Speed: {count} twins",
+        "",
+        "| command | wall s | processor s | processor s a trial |",
+        "|---|---|---|---|",
+    ]
+    for name, one in took.items():
+        lines.append(f"| {name} | {one.wall_s:.1f} | {one.cpu_s:.1f} | {one.cpu_s / count:.2f} |")
+    alone, two, bare, pictures, shell = took.values()
+    lines += [
+        "",
+        f"- speedup of 2 processes over 1: {alone.wall_s / two.wall_s:.2f} by the clock, start included",
+        f"- beside the same trials without an engine: {100 * (alone.cpu_s / bare.cpu_s - 1):+.1f} % processor time, "
+        "start of the worker included",
+        f"- the shell loop takes {shell.wall_s / pictures.wall_s:.2f} times as long as mocap batch --pictures, which "
+        f"writes the same files, and {shell.cpu_s / pictures.cpu_s:.2f} times the processor time",
+        f"- a second run, which has nothing to do: {again.wall_s:.1f} s",
+        f"- 1 and 2 processes write the same bytes: {same}",
+    ]
+    return lines
+
+
+def engine(twins: Path, folder: Path, count: int) -> list[str]:
+    """What the engine costs once it runs: time in which workers wait, and processor time of the command itself.
+
+    Both are shares, which a busy neighbour hardly changes: workers wait between the first trial's begin and the last
+    trial's end for as long as no trial is theirs (``times.csv``).
+    """
+    lines = ["## The engine, once it runs", "", "| processes | workers wait | the command itself |", "|---|---|---|"]
+    for jobs in (1, 2):
+        out = folder / f"engine{jobs}"
+        shutil.rmtree(out, ignore_errors=True)
+        running = subprocess.Popen(batch(twins, out, jobs=jobs), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        own: dict[int, float] = {}
+        workers: dict[int, float] = {}
+        while running.poll() is None:
+            done = len(list(out.rglob("trial.json")))
+            try:
+                command = psutil.Process(running.pid)
+                own[done] = sum(command.cpu_times()[:2])
+                for process in command.children(recursive=True):
+                    workers[process.pid] = sum(process.cpu_times()[:2])
+            except psutil.NoSuchProcess:
+                break
+            time.sleep(0.1)
+        seconds = read_times(out)
+        ended = {trial: (out / trial / "trial.json").stat().st_mtime for trial in seconds}
+        begun = min(when - seconds[trial] for trial, when in ended.items())
+        span = jobs * (max(ended.values()) - begun)
+        # at the end one worker has none left: the longest trial at most, of which half is expected
+        waited = 1 - (sum(seconds.values()) + (jobs - 1) * median(seconds.values()) / 2) / span
+        command_s = max(own.values()) - min(cpu for done, cpu in own.items() if done)
+        lines.append(
+            f"| {jobs} | {100 * max(waited, 0):.1f} % | {1e3 * command_s / (count - 1):.0f} ms a trial, "
+            f"{100 * command_s / (sum(workers.values()) + command_s):.1f} % of all processor time |"
+        )
+    return lines
+
+
+def kills(twins: Path, folder: Path, count: int, *, times: int, seed: int) -> list[str]:
+    """Killed at random moments, with all its processes or without, the same bytes as undisturbed."""
+    rng = random.Random(seed)
+    whole, out = folder / "undisturbed", folder / "killed"
+    for place in (whole, out):
+        shutil.rmtree(place, ignore_errors=True)
+    plain = spent(batch(twins, whole, jobs=2))
+    done_before: dict[Path, int] = {}
+    redone, killed = 0, []
+    for kill in range(times):
+        running = subprocess.Popen(
+            batch(twins, out, jobs=2), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+        at = _begun(running, out, len(done_before)) + rng.uniform(0, plain.wall_s / (times + 1))
+        while time.perf_counter() < at and running.poll() is None:
+            time.sleep(0.01)
+        if kill % 2:  # a worker alone: it is replaced
+            workers = [p for p in psutil.Process(running.pid).children(recursive=True) if p.memory_info().rss > 8e7]
+            if workers:
+                rng.choice(workers).kill()
+            time.sleep(rng.uniform(1, 3))
+        running.kill()
+        running.wait()
+        now = {path: path.stat().st_mtime_ns for path in out.rglob("trial.json")}
+        redone += sum(now.get(path) != when for path, when in done_before.items())
+        killed.append(len(now))
+        done_before = now
+    spent(batch(twins, out, jobs=2))
+    now = {path: path.stat().st_mtime_ns for path in out.rglob("trial.json")}
+    redone += sum(now.get(path) != when for path, when in done_before.items())
+    first, second = contents(whole), contents(out)
+    differ = sum(first.get(name) != second.get(name) for name in {*first, *second})
+    left = [name for name in second if ".mocap-partial" in name]
+    table = pd.read_csv(whole / "summary.csv")["status"].value_counts().to_dict()
+    bad = len(list(twins.rglob("bad*_xypts.csv")))
+    return [
+        f"## Killed {times} times: {count} twins and {bad} damaged files",
+        "",
+        f"- finished trials after each kill: {', '.join(map(str, killed))} of {count + bad}",
+        f"- finished trials that were done again: {redone}",
+        f"- half-written files left: {len(left)}",
+        f"- files that differ from the undisturbed run: {differ} of {len(first)}",
+        f"- undisturbed: {table}",
+    ]
+
+
+def _begun(running: subprocess.Popen, out: Path, before: int) -> float:
+    """When the command has finished a trial of its own, or ended."""
+    end = time.perf_counter() + 120
+    while time.perf_counter() < end and running.poll() is None and len(list(out.rglob("trial.json"))) <= before:
+        time.sleep(0.02)
+    return time.perf_counter()
+
+
+def memory(twins: Path, folder: Path, count: int) -> list[str]:
+    """Resident memory of the command and of its worker over the trials of one process."""
+    out = folder / "memory"
+    shutil.rmtree(out, ignore_errors=True)
+    running = subprocess.Popen(batch(twins, out, jobs=1), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    most: dict[int, tuple[float, float]] = {}
+    while running.poll() is None:
+        try:
+            own = psutil.Process(running.pid)
+            workers = [process.memory_info().rss for process in own.children(recursive=True)]
+            now = own.memory_info().rss / 1e6, max(workers, default=0) / 1e6
+        except psutil.NoSuchProcess:
+            break
+        done = len(list(out.rglob("trial.json")))
+        before = most.get(done, (0.0, 0.0))
+        most[done] = max(before[0], now[0]), max(before[1], now[1])
+        time.sleep(0.2)
+    title = "## Memory: most resident, while so many trials were done"
+    lines = [title, "", "| trials | command, MB | worker, MB |", "|---|---|---|"]
+    for step in sorted({max(1, round(share * count)) for share in (0.05, 0.25, 0.5, 0.75, 0.95)}):
+        at = max(done for done in most if done <= step)
+        lines.append(f"| {at} | {most[at][0]:.0f} | {most[at][1]:.0f} |")
+    return lines
+
+
+def damaged(twins: Path, count: int) -> Path:
+    """The twins with one damaged file in ten beside them, in a folder of links."""
+    folder = twins.with_name(f"{twins.name}_damaged")
+    if not folder.is_dir():
+        shutil.copytree(twins, folder)
+        for i in range(count // 10):
+            (folder / f"bad{i}_xypts.csv").write_text("tip_cam1_X,tip_cam1_Y\n1,2,3\n")
+    return folder
+
+
+def main() -> None:
+    """Print the tables, and write them to the folder."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="12 twins instead of 60, 3 kills instead of 5")
+    parser.add_argument("--count", type=int, help="so many twins")
+    parser.add_argument("--frames", type=int, default=40)
+    parser.add_argument(
+        "--parts", default="speed,engine,kills,memory,simulated", help="which of them, separated by commas"
+    )
+    parser.add_argument("--out", type=Path, required=True, help="folder for twins and results")
+    given = parser.parse_args()
+    count = given.count or (12 if given.quick else 60)
+    given.out.mkdir(parents=True, exist_ok=True)
+    twins = given.out / f"twins{count}x{given.frames}"
+    make_twins(twins, count, frames=given.frames)
+    os.environ |= {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    lines = [f"load when it began: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores", ""]
+    for part in given.parts.split(","):
+        if part == "speed":
+            lines += speed(twins, given.out, count)
+        elif part == "engine":
+            lines += engine(twins, given.out, count)
+        elif part == "kills":
+            lines += kills(damaged(twins, count), given.out, count, times=3 if given.quick else 5, seed=0)
+        elif part == "memory":
+            lines += memory(twins, given.out, count)
+        elif part == "simulated":
+            from benchmarks.batch_simulated import simulated
+
+            lines += simulated(quick=given.quick)
+        lines += ["", f"load now: {os.getloadavg()[0]:.1f}", ""]
+    print("\n".join(lines))
+    (given.out / "batch.md").write_text("\n".join(lines), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""Many markers in groups: a pose model's filter at a cost that is linear in the number of markers.
+
+The state of ``PoseMotion`` is what all markers share (shape and body, a few dozen numbers) and a residual of each
+marker. The residuals are independent of each other given the whole path of what is shared, but not given its present
+value alone: an exact filter of M markers has a dense covariance of size 6M, and costs its cube. Here the markers are
+split into groups that each estimate what is shared from their own markers, all with one subspace, mechanics, body path
+and regression, which are learned from all markers. What is lost are the few digits that a group of 30 markers knows
+the shape less well by than all; docs/howto/long_recordings.md has the error. Covariances between markers of different
+groups are taken for zero.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from filters.motion.bones import Bones
+from filters.motion.pose import PoseMotion, Regression
+from filters.motion.potential import PosePotential
+from filters.moving import Rates
+from filters.observations import Observations, some_markers
+from filters.observe import Observed
+from filters.records import Estimate
+from mocap.arrays import Array
+from mocap.moving import Asked
+
+MOST, GROUP = 60, 30
+"""Models of more markers than the first are filtered in groups of about the second."""
+
+Smooth = Callable[..., Estimate]
+Markers = NDArray[np.int64]
+
+
+def groups_of(model: PoseMotion, size: int | None = None) -> list[Markers]:
+    """Markers in groups of about equal size, markers that a bone or a limb joins in one group where there is room."""
+    count = len(model.subspace.mean) // 3
+    wanted = -(-count // (size or GROUP))
+    most = -(-count // wanted)
+    units = _limbs(model) + ([] if model.bones is None else [ends.tolist() for ends in model.bones.ends])
+    of = np.arange(count)
+    for unit in units:
+        joined = np.isin(of, of[list(unit)])
+        if joined.sum() <= most // 2:
+            of[joined] = of[unit[0]]
+    parts = sorted((np.flatnonzero(of == k) for k in np.unique(of)), key=len, reverse=True)
+    groups: list[list[int]] = [[] for _ in range(wanted)]
+    for part in parts:  # each to the smallest group: every group has markers all over the body
+        min(groups, key=len).extend(part.tolist())
+    return [np.array(sorted(group)) for group in groups]
+
+
+def _limbs(model: PoseMotion) -> list[list[int]]:
+    """Markers that each potential reads by themselves."""
+    return [
+        np.flatnonzero(np.abs(held.on_residual).reshape(len(held.mean), -1, 3).sum(axis=(0, 2))).tolist()
+        for held in model.potentials
+        if np.abs(held.on_residual).any()
+    ]
+
+
+def part_of(model: PoseMotion, markers: Markers) -> PoseMotion:
+    """The model of some of its markers; bones and limbs that are not whole among them are left out."""
+    rows = (3 * markers[:, None] + np.arange(3)).ravel()
+    new = np.full(len(model.subspace.mean) // 3, -1)
+    new[markers] = np.arange(len(markers))
+    subspace, bones, regression = model.subspace, model.bones, model.regression
+    if bones is not None:
+        kept = (new[bones.ends] >= 0).all(axis=1)
+        bones = Bones(ends=new[bones.ends[kept]], length_m=bones.length_m[kept], sd_m=bones.sd_m[kept])
+    if regression is not None:
+        regression = Regression(regression.xyz_m[:, markers], regression.cov_m2[:, markers])
+    outside = np.setdiff1d(np.arange(len(subspace.mean)), rows)
+    potentials: list[PosePotential] = [
+        replace(held, on_residual=held.on_residual[:, rows])
+        for held in model.potentials
+        if not held.on_residual[:, outside].any()
+    ]
+    return replace(
+        model,
+        subspace=replace(
+            subspace,
+            mean=subspace.mean[rows],
+            basis=subspace.basis[rows],
+            residual_sd=subspace.residual_sd[rows],
+        ),
+        bones=bones if bones is not None and len(bones.ends) else None,
+        regression=regression,
+        potentials=tuple(potentials),
+    )
+
+
+def smooth_in_groups(
+    model: PoseMotion,
+    observations: Observations,
+    t_s: Array,
+    groups: Sequence[Markers],
+    smooth: Smooth,
+    *,
+    asked: Asked | None = None,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> Estimate:
+    """Smooth each group by itself; arguments and result as in ``filters.track.smooth``, which is ``smooth``."""
+    count = len(model.subspace.mean) // 3
+    xyz, cov = np.empty((len(t_s), count, 3)), np.empty((len(t_s), count, 3, 3))
+    observed: list[list[Observed]] = []
+    rates = None if asked is None else _Together(asked, count, len(t_s))
+    for number, markers in enumerate(groups):
+        tell = None if progress is None else (lambda share, n=number: progress((n + share) / len(groups)))
+        local = None if asked is None or rates is None else rates.local(markers)
+        found = smooth(
+            part_of(model, markers), some_markers(observations, markers), t_s, asked=local, progress=tell, **options
+        )
+        xyz[:, markers], cov[:, markers] = found.xyz_m, found.cov_m2
+        observed.append([_renamed(seen, markers) for seen in found.observed])
+        if rates is not None and found.rates is not None:
+            rates.add(markers, found.rates)
+    together = [_together(frame) for frame in zip(*observed, strict=True)]
+    return Estimate(xyz_m=xyz, cov_m2=cov, observed=together, rates=None if rates is None else rates.rates())
+
+
+def _renamed(seen: Observed, markers: Markers) -> Observed:
+    where = seen.where.copy()
+    where[:, 1] = markers[where[:, 1]]
+    return replace(seen, where=where)
+
+
+def _together(parts: Sequence[Observed]) -> Observed:
+    """What all groups saw in a frame."""
+    nis = np.array([seen.nis for seen in parts])
+    return Observed(
+        np.concatenate([seen.where for seen in parts]),
+        np.concatenate([seen.innovation for seen in parts]),
+        np.concatenate([seen.weight for seen in parts]),
+        float(np.nansum(nis)) if np.isfinite(nis).any() else np.nan,
+        sum(seen.n_rows for seen in parts),
+        float(sum(seen.log_likelihood for seen in parts)),
+    )
+
+
+class _Together:
+    """Velocities and joint covariances of all groups: means of markers add up over independent groups."""
+
+    def __init__(self, asked: Asked, count: int, n_frames: int) -> None:
+        points = count + len(asked.weights)
+        self.asked, self.count = asked, count
+        self._velocity = np.zeros((n_frames, points, 3))
+        self._own = np.zeros((n_frames, points, 6, 6), dtype=np.float32)
+        self._cross = np.zeros((n_frames, len(asked.pairs), 6, 6), dtype=np.float32)
+        self._kept = np.zeros((n_frames, points, 3))
+
+    def _points(self, markers: Markers) -> list[int]:
+        return [*markers.tolist(), *range(self.count, self.count + len(self.asked.weights))]
+
+    def _inside(self, markers: Markers) -> list[int]:
+        here = set(self._points(markers))
+        return [i for i, (a, b) in enumerate(self.asked.pairs) if a in here and b in here]
+
+    def local(self, markers: Markers) -> Asked:
+        """What is asked of a group; of a mean its own markers' share."""
+        points = self._points(markers)
+        place = {point: i for i, point in enumerate(points)}
+        pairs = [self.asked.pairs[i] for i in self._inside(markers)]
+        return Asked(
+            names=tuple(self.asked.names[point] for point in points),
+            weights=tuple(tuple(row[m] for m in markers.tolist()) for row in self.asked.weights),
+            pairs=tuple((place[a], place[b]) for a, b in pairs),
+        )
+
+    def add(self, markers: Markers, found: Rates) -> None:
+        """A group's."""
+        points = self._points(markers)
+        self._velocity[:, points] += found.velocity_m_s
+        self._own[:, points] += found.own
+        self._kept[:, points] += found.kept * np.einsum("tnii->tni", found.own)[..., 3:]
+        self._cross[:, self._inside(markers)] += found.cross
+
+    def rates(self) -> Rates:
+        """Of all."""
+        spread = np.einsum("tnii->tni", self._own)[..., 3:]
+        kept = np.clip(self._kept / np.maximum(spread, 1e-30), 0.0, 2.0)
+        return Rates(asked=self.asked, velocity_m_s=self._velocity, own=self._own, cross=self._cross, kept=kept)

@@ -1,0 +1,1 @@
+"""Many trials in one go: find them, track each on Dask, and say how each went."""

@@ -1,0 +1,163 @@
+"""Trials on Dask: it queues them, hands them to processes, replaces those that die, and tries a trial once more.
+
+Nothing here does: a graph of tasks without dependencies is given to the scheduler, and futures are taken as they come.
+"""
+
+import logging
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing import current_process
+from pathlib import Path
+from typing import Any
+
+from dask import config
+from dask._task_spec import Task
+from dask.utils import parse_bytes
+from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
+
+from mocap.batches.known import Options, Record
+from mocap.batches.one import stated_of
+from mocap.batches.trial import Trial
+from mocap.batches.worker import TOPIC, track_here
+from mocap.errors import MocapError
+
+CONFIG = {
+    "distributed.scheduler.allowed-failures": 1,  # a trial whose worker dies is tried once more
+    "distributed.scheduler.worker-saturation": 1.0,  # one trial a worker: a death accuses no other
+    "distributed.worker.daemon": False,  # readers of damaged files start processes
+    "distributed.worker.memory.target": False,  # nothing is kept that could be spilled
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,  # a pause would have no end: the memory is the trial's own
+    "distributed.worker.memory.terminate": 0.95,
+    "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.worker.profile.enabled": False,  # nobody looks at Dask's own page: what it samples costs time
+    "distributed.admin.system-monitor.interval": "10s",
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.nanny.pre-spawn-environ.OMP_NUM_THREADS": 1,
+    "distributed.nanny.pre-spawn-environ.MKL_NUM_THREADS": 1,
+    "distributed.nanny.pre-spawn-environ.OPENBLAS_NUM_THREADS": 1,
+    "distributed.comm.timeouts.connect": "60s",
+}
+LEAST_MEMORY = 500_000_000
+"""Bytes; a process that has read no trial yet holds half of it."""
+CONNECT_S = 10.0
+"""So long a scheduler may take to answer."""
+GUARD = (
+    "the processes of the workers could not be started: in a script, call mocap.batch below "
+    '`if __name__ == "__main__":`, as every process reads the script first'
+)
+
+
+@contextmanager
+def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> Iterator[Client]:
+    """A Dask client: of a cluster of processes on this machine, or of one that stands.
+
+    Args:
+        jobs: Number of processes.
+        memory: Limit of each, as ``2GB``; None: an equal part of the machine's.
+        scheduler: Address of a scheduler that runs; the others are then its own affair.
+
+    Raises:
+        MocapError: the processes do not start, their memory is too small, or no scheduler answers.
+    """
+    _check(memory)
+    if getattr(current_process(), "_inheriting", False):
+        raise MocapError(GUARD)
+    with config.set(CONFIG):
+        if scheduler is not None:
+            try:
+                found = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
+            except (OSError, ValueError) as error:
+                raise MocapError(
+                    f"`scheduler` {scheduler}: no Dask scheduler answers ({error}): start one (dask scheduler), and "
+                    "give its address as tcp://HOST:8786"
+                ) from None
+            with found:
+                yield found
+            return
+        try:
+            cluster = LocalCluster(
+                n_workers=jobs,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit="auto" if memory is None else memory,
+                preload="mocap.batches.worker",
+                dashboard_address="127.0.0.1:0",  # any free port: several batches may run
+                silence_logs=logging.CRITICAL,
+            )
+        except RuntimeError as error:
+            raise MocapError(f"{GUARD} ({error})") from None
+        with cluster, Client(cluster, set_as_default=False) as found:
+            yield found
+
+
+def _check(memory: str | float | None) -> None:
+    """Refuse a limit at which every process would be ended before it reads a trial, and started again for ever."""
+    try:
+        enough = memory is None or parse_bytes(memory) >= LEAST_MEMORY
+    except ValueError as error:
+        raise MocapError(f"`memory` {memory}: {error}: give it as 2GB") from None
+    if not enough:
+        raise MocapError(f"`memory` {memory}: a process needs 500 MB before it reads a trial: give more, as 2GB")
+
+
+def tracked(
+    connected: Client,
+    trials: Sequence[Trial],
+    options: Options,
+    out: Path,
+    *,
+    again: bool = False,
+    hear: Callable[[str, str, str], None],
+) -> Iterator[tuple[Record, float | None]]:
+    """How each trial went, as they end, and the seconds that it took (None: not known).
+
+    Args:
+        connected: To the cluster that tracks them.
+        trials: Which.
+        options: How.
+        out: The folder of results, which every worker can write.
+        again: Whether those are tracked again that have been.
+        hear: Told the address of a worker, the trial that it is at, and what it does.
+    """
+
+    def heard(event: tuple[float, Any]) -> None:
+        hear(event[1]["worker"], event[1]["trial"], event[1]["stage"])
+
+    connected.subscribe_topic(TOPIC, heard)
+    keys = {f"track-{i}": trial for i, trial in enumerate(trials)}
+    # marked as producers of data, tasks wait at the scheduler and not at a worker whose death they would be accused of
+    graph = {key: Task(key, track_here, trial, options, out, again, _data_producer=True) for key, trial in keys.items()}
+    futures = connected.get(graph, list(graph), sync=False, retries=1)
+    for future in as_completed(futures, loop=connected.loop):
+        trial = keys[future.key]
+        if future.status == "finished":
+            yield future.result()
+        else:
+            yield Record(trial=trial.name, status="failed", error=_why(future), row=stated_of(trial)), None
+        future.release()
+    connected.unsubscribe_topic(TOPIC)
+
+
+def on_worker(connected: Client, work: Callable[..., Any], *arguments: Any) -> Any:
+    """The result of one call on a worker."""
+    return connected.submit(work, *arguments, pure=False).result()
+
+
+def _why(future: Future) -> str:
+    """In one line why a trial has no result."""
+    error = future.exception()
+    if isinstance(error, KilledWorker):
+        return (
+            "the process that tracked it died twice, as where its memory is used up: give fewer `jobs` or more "
+            "`memory`, or take a shorter part of the recording"
+        )
+    text = " ".join(str(error).split())
+    if isinstance(error, MocapError):
+        return text
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    place = traceback.extract_tb(future.traceback())  # type: ignore[arg-type]
+    where = f" at {Path(place[-1].filename).name}:{place[-1].lineno}" if place else ""
+    return f"{type(error).__name__}{where}: {text[:300]}: this is an error in mocap, not in your data: please report it"

@@ -1,0 +1,335 @@
+"""The trials in a folder, and the calibration, profile and skeleton of each: by folder and by name."""
+
+import glob
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from mocap.batches.manifest import check_name, is_manifest, read_manifest
+from mocap.batches.roles import CALIBRATIONS, TRACKS, are_pixels, base, camera_names, role
+from mocap.batches.trial import Trial
+from mocap.errors import MocapError, OutputError
+from mocap.io.format import Hints
+from mocap.io.manifest import read_manifest as read_listing
+
+WRITTEN = ("track", "batch")
+"""Results of mocap in whose folders no trials are looked for."""
+MOST_NAMED = 4
+"""Files that a message names."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Folder:
+    """The files of a folder by what they are; the kinds that belong to trials with their formats."""
+
+    tracks: Mapping[Path, str] = field(default_factory=dict)
+    views: tuple[Path, ...] = ()
+    calibration: Mapping[Path, str] = field(default_factory=dict)
+    profile: tuple[Path, ...] = ()
+    skeleton: tuple[Path, ...] = ()
+    unknown: Mapping[Path, str] = field(default_factory=dict)
+
+
+def find_trials(
+    sources: Sequence[str | Path], *, stated: Mapping[str, Any] | None = None, out: Path | None = None
+) -> list[Trial]:
+    """The trials of folders, patterns and manifests.
+
+    In a folder and those below it every file is known by its content. Files of one folder whose names differ only in
+    what they hold (``bat_xypts.csv``, ``bat_xyzpts.csv``, ``bat_dvProject.mat``) are one trial, of which the rawest
+    is tracked; pixel files of one camera each are one trial where there are as many as cameras, else they are put
+    together by what remains of their names without the camera's. A calibration, a camera profile and a skeleton are
+    those of the same name, else the only one in the folder, or in a folder there that is called calibration, else
+    the same in the folders above, up to the one that was named. Where several would do, the trial is skipped and
+    says so.
+
+    Args:
+        sources: Folders, files, patterns (``**`` is any depth), and manifests (``mocap.batches.manifest``).
+        stated: Arguments of ``mocap.read`` for every trial; what a manifest states of one goes before.
+        out: The folder of results, in which no trials are looked for.
+
+    Returns:
+        The trials in the order of their names; those that cannot be tracked say why in ``skip``.
+
+    Raises:
+        MocapError: nothing was found; the message says what was looked for, and where.
+    """
+    nothing = (None, [], Hints())
+    stated = {key: value for key, value in (stated or {}).items() if value not in nothing}
+    hints = stated.get("hints") or Hints()
+    found: list[Trial] = []
+    for source in sources:
+        path = Path(source)
+        if is_manifest(path):
+            found += [replace(trial, stated={**stated, **trial.stated}) for trial in read_manifest(path)]
+        elif path.is_dir():
+            here = _in_folder(path, stated, hints, out)
+            before = f"{path.resolve().name}/" if len(sources) > 1 else ""
+            found += [replace(trial, name=f"{before}{trial.name}") for trial in here]
+        elif path.exists():
+            found += _of_files(path.parent, [path], stated, hints)
+        else:
+            found += _of_pattern(str(source), stated, hints, out)
+    if not found:
+        where = ", ".join(map(str, sources)) or "nothing"
+        raise MocapError(
+            f"{where}: no trial was found: looked in all folders below for pixel tracks (DLTdv, Argus, XMALab, "
+            "DeepLabCut, SLEAP, ...) and positions (C3D, TRC, QTM, Vicon, Anipose, ...) that mocap info knows; give "
+            "the folder that holds them, or a manifest with the columns trial,path"
+        )
+    return _named_apart(found)
+
+
+def _of_pattern(source: str, stated: Mapping[str, Any], hints: Hints, out: Path | None) -> list[Trial]:
+    """The trials of a pattern; its folder is the part before the first wildcard."""
+    paths = sorted(map(Path, glob.glob(source, recursive=True)))
+    if not paths:
+        what = "no file or folder fits this pattern" if glob.has_magic(source) else "there is no such file or folder"
+        raise MocapError(f"{source}: {what}: give a folder, a pattern in quotes ('data/**/*.c3d'), or a manifest.csv")
+    fixed = [part for part in Path(source).parts]
+    root = Path(*fixed[: next(i for i, part in enumerate(fixed) if glob.has_magic(part))] or ["."])
+    files = [path for path in paths if path.is_file()]
+    found = _of_files(root, files, stated, hints) if files else []
+    for folder in (path for path in paths if path.is_dir()):
+        found += _in_folder(folder, stated, hints, out, root=root)
+    return found
+
+
+def _in_folder(
+    folder: Path, stated: Mapping[str, Any], hints: Hints, out: Path | None, *, root: Path | None = None
+) -> list[Trial]:
+    files = list(_walk(folder, None if out is None else out.resolve()))
+    return _of_files(root or folder, files, stated, hints)
+
+
+def _walk(folder: Path, out: Path | None) -> Iterator[Path]:
+    """The files below a folder, but for hidden ones and results of ours."""
+    if folder.resolve() == out or _is_result(folder):
+        return
+    below = sorted(folder.iterdir(), key=lambda path: path.name)
+    yield from (path for path in below if path.is_file() and not path.name.startswith("."))
+    for path in below:
+        if path.is_dir() and not path.name.startswith(".") and not path.is_symlink():
+            yield from _walk(path, out)
+
+
+def _is_result(folder: Path) -> bool:
+    try:
+        return any(name in WRITTEN for name in read_listing(folder).results)
+    except OutputError:
+        return False
+
+
+def _of_files(root: Path, files: Sequence[Path], stated: Mapping[str, Any], hints: Hints) -> list[Trial]:
+    """The trials among files below a root."""
+    looked = _Looked(root=root, hints=hints)
+    by_folder: dict[Path, list[Path]] = {}
+    for file in files:
+        by_folder.setdefault(file.parent, []).append(file)
+    found = []
+    for folder, own in sorted(by_folder.items()):
+        there = looked.at(folder)
+        tracks = [path for path in own if path in there.tracks]
+        for name, paths in _by_base(tracks, there.tracks).items():
+            raw = paths[0]
+            found.append(_trial(looked, folder, name, [raw], stated, cameras=are_pixels(raw, there.tracks[raw])))
+        for path in own:
+            if path in there.unknown:
+                named = _trial_name(root, folder, path.stem)
+                found.append(Trial(name=named, paths=(path,), stated=stated, skip=there.unknown[path]))
+    for folder, views in _view_folders(looked, by_folder, stated).items():
+        for name, paths in _views(looked, folder, views, stated).items():
+            found.append(_trial(looked, folder, name, paths, stated, cameras=True))
+    return found
+
+
+def _view_folders(
+    looked: "_Looked", by_folder: Mapping[Path, Sequence[Path]], stated: Mapping[str, Any]
+) -> dict[Path, list[Path]]:
+    """The pixel files of one camera each by folder; those in folders that are called as cameras by the folder above."""
+    found: dict[Path, list[Path]] = {}
+    for folder, own in sorted(by_folder.items()):
+        views = [path for path in looked.at(folder).views if path in own]
+        if views:
+            above = folder.name in _cameras(looked, folder, stated)
+            found.setdefault(folder.parent if above else folder, []).extend(views)
+    return found
+
+
+def _cameras(looked: "_Looked", folder: Path, stated: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of the cameras of the calibration that goes for a folder."""
+    calibration = stated.get("calibration") or looked.beside(folder, folder.name, "calibration")[0]
+    return () if calibration is None else camera_names(Path(calibration))
+
+
+def _by_base(tracks: Sequence[Path], formats: Mapping[Path, str]) -> dict[str, list[Path]]:
+    """The files of each trial by its name, the rawest first."""
+    groups: dict[str, list[Path]] = {}
+    for path in tracks:
+        groups.setdefault(base(path), []).append(path)
+    order = {name: i for i, name in enumerate(TRACKS)}
+    return {
+        name: sorted(paths, key=lambda path: (order.get(formats[path], 0), path.name)) for name, paths in groups.items()
+    }
+
+
+def _views(looked: "_Looked", folder: Path, views: Sequence[Path], stated: Mapping[str, Any]) -> dict[str, list[Path]]:
+    """The pixel files of each trial that has one a camera."""
+    cameras = _cameras(looked, folder, stated)
+    if len(views) in (1, len(cameras)):
+        return {views[0].stem if len(views) == 1 else folder.name: list(views)}
+    groups: dict[str, list[Path]] = {}
+    for path in views:
+        groups.setdefault(_without_camera(path.stem, cameras), []).append(path)
+    if max(map(len, groups.values())) == 1:  # names do not say which belong together
+        return {folder.name: list(views)}
+    return groups
+
+
+def _without_camera(stem: str, cameras: Sequence[str]) -> str:
+    """A name without the camera's: what the views of one trial have in common."""
+    for camera in sorted(cameras, key=len, reverse=True):
+        if re.search(rf"(?<![a-zA-Z0-9]){re.escape(camera)}(?![0-9])", stem, re.IGNORECASE):
+            return re.sub(rf"[-_. ]*(?<![a-zA-Z0-9]){re.escape(camera)}(?![0-9])", "", stem, flags=re.IGNORECASE)
+    return re.sub(r"[-_. ]*cam(era)?[-_ ]?([0-9]+|[a-z](?![a-z]))", "", stem, flags=re.IGNORECASE).strip("-_. ")
+
+
+def _trial(
+    looked: "_Looked", folder: Path, name: str, paths: Sequence[Path], stated: Mapping[str, Any], *, cameras: bool
+) -> Trial:
+    """A trial with what lies beside it; what is stated for all goes before."""
+    own, skip = dict(stated), ""
+    for kind in ("calibration", "profile", "skeleton") if cameras else ("skeleton",):
+        if kind in own:
+            continue
+        if kind == "profile" and "calibration" not in own:
+            continue
+        path, trouble = looked.beside(folder, base(paths[0]), kind)
+        if path is not None:
+            own[kind] = path
+        skip = skip or trouble
+    if cameras and "calibration" not in own and not skip:
+        skip = (
+            "pixels without a calibration: none lies in its folder, in one called calibration, or above, up to "
+            f"{looked.root.resolve().name}: state it in the manifest, or with `calibration`"
+        )
+    return Trial(name=_trial_name(looked.root, folder, name), paths=tuple(paths), stated=own, skip=skip)
+
+
+def _trial_name(root: Path, folder: Path, name: str) -> str:
+    """Folders below the root, and the name; a folder that is called as its trial is not said twice."""
+    try:
+        parts = list(folder.resolve().relative_to(root.resolve()).parts)
+    except ValueError:
+        parts = []
+    if not parts or parts[-1] != name:
+        parts.append(name or folder.name)
+    found = "/".join(part.lstrip(".") or "trial" for part in parts)
+    check_name(found)
+    return found
+
+
+def _named_apart(trials: Sequence[Trial]) -> list[Trial]:
+    """Trials in the order of their names, no two of one name: those of one name get the end of their files' too."""
+    count: dict[str, int] = {}
+    for trial in trials:
+        count[trial.name.casefold()] = count.get(trial.name.casefold(), 0) + 1
+    found: dict[str, Trial] = {}
+    for trial in trials:
+        name = trial.name
+        if count[name.casefold()] > 1:
+            name = f"{name}{trial.paths[0].suffix.lower()}"
+        number, plain = 1, name
+        while name.casefold() in found:
+            number += 1
+            name = f"{plain}-{number}"
+        found[name.casefold()] = replace(trial, name=name)
+    return sorted(found.values(), key=lambda trial: trial.name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Looked:
+    """Folders that were looked into.
+
+    Attributes:
+        root: The highest of them.
+        hints: How files are to be read where they do not say so themselves.
+        seen: What each holds.
+    """
+
+    root: Path
+    hints: Hints
+    seen: dict[Path, _Folder] = field(default_factory=dict)
+
+    def at(self, folder: Path) -> _Folder:
+        """What a folder holds."""
+        if folder not in self.seen:
+            self.seen[folder] = _look(folder, self.hints)
+        return self.seen[folder]
+
+    def beside(self, folder: Path, name: str, kind: str) -> tuple[Path | None, str]:
+        """The calibration, profile or skeleton of a trial, or why none of several was taken."""
+        for level in (folder, *self._above(folder)):
+            places = [level] if level.is_dir() else []
+            places += [path for path in sorted(level.iterdir()) if path.is_dir() and "calib" in path.name.lower()]
+            for place in places:
+                candidates = getattr(self.at(place), kind)
+                if candidates:
+                    return _chosen(list(candidates), dict(candidates) if kind == "calibration" else {}, name, kind)
+        return None, ""
+
+    def _above(self, folder: Path) -> list[Path]:
+        root = self.root.resolve()
+        above = []
+        for path in folder.resolve().parents:
+            if root not in (path, *path.parents):
+                break
+            above.append(path)
+        return above
+
+
+def _look(folder: Path, hints: Hints) -> _Folder:
+    tracks: dict[Path, str] = {}
+    calibration: dict[Path, str] = {}
+    unknown: dict[Path, str] = {}
+    views, profile, skeleton = [], [], []
+    for path in sorted(folder.iterdir()):
+        if not path.is_file() or path.name.startswith("."):
+            continue
+        what, name = role(path, hints)
+        if what == "tracks":
+            tracks[path] = name
+        elif what == "calibration":
+            calibration[path] = name
+        elif what == "unknown":
+            unknown[path] = name
+        elif what == "view":
+            views.append(path)
+        elif what == "profile":
+            profile.append(path)
+        elif what == "skeleton":
+            skeleton.append(path)
+    return _Folder(
+        tracks=tracks,
+        views=tuple(views),
+        calibration=calibration,
+        profile=tuple(profile),
+        skeleton=tuple(skeleton),
+        unknown=unknown,
+    )
+
+
+def _chosen(paths: Sequence[Path], formats: Mapping[Path, str], name: str, kind: str) -> tuple[Path | None, str]:
+    """The one whose name begins the trial's, the longest; else the only one of the format that goes first."""
+    named = [path for path in paths if base(path) and name.casefold().startswith(base(path).casefold())]
+    longest = max((len(base(path)) for path in named), default=0)
+    paths = [path for path in named if len(base(path)) == longest] or list(paths)
+    if formats:
+        first = min(CALIBRATIONS.index(formats[path]) for path in paths)
+        paths = [path for path in paths if CALIBRATIONS.index(formats[path]) == first]
+    if len(paths) == 1:
+        return paths[0], ""
+    some = ", ".join(path.name for path in paths[:MOST_NAMED]) + (", ..." if len(paths) > MOST_NAMED else "")
+    return None, f"{len(paths)} files could be its {kind} ({some}): state which in the manifest"

@@ -1,0 +1,76 @@
+"""The model that a batch learns from all its trials before it tracks them."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from mocap.batches.known import Options, key_of
+from mocap.batches.trial import Trial
+from mocap.cameras.origin import OriginError
+from mocap.errors import MocapError
+from mocap.io.output import result_file
+from mocap.library.learning import Model
+from mocap.pipeline.learning import learn_from
+from mocap.pipeline.prepare import Prepared, prepare
+from mocap.pipeline.recording import Recording
+
+MODEL, OF = "model.npz", "model.json"
+"""The model, and what it was learned from."""
+
+
+def model_key(trials: Sequence[Trial], seed: int) -> str:
+    """SHA-256 of all that a model of these trials depends on; a trial whose files are missing counts by its name."""
+    keys = []
+    for trial in trials:
+        try:
+            keys.append(key_of(trial, Options(seed=seed)))
+        except OSError:
+            keys.append(trial.name)
+    return hashlib.sha256("\n".join(keys).encode()).hexdigest()
+
+
+def is_learned(trials: Sequence[Trial], seed: int, out: Path) -> bool:
+    """Whether the model of these trials, as they are now, has been written."""
+    try:
+        found = json.loads((out / OF).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return (out / MODEL).is_file() and found.get("key") == model_key(trials, seed)
+
+
+def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
+    """Learn a model from all trials that can be read, and write it beside their results.
+
+    ``model.json`` tells which trials it is of, and why others are not among them.
+
+    Raises:
+        MocapError: none can be read, or those that can have nothing in common.
+    """
+    sources: list[Recording | Prepared] = []
+    used, left_out = [], {}
+    for trial in trials:
+        try:
+            recording = trial.recording().without_needless_calibration()
+            try:
+                sources.append(prepare(recording))
+            except OriginError:  # the others may tell which corner pixels are counted from
+                sources.append(recording)
+            used.append(trial.name)
+        except MocapError as error:
+            left_out[trial.name] = " ".join(str(error).split())
+    if not sources:
+        first = next(iter(left_out.items()))
+        raise MocapError(f"no model can be learned: no trial can be read, as {first[0]}: {first[1]}")
+    try:
+        model = Model(learn_from(sources, seed=seed))
+    except MocapError as error:
+        raise MocapError(
+            f"no model can be learned from these {len(sources)} trials together: {error}: make batches of trials that "
+            "are alike, or give `model` auto"
+        ) from None
+    told = {"key": model_key(trials, seed), "learned_from": used, "left_out": left_out, "scores": model.scores}
+    with result_file(out / MODEL, replace=True) as file:
+        model.write(file)
+        text = json.dumps(told, indent=1, sort_keys=True)
+        file.with_name(OF).write_text(text + "\n", encoding="utf-8")

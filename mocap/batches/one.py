@@ -1,0 +1,120 @@
+"""One trial of a batch: tracked as ``mocap track`` does, its result and how it went written into its folder."""
+
+from dataclasses import replace
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from mocap.batches.known import Options, Record, keep, key_of, known, write_record
+from mocap.batches.trial import Trial
+from mocap.errors import MocapError, OutputError
+from mocap.io.describe import gaps
+from mocap.io.output import result_folder
+from mocap.library.learning import Model, load_model
+from mocap.library.tracked import Tell, Tracked, silent, track
+from mocap.pipeline.report import readable
+from mocap.records import Status
+
+
+def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = False, progress: Tell = silent) -> Record:
+    """Track a trial, unless that has been done, and write its folder.
+
+    Args:
+        trial: Which.
+        options: How.
+        out: The folder of results; the trial's is that of its name below.
+        again: Whether it is tracked even if that has been done.
+        progress: Called with the name of a stage and the share of it that is done.
+
+    Returns:
+        How it went; what is wrong with its data is its ``error``, and no exception.
+
+    Raises:
+        OutputError: its folder cannot be written, or is in use.
+        OSError: a file cannot be read.
+    """
+    done = None if again else known(trial, options, out)
+    if done is not None:
+        return done
+    try:
+        key = key_of(trial, options)
+    except FileNotFoundError as error:
+        return _failed(trial, f"{error.filename}: there is no such file", "", out)
+    try:
+        recording = trial.recording()
+        model = options.model if isinstance(options.model, str) else _model(options.model)
+        tracked = track(recording, model=model, validate=options.validate, seed=options.seed, progress=progress)
+    except OutputError:
+        raise
+    except MocapError as error:
+        return _failed(trial, " ".join(str(error).split()), key, out)
+    tracked = _timeless(tracked)
+    record = Record(trial=trial.name, status="done", row=figures(tracked, trial), key=key)
+    with result_folder(out / trial.name, "track", replace=True, inputs=recording.inputs) as stage:
+        tracked.write(stage, progress=progress, pictures=options.pictures)
+        write_record(record, stage)
+    return record
+
+
+def _failed(trial: Trial, error: str, key: str, out: Path) -> Record:
+    record = Record(trial=trial.name, status="failed", error=error, row=stated_of(trial), key=key)
+    keep(record, out / trial.name)
+    return record
+
+
+@lru_cache(maxsize=1)
+def _model(path: Path) -> Model:
+    """A learned model, read once a worker."""
+    return load_model(path)
+
+
+def _timeless(tracked: Tracked) -> Tracked:
+    """The same, without the times that its stages took: a result depends on the trial alone."""
+    report = {name: value for name, value in tracked.report.items() if name != "seconds"}
+    text = readable(report, title=tracked.name)
+    return Tracked(replace(tracked.run, report=report, report_text=text))
+
+
+def stated_of(trial: Trial) -> dict[str, object]:
+    """What the row of a trial holds in any case."""
+    return {"animal": trial.animal, "version": version("eal-mocap")}
+
+
+def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
+    """The row of a trial in ``summary.csv``.
+
+    Samples are those of a marker in a frame. ``gaps`` are runs of frames without a measured position between two with
+    one; ``residual_px`` is the median triangulation residual; ``rmse_mm`` and ``coverage95`` are of samples hidden
+    from the recording and filled again: root mean square error, and the percentage inside 95 % intervals.
+    """
+    report, markers = tracked.report, tracked.run.tracked.markers
+    missing = gaps((markers.status == Status.MEASURED)[None])
+    model = report["model"]["name"]  # type: ignore[index]
+    methods = report["validation"]["methods"]  # type: ignore[index]
+    score = methods.get(model) or methods.get("mixture") or {}
+    alarms = [finding["text"] for finding in report["audit"] if finding["alarm"]]  # type: ignore[attr-defined]
+    return stated_of(trial) | {
+        "frames": int(report["frames"]),  # type: ignore[call-overload]
+        "fps": _rounded(report["fps"]),
+        "markers": len(markers.names),
+        "cameras": len(report["cameras"]),  # type: ignore[arg-type]
+        "measured_percent": _rounded(100 * float(np.mean(markers.status == Status.MEASURED))),
+        "gaps": int(missing["count"]),
+        "longest_gap_frames": int(missing["longest_frames"]),
+        "filled": int(report["filled"]),  # type: ignore[call-overload]
+        "rejected": int((markers.status == Status.REJECTED).sum()),
+        "residual_px": _rounded(report["residual_px"]["50%"]),  # type: ignore[index]
+        "model": str(model),
+        "hidden_samples": int(report["validation"]["hidden_samples"]),  # type: ignore[index]
+        "rmse_mm": _rounded(score.get("rmse_mm")),
+        "coverage95": _rounded(score.get("coverage95")),
+        "warnings": len(alarms),
+        "warning": " | ".join(" ".join(str(text).split()) for text in alarms),
+    }
+
+
+def _rounded(value: object) -> float | None:
+    """Six digits: what a table is read for."""
+    return None if value is None else float(f"{value:.6g}")

@@ -1,0 +1,51 @@
+"""The manifest of a batch before it runs: what was found, to be corrected."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from mocap.batches.find import find_trials
+from mocap.batches.manifest import write_manifest
+from mocap.batches.trial import Trial
+from mocap.errors import MocapError
+from mocap.io.output import result_file
+
+PLAN = "manifest.csv"
+
+
+def write_plan(sources: Sequence[str | Path], out: Path, **stated: Any) -> tuple[Path, list[Trial]]:
+    """Find trials as ``mocap.batch`` does, read each, and write the manifest of them; nothing is tracked.
+
+    Args:
+        sources: As ``mocap.batch`` takes them.
+        out: The file (``.csv``), or a folder, in which it is called ``manifest.csv``.
+        **stated: Arguments of ``mocap.read`` for all trials.
+
+    Returns:
+        The file, and the trials.
+
+    Raises:
+        MocapError: no trial was found, or the file cannot be written.
+    """
+    trials = find_trials(sources, stated=stated, out=out)
+    path = out if out.suffix.lower() == ".csv" else out / PLAN
+    told = [_told(trial) for trial in trials]
+    with result_file(path, replace=True, inputs=[file for trial in trials for file in trial.paths]) as file:
+        write_manifest(file, trials, folder=path.parent, told=told)
+    return path, trials
+
+
+def _told(trial: Trial) -> dict[str, object]:
+    """What its files hold, or why they cannot be read."""
+    if trial.skip:
+        return {"note": "not tracked"}
+    try:
+        found = trial.recording().contents
+    except MocapError as error:
+        return {"note": " ".join(str(error).split())}
+    return {
+        "frames": len(found.frames),
+        "markers": len(found.names),
+        "cameras": len(found.camera_names) if found.pixels is not None else 0,
+        "note": f"{found.format}, {found.fps:g} frames a second" + (f", {found.unit}" if found.unit else ""),
+    }

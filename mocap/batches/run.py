@@ -1,0 +1,374 @@
+"""A batch: find the trials, track what is missing, sum up."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from threading import Lock
+from time import monotonic
+from typing import Any, get_args
+
+import pandas as pd
+
+from eal.needs import needs
+from mocap.batches.find import find_trials
+from mocap.batches.known import Options, Record, keep, known, read_record
+from mocap.batches.learned import MODEL, is_learned, learn_model
+from mocap.batches.one import stated_of
+from mocap.batches.summary import TIMES, counted, read_times, summed, table, write_summary, write_times
+from mocap.batches.trial import Trial
+from mocap.errors import MocapError, OutputError
+from mocap.library.tracked import Tracked, load
+from mocap.pipeline.job import Model as ModelName
+from mocap.text import as_text
+
+PathText = str | PathLike[str]
+LEARN = "learn"
+"""As a model: one is learned from all trials first."""
+REFRESH_S = 60.0
+"""The summary is written again so often while a batch runs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """How far a batch is.
+
+    Attributes:
+        done: Trials that have been finished, in this run or before.
+        failed: Those of them that failed.
+        known: Those of them that had been finished before.
+        total: All trials of this run that are not skipped.
+        left_s: Estimate of the seconds left; None: too early to say.
+        workers: What each worker is doing, by its name.
+        last: The trial that has just ended; None: none has.
+    """
+
+    done: int
+    failed: int
+    known: int
+    total: int
+    left_s: float | None
+    workers: Mapping[str, str]
+    last: Record | None = None
+
+
+def unwatched(_progress: Progress) -> None:
+    """Nobody looks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """What came of a batch.
+
+    Attributes:
+        out: The folder of results: that of each trial is that of its name below.
+        records: How each trial went, in the order of their names; of a shard also those of other shards that are done.
+        own: Names of the trials of this run.
+    """
+
+    out: Path
+    records: tuple[Record, ...]
+    own: tuple[str, ...] = field(default=())
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row a trial, as ``summary.csv`` has them."""
+        return table(self.records)
+
+    def load(self, trial: str) -> Tracked:
+        """The result of a trial.
+
+        Raises:
+            FormatError: it has none.
+        """
+        return load(self.out / trial)
+
+    @property
+    def report_text(self) -> str:
+        """What came of it, in a line or two."""
+        return "; ".join(filter(None, [counted(self.records), summed(self.records)]))
+
+    def __repr__(self) -> str:
+        """One line."""
+        return f"<Batch {counted(self.records)} in {self.out}>"
+
+    def _repr_html_(self) -> str:
+        return self.table.to_html()
+
+
+def batch(
+    sources: PathText | Sequence[PathText],
+    out: PathText,
+    *,
+    jobs: int = 2,
+    model: str | PathLike[str] = "auto",
+    shard: str | None = None,
+    scheduler: str | None = None,
+    memory: str | float | None = None,
+    again: bool = False,
+    pictures: bool = False,
+    validate: bool = True,
+    seed: int = 0,
+    progress: Callable[[Progress], None] = unwatched,
+    **stated: Any,
+) -> Batch:
+    """Track many trials, each as ``mocap.track`` does, and go on after a bad one.
+
+    What has been done of the same files, options and version is not done again; killed at any moment, the same call
+    goes on. In a script, call it below ``if __name__ == "__main__":``.
+
+    Args:
+        sources: Folders, patterns (``data/**/*.c3d``) and manifests (``mocap.batches.find.find_trials``).
+        out: Folder of results: a folder a trial, ``summary.csv``, ``summary.html``, ``times.csv``.
+        jobs: Number of processes on this machine.
+        model: As ``mocap.track`` takes it; ``learn``: one is learned from all trials first, and written as
+            ``model.npz``. A trial is never filled from itself.
+        shard: ``i/n``: only every n-th trial, from the i-th (from 1), as for an array of jobs on a cluster; the summary
+            holds what all shards have finished.
+        scheduler: Address of a Dask scheduler that runs, whose workers see the same files; ``jobs`` and ``memory`` are
+            then its own affair.
+        memory: Limit of each process, as ``2GB``; one that grows beyond is replaced, and its trial tried once more.
+        again: Track all of them, also those that have been.
+        pictures: Write figures, ``report.html`` and ``recording.rrd`` of each trial, too.
+        validate: Hide samples of each trial and measure how they are filled.
+        seed: Which samples.
+        progress: Told how far it is.
+        **stated: Arguments of ``mocap.read`` for all trials: ``fps``, ``unit``, ``calibration``, ``skeleton``, ...
+
+    Raises:
+        MocapError: no trial was found, or the results cannot be written.
+    """
+    needs("mocap batch", "batch", "dask", "distributed")
+    part, parts = shard_of(shard)
+    if jobs < 1:
+        raise MocapError(f"`jobs` is {jobs}: give 1 or more")
+    learn = str(model) == LEARN
+    if learn and parts > 1:
+        raise MocapError("`model` learn needs all trials: learn one first (mocap learn), and give its file to `shard`s")
+    folder = Path(out).absolute()
+    trials = find_trials(_several(sources), stated=stated, out=folder)
+    _refuse_inputs(folder, trials)
+    own = trials[part - 1 :: parts]
+    options = Options(model=folder / MODEL if learn else _model(model), validate=validate, seed=seed, pictures=pictures)
+    state = _State(
+        out=folder,
+        trials=trials,
+        todo=[trial for trial in own if not trial.skip],
+        times=folder / (f"{TIMES}.csv" if parts == 1 else f"{TIMES}_{part}_of_{parts}.csv"),
+        shared=parts > 1,
+        progress=progress,
+    )
+    ready = not learn or is_learned(state.todo, seed, folder)
+    if ready and not again:
+        state.went |= {r.trial: r for trial in state.todo if (r := known(trial, options, folder)) is not None}
+    state.begin()
+    if state.missing:
+        with state.summed_up_when_stopped():
+            _track(state, options, learn=not ready, again=again, jobs=jobs, memory=memory, scheduler=scheduler)
+    return Batch(folder, state.sum_up(), tuple(trial.name for trial in own))
+
+
+def _track(
+    state: "_State",
+    options: Options,
+    *,
+    learn: bool,
+    again: bool,
+    jobs: int,
+    memory: str | float | None,
+    scheduler: str | None,
+) -> None:
+    """Track what is missing on Dask."""
+    from mocap.batches import engine
+
+    missing = state.missing
+    with engine.client(jobs=min(jobs, len(missing)), memory=memory, scheduler=scheduler) as connected:
+        if learn:
+            state.hear("", "model", "learning from all trials")
+            engine.on_worker(connected, learn_model, state.todo, state.out, options.seed)
+            state.doing.clear()
+            state.numbers.clear()
+        for record, seconds in engine.tracked(
+            connected,
+            missing,
+            options,
+            state.out,
+            again=again,
+            hear=state.hear,
+        ):
+            if seconds is None:
+                keep(record, state.out / record.trial)
+            state.ended(record, seconds)
+
+
+@dataclass(kw_only=True)
+class _State:
+    """A batch while it runs.
+
+    Attributes:
+        out: The folder of results.
+        trials: All of them, also of other shards.
+        todo: Those of this run.
+        times: The file of this run's times.
+        shared: Whether other shards write the same summary.
+        progress: Whom to tell.
+        went: How trials went that have been finished.
+        taken: Seconds that trials took in this run.
+        doing: The trial that each worker is at, and the stage of it, by the worker's address.
+        numbers: What each worker is called, by its address.
+        before: How many had been finished when it began.
+        begun_s: When that was.
+        refreshed_s: When the summary was written last.
+        turn: Workers are heard in a thread of its own; one at a time tells.
+    """
+
+    out: Path
+    trials: Sequence[Trial]
+    todo: Sequence[Trial]
+    times: Path
+    shared: bool
+    progress: Callable[[Progress], None]
+    went: dict[str, Record] = field(default_factory=dict)
+    taken: dict[str, float] = field(default_factory=dict)
+    doing: dict[str, tuple[str, str]] = field(default_factory=dict)
+    numbers: dict[str, int] = field(default_factory=dict)
+    before: int = 0
+    begun_s: float = 0.0
+    refreshed_s: float = 0.0
+    turn: Lock = field(default_factory=Lock)
+
+    @property
+    def missing(self) -> list[Trial]:
+        """Trials of this run that have not been finished."""
+        return [trial for trial in self.todo if trial.name not in self.went]
+
+    def begin(self) -> None:
+        """Start the clock; a summary that cannot be written is told before hours are spent."""
+        self.before, self.begun_s = len(self.went), monotonic()
+        if not self.shared:
+            self.sum_up()
+        self._tell()
+
+    def hear(self, worker: str, trial: str, stage: str) -> None:
+        """A worker says what it does."""
+        with self.turn:
+            self.numbers.setdefault(worker, len(self.numbers) + 1)
+            self.doing[worker] = trial, stage
+            self._tell()
+
+    def ended(self, record: Record, seconds: float | None) -> None:
+        """A trial has ended."""
+        with self.turn:
+            self.went[record.trial] = record
+            self.doing = {worker: does for worker, does in self.doing.items() if does[0] != record.trial}
+            self._tell(record)
+        if seconds is not None:
+            self.taken[record.trial] = seconds
+        if not self.shared and monotonic() - self.refreshed_s > REFRESH_S:
+            self.sum_up()
+
+    def _tell(self, last: Record | None = None) -> None:
+        """Say how far it is."""
+        ended = len(self.went) - self.before
+        left = (monotonic() - self.begun_s) / ended * len(self.missing) if ended else None
+        self.progress(
+            Progress(
+                done=len(self.went),
+                failed=sum(record.status == "failed" for record in self.went.values()),
+                known=self.before,
+                total=len(self.todo),
+                left_s=left,
+                workers={f"worker {self.numbers[w]}": f"{t}: {stage}" for w, (t, stage) in self.doing.items()},
+                last=last,
+            )
+        )
+
+    def sum_up(self) -> tuple[Record, ...]:
+        """Write times and summary, with what other shards have finished; how each trial went."""
+        if self.taken:
+            write_times({**({} if self.shared else read_times(self.out)), **self.taken}, self.times)
+        found = self._gathered()
+        write_summary(found, self.out)
+        while self.shared and (now := self._gathered()) != found:  # another shard ended meanwhile
+            found = now
+            write_summary(found, self.out)
+        self.refreshed_s = monotonic()
+        return found
+
+    def _gathered(self) -> tuple[Record, ...]:
+        """How trials went: as this run knows, else as their folders say."""
+        found = []
+        own = {trial.name for trial in self.todo}
+        for trial in self.trials:
+            record = self.went.get(trial.name)
+            if trial.skip:
+                record = Record(trial=trial.name, status="skipped", error=trial.skip, row=stated_of(trial))
+            elif trial.name not in own:
+                record = read_record(self.out / trial.name)
+            if record is not None:
+                found.append(record)
+        return tuple(found)
+
+    @contextmanager
+    def summed_up_when_stopped(self) -> Iterator[None]:
+        """Ctrl-C leaves a summary of what has been finished, and says so."""
+        try:
+            yield
+        except KeyboardInterrupt as stop:
+            self.sum_up()
+            stop.kept = (  # type: ignore[attr-defined]
+                f"{len(self.went)} of {len(self.todo)} trials are finished in {self.out}: the same command goes on"
+            )
+            raise
+
+
+def shard_of(text: str | None) -> tuple[int, int]:
+    """``i/n`` as numbers; None is 1/1.
+
+    Raises:
+        MocapError: it is not of that form, or i is not between 1 and n.
+    """
+    if text is None:
+        return 1, 1
+    part, slash, parts = text.partition("/")
+    if not (slash and part.strip().isdecimal() and parts.strip().isdecimal() and 1 <= int(part) <= int(parts)):
+        raise MocapError(
+            f"`shard` {text}: expected i/n with i from 1 to n, as 3/100 (of an array of jobs: #SBATCH --array=1-100)"
+        )
+    return int(part), int(parts)
+
+
+def _several(sources: PathText | Sequence[PathText]) -> list[str | Path]:
+    if isinstance(sources, str | PathLike):
+        sources = [sources]
+    return [source if isinstance(source, str) else Path(source) for source in sources]
+
+
+def _model(model: str | PathLike[str]) -> str | Path:
+    """The name of a model, or the file of a learned one.
+
+    Raises:
+        MocapError: it is neither.
+    """
+    if model in get_args(ModelName):
+        return str(model)
+    path = Path(model)
+    if not path.is_file():
+        raise MocapError(
+            f"`model` {as_text(str(model))}: give {', '.join(get_args(ModelName))}, {LEARN}, or a file that "
+            "mocap learn wrote"
+        )
+    return path.absolute()
+
+
+def _refuse_inputs(out: Path, trials: Sequence[Trial]) -> None:
+    """Refuse to write where trials are read from: an input is never touched.
+
+    Raises:
+        OutputError: a trial lies in the folder that its result would be written to.
+    """
+    for trial in trials:
+        for path in trial.paths:
+            if path.absolute().parent == out / trial.name:
+                raise OutputError(f"{path} lies where its result would be written: choose another place")

@@ -1,0 +1,165 @@
+"""What came of a batch: ``summary.csv`` with a row a trial, ``times.csv``, and a page that needs no other file."""
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from mocap.batches.known import Record
+from mocap.io.cells import as_cell
+from mocap.io.output import result_file
+
+SUMMARY, PAGE, TIMES = "summary.csv", "summary.html", "times"
+FIGURES = (
+    "animal",
+    "frames",
+    "fps",
+    "markers",
+    "cameras",
+    "measured_percent",
+    "gaps",
+    "longest_gap_frames",
+    "filled",
+    "rejected",
+    "residual_px",
+    "model",
+    "hidden_samples",
+    "rmse_mm",
+    "coverage95",
+    "warnings",
+    "warning",
+    "version",
+)
+COLUMNS = ("trial", "status", "error", *FIGURES)
+SHOWN = {
+    "trial": "trial",
+    "status": "status",
+    "animal": "animal",
+    "frames": "frames",
+    "markers": "markers",
+    "gaps": "gaps",
+    "longest_gap_frames": "longest gap (frames)",
+    "filled": "filled samples",
+    "residual_px": "residual (px)",
+    "rmse_mm": "error on hidden samples (mm)",
+    "coverage95": "inside 95 % intervals (%)",
+    "warnings": "warnings",
+    "seconds": "time (s)",
+    "error": "error",
+}
+"""Columns of the page, and their titles."""
+
+
+def table(records: Sequence[Record]) -> pd.DataFrame:
+    """The records as a table, a row a trial, with the columns of ``summary.csv``."""
+    rows = [{"trial": r.trial, "status": r.status, "error": r.error, **r.row} for r in records]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def write_summary(records: Sequence[Record], out: Path) -> None:
+    """Write ``summary.csv`` and ``summary.html``, in place of our earlier ones; whole or not at all.
+
+    The table depends on the records alone; the page also shows the times that are in ``times*.csv``.
+
+    Raises:
+        OutputError: they cannot be written there, or somebody has changed them.
+    """
+    with result_file(out / SUMMARY, replace=True) as file:
+        with file.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            for record in records:
+                row = {"trial": record.trial, "status": record.status, "error": record.error, **record.row}
+                writer.writerow([_cell(row.get(column)) for column in COLUMNS])
+        file.with_name(PAGE).write_text(page(records, read_times(out)), encoding="utf-8")
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return as_cell(value.replace(";", ",")) if isinstance(value, str) else str(value)
+
+
+def read_times(out: Path) -> dict[str, float]:
+    """Seconds that each trial took, as far as they are known."""
+    found: dict[str, float] = {}
+    for path in sorted(out.glob(f"{TIMES}*.csv")):
+        with path.open(encoding="utf-8", newline="") as stream:
+            found |= {row["trial"]: float(row["seconds"]) for row in csv.DictReader(stream)}
+    return found
+
+
+def write_times(seconds: Mapping[str, float], path: Path) -> None:
+    """Write what each trial took: the file of this run or shard, ``times.csv`` or ``times_3_of_100.csv``."""
+    with result_file(path, replace=True) as file, file.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["trial", "seconds"])
+        writer.writerows([as_cell(trial), f"{value:.3f}"] for trial, value in sorted(seconds.items()))
+
+
+def page(records: Sequence[Record], seconds: Mapping[str, float]) -> str:
+    """The page: what came of it in a line, then a row a trial, sorted by a click on a title."""
+    titles = "".join(f"<th>{escape(title)}</th>" for title in SHOWN.values())
+    rows = "\n".join(_row(record, seconds) for record in records)
+    template = files("mocap.batches").joinpath("page.html").read_text(encoding="utf-8")
+    filled = {"COUNTS": escape(counted(records)), "SUMMED": escape(summed(records)), "TITLES": titles, "ROWS": rows}
+    for name, text in filled.items():
+        template = template.replace(f"<!--{name}-->", text)
+    return template
+
+
+def counted(records: Sequence[Record]) -> str:
+    """``100 trials: 90 done, 8 failed, 2 skipped``."""
+    count = {status: sum(r.status == status for r in records) for status in ("done", "failed", "skipped")}
+    told = ", ".join(f"{number} {status}" for status, number in count.items() if number)
+    return f"{len(records)} trial{'' if len(records) == 1 else 's'}: {told or 'none finished yet'}"
+
+
+def summed(records: Sequence[Record]) -> str:
+    """Medians over the trials that were tracked, and coverage of all hidden samples together."""
+    rows = [r.row for r in records if r.status == "done"]
+    found = []
+    for name, text in (("residual_px", "residual {:.2f} px"), ("rmse_mm", "error on hidden samples {:.2f} mm")):
+        values = [float(str(row[name])) for row in rows if row.get(name) is not None]
+        if values:
+            found.append(f"median {text.format(np.median(values))}")
+    hidden = np.array([float(str(r["hidden_samples"])) for r in rows if r.get("coverage95") is not None])
+    inside = np.array([float(str(r["coverage95"])) for r in rows if r.get("coverage95") is not None])
+    if hidden.sum():
+        share = (hidden * inside).sum() / hidden.sum()
+        found.append(f"{share:.1f} % of {hidden.sum():.0f} hidden samples inside 95 % intervals")
+    return "; ".join(found)
+
+
+def _row(record: Record, seconds: Mapping[str, float]) -> str:
+    values: dict[str, object] = {**record.row, "status": record.status, "error": record.error}
+    values["seconds"] = None if (time := seconds.get(record.trial)) is None else f"{time:.1f}"
+    cells = [f"<td>{_link(record)}</td>"]
+    for name in list(SHOWN)[1:]:
+        value = values.get(name)
+        text = "" if value is None else escape(f"{value:.4g}" if isinstance(value, float) else str(value))
+        hint = f' title="{escape(str(values.get("warning", "")))}"' if name == "warnings" and value else ""
+        kind = "" if name in ("status", "error", "animal") else ' class="n"'
+        cells.append(f"<td{kind}{hint}>{text}</td>")
+    return f'<tr class="{record.status}">{"".join(cells)}</tr>'
+
+
+def _link(record: Record) -> str:
+    """The name of a trial, with a link to its folder where there is a result."""
+    name = escape(record.trial)
+    if record.status != "done":
+        return name
+    from urllib.parse import quote
+
+    return f'<a href="{escape(quote(record.trial))}/">{name}</a>'
+
+
+def as_json(records: Sequence[Record]) -> str:
+    """The records for programs."""
+    rows = [{"trial": r.trial, "status": r.status, "error": r.error, **r.row} for r in records]
+    return json.dumps(rows)

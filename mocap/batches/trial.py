@@ -1,0 +1,59 @@
+"""A trial of a batch: its files, and what is stated about them."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mocap.library.recording import read
+from mocap.pipeline.recording import Recording
+
+STATED = {
+    "fps": float,
+    "unit": str,
+    "calibration": Path,
+    "skeleton": Path,
+    "profile": Path,
+    "origin": str,
+    "calibration_origin": str,
+    "image_height_px": float,
+    "pixel_sd": float,
+    "crop": Path,
+}
+"""What a manifest can state of a trial: arguments of ``mocap.read``, and the type of each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One recording of a batch.
+
+    Attributes:
+        name: Unique in the batch; its result is written to the folder of this name below the results.
+        paths: The file of its tracks; several: the pixel files of its views, a camera each.
+        stated: Arguments of ``mocap.read`` (``STATED``, and ``hints``) that are given for it.
+        animal: Whose trial it is; empty: not stated.
+        skip: Why it is not tracked; empty: it is.
+    """
+
+    name: str
+    paths: tuple[Path, ...]
+    stated: Mapping[str, Any] = field(default_factory=dict)
+    animal: str = ""
+    skip: str = ""
+
+    def recording(self) -> Recording:
+        """Its files, read as ``mocap track`` reads them.
+
+        Raises:
+            MocapError: they cannot be read.
+        """
+        return read(list(self.paths), **self.stated)
+
+
+def relative(path: Path, folder: Path) -> str:
+    """A path as a manifest in ``folder`` names it: with slashes, relative where there is a way."""
+    try:
+        return Path(os.path.relpath(path.absolute(), folder.absolute())).as_posix()
+    except ValueError:  # another drive
+        return path.absolute().as_posix()

@@ -1,0 +1,47 @@
+"""What a worker does with a trial; Dask loads this module when a worker starts."""
+
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+from distributed import get_worker
+
+from mocap.batches.known import Options, Record
+from mocap.batches.one import track_trial
+from mocap.batches.trial import Trial
+
+TOPIC = "mocap-batch"
+"""Under which workers say what they do."""
+
+
+def dask_setup(_worker: object) -> None:
+    """Leave Ctrl-C to the process that started the batch: it ends its workers."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def track_here(trial: Trial, options: Options, out: Path, again: bool) -> tuple[Record, float]:
+    """How a trial went, and the seconds that it took; each stage is told under ``TOPIC``."""
+    worker = get_worker()
+
+    def tell(stage: str) -> None:
+        worker.log_event(TOPIC, {"worker": worker.address, "trial": trial.name, "stage": stage})
+
+    begun = perf_counter()
+    record = track_trial(trial, options, out, again=again, progress=_changes(tell))
+    return record, perf_counter() - begun
+
+
+def _changes(tell: Callable[[str], None]) -> Callable[[str, float], None]:
+    """Tells each stage once."""
+    last = ""
+
+    def told(stage: str, _share: float) -> None:
+        nonlocal last
+        if stage != last:
+            last = stage
+            tell(stage)
+
+    return told

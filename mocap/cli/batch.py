@@ -1,0 +1,141 @@
+"""``mocap batch``."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Group
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.text import Text
+
+from mocap.cli.console import errors, program, say, show_text, typed, visible
+from mocap.cli.options import AsJson, RecordingOptions
+from mocap.cli.records import with_records
+
+if TYPE_CHECKING:
+    from mocap.batches.run import Progress
+
+EVERY_S = 10.0
+"""Where there is no terminal, a line is said so often."""
+
+
+@with_records
+def batch(
+    sources: Annotated[
+        list[str],
+        typer.Argument(help="Folders with trials, patterns in quotes ('data/**/*.c3d'), or a manifest (.csv)."),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of results: a folder a trial, summary.csv, summary.html.")],
+    stated: RecordingOptions,
+    jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time, each by a process.")] = 2,
+    model: Annotated[
+        str,
+        typer.Option(
+            help="A file that mocap learn wrote; learn: one is learned from all trials first; or mixture, eal, "
+            "constant_velocity, auto: the one that fills hidden samples of a trial best."
+        ),
+    ] = "auto",
+    shard: Annotated[
+        str | None, typer.Option(help="i/n: every n-th trial, from the i-th (from 1), as for an array of SLURM jobs.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler that runs, as tcp://HOST:8786.")
+    ] = None,
+    memory: Annotated[
+        str | None, typer.Option(help="Memory limit of a process, as 2GB; if not given, its part of the machine's.")
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Only write the manifest of the trials found, to be corrected.")
+    ] = False,
+    pictures: Annotated[
+        bool, typer.Option("--pictures", help="Write figures, report.html and recording.rrd of each trial, too.")
+    ] = False,
+    validate: Annotated[bool, typer.Option(help="Hide samples of each trial and measure how they are filled.")] = True,
+    again: Annotated[bool, typer.Option("--again", help="Track all trials, also those that have been.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Track many trials, each as mocap track does; what has been done is not done again.
+
+    Options about cameras and recordings hold for all trials; a manifest states them for each (docs/howto/batch.md).
+    """
+    import mocap
+    from mocap.batches.plan import write_plan
+    from mocap.batches.summary import as_json as records_as_json
+
+    if dry_run:
+        path, trials = write_plan(sources, out, **stated.stated())
+        skipped = sum(bool(trial.skip) for trial in trials)
+        say(
+            f"Wrote {path}: {len(trials)} trials" + (f", {skipped} of them skipped (column skip)" if skipped else ""),
+            f"Correct it in a spreadsheet, then: {typed(program(), 'batch', path)} --out RESULTS",
+        )
+        return
+    with _watching() as tell:
+        found = mocap.batch(
+            sources,
+            out,
+            jobs=jobs,
+            model=model,
+            shard=shard,
+            scheduler=scheduler,
+            memory=memory,
+            again=again,
+            pictures=pictures,
+            validate=validate,
+            progress=tell,
+            **stated.stated(),
+        )
+    if as_json:
+        print(records_as_json(found.records))  # noqa: T201
+        return
+    show_text(found.report_text)
+    say(f"Wrote {out}/: a folder a trial, summary.csv, summary.html (open it in a browser), times.csv")
+
+
+@contextmanager
+def _watching() -> Iterator[Callable[["Progress"], None]]:
+    """Trials done, time left, what each worker does: live on a terminal, else a line now and then."""
+    if not errors.is_terminal:
+        yield _Lines()
+        return
+    with Live(console=errors, refresh_per_second=4, transient=True) as live:
+
+        def tell(progress: "Progress") -> None:
+            _say_failure(progress)
+            workers = [Text(visible(f"  {name}  {doing}")) for name, doing in sorted(progress.workers.items())]
+            bar = ProgressBar(total=max(progress.total, 1), completed=progress.done, width=40)
+            live.update(Group(Text(_line(progress)), bar, *workers))
+
+        yield tell
+
+
+class _Lines:
+    """A line every so often, as for a log."""
+
+    def __init__(self) -> None:
+        self.said = monotonic()
+
+    def __call__(self, progress: "Progress") -> None:
+        _say_failure(progress)
+        if monotonic() - self.said >= EVERY_S:
+            self.said = monotonic()
+            say(_line(progress))
+
+
+def _say_failure(progress: "Progress") -> None:
+    if progress.last is not None and progress.last.status == "failed":
+        say(f"failed: {progress.last.trial}: {progress.last.error}")
+
+
+def _line(progress: "Progress") -> str:
+    """``12 of 100 trials done (3 before this run, 1 failed), about 0:03:20 left``."""
+    told = [f"{progress.known} before this run"] if progress.known else []
+    told += [f"{progress.failed} failed"] if progress.failed else []
+    left = "" if progress.left_s is None else f", about {timedelta(seconds=round(progress.left_s))} left"
+    more = f" ({', '.join(told)})" if told else ""
+    return f"{progress.done} of {progress.total} trials done{more}{left}"

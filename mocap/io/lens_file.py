@@ -1,0 +1,86 @@
+"""``lenses.toml``: lenses of cameras without their places, with the covariance of what was fitted.
+
+It is a calibration of Anipose (so that other programs read its lenses) in which every camera stands at the origin, and
+each section has two more keys: ``free``, places among fx, fy, cx, cy and the distortions, and ``covariance``.
+"""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mocap.cameras.camera import decompose, pinhole_camera
+from mocap.cameras.known_lens import KnownLens
+from mocap.cameras.lens import BrownLens
+from mocap.errors import FormatError
+from mocap.io.anipose import read_calibration, write_calibration
+
+NAME = "lenses.toml"
+
+
+def write_lenses(path: Path, lenses: Sequence[KnownLens]) -> None:
+    """Write lenses.
+
+    Raises:
+        FormatError: one has no picture size.
+    """
+    cameras = [
+        pinhole_camera(
+            known.name,
+            intrinsic=known.lens.intrinsic,
+            rotation=np.eye(3),
+            translation_m=np.zeros(3),
+            lens=known.lens,
+            size_px=known.size_px,
+        )
+        for known in lenses
+    ]
+    write_calibration(path, cameras)
+    text = path.read_text(encoding="utf-8")
+    for i, known in enumerate(lenses):
+        more = f"free = {list(known.free)}\ncovariance = {known.cov.tolist()}\n"
+        text = text.replace(f"[cam_{i}]\n", f"[cam_{i}]\n{more}")
+    path.write_text(text, encoding="utf-8", newline="")
+
+
+def read_lenses(path: Path) -> tuple[KnownLens, ...]:
+    """Lenses of ``lenses.toml``, of any ``calibration.toml``, or of a folder that holds one of them.
+
+    Raises:
+        FormatError: there is none, or its covariance does not belong to it.
+    """
+    if path.is_dir():
+        inside = [path / n for n in (NAME, "calibration.toml") if (path / n).is_file()]
+        if not inside:
+            raise FormatError(f"{path}: contains no {NAME} and no calibration.toml: give the lenses' file")
+        path = inside[0]
+    cameras = read_calibration(path)
+    sections = list(_sections(path))
+    out = []
+    for camera, section in zip(cameras, sections, strict=True):
+        lens = camera.lens
+        if lens is None:
+            k = decompose(camera).intrinsic
+            lens = BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2]))
+        try:
+            free = tuple(int(i) for i in section.get("free", ()))
+            cov = np.array(section.get("covariance", np.zeros((0, 0))), dtype=float).reshape(len(free), len(free))
+            good = np.isfinite(cov).all() and all(0 <= i < 4 + lens.n_coefficients for i in free)
+        except (TypeError, ValueError):
+            good = False
+        if not good:
+            raise FormatError(
+                f"{path.name}: camera {camera.name!r}: its covariance is not that of its {lens.model} lens: calibrate "
+                "the lenses again"
+            )
+        out.append(KnownLens(name=camera.name, lens=lens, size_px=camera.size_px, free=free, cov=cov))
+    return tuple(out)
+
+
+def _sections(path: Path) -> list[dict]:
+    """The sections that ``read_calibration`` has read and found good, in its order."""
+    table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    keyed = {int(k[4:]): v for k, v in table.items() if k.startswith("cam_") and k[4:].isdecimal()}
+    keyed = keyed or {int(k): v for k, v in table["cameras"].items() if k.isdecimal()}
+    return [keyed[i] for i in sorted(keyed)]

@@ -1,0 +1,287 @@
+"""Track a long recording in blocks, into a folder; look at any range of its frames."""
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from eal.threads import one_blas_thread
+from filters.records import TrackedMotion
+from mocap.body import body_frames
+from mocap.io.output import result_folder
+from mocap.joints import joint_tracks
+from mocap.kinematics.compute import kinematics
+from mocap.kinematics.cycles import Cycle, cycles, footfalls
+from mocap.kinematics.records import Kinematics
+from mocap.markdown import plain
+from mocap.moving import without_rates
+from mocap.pipeline.blocks import BLOCK, Known, Model, Tally, learn_once, tracked_blocks
+from mocap.pipeline.cut import cut, joined
+from mocap.pipeline.job import JOINT_HZ
+from mocap.pipeline.long import LongRecording
+from mocap.pipeline.potentials import SPACE, joint_potentials
+from mocap.pipeline.run import Run
+from mocap.records import MarkerTracks, Status
+from mocap.results.blocks import BlockWriter, read_markers
+from mocap.results.stored import read_run, write_arrays
+from mocap.skeleton import read_skeleton
+from mocap.stages import Stages
+
+OVERVIEW, DETAIL = 4000, 1500
+"""Frames of the overview that the viewer shows and potentials are learned from, and of the stretch in the figures."""
+Tell = Callable[[str, float], None]
+
+
+def track_in_blocks(
+    recording: LongRecording,
+    folder: str | PathLike[str],
+    *,
+    model: Model = "auto",
+    learned=None,
+    size: int = BLOCK,
+    seed: int = 0,
+    overwrite: bool = False,
+    progress: Tell = lambda _stage, _share: None,
+) -> dict[str, object]:
+    """Track a recording block by block and write its result into a folder; see ``write_in_blocks``.
+
+    Args:
+        recording: The recording (``mocap.pipeline.long``).
+        folder: Where to; other files in it are left as they are.
+        model: ``auto``, ``mixture`` or ``constant_velocity``.
+        learned: A model of other trials to track with, in place of these; None: none.
+        size: Frames of a block.
+        seed: Where gaps are hidden to learn from.
+        overwrite: Whether an earlier result in it may be replaced.
+        progress: Called with the name of the stage and the share of it that is done.
+
+    Returns:
+        The report.
+    """
+    with result_folder(Path(folder), "track", replace=overwrite) as stage:
+        return write_in_blocks(recording, stage, model=model, learned=learned, size=size, seed=seed, progress=progress)
+
+
+def write_in_blocks(
+    recording: LongRecording,
+    folder: Path,
+    *,
+    model: Model = "auto",
+    learned=None,
+    size: int = BLOCK,
+    seed: int = 0,
+    footer: str = "",
+    progress: Tell = lambda _stage, _share: None,
+) -> dict[str, object]:
+    """Write the files of ``track_in_blocks`` into an empty folder.
+
+    ``markers.parquet``, ``kinematics.parquet``, ``cycles.csv`` and ``blocks.csv`` (``mocap.results.blocks``) are
+    written as blocks are done. The overview, at most ``OVERVIEW`` frames evenly over the recording, is what potentials
+    are learned from, ``recording.rrd`` shows, and ``mocap.load`` gives; figures show the ``DETAIL`` frames of which
+    most was measured. Memory does not grow with the number of frames.
+    """
+    from mocap.rerun.record import write_recording
+
+    stages, began = Stages(tell=progress), time.perf_counter()
+    every = max(1, -(-recording.n_frames // OVERVIEW))
+    with one_blas_thread():
+        with stages.stage("learn once"):
+            known = learn_once(recording, model=model, learned=learned, seed=seed)
+        tally, thin, detail = Tally(), [], None
+        with BlockWriter(folder, fps=1 / recording.dt_s) as writer:
+            for core, run, own, findings in tracked_blocks(recording, known, size=size, stages=stages):
+                with stages.stage("kinematics and tables"):
+                    found = kinematics(run.motion, run.skeleton, recording=run.name)
+                    rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
+                    part = cut(run, own)
+                    writer.add(core, part.tracked.markers, part.repaired, _cut(found, own), rows)
+                tally.add(part, findings)
+                thin += _thinned(part, (-core.start) % every, every)
+                detail = _better(detail, part)
+        with stages.stage("overview, potentials, figures"):
+            overview = _with_potentials(joined(thin or [_without_rates(part)]))
+            report = _report(recording, known, tally, overview, every, size)
+            report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
+            report["seconds_total"] = round(time.perf_counter() - began, 3)
+            text = _readable(report) + footer
+            overview = replace(overview, report=report, report_text=text)
+            write_arrays(overview, folder)
+            (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")
+            (folder / "report.md").write_text(text, encoding="utf-8")
+            write_recording(overview, folder / "recording.rrd", every=every)
+            if detail is not None:
+                _figures(replace(detail[1], report_text=text), folder)
+    return report
+
+
+def _begun(rows: list[Cycle], run: Run, own: slice) -> list[Cycle]:
+    """Cycles that begin in the block's own frames."""
+    t_s = run.tracked.markers.t_s
+    end = t_s[own.stop] if own.stop < len(t_s) else np.inf
+    return [row for row in rows if t_s[own.start] <= row.start_s < end]
+
+
+def _cut(found: Kinematics, own: slice) -> Kinematics:
+    quantities = tuple(replace(q, value=q.value[own], sd=q.sd[own], rests=q.rests[own]) for q in found.quantities)
+    return replace(found, t_s=found.t_s[own], quantities=quantities)
+
+
+def _thinned(run: Run, first: int, every: int) -> list[Run]:
+    """Every so manieth frame of a block, without its motion; none of a block in which nothing is seen."""
+    part = cut(run, slice(first, None, every))
+    markers = part.tracked.markers
+    if not len(markers.t_s) or not markers.seen.any():
+        return []
+    return [_without_rates(part)]
+
+
+def _without_rates(run: Run) -> Run:
+    markers = run.tracked.markers
+    measured = markers.status == Status.MEASURED
+    return replace(run, motion=without_rates(markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, measured))
+
+
+def _better(known: tuple[int, Run] | None, run: Run) -> tuple[int, Run] | None:
+    """The stretch of which most was measured: the middle of a block, if it has more than the one before."""
+    n = len(run.tracked.markers.t_s)
+    start = max(0, (n - DETAIL) // 2)
+    frames = slice(start, min(n, start + DETAIL))
+    count = int((run.tracked.markers.status[frames] == Status.MEASURED).sum())
+    if count == 0 or (known is not None and count <= known[0]):
+        return known
+    return count, cut(run, frames)
+
+
+def _with_potentials(run: Run) -> Run:
+    markers = run.tracked.markers
+    return replace(
+        run,
+        potentials=joint_potentials(run.joints, markers, run.skeleton),
+        spatial_potentials=joint_potentials(run.joints, markers, run.skeleton, frame=SPACE),
+    )
+
+
+def _figures(run: Run, folder: Path) -> None:
+    from mocap.plots.figures import pictures, report_page, write_pictures
+
+    found = kinematics(run.motion, run.skeleton, recording=run.name)
+    rows = cycles(found, run.motion, run.skeleton)
+    shown = list(pictures(run, found, rows, footfalls(run.motion, run.skeleton)))
+    page = report_page(run, found, rows, shown, write_pictures(shown, folder))
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _report(
+    recording: LongRecording, known: Known, tally: Tally, overview: Run, every: int, size: int
+) -> dict[str, object]:
+    total = recording.n_frames * len(recording.names)
+    sd = overview.tracked.markers.sd_m
+    status = overview.tracked.markers.status
+    blocks = -(-recording.n_frames // size)
+
+    def median(which: Status) -> float | None:
+        some = sd[(status == which) & np.isfinite(sd)]
+        return float(1e3 * np.median(some)) if len(some) else None
+
+    return {
+        "name": recording.name,
+        "frames": recording.n_frames,
+        "fps": float(1 / recording.dt_s),
+        "markers": list(recording.names),
+        "cameras": [camera.name for camera in overview.cameras],
+        "skeleton": recording.skeleton.name,
+        "model": {"name": known.name, "why": known.why},
+        "samples": {"total": total, **{o.name.lower(): tally.samples[o.name.lower()] / total for o in Status}},
+        "sd_mm": {"measured": median(Status.MEASURED), "filled": median(Status.SMOOTHED)},
+        "blocks": {"number": blocks, "frames": size},
+        "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
+        "validation": {"methods": {} if known.learned is None else known.learned.scores},
+        "joints": sorted(overview.potentials),
+        "findings": [*recording.findings, *tally.sentences()],
+    }
+
+
+def _readable(report: Mapping) -> str:
+    samples, model = report["samples"], report["model"]
+    sd = {k: "-" if v is None else f"{v:.3g} mm" for k, v in report["sd_mm"].items()}
+    lines = [
+        f"# {plain(report['name'])}",
+        "",
+        f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
+        f"{len(report['cameras'])} cameras; tracked in {report['blocks']['number']} blocks of at most "
+        f"{report['blocks']['frames']} frames.",
+        f"Motion model: **{model['name']}** ({plain(model['why'])}).",
+        "",
+        "| samples | share |",
+        "|---|---|",
+        f"| seen in 3D and accepted | {samples['measured']:.1%} |",
+        f"| filled inside gaps (smoothed) | {samples['smoothed']:.1%} |",
+        f"| before the first or after the last sighting (predicted) | {samples['predicted']:.1%} |",
+        f"| rejected | {samples['rejected']:.1%} |",
+        f"| left empty | {samples['missing']:.1%} |",
+        "",
+        f"Standard deviation (median): measured {sd['measured']}, filled {sd['filled']}.",
+        "",
+        f"`recording.rrd`, `markers.nc`, `run.nc` and potentials are of one frame in {report['overview']['every']} "
+        f"({report['overview']['frames']} frames); `markers.parquet` and `kinematics.parquet` hold all frames. "
+        "`mocap view FOLDER --frames 1001:2000` shows every frame of a range.",
+        "",
+        "## Findings",
+        "",
+        *(f"- {plain(text)}" for text in report["findings"]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def load_range(folder: Path, frames: range) -> Run:
+    """All frames of a range of a result that was written in blocks, as a run; without pixels and velocities.
+
+    Args:
+        folder: What ``mocap track`` wrote.
+        frames: Frames, from 0.
+
+    Raises:
+        MocapError: there are no such frames.
+        FormatError: the files cannot be read.
+    """
+    markers, repaired = read_markers(folder, frames)
+    whole = read_run(folder)
+    skeleton = read_skeleton(folder / "skeleton.toml")
+    return replace(
+        whole,
+        cameras=(),
+        ideal_px=None,
+        tracked=_of_markers(markers, whole.tracked.model),
+        motion=without_rates(
+            markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, markers.status == Status.MEASURED
+        ),
+        joints=joint_tracks(markers, skeleton, _axes(markers, skeleton.trunk)),
+        repaired=repaired,
+    )
+
+
+def _axes(markers: MarkerTracks, trunk: tuple[str, ...]):
+    wanted = [markers.names.index(name) for name in trunk] or list(range(len(markers.names)))
+    xyz = markers.xyz_m[:, wanted]
+    if not np.isfinite(xyz).any():
+        xyz = markers.xyz_m
+    dt_s = float(markers.t_s[1] - markers.t_s[0]) if len(markers.t_s) > 1 else 1.0
+    return body_frames(xyz, dt_s=dt_s, cutoff_hz=JOINT_HZ)
+
+
+def _of_markers(markers: MarkerTracks, model: str) -> TrackedMotion:
+    n_frames, n_markers = markers.status.shape
+    return TrackedMotion(
+        model=model,
+        markers=markers,
+        reprojected_px=np.zeros((0, n_frames, n_markers, 2)),
+        innovation_px=np.zeros((0, n_frames, n_markers, 2)),
+        used=np.zeros((0, n_frames, n_markers), dtype=bool),
+        nis=np.full(n_frames, np.nan),
+        n_rows=np.zeros(n_frames, dtype=np.int64),
+        log_likelihood=np.zeros(n_frames),
+    )

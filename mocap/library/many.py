@@ -1,0 +1,36 @@
+"""Joint potentials of many results."""
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+from mocap.arrays import Array
+from mocap.errors import MocapError
+from mocap.pipeline.many import ManyTrials, joint_samples
+from mocap.pipeline.many import learn_joints as learn
+from mocap.results.stored import read_run
+
+
+def learn_joints(folders: Sequence[str | PathLike[str]], *, lam: float = 1e-3) -> dict[str, ManyTrials]:
+    """Learn the potential V_z of each joint from all results that ``mocap track`` wrote into these folders.
+
+    One result at a time is in memory, and read three times (``mocap.pipeline.many``). Of what is returned
+    ``potential()`` is that of all trials, ``potential(without=[...])`` that of some, and ``left_out()`` tells how well
+    the others know each trial, or each animal.
+
+    Args:
+        folders: Of the results; their names are those of the trials.
+        lam: Spectral filtering parameter.
+
+    Raises:
+        MocapError: two folders have one name, or no joint was measured often enough.
+        FormatError: a folder holds no result.
+    """
+    paths = {Path(folder).name: Path(folder) for folder in folders}
+    if len(paths) < len(folders):
+        raise MocapError(f"{len(folders)} folders have {len(paths)} names: give results that are named differently")
+
+    def trial(name: str) -> dict[str, Array]:
+        return joint_samples(read_run(paths[name]))
+
+    return learn(list(paths), trial, lam=lam)

@@ -1,0 +1,347 @@
+"""Long recordings in blocks: what is learned is learned once, and each block is tracked with frames on either side.
+
+Memory is that of one block, whatever the number of frames, and time is linear. What a smoother says of a frame depends
+on frames far from it by a factor that falls exponentially with their distance, once each marker was seen for some
+frames; a block is therefore tracked with a margin in which that has happened (``margin``), and only its own frames are
+kept. docs/howto/long_recordings.md has what differs from tracking the whole at once.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from filters.hidden_gaps import SHARP_MARKER, Effort
+from filters.model import LearnedModel, learn_model, renamed
+from filters.models.base import FittedMotion
+from filters.models.constant_velocity import learn_constant_velocity
+from filters.models.pose import PoseSettings
+from filters.motion.constant_velocity import ConstantVelocity
+from filters.poses import MarkerTrial
+from filters.records import Estimate, TrackedMotion
+from mocap.arrays import Array
+from mocap.body import BodyFrames
+from mocap.errors import MocapError
+from mocap.joints import joint_tracks
+from mocap.kinematics.points import asked_for
+from mocap.moving import Asked, Motion
+from mocap.pipeline.job import JOINT_HZ, whole_frames
+from mocap.pipeline.long import LongRecording, Mask
+from mocap.pipeline.moving import motion_of
+from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.run import Run
+from mocap.pipeline.tracking import (
+    Part,
+    marker_trial,
+    seen_part,
+    track,
+    track_learned,
+    tracked_motion,
+    why_no_pose,
+)
+from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.stages import Stages
+
+BLOCK = 5000
+"""Frames of a block."""
+LONG = 20_000
+"""Recordings of more frames are tracked in blocks unless something else is asked for."""
+LEAST_S, LEAST, MOST, STEADY = 0.5, 60, 1000, 30
+"""A margin is this long in seconds and in frames at least, in frames at most; each marker is seen in so many."""
+EXCERPTS, EXCERPT = 6, 400
+"""What is learned once is learned from so many stretches of so many frames, evenly over the recording."""
+Model = Literal["auto", "mixture", "constant_velocity"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Known:
+    """What is learned once of a long recording.
+
+    Attributes:
+        name: Of the motion model: ``constant_velocity``, ``mixture``, ``learned``.
+        why: Why that one.
+        density: (M,) spectral densities of the markers' accelerations.
+        speed_sd_m_s: Standard deviation of a velocity component before anything is seen.
+        extent_m: That of a position.
+        learned: Model of poses, mixed with constant velocity; None: constant velocity alone.
+    """
+
+    name: str
+    why: str
+    density: Array
+    speed_sd_m_s: float
+    extent_m: float
+    learned: LearnedModel | None
+
+
+def blocks_of(n_frames: int, size: int) -> list[range]:
+    """Blocks of at most so many frames, all of about one length."""
+    count = max(1, -(-n_frames // size))
+    edges = np.linspace(0, n_frames, count + 1).astype(int)
+    return [range(int(a), int(b)) for a, b in pairwise(edges)]
+
+
+def margin(seen: Mask, dt_s: float) -> int:
+    """Frames that a block is tracked with beyond its end, given (n, M) sightings from there on, nearest first.
+
+    So many that each marker that is seen in the next ``MOST`` frames was seen in ``STEADY`` of these.
+    """
+    least = max(LEAST, round(LEAST_S / dt_s))
+    count = np.cumsum(seen[:MOST], axis=0)
+    if not len(count):
+        return 0
+    wanted = np.minimum(STEADY, count[-1])
+    steady = (count >= wanted).argmax(axis=0) + 1
+    return min(len(count), MOST, max(least, int(steady.max(initial=0))))
+
+
+def learn_once(
+    recording: LongRecording, *, model: Model = "auto", learned: LearnedModel | None = None, seed: int = 0
+) -> Known:
+    """Learn from stretches of the recording what all blocks are tracked with.
+
+    Args:
+        recording: The recording.
+        model: ``auto``: the mixture, unless constant velocity fills gaps that are hidden in these stretches better.
+        learned: A model of other trials, in place of these.
+        seed: Where gaps are hidden.
+
+    Raises:
+        MocapError: nothing is seen in them, or a mixture is asked for and cannot be learned.
+    """
+    count = EXCERPTS if recording.n_frames > EXCERPTS * EXCERPT else max(1, recording.n_frames // EXCERPT)
+    length = min(EXCERPT, recording.n_frames)
+    starts = np.linspace(0, recording.n_frames - length, count).astype(int)
+    stretches = [slice(int(s), int(s) + length) for s in starts]
+    shown = [recording.prepared(frames) for frames in stretches if recording.seen(frames).any()]
+    shown = [one for one in shown if np.isfinite(one.xyz_m[..., 0]).any()]
+    if not shown:
+        raise MocapError(f"{recording.name}: no marker is seen in the stretches that are learned from")
+    parts = [replace(seen_part(one), markers=np.arange(len(recording.names))) for one in shown]
+    trials = [
+        replace(marker_trial(one, part), name=f"{one.name} {i}")
+        for i, (one, part) in enumerate(zip(shown, parts, strict=True))
+    ]
+    best = int(np.argmax([trial.seen.sum() for trial in trials]))
+    others = [trial.xyz_m for i, trial in enumerate(trials) if i != best]
+    steady = learn_constant_velocity(trials[best].xyz_m, dt_s=recording.dt_s, others=others)
+    name, why = "constant_velocity", "as asked"
+    if learned is not None:
+        learned = renamed(learned, recording.skeleton)
+        name, why = "learned", f"learned from {', '.join(trial.name for trial in learned.trials[:6])}"
+    elif model != "constant_velocity":
+        reason = why_no_pose(shown[best], seen_part(shown[best]))
+        if reason is not None and model == "mixture":
+            raise MocapError(f"{recording.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
+        learned = None if reason is not None else _mixture(recording, trials, seed)
+        name, why = _choice(model, reason, learned)
+        learned = learned if name == "mixture" else None
+    return Known(
+        name=name,
+        why=why,
+        density=steady.density,
+        speed_sd_m_s=steady.speed_sd_m_s,
+        extent_m=steady.start_sd_m,
+        learned=learned,
+    )
+
+
+def _mixture(recording: LongRecording, trials: Sequence[MarkerTrial], seed: int) -> LearnedModel | None:
+    seen = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
+    names = [name for name, ever in zip(recording.names, seen, strict=True) if ever]
+    kept = [replace(t, xyz_m=t.xyz_m[:, seen], sd_m=t.sd_m[:, seen]) for t in trials]
+    skeleton, rng = recording.skeleton, np.random.default_rng(seed)
+    trunk = [name for name in skeleton.trunk if name in names]
+    try:
+        return learn_model(
+            names,
+            trunk,
+            kept,
+            rng,
+            bones=skeleton.rigid,
+            models=[SHARP_MARKER, PoseSettings(ranks=(8,))],
+            effort=Effort(most_frames=300, times=2),
+        )
+    except MocapError:
+        return None
+
+
+def _choice(model: Model, reason: str | None, learned: LearnedModel | None) -> tuple[str, str]:
+    if learned is None:
+        return "constant_velocity", reason or "no gap could be hidden in the recording to learn how models are mixed"
+    if model == "mixture":
+        return "mixture", "as asked"
+    rows = learned.scores
+    first = next(iter(rows))
+    errors = {name: float(np.mean(np.log(rows[name]["rmse_mm"]))) for name in (first, "mixture")}
+    if errors["mixture"] <= errors[first]:
+        return "mixture", "it fills gaps hidden in stretches of this recording better than constant velocity"
+    return "constant_velocity", "it fills gaps hidden in stretches of this recording better than the mixture"
+
+
+def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Run, slice, tuple[str, ...]]:
+    """Track one block with its margins.
+
+    Args:
+        recording: The recording.
+        known: What was learned of it.
+        core: The block's own frames.
+
+    Returns:
+        The run of the block and its margins, without potentials; which of its frames are the block's own; and findings.
+    """
+    n, dt = recording.n_frames, recording.dt_s
+    before = recording.seen(slice(max(0, core.start - MOST), core.start))[::-1]
+    after = recording.seen(slice(core.stop, min(n, core.stop + MOST)))
+    window = slice(core.start - margin(before, dt), core.stop + margin(after, dt))
+    own = slice(core.start - window.start, core.stop - window.start)
+    asked = asked_for(recording.names, recording.skeleton, n_frames=window.stop - window.start)
+    if not recording.seen(window).any():
+        return _nothing(recording, window, known, asked), own, ()
+    prepared = recording.prepared(window)
+    findings = tuple(renumbered(text, window.start) for text in prepared.findings)
+    if not np.isfinite(prepared.xyz_m[..., 0]).any():
+        return _nothing(recording, window, known, asked), own, findings
+    part = seen_part(prepared)
+    learned = known.learned
+    if learned is not None and why_no_pose(prepared, part) is None:
+        name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked)
+    else:
+        name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
+    tracked = tracked_motion(prepared, part, name, smoothed)
+    motion = motion_of(tracked.markers, part.frames, smoothed.rates, asked)
+    return _run(recording, prepared, tracked, motion), own, findings
+
+
+def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estimate:
+    """By constant velocity with what is known."""
+    xyz = prepared.xyz_m[part.frames][:, part.markers]
+    first = xyz[np.isfinite(xyz[..., 0]).argmax(axis=0), np.arange(xyz.shape[1])]
+    motion = ConstantVelocity(
+        start_m=first,
+        start_sd_m=known.extent_m,
+        speed_sd_m_s=known.speed_sd_m_s,
+        density=known.density[part.markers],
+    )
+    return track(prepared, part, FittedMotion(motion, prepared.t_s[part.frames]), asked=asked)
+
+
+def _run(recording: LongRecording, prepared: Prepared, tracked: TrackedMotion, motion: Motion) -> Run:
+    filmed = prepared.filmed
+    ideal = None
+    if filmed is not None:
+        ideal = PixelTracks(
+            names=prepared.names, cameras=filmed.pixels.cameras, t_s=prepared.t_s, uv_px=filmed.ideal_px
+        )
+    return Run(
+        name=recording.name,
+        skeleton=recording.skeleton,
+        cameras=() if filmed is None else filmed.cameras,
+        ideal_px=ideal,
+        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
+        tracked=tracked,
+        motion=motion,
+        joints=joint_tracks(tracked.markers, recording.skeleton, whole_frames(prepared, JOINT_HZ)),
+        potentials={},
+        spatial_potentials={},
+        repaired=np.any(list(prepared.repaired.values()), axis=0),
+        report={},
+        report_text="",
+    )
+
+
+def _nothing(recording: LongRecording, window: slice, known: Known, asked: Asked) -> Run:
+    """A stretch in which nothing is seen."""
+    t_s = recording.t_s[window]
+    shape = (len(t_s), len(recording.names))
+    markers = MarkerTracks(
+        names=recording.names,
+        t_s=t_s,
+        xyz_m=np.full((*shape, 3), np.nan),
+        cov_m2=np.full((*shape, 3, 3), np.nan),
+        status=np.full(shape, Status.MISSING, dtype=np.int8),
+    )
+    tracked = TrackedMotion(
+        model=known.name,
+        markers=markers,
+        reprojected_px=np.zeros((0, *shape, 2)),
+        innovation_px=np.zeros((0, *shape, 2)),
+        used=np.zeros((0, *shape), dtype=bool),
+        nis=np.full(len(t_s), np.nan),
+        n_rows=np.zeros(len(t_s), dtype=np.int64),
+        log_likelihood=np.zeros(len(t_s)),
+    )
+    still = BodyFrames(rotation=np.repeat(np.eye(3)[None], len(t_s), axis=0), position_m=np.zeros((len(t_s), 3)))
+    return Run(
+        name=recording.name,
+        skeleton=recording.skeleton,
+        cameras=(),
+        ideal_px=None,
+        y_up=False,
+        tracked=tracked,
+        motion=motion_of(markers, slice(0, 0), None, asked),
+        joints=joint_tracks(markers, recording.skeleton, still),
+        potentials={},
+        spatial_potentials={},
+        repaired=np.zeros(shape, dtype=bool),
+        report={},
+        report_text="",
+    )
+
+
+@dataclass(eq=False)
+class Tally:
+    """What is counted over blocks.
+
+    Attributes:
+        samples: Samples by status.
+        findings: In how many blocks a sentence was found; sentences that differ in their numbers alone are one.
+        first: The first of these.
+    """
+
+    samples: Counter = field(default_factory=Counter)
+    findings: Counter = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
+
+    def add(self, run: Run, findings: Sequence[str]) -> None:
+        """One block's own frames."""
+        codes, counts = np.unique(run.tracked.markers.status, return_counts=True)
+        self.samples.update({Status(int(c)).name.lower(): int(k) for c, k in zip(codes, counts, strict=True)})
+        for text in findings:
+            kind = re.sub(r"\d[\d.e+-]*", "#", text)
+            self.findings[kind] += 1
+            self.first.setdefault(kind, text)
+
+    def sentences(self, most: int = 40) -> list[str]:
+        """The commonest findings."""
+        found = self.findings.most_common(most)
+        return [
+            self.first[kind] + (f" (and in {count - 1} other blocks, with their own numbers)" if count > 1 else "")
+            for kind, count in found
+        ]
+
+
+def renumbered(text: str, first: int) -> str:
+    """A finding whose frames count from 1 at frame ``first`` + 1 of the recording, with the recording's numbers."""
+
+    def moved(found: re.Match[str]) -> str:
+        return re.sub(r"\d+", lambda number: str(int(number[0]) + first), found[0])
+
+    return re.sub(r"\bframes? \d+(?:(?: and | to |-)\d+)?", moved, text)
+
+
+def tracked_blocks(
+    recording: LongRecording, known: Known, *, size: int = BLOCK, stages: Stages | None = None
+) -> Iterator[tuple[range, Run, slice, tuple[str, ...]]]:
+    """All blocks, one after the other: the frames of each, then as ``track_block`` returns them."""
+    stages = stages or Stages()
+    blocks = blocks_of(recording.n_frames, size)
+    for i, core in enumerate(blocks):
+        with stages.stage("track in blocks") as progress:
+            progress(i / len(blocks))
+            found = track_block(recording, known, core)
+        yield (core, *found)

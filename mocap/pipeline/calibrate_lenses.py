@@ -1,0 +1,211 @@
+"""Each camera's lens from its own pictures or film of a board, taken at any time."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.calibration.boards import Board, Corners
+from mocap.calibration.detect import BoardViews, Pictures, detect, of_files
+from mocap.calibration.intrinsics import CHOICES, Intrinsics, fit_intrinsics, without_ray
+from mocap.calibration.pictures import KINDS, pictures_of
+from mocap.cameras.known_lens import KnownLens
+from mocap.errors import CalibrationError
+from mocap.io.movies import FILMS, Movie, open_movie
+from mocap.markdown import plain
+from mocap.pipeline.calibration_files import CalibrationReport, number, table
+
+MOST_FRAMES = 80
+"""So many frames of a film are searched for the board, evenly spaced."""
+_STILL = 0.01
+"""A board that moved by less than this share of the picture's width is seen as before."""
+_LOOSE = 0.03
+_FAR = 2e-3
+
+
+def lenses_from_pictures(
+    folder: Path, board: Board, *, lens: str = "auto", tell: Callable[[str], None] = lambda _: None
+) -> tuple[tuple[KnownLens, ...], CalibrationReport]:
+    """Pictures or films of a board to the lens of each camera, by its own pictures alone.
+
+    Args:
+        folder: A folder or a film a camera, or pictures named by camera and number.
+        board: The board.
+        lens: One of ``CHOICES``, or ``auto``: chosen on pictures left out of the fit.
+        tell: Told of each camera.
+
+    Raises:
+        CalibrationError: too few pictures show the board, or they do not determine the lens; with advice.
+    """
+    if lens not in ("auto", *CHOICES):
+        raise CalibrationError(f"`lens` {lens!r} is not a lens model: give auto, {', '.join(CHOICES)}")
+    choices = tuple(CHOICES) if lens == "auto" else (lens,)
+    board, views = detect(board_pictures(folder), board, progress=tell)
+    fits: dict[str, Intrinsics] = {}
+    views = {name: replace(seen, corners=_distinct(seen)) for name, seen in views.items()}
+    for name, seen in views.items():
+        found = fit_intrinsics(list(seen.corners.values()), seen.size_px, name=name, choices=choices)
+        _refuse(name, found, seen)
+        tell(f"{name}: {found.choice} lens, f {found.lens.f_px[0]:.1f} ± {found.f_sd_px:.1f} px, {found.rms_px:.3f} px")
+        fits[name] = found
+    known = tuple(
+        KnownLens(name=n, lens=f.lens, size_px=views[n].size_px, free=f.free, cov=f.cov) for n, f in fits.items()
+    )
+    return known, _report(known, fits, views)
+
+
+def _distinct(seen: BoardViews) -> dict[str, Corners]:
+    """Views whose boards moved from every earlier one kept: a board held still in a film is one view, not many."""
+    kept: dict[str, Corners] = {}
+    least = _STILL * max(seen.size_px)
+    for label, corners in seen.corners.items():
+        if all(_moved_px(corners, other) > least for other in kept.values()):
+            kept[label] = corners
+    return kept
+
+
+def _moved_px(one: Corners, other: Corners) -> float:
+    _, i, j = np.intersect1d(one.ids, other.ids, return_indices=True)
+    return float(np.median(np.hypot(*(one.uv_px[i] - other.uv_px[j]).T))) if len(i) else np.inf
+
+
+def board_pictures(folder: Path) -> dict[str, Pictures]:
+    """Pictures by camera; of a film some frames, evenly spaced.
+
+    A camera is a folder (of pictures and films, however deep), a film in ``folder``, or the name in front of the number
+    of a picture in ``folder``.
+
+    Raises:
+        CalibrationError: there is neither a picture nor a film.
+        FormatError: a film cannot be read.
+    """
+    if not folder.is_dir():
+        raise CalibrationError(f"{folder}: there is no such folder: give the folder of the pictures or films")
+    films: dict[str, list[Path]] = defaultdict(list)
+    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in FILMS and p.is_file()):
+        inside = path.relative_to(folder)
+        films[inside.parts[0] if len(inside.parts) > 1 else path.stem].append(path)
+    any_picture = any(p.suffix.lower() in KINDS and p.is_file() for p in folder.rglob("*"))
+    if not films and not any_picture:
+        raise CalibrationError(
+            f"{folder}: contains no pictures and no films; expected a folder or a film for each camera"
+        )
+    pictures = pictures_of(folder, instants=False) if any_picture else {}
+    return {
+        camera: _joined([*([of_files(pictures[camera])] if camera in pictures else []), *map(_of_film, films[camera])])
+        for camera in sorted({*pictures, *films})
+    }
+
+
+def _of_film(path: Path) -> Pictures:
+    movie = open_movie(path)
+    count = min(movie.n_frames, MOST_FRAMES)
+    frames = np.unique(np.linspace(0, movie.n_frames - 1, count).round().astype(np.int64))
+    return Pictures(
+        labels=tuple(f"{path.name} frame {f + 1}" for f in frames), read=lambda wanted: _grey(movie, frames[wanted])
+    )
+
+
+def _grey(movie: Movie, frames: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+    for frame in movie.frames(frames):
+        if frame is not None:
+            yield np.asarray(frame.to_ndarray(format="gray"), dtype=np.uint8)
+
+
+def _joined(parts: Sequence[Pictures]) -> Pictures:
+    if len(parts) == 1:
+        return parts[0]
+    ends = np.cumsum([len(p.labels) for p in parts])
+
+    def read(wanted: Sequence[int]) -> Iterator[NDArray[np.uint8]]:
+        at = np.asarray(wanted)
+        for part, end in zip(parts, ends, strict=True):
+            own = at[(at >= end - len(part.labels)) & (at < end)] - (end - len(part.labels))
+            yield from part.read(own.tolist())
+
+    return Pictures(labels=tuple(label for p in parts for label in p.labels), read=read)
+
+
+def _refuse(name: str, found: Intrinsics, seen: BoardViews) -> None:
+    if found.f_sd_px > _LOOSE * found.lens.f_px[0]:
+        raise CalibrationError(
+            f"camera {name!r}: its pictures do not determine its focal length ({found.lens.f_px[0]:.0f} +- "
+            f"{found.f_sd_px:.0f} px): tilt the board by 30 degrees or more in some pictures"
+        )
+    if found.rms_px > _FAR * max(seen.size_px):
+        raise CalibrationError(
+            f"camera {name!r}: corners miss by {found.rms_px:.1f} px, where their detection is accurate to tenths of a "
+            "pixel: check that all pictures are this camera's, at one zoom and focus, none cropped, and the board flat"
+        )
+
+
+def _report(known: Sequence[KnownLens], fits: dict[str, Intrinsics], views: dict[str, BoardViews]) -> CalibrationReport:
+    rows, warned = [], []
+    for k in known:
+        found, seen = fits[k.name], views[k.name]
+        sd = k.sd
+        rows.append(
+            [
+                k.name,
+                len(seen.corners),
+                found.choice,
+                f"{k.lens.f_px[0]:.1f} ± {sd[0]:.1f}",
+                f"{k.lens.centre_px[0]:.1f} ± {sd[2]:.1f}, {k.lens.centre_px[1]:.1f} ± {sd[3]:.1f}",
+                f"{k.lens.coefficients[0]:.4f} ± {sd[4]:.4f}",
+                f"{found.rms_px:.3f}",
+                f"{found.held_out_px[found.choice]:.3f}" if found.held_out_px else "-",
+            ]
+        )
+        if share := without_ray(k.lens, seen.size_px):
+            warned.append(f"{k.name}: {share * 100:.1f} % of the picture lies outside the range of the lens model")
+        corners = np.concatenate([c.uv_px for c in seen.corners.values()])
+        reach = np.ptp(corners, axis=0) / np.asarray(seen.size_px)
+        if (reach < 0.6).any():
+            warned.append(
+                f"{k.name}: the board was held in {reach[0] * 100:.0f} % of the picture's width and "
+                f"{reach[1] * 100:.0f} % of its height; outside of it the lens is extrapolated"
+            )
+    lines = [
+        f"# Lenses of {len(known)} cameras, each from its own pictures",
+        "",
+        *table(
+            [
+                "camera",
+                "boards",
+                "lens",
+                "f px",
+                "principal point px",
+                "k1",
+                "RMS px",
+                "of pictures left out",
+            ],
+            rows,
+        ),
+        "± is one standard deviation; corners of one picture are taken to err together. Boards that did not move "
+        "between pictures count once. Pixels are counted from the upper left, the centre of the first pixel at (0, 0). "
+        "Where the cameras stand is not in these pictures: mocap calibrate places.",
+        *(f"- {plain(w)}" for w in warned),
+    ]
+    numbers = {
+        "method": "lenses",
+        "cameras": {
+            k.name: {
+                "lens": k.lens.model,
+                "choice": fits[k.name].choice,
+                "f_px": k.lens.f_px,
+                "centre_px": k.lens.centre_px,
+                "distortion": k.lens.coefficients,
+                "sd": k.sd,
+                "rms_px": fits[k.name].rms_px,
+                "pictures": len(views[k.name].corners),
+                "missed": views[k.name].missed,
+                "held_out_px": {c: number(v) for c, v in fits[k.name].held_out_px.items()},
+            }
+            for k in known
+        },
+        "findings": warned,
+    }
+    return CalibrationReport(numbers=numbers, lines=lines)

@@ -1,0 +1,224 @@
+"""Recordings of which any stretch of frames can be had by itself: what is tracked in blocks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mocap.arrays import Array
+from mocap.cameras.camera import Camera
+from mocap.io.contents import FileContents
+from mocap.io.parquet_range import ParquetPoints
+from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
+from mocap.pipeline.recording import Filmed, Recording, film_of, load_filmed, load_points, load_skeleton
+from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.skeleton import Skeleton
+from mocap.text import as_text
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LongRecording:
+    """A recording in stretches.
+
+    Attributes:
+        name: Of the recording.
+        skeleton: Its skeleton.
+        names: The M markers, named as in the skeleton.
+        t_s: (T,) times.
+        seen: Frames to (n, M) True where a position, or two rays, are given; nothing is cleaned.
+        prepared: Frames to what is prepared of them (``mocap.pipeline.prepare``).
+        findings: Sentences on how the file was read.
+    """
+
+    name: str
+    skeleton: Skeleton
+    names: tuple[str, ...]
+    t_s: Array
+    seen: Callable[[slice], Mask]
+    prepared: Callable[[slice], Prepared]
+    findings: tuple[str, ...] = ()
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return len(self.t_s)
+
+    @property
+    def dt_s(self) -> float:
+        """Time step."""
+        return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+
+def long_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = ()) -> LongRecording:
+    """Positions that are in memory, or mapped into it from a file.
+
+    Args:
+        tracks: Positions, named as the skeleton names them.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+        findings: Sentences on how they were read.
+    """
+
+    def part(frames: slice) -> Prepared:
+        some = replace(
+            tracks,
+            t_s=tracks.t_s[frames],
+            xyz_m=tracks.xyz_m[frames],
+            cov_m2=tracks.cov_m2[frames],
+            status=tracks.status[frames],
+        )
+        return prepare_tracks(some, skeleton, name=name)
+
+    return LongRecording(
+        name=name,
+        skeleton=skeleton,
+        names=tracks.names,
+        t_s=tracks.t_s,
+        seen=lambda frames: np.isfinite(tracks.xyz_m[frames][..., 0]),
+        prepared=part,
+        findings=tuple(findings),
+    )
+
+
+def long_pixels(
+    filmed: Filmed,
+    skeleton: Skeleton,
+    *,
+    name: str,
+    pixel_sd: float | None = None,
+    likelihood: Array | None = None,
+    findings: Sequence[str] = (),
+) -> LongRecording:
+    """Pixels of calibrated cameras that are in memory; where they are counted from was decided on all of them.
+
+    Args:
+        filmed: Pixels, named as the skeleton names them, and cameras.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+        pixel_sd: Standard deviation of a pixel that the user states; None: estimated in each stretch.
+        likelihood: (C, T, M) likelihoods of clicks; None: there are none.
+        findings: Sentences on how they were read.
+    """
+
+    def part(frames: slice) -> Prepared:
+        pixels = replace(filmed.pixels, t_s=filmed.pixels.t_s[frames], uv_px=filmed.pixels.uv_px[:, frames])
+        return prepare_filmed(
+            replace(filmed, pixels=pixels, ideal_px=filmed.ideal_px[:, frames]),
+            skeleton,
+            name=name,
+            pixel_sd=pixel_sd,
+            likelihood=None if likelihood is None else likelihood[:, frames],
+        )
+
+    return LongRecording(
+        name=name,
+        skeleton=skeleton,
+        names=filmed.pixels.names,
+        t_s=filmed.pixels.t_s,
+        seen=lambda frames: np.isfinite(filmed.ideal_px[:, frames, :, 0]).sum(axis=0) >= 2,
+        prepared=part,
+        findings=tuple(findings),
+    )
+
+
+def long_films(
+    pixels: Callable[[slice], PixelTracks],
+    cameras: Sequence[Camera],
+    skeleton: Skeleton,
+    *,
+    name: str,
+    t_s: Array,
+    names: Sequence[str],
+) -> LongRecording:
+    """Pixels that are had stretch by stretch, of calibrated cameras; all of them never are in memory.
+
+    Args:
+        pixels: Frames to their pixels.
+        cameras: Their C cameras.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+        t_s: (T,) times.
+        names: The M markers.
+    """
+
+    def part(frames: slice) -> Prepared:
+        return prepare_filmed(film_of(pixels(frames), cameras, name=name), skeleton, name=name)
+
+    return LongRecording(
+        name=name,
+        skeleton=skeleton,
+        names=tuple(names),
+        t_s=t_s,
+        seen=lambda frames: pixels(frames).seen.sum(axis=0) >= 2,
+        prepared=part,
+    )
+
+
+def long_tracks(
+    tracks: Callable[[slice], MarkerTracks], skeleton: Skeleton, *, name: str, t_s: Array, names: Sequence[str]
+) -> LongRecording:
+    """Positions that are had stretch by stretch; arguments as in ``long_films``."""
+    return LongRecording(
+        name=name,
+        skeleton=skeleton,
+        names=tuple(names),
+        t_s=t_s,
+        seen=lambda frames: tracks(frames).seen,
+        prepared=lambda frames: prepare_tracks(tracks(frames), skeleton, name=name),
+    )
+
+
+def long_recording(source: Recording) -> LongRecording:
+    """A recording's files, to be tracked in blocks.
+
+    Raises:
+        MocapError: a file cannot be read, or pixels and calibration do not belong together.
+    """
+    contents: FileContents = source.contents
+    if not source.filmed:
+        points = load_points(source)
+        skeleton, names = load_skeleton(source.skeleton, points.names)
+        return long_points(replace(points, names=names), skeleton, name=source.name, findings=source.frame_findings)
+    filmed = load_filmed(source, iterations=None)
+    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
+    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
+    return long_pixels(
+        filmed,
+        skeleton,
+        name=source.name,
+        pixel_sd=source.pixel_sd,
+        likelihood=contents.score,
+        findings=(*source.frame_findings, filmed.pixel_origin.describe(), *filmed.told),
+    )
+
+
+def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording:
+    """Positions of a Parquet table that is read by range: the recording never is in memory.
+
+    Args:
+        path: mocap's long table (``mocap.io.parquet_range``); samples that were not measured are left out.
+        skeleton_file: Skeleton TOML; None: none.
+
+    Raises:
+        FormatError: the file is none, or is not sorted.
+        SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
+    """
+    points = ParquetPoints(path)
+    skeleton, names = load_skeleton(skeleton_file, points.names)
+
+    def tracks(frames: slice) -> MarkerTracks:
+        found, _ = points.read(frames)
+        measured = found.status == Status.MEASURED
+        return replace(
+            found,
+            names=names,
+            xyz_m=np.where(measured[..., None], found.xyz_m, np.nan),
+            cov_m2=np.where(measured[..., None, None], found.cov_m2, np.nan),
+            status=np.where(measured, found.status, Status.MISSING),
+        )
+
+    return long_tracks(tracks, skeleton, name=as_text(path.stem), t_s=points.t_s, names=names)

@@ -1,0 +1,190 @@
+"""Joint potentials of many trials by map and reduce: three rounds over trials, of which one at a time is in memory."""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eal import GaussianKernel, usual_kernel
+from eal.potential import EmpiricalPotential
+from eal.sums import PotentialSums, choose_landmarks, sums_of, total
+from mocap.arrays import Array
+from mocap.errors import MocapError
+from mocap.pipeline.potentials import FEWEST, FRAME, NAMES
+from mocap.pipeline.run import JointPotential, Run
+from mocap.records import Status
+
+SKETCH = 40
+"""Samples of a joint and trial from which scale and kernel are chosen, for all trials together."""
+SHOWN = 2000
+"""Samples of all trials that a potential keeps to be drawn with."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeftOut:
+    """How well a potential knows trials that it was not learned from.
+
+    Attributes:
+        trials: The trials that were left out together: one, or all of an animal.
+        samples: Their samples.
+        value: Mean of V_z at these: 0 where the others' poses are theirs, 1 where none is.
+        own: The same, of the potential that was learned from them, too.
+    """
+
+    trials: tuple[str, ...]
+    samples: int
+    value: float
+    own: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ManyTrials:
+    """What many trials say of one joint.
+
+    Attributes:
+        joint: Joint name.
+        frame: Frame of reference of the coordinates.
+        scale_m: Metres a unit of the potential's coordinates.
+        sums: What each trial says, by its name.
+        sketch_m: (n, d) some samples of all trials, in metres.
+        lam: Spectral filtering parameter.
+    """
+
+    joint: str
+    frame: str
+    scale_m: float
+    sums: Mapping[str, PotentialSums]
+    sketch_m: Array
+    lam: float
+
+    def potential(self, without: Sequence[str] = ()) -> JointPotential:
+        """V_z of all trials, or of all but some.
+
+        Raises:
+            MocapError: there is no such trial, or no other.
+        """
+        odd = [name for name in without if name not in self.sums]
+        if odd or len(set(without)) == len(self.sums):
+            raise MocapError(f"cannot leave out {', '.join(odd or without)}: the trials are {', '.join(self.sums)}")
+        found = self._fitted(total(part for name, part in self.sums.items() if name not in without))
+        shown = self.sketch_m[:: max(1, len(self.sketch_m) // SHOWN)]
+        return JointPotential(
+            joint=self.joint, frame=self.frame, samples_m=shown, potential=found, scale_m=self.scale_m
+        )
+
+    def _fitted(self, sums: PotentialSums) -> EmpiricalPotential:
+        names = NAMES[: self.sketch_m.shape[1]]
+        return sums.potential(lam=self.lam, names=names, units=(f"{self.scale_m:.6g} m",) * len(names))
+
+    def left_out(self, animals: Mapping[str, Hashable] | None = None) -> list[LeftOut]:
+        """Each trial, or all trials of each animal, by the potential of the others: from the sums alone.
+
+        Args:
+            animals: The animal of each trial; None: each trial by itself.
+
+        Raises:
+            MocapError: there is one trial, or one animal.
+        """
+        groups: dict[Hashable, list[str]] = {}
+        for name in self.sums:
+            groups.setdefault(name if animals is None else animals[name], []).append(name)
+        if len(groups) < 2:
+            raise MocapError("leaving out needs two trials, or two animals, at least")
+        whole = total(self.sums.values())
+        every, out = self._fitted(whole), []
+        for names in groups.values():
+            part = total(self.sums[name] for name in names)
+            others = self._fitted(whole - part)
+            value, own = part.mean_value(others), part.mean_value(every)
+            out.append(LeftOut(trials=tuple(names), samples=int(part.total), value=value, own=own))
+        return out
+
+    def with_trial(self, name: str, samples_m: Array) -> "ManyTrials":
+        """With one trial more, (N, d) samples in metres; the others are not looked at again.
+
+        Landmarks stay: a potential of poses that none of the others showed says so by its error bound.
+        """
+        marks = next(iter(self.sums.values())).landmarks
+        return ManyTrials(
+            joint=self.joint,
+            frame=self.frame,
+            scale_m=self.scale_m,
+            sums={**self.sums, name: sums_of(marks, samples_m / self.scale_m)},
+            sketch_m=self.sketch_m,
+            lam=self.lam,
+        )
+
+
+def joint_samples(run: Run, frame: str = FRAME) -> dict[str, Array]:
+    """(N, d) samples of each joint in metres: frames in which its three markers were measured."""
+    tracks, markers = run.joints[frame], run.tracked.markers
+    measured = dict(zip(markers.names, (markers.status == Status.MEASURED).T, strict=True))
+    out = {}
+    for joint in (j for j in run.skeleton.joints if j.name in tracks.names):
+        i = tracks.names.index(joint.name)
+        ok = measured[joint.parent] & measured[joint.centre] & measured[joint.child]
+        out[joint.name] = tracks.q_m[ok & np.isfinite(tracks.q_m[:, i, 0]), i]
+    return out
+
+
+def learn_joints(
+    names: Sequence[str],
+    trial: Callable[[str], Mapping[str, Array]],
+    *,
+    frame: str = FRAME,
+    beta: float = 4.0,
+    lam: float = 1e-3,
+    most: int = 400,
+) -> dict[str, ManyTrials]:
+    """Learn the potential of each joint from all samples of many trials.
+
+    First round: some samples of each trial, which give scale and kernel. Second: the pivots of each trial, whose
+    kernels span those of all its samples; landmarks are the pivots of all pivots. Third: sums over all samples of each
+    trial. A trial is asked for three times, and forgotten each time; what is kept of it is a matrix.
+
+    Args:
+        names: Of the trials.
+        trial: Name to samples of each joint, (N, d) in metres (``joint_samples``).
+        frame: Frame of reference of the coordinates.
+        beta: Kernel width in units of the median squared distance.
+        lam: Spectral filtering parameter.
+        most: Most landmarks.
+
+    Raises:
+        MocapError: no joint has samples enough.
+    """
+    sketches: dict[str, list[Array]] = {}
+    for name in names:
+        for joint, samples in trial(name).items():
+            few = samples[np.linspace(0, len(samples) - 1, min(len(samples), SKETCH)).astype(int)]
+            sketches.setdefault(joint, []).append(few)
+    scales: dict[str, float] = {}
+    kernels: dict[str, GaussianKernel] = {}
+    whole = {joint: np.concatenate(parts) for joint, parts in sketches.items()}
+    for joint, sketch in whole.items():
+        if len(sketch) >= FEWEST:
+            scales[joint] = max(float(np.sqrt(sketch.var(axis=0).sum())), 1e-9)
+            kernels[joint] = usual_kernel(sketch / scales[joint], width=beta)
+    if not kernels:
+        raise MocapError(f"no joint was measured in {FEWEST} frames of these trials")
+    pivots: dict[str, list[Array]] = {joint: [] for joint in kernels}
+    for name in names:
+        for joint, samples in trial(name).items():
+            if joint in kernels and len(samples):
+                own = choose_landmarks(kernels[joint], samples / scales[joint], lam=lam, max_rank=most)
+                pivots[joint].append(own.centres)
+    marks = {
+        joint: choose_landmarks(kernels[joint], np.concatenate(parts), lam=lam, max_rank=most)
+        for joint, parts in pivots.items()
+    }
+    sums: dict[str, dict[str, PotentialSums]] = {joint: {} for joint in marks}
+    for name in names:
+        for joint, samples in trial(name).items():
+            if joint in marks and len(samples):
+                sums[joint][name] = sums_of(marks[joint], samples / scales[joint])
+    return {
+        joint: ManyTrials(
+            joint=joint, frame=frame, scale_m=scales[joint], sums=sums[joint], sketch_m=whole[joint], lam=lam
+        )
+        for joint in marks
+    }

@@ -1,0 +1,64 @@
+"""Figures of one film: paths of markers in its picture, and their coordinates over time."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mocap.arrays import Z95
+from mocap.pipeline.plane import in_units
+from mocap.pipeline.run import Run
+from mocap.plots.figures import Picture, write_pictures
+from mocap.plots.kinematics import COLOURS, new_axes, shade
+from mocap.records import Status
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def write_plane_figures(run: Run, folder: Path) -> None:
+    """Write ``figures/paths`` and a figure of each coordinate, PNG and SVG."""
+    write_pictures(list(plane_pictures(run)), folder)
+
+
+def plane_pictures(run: Run) -> Iterator[Picture]:
+    """Paths of all markers; x and y over time of the six that are seen most."""
+    assert run.plane is not None
+    markers, (xy, cov) = run.tracked.markers, in_units(run, run.plane)
+    unit, filled = run.plane.unit, np.isin(markers.status, (Status.SMOOTHED, Status.PREDICTED))
+    yield Picture(
+        name="paths",
+        caption="Paths in the picture, rows downwards; thin grey where filled.",
+        axes=_paths(xy, filled, markers.names, unit),
+    )
+    most = np.argsort(-(markers.status == Status.MEASURED).sum(axis=0), kind="stable")[: len(COLOURS)]
+    for axis, title in enumerate("xy"):
+        ax = new_axes(width_mm=180, rows=1 + (len(most) - 1) // 6)
+        shade(ax, markers.t_s, np.asarray(filled[:, most].sum(axis=1) > 0))
+        for m, colour in zip(most, COLOURS, strict=False):
+            half = Z95 * np.sqrt(cov[:, m, axis, axis])
+            ax.fill_between(
+                markers.t_s, xy[:, m, axis] - half, xy[:, m, axis] + half, color=colour, alpha=0.25, linewidth=0
+            )
+            ax.plot(markers.t_s, xy[:, m, axis], color=colour, linewidth=0.9, label=markers.names[m])
+        ax.set_xlabel("time (s)        band: 95 % interval; grey: one of these markers was filled", fontsize=7)
+        ax.set_ylabel(f"{title} ({unit})", fontsize=7)
+        ax.legend(fontsize=7, frameon=False, ncols=6, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+        yield Picture(name=f"{title}_over_time", caption=f"{title} of markers with 95 % intervals.", axes=ax)
+
+
+def _paths(xy: np.ndarray, filled: np.ndarray, names: tuple[str, ...], unit: str) -> "Axes":
+    ax = new_axes(width_mm=120, height_mm=100)
+    for m in range(len(names)):
+        colour = COLOURS[m % len(COLOURS)]
+        ax.plot(*xy[:, m].T, color="#BBBBBB", linewidth=0.5)
+        ax.plot(*np.where(filled[:, m, None], np.nan, xy[:, m]).T, color=colour, linewidth=0.9)
+        known = np.flatnonzero(np.isfinite(xy[:, m, 0]))
+        if len(known):
+            ax.annotate(names[m], xy[known[0], m], fontsize=5, color=colour)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.invert_yaxis()
+    ax.set_xlabel(f"x ({unit})", fontsize=7)
+    ax.set_ylabel(f"y ({unit})", fontsize=7)
+    return ax

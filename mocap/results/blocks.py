@@ -1,0 +1,142 @@
+"""Results of long recordings, written block by block as Parquet, and read back by range."""
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as parquet
+
+from mocap.errors import MocapError
+from mocap.io.parquet_range import COVARIANCES, ParquetPoints
+from mocap.io.tables import REPAIRED, WORDS
+from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.records import WORDS as REST_WORDS
+from mocap.kinematics.records import Kinematics
+from mocap.records import MarkerTracks, Status
+
+MARKERS, KINEMATICS, CYCLES, BLOCKS = "markers.parquet", "kinematics.parquet", "cycles.csv", "blocks.csv"
+
+
+class BlockWriter:
+    """Tables of a long recording, a row group a block.
+
+    ``markers.parquet`` is mocap's long table (a row a frame and marker: ``frame, t_s, marker, x_m, y_m, z_m, sd_m,
+    origin``) with ``cov_xx_m2``, ... in single precision; ``kinematics.parquet`` has a row a frame and for each
+    quantity its value, ``_sd`` and ``_status``; ``cycles.csv`` a row a cycle; ``blocks.csv`` a row a block. Positions
+    are float64, standard deviations and covariances float32.
+    """
+
+    def __init__(self, folder: Path, *, fps: float) -> None:
+        """Into an empty folder, as ``mocap.io.output.result_folder`` gives it."""
+        self._folder = folder
+        self._meta = {b"eal-mocap": json.dumps({"fps": fps, "read_as": "parquet"}).encode()}
+        self._open: dict[str, parquet.ParquetWriter] = {}
+        self._quantities: list[str] = []
+        self._cycles = (folder / CYCLES).open("w", encoding="utf-8", newline="")
+        self._blocks = (folder / BLOCKS).open("w", encoding="utf-8", newline="")
+        self._numbers: dict[tuple[str, str], int] = {}
+        self._begun = False
+
+    def __enter__(self) -> "BlockWriter":
+        """Itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close all files."""
+        for file in (*self._open.values(), self._cycles, self._blocks):
+            file.close()
+
+    def add(
+        self, core: range, markers: MarkerTracks, repaired: np.ndarray, found: Kinematics, cycles: Sequence[Cycle]
+    ) -> None:
+        """One block's own frames: its markers, what follows of them, and the cycles that begin in it."""
+        frames = np.arange(core.start + 1, core.stop + 1)
+        self._write(MARKERS, _marker_table(frames, markers, repaired))
+        self._write(KINEMATICS, self._kinematics_table(frames, found))
+        rows = [self._numbered(cycle) for cycle in cycles]
+        table = cycles_table(rows)
+        table.to_csv(self._cycles, index=False, float_format="%.6g", lineterminator="\n", header=not self._begun)
+        shares = {o.name.lower(): float(np.mean(markers.status == o)) for o in Status}
+        sd = markers.sd_m[markers.status == Status.MEASURED]
+        row = {
+            "first_frame": core.start + 1,
+            "last_frame": core.stop,
+            **{name: f"{share:.6f}" for name, share in shares.items()},
+            "median_sd_mm": f"{1e3 * np.median(sd):.6g}" if len(sd) else "",
+            "cycles": len(rows),
+        }
+        writer = csv.DictWriter(self._blocks, list(row), lineterminator="\n")
+        if not self._begun:
+            writer.writeheader()
+        writer.writerow(row)
+        self._begun = True
+
+    def _numbered(self, cycle: Cycle) -> Cycle:
+        key = (cycle.kind, cycle.of)
+        self._numbers[key] = self._numbers.get(key, 0) + 1
+        return replace(cycle, number=self._numbers[key])
+
+    def _write(self, name: str, table: pa.Table) -> None:
+        if name not in self._open:
+            schema = table.schema.with_metadata(self._meta)
+            self._open[name] = parquet.ParquetWriter(self._folder / name, schema, compression="zstd")
+        self._open[name].write_table(table.cast(self._open[name].schema), row_group_size=len(table))
+
+    def _kinematics_table(self, frames: np.ndarray, found: Kinematics) -> pa.Table:
+        self._quantities = self._quantities or list(found)
+        columns: dict[str, Any] = {"frame": frames, "t_s": found.t_s}
+        words, known = pa.array(REST_WORDS), {one.name: one for one in found.quantities}
+        for name in self._quantities:
+            one = known.get(name)
+            empty = np.full(len(frames), np.nan)
+            columns[name] = empty if one is None else one.value
+            columns[f"{name}_sd"] = (empty if one is None else one.sd).astype(np.float32)
+            rests = np.zeros(len(frames), dtype=np.int8) if one is None else one.rests
+            columns[f"{name}_status"] = pa.DictionaryArray.from_arrays(pa.array(rests), words)
+        return pa.table(columns)
+
+
+def _marker_table(frames: np.ndarray, markers: MarkerTracks, repaired: np.ndarray) -> pa.Table:
+    n_frames, n_markers = markers.status.shape
+    names = np.tile(np.arange(n_markers, dtype=np.int32), n_frames)
+    words = [*(str(word) for word in WORDS), REPAIRED]
+    codes = np.where(repaired & (markers.status == Status.MEASURED), len(WORDS), markers.status).astype(np.int8)
+    columns: dict[str, Any] = {
+        "frame": np.repeat(frames, n_markers),
+        "t_s": np.repeat(markers.t_s, n_markers),
+        "marker": pa.DictionaryArray.from_arrays(pa.array(names), pa.array(list(markers.names))),
+        **{f"{axis}_m": markers.xyz_m[..., k].ravel() for k, axis in enumerate("xyz")},
+        "sd_m": markers.sd_m.ravel().astype(np.float32),
+        "origin": pa.DictionaryArray.from_arrays(pa.array(codes.ravel()), pa.array(words)),
+    }
+    columns |= {f"cov_{name}_m2": markers.cov_m2[..., i, j].ravel().astype(np.float32) for name, i, j in COVARIANCES}
+    return pa.table(columns)
+
+
+def is_long(folder: Path) -> bool:
+    """Whether a folder holds the result of a recording that was tracked in blocks."""
+    return (folder / MARKERS).is_file() and (folder / BLOCKS).is_file()
+
+
+def read_markers(folder: Path, frames: range) -> tuple[MarkerTracks, np.ndarray]:
+    """Some frames, from 0, of a result that was written block by block; only the row groups that hold them are read.
+
+    Returns:
+        The markers, covariances in single precision, and (T, M) which samples bore another marker's name in the file.
+
+    Raises:
+        MocapError: there are no such frames.
+        FormatError: the file cannot be read.
+    """
+    points = ParquetPoints(folder / MARKERS)
+    if not 0 <= frames.start < frames.stop <= points.n_frames:
+        raise MocapError(f"{folder}: has the frames 1 to {points.n_frames}, not {frames.start + 1} to {frames.stop}")
+    return points.read(slice(frames.start, frames.stop))

@@ -1,0 +1,49 @@
+"""Markers of one film, in the plane of its picture: tables, dataset and report, two coordinates each."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from mocap.io.tables import REPAIRED, WORDS
+from mocap.pipeline.plane import in_units
+from mocap.pipeline.run import Run
+from mocap.records import Status
+from mocap.results.dataset import markers_dataset
+from mocap.results.tables import column_text, write_columns
+
+
+def plane_dataset(run: Run) -> xr.Dataset:
+    """As ``markers_dataset``, in x and y, in the unit of the plane."""
+    assert run.plane is not None
+    unit, factor = run.plane.unit, run.plane.per_m
+    found = markers_dataset(run.tracked, run.repaired).sel(space=["x", "y"], space_to=["x", "y"])
+    found["position"] = (factor * found["position"]).assign_attrs(units=unit)
+    found["covariance"] = (factor**2 * found["covariance"]).assign_attrs(units=f"{unit}2")
+    return found.assign_attrs(space_unit=unit)
+
+
+def write_plane(run: Run, folder: Path) -> None:
+    """Write ``markers.csv``, ``markers.nc``, ``report.json`` and ``report.md``.
+
+    ``markers.csv`` has a row a frame: ``frame``, ``t_s``, then ``<name>_x, _y, _sd`` and ``_origin`` a marker, in
+    metres; or ``<name>_x_px, _y_px, _sd_px`` where no scale is stated.
+    """
+    assert run.plane is not None
+    markers, (xy, cov) = run.tracked.markers, in_units(run, run.plane)
+    sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 2)
+    tail = "_px" if run.plane.unit == "px" else ""
+    words = WORDS[markers.status].astype("U12")
+    words[run.repaired & (markers.status == Status.MEASURED)] = REPAIRED
+    header = ["frame", "t_s"]
+    columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
+    for i, name in enumerate(markers.names):
+        header += [*(f"{name}_{field}{tail}" for field in ("x", "y", "sd")), f"{name}_origin"]
+        columns += [column_text(value, sd[:, i]) for value in (xy[:, i, 0], xy[:, i, 1], sd[:, i])]
+        columns.append(words[:, i])
+    write_columns(folder / "markers.csv", header, columns)
+    packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("position", "covariance")}
+    (folder / "markers.nc").write_bytes(plane_dataset(run).to_netcdf(engine="h5netcdf", encoding=packed))
+    (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
+    (folder / "report.md").write_text(run.report_text, encoding="utf-8")

@@ -1,0 +1,92 @@
+"""Many markers in groups: what a pose filter makes of each, beside one filter of all."""
+
+import numpy as np
+import pytest
+
+from datasets import make_bat
+from filters.anatomy import anatomy_of
+from filters.groups import groups_of, part_of, smooth_in_groups
+from filters.models.base import TrialSet
+from filters.models.pose import PoseSettings
+from filters.motion.pose import PoseMotion
+from filters.observations import PositionObservations
+from filters.poses import MarkerTrial
+from filters.track import smooth, smooth_together
+from mocap.moving import Asked
+
+T = 90
+
+
+@pytest.fixture(scope="module")
+def bat():
+    """A pose model of a bat of 34 markers, what is seen of it, and the truth."""
+    film = make_bat(n_frames=T, n_cameras=2)
+    rng = np.random.default_rng(0)
+    xyz = film.truth.xyz_m + 3e-4 * rng.standard_normal(film.truth.xyz_m.shape)
+    xyz[30:45, 3::4] = np.nan
+    trial = MarkerTrial(name="bat", t_s=film.truth.t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], 3e-4))
+    anatomy = anatomy_of(film.truth.names, film.skeleton.trunk, film.skeleton.rigid)
+    model = PoseSettings(ranks=(6,), regression=0.0).fit(TrialSet([trial], anatomy)).motion
+    return model, PositionObservations(xyz_m=xyz, sd_m=trial.sd_m), film.truth
+
+
+def test_groups_are_all_markers_once(bat):
+    """About equal in size; limbs that fit stay together."""
+    model, _, _ = bat
+    groups = groups_of(model, 12)
+    assert sorted(np.concatenate(groups).tolist()) == list(range(34))
+    assert max(map(len, groups)) <= 14
+    assert len(groups_of(model, 34)) == 1
+
+
+def test_one_group_is_the_filter_of_all(bat):
+    """The same operations on arrays that lie otherwise in memory: equal to rounding."""
+    model, seen, truth = bat
+    asked = Asked(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,), pairs=((0, 1), (0, 34)))
+    whole = smooth_together(model, seen, truth.t_s, asked=asked)
+    one = smooth_in_groups(model, seen, truth.t_s, [np.arange(34)], smooth_together, asked=asked)
+    np.testing.assert_allclose(one.xyz_m, whole.xyz_m, atol=1e-12)
+    np.testing.assert_allclose(one.cov_m2, whole.cov_m2, rtol=1e-7, atol=1e-15)
+    np.testing.assert_allclose(one.log_likelihood, whole.log_likelihood)
+    np.testing.assert_allclose(one.rates.velocity_m_s, whole.rates.velocity_m_s, atol=1e-12)
+    np.testing.assert_allclose(one.rates.own, whole.rates.own, atol=1e-12)
+    np.testing.assert_allclose(one.rates.cross, whole.rates.cross, atol=1e-12)
+    np.testing.assert_allclose(one.rates.kept, whole.rates.kept, rtol=1e-3)
+
+
+def test_groups_fill_gaps_as_well(bat, monkeypatch):
+    """Half of the markers know the shape at most by the root of two less well than all; so do gaps that it fills.
+
+    ``smooth`` takes them by itself where there are many markers.
+    """
+    model, seen, truth = bat
+    asked = Asked(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
+    whole = smooth_together(model, seen, truth.t_s, asked=asked)
+    monkeypatch.setattr("filters.track.MOST", 30)
+    monkeypatch.setattr("filters.groups.GROUP", 17)
+    found = smooth(model, seen, truth.t_s, asked=asked)
+    assert len(found.observed) == T
+    assert sorted(found.observed[0].where[:, 1].tolist()) == list(range(34))
+    lost = np.isnan(seen.xyz_m[..., 0])
+
+    def rms(estimate) -> float:
+        return float(np.sqrt(np.mean(np.sum((estimate.xyz_m - truth.xyz_m)[lost] ** 2, axis=1))))
+
+    assert rms(found) < np.sqrt(2) * rms(whole)
+    apart = np.abs(found.rates.velocity_m_s - whole.rates.velocity_m_s)[:, 34]
+    sd = np.sqrt(np.einsum("tii->ti", whole.rates.own[:, 34].astype(float))[:, 3:])
+    assert np.median(apart / sd) < 2.0  # the mean's velocity, from both groups together
+
+
+def test_a_part_of_a_model_says_the_same_of_its_markers(bat):
+    """Markers of a state of the part are those of the state of the whole with the same shape, body and residuals."""
+    model, _, _ = bat
+    some = np.array([2, 9, 20, 33])
+    part = part_of(model, some)
+    assert isinstance(part, PoseMotion)
+    rng = np.random.default_rng(0)
+    shared = rng.normal(size=2 * model.rank + 6)
+    residual = rng.normal(size=(34, 3))
+    whole = model.markers(np.concatenate([shared, residual.ravel()])[None], 5)
+    few = part.markers(np.concatenate([shared, residual[some].ravel()])[None], 5)
+    np.testing.assert_allclose(few, whole[:, some], atol=1e-12)

@@ -1,0 +1,226 @@
+"""Many trials on Dask: one after the other or killed in between, the same files."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+from distributed import Client
+
+import mocap as library
+from mocap.batches import engine
+from mocap.batches.run import shard_of
+from mocap.cli.view import with_recording
+from mocap.errors import MocapError, OutputError
+from mocap.io.dltdv import write_points
+from mocap.records import marker_tracks
+from mocap.rerun.stored import read_recording
+from tests.mocap.batches.trap import Trap
+
+FPS = 100.0
+QUICK = {"fps": FPS, "model": "constant_velocity", "validate": False}
+"""The quickest way to a result that is written: where the law is not how well gaps are filled."""
+TIMED = {"times.csv", "summary.html", ".mocap-manifest.json"}
+"""Files of the results that tell when, or how long."""
+
+
+def write_trial(path, seed):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rng, t_s = np.random.default_rng(seed), np.arange(24) / FPS
+    xyz = rng.normal(0, 0.05, (5, 3)) + 0.02 * np.sin(9 * t_s[:, None, None] + rng.uniform(0, 6, (5, 3)))
+    xyz += rng.normal(0, 3e-4, xyz.shape)
+    xyz[8:12, 2] = np.nan
+    write_points(path, marker_tracks("abcde", t_s, xyz))
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    """Five trials of two animals, and one that is cut."""
+    folder = tmp_path_factory.mktemp("lab")
+    for i in range(5):
+        write_trial(folder / f"animal{i % 2}" / f"t{i}_xyzpts.csv", i)
+    (folder / "animal1" / "bad_xyzpts.csv").write_text("a_X,a_Y,a_Z\n1,2,3\n4,5\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scheduler():
+    """The address of a cluster of two processes."""
+    with engine.client(jobs=2, memory=None, scheduler=None) as connected:
+        yield connected.scheduler_info()["address"]
+
+
+def contents(out):
+    """Every file of the results that does not tell the time."""
+    files = {path.relative_to(out).as_posix(): path for path in out.rglob("*") if path.is_file()}
+    return {name: path.read_bytes() for name, path in files.items() if name not in TIMED}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(lab, scheduler, tmp_path_factory):
+    """A batch of all trials, and its folder."""
+    out = tmp_path_factory.mktemp("results")
+    return library.batch(lab, out, scheduler=scheduler, **QUICK), out
+
+
+def test_each_trial_is_tracked_as_by_itself(lab, undisturbed, tmp_path):
+    """The tables are those that mocap.track writes, byte for byte; the bad trial is told and stops nothing."""
+    found, out = undisturbed
+    assert list(found.table["trial"]) == [
+        "animal0/t0",
+        "animal0/t2",
+        "animal0/t4",
+        "animal1/bad",
+        "animal1/t1",
+        "animal1/t3",
+    ]
+    assert list(found.table["status"]) == ["done"] * 3 + ["failed"] + ["done"] * 2
+    alone = library.track(
+        library.read(lab / "animal1/t3_xyzpts.csv", fps=FPS), model="constant_velocity", validate=False
+    )
+    alone.save(tmp_path / "alone")
+    same = ("markers.csv", "markers.nc", "kinematics.csv", "motion.nc", "run.nc", "cycles.csv")
+    for name in same:
+        assert (out / "animal1/t3" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+    summary = pd.read_csv(out / "summary.csv").set_index("trial")
+    assert "bad_xyzpts.csv" in summary.loc["animal1/bad", "error"]
+    assert summary.loc["animal1/t3", "gaps"] == 1
+    assert summary.loc["animal1/t3", "longest_gap_frames"] == 4
+    assert set(pd.read_csv(out / "times.csv")["trial"]) == set(summary.index)
+    page = (out / "summary.html").read_text()
+    assert "6 trials: 5 done, 1 failed" in page
+    assert 'href="animal1/t3/"' in page
+    assert found.load("animal1/t3").name == alone.name
+
+
+def test_what_is_done_is_not_done_again(lab, undisturbed, scheduler, tmp_path, monkeypatch):
+    """A second call tracks nothing; a changed file, an option or a lost file of the result: that trial alone."""
+    _, out = undisturbed
+    before = contents(out)
+    told = []
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "client", None)  # no cluster is asked for
+        library.batch(lab, out, progress=told.append, **QUICK)
+    assert (told[-1].known, told[-1].total) == (6, 6)
+    assert contents(out) == before
+    copy = tmp_path / "lab"
+    for path in lab.rglob("*.csv"):
+        (copy / path.relative_to(lab)).parent.mkdir(parents=True, exist_ok=True)
+        (copy / path.relative_to(lab)).write_bytes(path.read_bytes())
+    library.batch(copy, out, progress=told.append, scheduler=scheduler, **QUICK)
+    assert told[-1].known == 6  # the same content elsewhere
+    write_trial(copy / "animal0/t2_xyzpts.csv", 7)
+    (out / "animal1/t1/markers.csv").unlink()
+    library.batch(copy, out, progress=told.append, scheduler=scheduler, **QUICK)
+    assert told[-1].known == 4
+    assert {name.split("/")[1] for name, text in contents(out).items() if before.get(name) != text} == {"t2"}
+    library.batch(lab, out, scheduler=scheduler, **QUICK)
+    assert contents(out) == before
+
+
+def test_shards_make_the_same_results(lab, undisturbed, scheduler, tmp_path):
+    """Each takes its part; the summary of the last that ends is that of all; times are a file a shard."""
+    _, out = undisturbed
+    told = []
+    first = library.batch(lab, tmp_path / "out", shard="1/2", scheduler=scheduler, progress=told.append, **QUICK)
+    assert (told[-1].done, told[-1].total, told[-1].failed) == (3, 3, 0)
+    assert {doing for progress in told for doing in progress.workers.values()} >= {
+        f"{name}: write" for name in first.own
+    }
+    assert len(first.table) == len(first.own) == 3
+    both = library.batch(lab, tmp_path / "out", shard="2/2", scheduler=scheduler, **QUICK)
+    assert len(both.table) == 6
+    times = {"times_1_of_2.csv", "times_2_of_2.csv"}
+    found = contents(tmp_path / "out")
+    assert times <= found.keys()
+    assert {name: text for name, text in found.items() if name not in times} == contents(out)
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b", "1/0", "-1/2"])
+def test_no_shard(text):
+    with pytest.raises(MocapError, match="i from 1 to n"):
+        shard_of(text)
+
+
+def test_a_model_of_all_trials(lab, scheduler, tmp_path):
+    """Learned once from those that can be read; no trial is filled from itself; a shard is told to learn first."""
+    options = {"fps": FPS, "validate": False, "model": "learn"}
+    found = library.batch(lab / "animal0", tmp_path, scheduler=scheduler, **options)
+    assert list(found.table["model"]) == ["learned"] * 3
+    assert "learned from t0, t4" in (tmp_path / "t2" / "report.json").read_text()
+    written = (tmp_path / "model.npz").stat().st_mtime_ns
+    library.batch(lab / "animal0", tmp_path, scheduler=scheduler, **options)
+    assert (tmp_path / "model.npz").stat().st_mtime_ns == written
+    with pytest.raises(MocapError, match="needs all trials"):
+        library.batch(lab, tmp_path, shard="1/2", **options)
+
+
+def test_a_worker_that_dies_is_replaced(lab, undisturbed, scheduler, tmp_path):
+    """Its trial is tried once more, then reported; the others are done; the next run does the rest: the same bytes."""
+    counter = tmp_path / "counter"
+    counter.write_text("")
+    with Client(scheduler, set_as_default=False) as connected:
+        connected.register_plugin(Trap("animal0/t2", 2, counter), name="trap")
+        found = library.batch(lab, tmp_path / "out", scheduler=scheduler, **QUICK)
+        connected.unregister_worker_plugin("trap")
+    assert len(counter.read_text()) == 2
+    status = found.table.set_index("trial")
+    assert list(status["status"]) == ["done", "failed", "done", "failed", "done", "done"]
+    assert "died twice" in status.loc["animal0/t2", "error"]
+    library.batch(lab, tmp_path / "out", scheduler=scheduler, **QUICK)
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+def test_killed_at_once(lab, undisturbed, scheduler, tmp_path):
+    """SIGKILL of the command while it tracks, and it goes on: the same bytes, nothing done twice, nothing left over."""
+    out = tmp_path / "out"
+    command = [sys.executable, "-c", "if __name__ == '__main__': from mocap.cli.main import main; main()"]
+    command += ["batch", str(lab), "--out", str(out), "--fps", str(FPS), "--jobs", "1"]
+    command += ["--model", "constant_velocity", "--no-validate"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+        end = time.monotonic() + 120
+        while not list(out.glob("*/*/trial.json")) and running.poll() is None and time.monotonic() < end:
+            time.sleep(0.01)
+        running.kill()
+    time.sleep(1.0)  # its worker ends when its pipe does
+    first = {path: path.stat().st_mtime_ns for path in out.glob("*/*/trial.json")}
+    assert 1 <= len(first) < 6
+    library.batch(lab, out, scheduler=scheduler, **QUICK)
+    assert contents(out) == contents(undisturbed[1])
+    assert {path: path.stat().st_mtime_ns for path in first} == first
+    assert not list(out.rglob(".mocap-partial*"))
+
+
+def test_a_result_is_looked_at(undisturbed, tmp_path):
+    """A batch leaves the recording for the viewer out; mocap view makes it of the result."""
+    folder = undisturbed[1] / "animal1" / "t3"
+    assert not (folder / "recording.rrd").exists()
+    made = with_recording(folder, tmp_path)
+    assert made.name == "t3"  # as a comparison calls it
+    assert read_recording(made, name="t3").names == tuple("abcde")
+
+
+def test_wrong_usage(lab, tmp_path, mocap, monkeypatch):
+    """One line each that tells what to do."""
+    monkeypatch.setattr(engine, "CONNECT_S", 0.5)
+    for options, told in (
+        ({"model": "bad.npz"}, "or a file that mocap learn wrote"),
+        ({"jobs": 0}, "give 1 or more"),
+        ({"memory": "100MB"}, "needs 500 MB"),
+        ({"memory": "much"}, "give it as 2GB"),
+        ({"scheduler": "tcp://127.0.0.1:9"}, "no Dask scheduler answers"),
+    ):
+        with pytest.raises(MocapError, match=told):
+            library.batch(lab, tmp_path / "out", **{**QUICK, **options})
+    with pytest.raises(OutputError, match="lies where its result would be written"):
+        library.batch(_in_its_own_place(tmp_path), tmp_path / "data", **QUICK)
+    code, _, err = mocap("batch", tmp_path / "absent", "--out", tmp_path / "out")
+    assert code == 1
+    assert "there is no such file or folder" in err
+
+
+def _in_its_own_place(folder):
+    write_trial(folder / "data" / "t" / "t_xyzpts.csv", 0)
+    return folder / "data" / "t" / "t_xyzpts.csv"

@@ -1,0 +1,211 @@
+"""Which trials a folder holds, with which calibration; the manifest of them."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datasets import make_bat, write_recording
+from mocap.batches.find import find_trials
+from mocap.batches.manifest import read_manifest, write_manifest
+from mocap.errors import FormatError, MocapError
+from mocap.io.csv_table import write_table
+from mocap.io.manifest import MANIFEST
+from tests.real_data import real
+
+ROWS = "a_x,a_y,a_z\n1,2,3\n2,3,4\n3,4,6\n"
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    """A recording with three cameras as the files of many programs."""
+    recording = make_bat(seed=1, n_frames=4, n_cameras=3)
+    return recording, write_recording(recording, tmp_path_factory.mktemp("twin"), others=True)
+
+
+def put(twin, folder, name, *kinds):
+    """Some of the twin's files, under the name of a trial."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind in kinds:
+        source = twin[1][kind]
+        (folder / source.name.replace(twin[0].name, name)).write_bytes(source.read_bytes())
+
+
+def write_deeplabcut(path, uv):
+    """Pixels of one camera as DeepLabCut writes them."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = ["scorer,dlc,dlc,dlc", "bodyparts,tip,tip,tip", "coords,x,y,likelihood"]
+    path.write_text("\n".join([*lines, *(f"{t},{u},{v},0.99" for t, (u, v) in enumerate(uv))]) + "\n")
+
+
+def test_a_lab_of_folders(twin, tmp_path):
+    """Each trial with the calibration of its name, else of its folder, else of the folder above; others say why not."""
+    lab = tmp_path / "lab"
+    put(twin, lab / "bat1", "t1", "pixels", "coefficients", "profile", "skeleton", "offsets", "points", "project")
+    put(twin, lab / "bat1", "t2", "pixels", "coefficients")
+    put(twin, lab / "bat2" / "day1", "t3", "pixels")
+    put(twin, lab / "bat2" / "calibration", "rig", "calibration")
+    put(twin, lab / "bat3", "t4", "c3d")
+    put(twin, lab / "bat3", "t5", "pixels")
+    (lab / "bat3" / "notes.csv").write_text("what,when\nflew,noon\n")
+    (lab / "bat3" / "t6.c3d").write_bytes(b"cut")
+    found = {trial.name: trial for trial in find_trials([lab])}
+    assert list(found) == ["bat1/t1", "bat1/t2", "bat2/day1/t3", "bat3/notes", "bat3/t4", "bat3/t5", "bat3/t6"]
+    names = {name: {k: v.name for k, v in trial.stated.items()} for name, trial in found.items()}
+    assert names["bat1/t1"] == {
+        "calibration": "t1_dltCoefs.csv", "profile": "t1_camera_profile.txt", "skeleton": "t1_skeleton.toml"
+    }  # fmt: skip
+    assert found["bat1/t1"].paths[0].name == "t1_xypts.csv"
+    assert names["bat1/t2"]["calibration"] == "t2_dltCoefs.csv"
+    assert found["bat2/day1/t3"].stated["calibration"] == lab / "bat2" / "calibration" / "rig_calibration.toml"
+    assert "without a calibration" in found["bat3/t5"].skip
+    assert "up to lab" in found["bat3/t5"].skip
+    assert "columns" in found["bat3/notes"].skip
+    assert not found["bat3/t4"].skip
+    assert not found["bat3/t6"].skip  # a C3D file that cannot be read is a trial that fails
+
+
+def test_one_of_two_calibrations_is_not_guessed(twin, tmp_path):
+    """Two of one kind, neither named as the trial: skipped, and both are named; stated, it is tracked."""
+    put(twin, tmp_path, "t1", "pixels")
+    put(twin, tmp_path, "monday", "coefficients")
+    put(twin, tmp_path, "tuesday", "coefficients")
+    (trial,) = find_trials([tmp_path])
+    assert "monday_dltCoefs.csv, tuesday_dltCoefs.csv" in trial.skip
+    stated = {"calibration": tmp_path / "monday_dltCoefs.csv"}
+    (trial,) = find_trials([tmp_path], stated=stated)
+    assert not trial.skip
+    assert trial.stated == stated
+
+
+@pytest.mark.parametrize("layout", ["{trial}/{camera}", "{trial}_{camera}", "{camera}/{trial}"])
+def test_views_of_a_trial_are_put_together(twin, tmp_path, layout):
+    """Pixel files of one camera each: a folder a trial, all in one folder, or a folder a camera."""
+    recording, files = twin
+    (tmp_path / "calibration.toml").write_bytes(files["calibration"].read_bytes())
+    for trial in ("t1", "t2"):
+        for camera, uv in zip(recording.pixels.cameras, recording.pixels.uv_px[:, :, 0], strict=True):
+            write_deeplabcut(tmp_path / f"{layout.format(trial=trial, camera=camera)}.csv", np.nan_to_num(uv))
+    found = {trial.name: trial for trial in find_trials([tmp_path])}
+    assert list(found) == ["t1", "t2"]
+    for name, trial in found.items():
+        assert len(trial.paths) == 3
+        assert all(name in path.as_posix().removeprefix(tmp_path.as_posix()) for path in trial.paths)
+        assert trial.stated["calibration"].name == "calibration.toml"
+
+
+def test_a_manifest_is_what_it_was_written_from(twin, tmp_path):
+    """Trials, paths and all that is stated come back, from another folder too."""
+    put(twin, tmp_path / "lab" / "bat1", "t1", "pixels", "coefficients", "skeleton")
+    put(twin, tmp_path / "lab" / "bat 2", "t;2", "c3d")
+    (tmp_path / "lab" / "bat 2" / "t;2_xyzpts.c3d").rename(tmp_path / "lab" / "bat 2" / "t2.c3d")
+    trials = find_trials([tmp_path / "lab"], stated={"fps": 240.0, "unit": "mm", "origin": "upper-left"})
+    (tmp_path / "lists").mkdir()
+    write_manifest(tmp_path / "lists" / "m.csv", trials, folder=tmp_path / "lists")
+    again = read_manifest(tmp_path / "lists" / "m.csv")
+    assert [t.name for t in again] == ["bat 2/t2", "bat1/t1"]
+
+    def plain(trial):
+        stated = {k: v.resolve() if isinstance(v, Path) else v for k, v in trial.stated.items()}
+        return trial.name, [p.resolve() for p in trial.paths], stated, trial.animal, trial.skip
+
+    assert list(map(plain, again)) == list(map(plain, trials))
+
+
+def test_a_manifest_of_a_spreadsheet(tmp_path):
+    """Semicolons as a spreadsheet in Germany writes them; what is stated for all fills what a row does not state."""
+    (tmp_path / "a_xyzpts.csv").write_text(ROWS)
+    (tmp_path / "m.csv").write_text(
+        "trial;path;fps;animal;skip\none;a_xyzpts.csv;;bat7;\ntwo;a_xyzpts.csv;500;;blurred\n"
+    )
+    one, two = find_trials([tmp_path / "m.csv"], stated={"fps": 100.0})
+    assert (one.stated["fps"], one.animal, two.stated["fps"], two.skip) == (100.0, "bat7", 500.0, "blurred")
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ("trial,path,callibration\na,a.c3d,x\n", None),
+        ("trial,path,fps\na,a.c3d,fast\n", "line 2: fps 'fast' is not a number"),
+        ("trial,path\na,a.c3d\nA,b.c3d\n", "line 3: two trials are called 'A'"),
+        ("trial,path\n../a,a.c3d\n", "line 2: the trial '../a'"),
+        ("trial,path\na,\n", "line 2: names no file"),
+        ("trial,path\n", "has no trials"),
+    ],
+)
+def test_a_manifest_with_a_mistake(tmp_path, table, told):
+    """The line and what is wrong with it; a table with other columns is no manifest."""
+    path = tmp_path / "m.csv"
+    path.write_text(table)
+    if told is None:
+        (trial,) = find_trials([path])
+        assert "columns" in trial.skip
+        with pytest.raises(FormatError, match="callibration"):
+            read_manifest(path)
+        return
+    with pytest.raises(FormatError, match=r"m\.csv") as refused:
+        find_trials([path])
+    assert told in str(refused.value)
+
+
+def test_nothing_found_says_what_was_looked_for(tmp_path):
+    """And where."""
+    with pytest.raises(MocapError, match=r"no trial was found: .*C3D") as refused:
+        find_trials([tmp_path])
+    assert str(tmp_path) in str(refused.value)
+    with pytest.raises(MocapError, match="no file or folder fits"):
+        find_trials([f"{tmp_path}/**/*.c3d"])
+    with pytest.raises(MocapError, match="there is no such file or folder"):
+        find_trials([tmp_path / "absent"])
+
+
+def test_results_are_no_trials(tmp_path):
+    """The folder of results, and folders that mocap track wrote, are not looked into; patterns find the same."""
+    for folder in ("data/day1", "results/x", "data/tracked"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "a_xyzpts.csv").write_text(ROWS)
+    (tmp_path / "data/tracked" / MANIFEST).write_text('{"results": {"track": {"files": {}, "folders": []}}}')
+    assert [t.name for t in find_trials([tmp_path], out=tmp_path / "results")] == ["data/day1/a"]
+    assert [t.name for t in find_trials([f"{tmp_path}/data/d*/*xyzpts.csv"])] == ["day1/a"]
+
+
+def test_trials_of_one_name_are_told_apart(tmp_path):
+    """The same names in two folders that are given: by the folders; two files of one folder: by what they are."""
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        write_table(tmp_path / folder / "a_xyzpts.csv", ["a_X", "a_Y", "a_Z"], np.arange(9.0).reshape(3, 3))
+    assert [t.name for t in find_trials([tmp_path / "one", tmp_path / "two"])] == ["one/a", "two/a"]
+    files = [tmp_path / folder / "a_xyzpts.csv" for folder in ("one", "two")]
+    found = find_trials(files)
+    assert len({trial.name for trial in found}) == 2
+    assert {trial.paths[0] for trial in found} == set(files)
+
+
+def test_dry_run_touches_nothing_else(mocap, twin, tmp_path):
+    """It writes one file; the trial that cannot be read says why in its note; corrected, it is tracked from."""
+    put(twin, tmp_path / "lab", "t1", "pixels", "coefficients")
+    (tmp_path / "lab" / "t2.c3d").write_bytes(b"cut")
+    before = {path: path.read_bytes() for path in (tmp_path / "lab").iterdir()}
+    code, _, err = mocap("batch", tmp_path / "lab", "--dry-run", "--fps", "240", "--out", tmp_path / "trials.csv")
+    assert code == 0
+    assert "2 trials" in err
+    assert {path: path.read_bytes() for path in (tmp_path / "lab").iterdir()} == before
+    assert {p.name for p in tmp_path.iterdir()} == {"lab", "trials.csv", MANIFEST}
+    with (tmp_path / "trials.csv").open(newline="") as stream:
+        rows = {row["trial"]: row for row in csv.DictReader(stream)}
+    assert rows["t1"]["path"] == "lab/t1_xypts.csv"
+    assert (rows["t1"]["frames"], rows["t1"]["cameras"], rows["t1"]["fps"]) == ("4", "3", "240.0")
+    assert "t2.c3d" in rows["t2"]["note"]
+
+
+def test_real_folders():
+    """A lab's folders as they are: four views of DeepLabCut with the rig's easyWand file, and DLTdv's tables."""
+    root = real("bat_windtunnel_dltdv8")
+    found = {trial.name: trial for trial in find_trials([f"{root}/*/F5_markerless/*.csv", f"{root}/derived_csv/*"])}
+    assert list(found) == ["078A3/F5_markerless", "078A3_F5", "FE404_F2"]
+    assert not any(trial.skip for trial in found.values())
+    markerless = found["078A3/F5_markerless"]
+    assert len(markerless.paths) == 4
+    assert markerless.stated["calibration"].name == "extrinsicCalib_20230228_easyWandData.mat"
+    assert found["FE404_F2"].stated["profile"].name == "FE404_F2_camera_profile.txt"

@@ -1,0 +1,191 @@
+"""Long recordings in blocks: the same track as the whole at once, tables of every frame, any range of them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import mocap
+from datasets import make_bat
+from docs.tools import columns
+from mocap.cli.main import main
+from mocap.cli.view import detail
+from mocap.errors import MocapError
+from mocap.library.blocks import load_range, track_in_blocks
+from mocap.pipeline.blocks import LEAST, MOST, Tally, blocks_of, learn_once, margin, renumbered, track_block
+from mocap.pipeline.cut import cut, joined
+from mocap.pipeline.long import LongRecording, long_points
+from mocap.records import MarkerTracks, Status
+from mocap.skeleton import Joint, Skeleton
+
+T = 700
+SHOWN = [*range(9), 13, 14, 17]  # trunk and an arm of the bat
+
+
+@pytest.fixture(scope="module")
+def bat() -> LongRecording:
+    """Positions of a bat with gaps; a stretch in which nothing is seen."""
+    film = make_bat(n_frames=T, n_cameras=2)
+    names = tuple(film.truth.names[m] for m in SHOWN)
+    rng = np.random.default_rng(0)
+    xyz = film.truth.xyz_m[:, SHOWN]
+    xyz = xyz + 3e-4 * rng.standard_normal(xyz.shape)
+    xyz[rng.random(xyz.shape[:2]) < 0.1] = np.nan
+    xyz[90:120, 5] = np.nan
+    xyz[500:520] = np.nan
+    seen = np.isfinite(xyz[..., 0])
+    cov = np.where(seen, 9e-8, np.nan)[..., None, None] * np.eye(3)
+    status = np.where(seen, Status.MEASURED, Status.MISSING).astype(np.int8)
+    tracks = MarkerTracks(names=names, t_s=film.truth.t_s, xyz_m=xyz, cov_m2=cov, status=status)
+    joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
+    skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8], joints=(joint,))
+    return long_points(tracks, skeleton, name="bat")
+
+
+@pytest.mark.parametrize("size", [200, 341])
+def test_blocks_give_the_track_of_the_whole(bat, size):
+    """A filter that has seen each marker in 30 frames has forgotten where it began.
+
+    The slowest mode of constant velocity with these noises falls by e in 3 frames; margins of 120 frames leave e^-40.
+    """
+    known = learn_once(bat, model="constant_velocity")
+    whole, _, _ = track_block(bat, known, range(T))
+    parts = []
+    for core in blocks_of(T, size):
+        run, own, _ = track_block(bat, known, core)
+        assert own.stop - own.start == len(core)
+        parts.append(cut(run, own))
+    found = joined(parts)
+    ours, theirs = found.tracked.markers, whole.tracked.markers
+    np.testing.assert_array_equal(ours.t_s, theirs.t_s)
+    np.testing.assert_array_equal(ours.status, theirs.status)
+    np.testing.assert_allclose(ours.xyz_m, theirs.xyz_m, atol=1e-9)
+    np.testing.assert_allclose(ours.cov_m2, theirs.cov_m2, rtol=1e-7, atol=1e-15)
+    np.testing.assert_allclose(found.motion.velocity_m_s, whole.motion.velocity_m_s, atol=1e-7)
+
+
+def test_blocks_are_all_frames_once():
+    """No frame is left out, none is twice, and no block is longer than asked."""
+    for n, size in ((1, 5), (10, 5), (11, 5), (1000, 333)):
+        blocks = blocks_of(n, size)
+        assert [frame for block in blocks for frame in block] == list(range(n))
+        assert max(map(len, blocks)) <= size
+
+
+def test_margins_reach_to_where_each_marker_is_seen():
+    """Past a gap by 30 frames; no further than there is to look at, or than is of use."""
+    seen = np.ones((3000, 3), dtype=bool)
+    assert margin(seen, 0.01) == LEAST
+    seen[:200, 1] = False
+    assert margin(seen, 0.01) == 230
+    seen[:, 2] = False  # never seen: nothing to wait for
+    assert margin(seen, 0.01) == 230
+    seen[:2900, 1] = False
+    assert margin(seen, 0.01) == LEAST
+    seen[990, 1] = True
+    assert margin(seen, 0.01) == 991 <= MOST
+    assert margin(seen[:40], 0.01) == 40
+    assert margin(seen[:0], 0.01) == 0
+
+
+@pytest.fixture(scope="module")
+def folder(bat, tmp_path_factory):
+    """A result in blocks."""
+    out = tmp_path_factory.mktemp("long") / "out"
+    track_in_blocks(bat, out, model="constant_velocity", size=250)
+    return out
+
+
+def test_tables_hold_every_frame(bat, folder):
+    """The long table is one that mocap reads, the kinematics have a row a frame, and both are the track."""
+    known = learn_once(bat, model="constant_velocity")
+    whole, _, _ = track_block(bat, known, range(T))
+    points = mocap.read(folder / "markers.parquet").contents.points
+    np.testing.assert_allclose(points.xyz_m, whole.tracked.markers.xyz_m, atol=1e-9)
+    np.testing.assert_array_equal(points.status, whole.tracked.markers.status)
+    table = pd.read_parquet(folder / "kinematics.parquet")
+    assert table["frame"].tolist() == list(range(1, T + 1))
+    flexion = mocap.load(folder).kinematics  # the overview, of the same frames where there are few
+    assert len(flexion.t_s) == T
+    name = next(name for name in table if name.endswith("_flexion_deg"))
+    np.testing.assert_allclose(table[name], flexion[name].value, atol=0.05)
+    blocks = pd.read_csv(folder / "blocks.csv")
+    assert blocks["last_frame"].tolist() == [233, 466, 700]
+    assert blocks["measured"].mean() == pytest.approx(
+        (whole.tracked.markers.status == Status.MEASURED).mean(), abs=1e-3
+    )
+
+
+def test_every_column_is_documented(folder):
+    """Of the files that only recordings in blocks have."""
+    assert not columns.undocumented(pd.read_parquet(folder / "markers.parquet").columns, "markers.parquet", {})
+    assert not columns.undocumented(pd.read_csv(folder / "blocks.csv", nrows=0).columns, "blocks.csv", {})
+
+
+def test_any_range_of_frames(folder):
+    """A range over the border of two blocks is read with its covariances, as single precision holds them."""
+    whole = mocap.load(folder).run.tracked.markers
+    run = load_range(folder, range(220, 260))
+    np.testing.assert_array_equal(run.tracked.markers.xyz_m, whole.xyz_m[220:260])
+    np.testing.assert_allclose(run.tracked.markers.cov_m2, whole.cov_m2[220:260], rtol=1e-5, atol=1e-12)
+    np.testing.assert_array_equal(run.tracked.markers.status, whole.status[220:260])
+    world = mocap.load(folder).run.joints["world"].q_m[220:260]
+    np.testing.assert_allclose(run.joints["world"].q_m, world, atol=1e-12)
+    with pytest.raises(MocapError, match="has the frames 1 to 700"):
+        load_range(folder, range(690, 710))
+
+
+def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
+    """Every third frame, numbered and timed as in the recording."""
+    from rerun.chunk import RrdReader
+
+    from mocap.rerun.stored import read_recording
+
+    monkeypatch.setattr("mocap.library.blocks.OVERVIEW", 250)
+    report = track_in_blocks(bat, tmp_path / "out", model="constant_velocity", size=400)
+    assert report["overview"] == {"every": 3, "frames": 234}
+    stored = read_recording(tmp_path / "out" / "recording.rrd", name="bat")
+    np.testing.assert_allclose(np.diff(stored.t_s), 3 * bat.dt_s, atol=1e-8)
+    frames = set()
+    for chunk in RrdReader(str(tmp_path / "out" / "recording.rrd")).stream():
+        batch = chunk.to_record_batch()
+        if "frame" in batch.schema.names:
+            frames |= set(batch.column("frame").to_pylist())
+    assert frames <= set(range(1, T + 1, 3))
+    assert {1, 700} <= frames
+
+
+def test_the_command_line(folder, tmp_path, monkeypatch, capsys):
+    """``mocap track --blocks`` gives the tables, ``mocap.load`` any of their frames; what cannot be is refused."""
+    source = folder / "markers.parquet"
+
+    def run(*words: object) -> int:
+        monkeypatch.setattr("sys.argv", ["mocap", *map(str, words)])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        return stopped.value.code
+
+    out = tmp_path / "out"
+    assert run("track", source, "--blocks", 300, "--model", "constant_velocity", "--out", out) == 0
+    assert "tracked in 3 blocks" in (out / "report.md").read_text()
+    part = mocap.load(out, frames=range(298, 304))
+    assert part.markers.sizes["time"] == 6
+    assert detail([out], "299:304", tmp_path / "part.rrd").stat().st_size > 1000
+    capsys.readouterr()
+    assert run("track", source, "--blocks", 300, "--model", "eal", "--out", tmp_path / "other") == 1
+    assert run("view", out, "--frames", "7") == 1
+    assert "FIRST:LAST" in capsys.readouterr().err
+
+
+def test_findings_of_blocks(bat):
+    """Frames are those of the recording, and what many blocks say is one sentence."""
+    jump = "'knee' jumps by 2.1 mm between frames 744 and 745 (0.6 m/s; 99.9 % of all steps)"
+    assert renumbered(jump, 5000) == jump.replace("744 and 745", "5744 and 5745")
+    assert renumbered("3 frames were left out; frame 7, frames 8 to 9", 10) == (
+        "3 frames were left out; frame 17, frames 18 to 19"
+    )
+    tally = Tally()
+    run, _, _ = track_block(bat, learn_once(bat, model="constant_velocity"), range(60))
+    for number in (1, 2, 3):
+        tally.add(run, [f"noise of 0.{number} mm", *(["once"] if number == 2 else [])])
+    assert tally.sentences() == ["noise of 0.1 mm (and in 2 other blocks, with their own numbers)", "once"]
+    assert sum(tally.samples.values()) == 3 * run.tracked.markers.status.size

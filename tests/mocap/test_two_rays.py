@@ -1,0 +1,81 @@
+"""Points of two rays that meet by accident: refused by what the other markers and the motion say of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from datasets import PERFECT, make_bat
+from filters.models.pose import PoseSettings
+from mocap.cameras.camera import record
+from mocap.pipeline.prepare import prepare_pixels
+from mocap.pipeline.tracking import seen_part
+from mocap.pipeline.two_rays import unconfirmed, without_contradicted, worth_checking
+from mocap.skeleton import Skeleton
+
+WRONG, RIGHT, FRAMES = "wrist_l", "wrist_r", slice(40, 60)
+SETTINGS = PoseSettings(ranks=(6,))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A bat in four cameras that see all of it, but for 20 frames in which both wrists are seen by two alone."""
+    bat = make_bat(seed=4, n_frames=100, n_cameras=4, digitiser=PERFECT)
+    uv = record(bat.cameras, bat.truth.xyz_m)
+    uv += np.random.default_rng(1).normal(0, 0.5, uv.shape)
+    wrong, right = (bat.truth.names.index(name) for name in (WRONG, RIGHT))
+    for marker in (wrong, right):
+        uv[2:, FRAMES, marker] = np.nan
+    return bat, replace(bat.pixels, uv_px=uv), (wrong, right)
+
+
+def prepared(bat, pixels):
+    return prepare_pixels(pixels, bat.cameras, Skeleton(name="bat", markers=pixels.names), name="bat")
+
+
+def along_first_ray(pixels, cameras, marker, truth, metres):
+    """The second camera's clicks of a marker, on a point behind it that the first camera sees in the same pixel."""
+    centre = -np.linalg.solve(cameras[0].matrix[:, :3], cameras[0].matrix[:, 3])
+    away = truth[FRAMES, marker] - centre
+    moved = truth.copy()
+    moved[FRAMES, marker] += metres * away / np.linalg.norm(away, axis=1, keepdims=True)
+    uv = pixels.uv_px.copy()
+    uv[1, FRAMES, marker] = record(cameras[1:2], moved)[0, FRAMES, marker]
+    return replace(pixels, uv_px=uv)
+
+
+def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
+    """The second shows a place 15 mm behind the wrist: they meet, and no third ray tells. All 20 are refused.
+
+    Of the right wrist, which two rays show where it is, 2 of 20 at most are refused.
+    """
+    bat, pixels, (wrong, right) = scene
+    one = prepared(bat, along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015))
+    asked = unconfirmed(one)
+    assert asked[FRAMES, wrong].mean() > 0.9
+    assert asked[FRAMES, right].mean() > 0.9
+    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    assert (checked.rejected["contradicted"][FRAMES, wrong] == asked[FRAMES, wrong]).all()
+    assert checked.rejected["contradicted"][FRAMES, right].sum() <= 2
+    assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
+    assert any("meet away from where the motion" in line for line in checked.findings)
+    np.testing.assert_array_equal(checked.uv_px, one.uv_px)
+
+
+def test_nothing_is_refused_where_all_is_right(scene):
+    """Two right rays each: 1 of 20 at most, and so few that they are not worth a pass of the filter."""
+    bat, pixels, _ = scene
+    one = prepared(bat, pixels)
+    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    refused = np.isnan(checked.xyz_m[..., 0]) & np.isfinite(one.xyz_m[..., 0])
+    assert unconfirmed(one).sum() > 30
+    assert refused.sum() <= 2
+    assert not worth_checking(one)
+
+
+def test_two_cameras_have_no_third(scene):
+    """Where there are two cameras in all every point is of two rays, and none is doubted for that."""
+    bat, pixels, _ = scene
+    two = replace(pixels, uv_px=pixels.uv_px[:2], cameras=pixels.cameras[:2])
+    one = prepare_pixels(two, bat.cameras[:2], Skeleton(name="bat", markers=two.names), name="bat")
+    assert not unconfirmed(one).any()

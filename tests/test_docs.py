@@ -1,0 +1,229 @@
+"""What the pages say is so: commands and options exist, links lead somewhere, the README is short."""
+
+import re
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from docs.tools import columns, commands, html
+from docs.tools.made import PAGES
+from eal import fit_potential
+from filters.anatomy import Anatomy
+from filters.models.base import TrialSet, estimate
+from filters.observations import PositionObservations
+from filters.poses import MarkerTrial
+from mocap.cli.main import INSTALLING
+from mocap.errors import FormatError, MocapError
+from mocap.io.format import Hints
+from mocap.io.head import head
+from mocap.io.registry import read_as
+
+ROOT = Path(__file__).resolve().parents[1]
+TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs" / "scripts").rglob("*.py")])
+NAMES = [path.relative_to(ROOT).as_posix() for path in TEXTS]
+README_LINES = 100
+
+
+def typed(text: str) -> list[str]:
+    """Every command of ours in a text: lines of blocks of code, lines that are indented, and code within a line."""
+    blocks = re.findall(r"^```.*?^```", text, re.MULTILINE | re.DOTALL)
+    lines = re.findall(r"^(mocap [a-z-].*)$", "\n".join(blocks), re.MULTILINE)
+    lines += re.findall(r"^(?:#\s*)?    (mocap [a-z-].*)$", text, re.MULTILINE)
+    return lines + re.findall(r"`(mocap [a-z][^`]*)`", text)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_command_that_a_page_types_exists_with_its_options(name):
+    """As the program itself lists them."""
+    text = (ROOT / name).read_text(encoding="utf-8")
+    wrong = {line: unknown for line in typed(text) if (unknown := commands.unknown_in(line))}
+    assert not wrong
+
+
+@pytest.mark.parametrize(
+    ("line", "unknown"),
+    [
+        ("mocap track a.csv --fps 700 --out o", []),
+        ("mocap track a.csv --frames-a-second 700", ["--frames-a-second"]),
+        ("mocap tracks a.csv", ["mocap tracks"]),
+        ("mocap calibrate images boards/ --square-mm=25 --fps 3", ["--fps"]),
+        ("mocap calibrate pictures boards/", ["mocap calibrate pictures"]),
+        ("mocap --help", []),
+        ("mocap view a    # --nothing", []),
+        ("make demo --fast", []),
+    ],
+)
+def test_what_does_not_exist_is_seen(line, unknown):
+    """Wrong commands and options are named, comments and other programs are not looked at."""
+    assert commands.unknown_in(line) == unknown
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.endswith(".md")])
+def test_links_between_pages_lead_somewhere(name):
+    """Files and headings of this repository; pages that the build makes are there too."""
+    path = ROOT / name
+    wrong = []
+    text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"\w+:", link):
+            continue
+        place, _, anchor = link.partition("#")
+        target = (path.parent / place).resolve() if place else path
+        made = target.relative_to(ROOT / "docs").as_posix() if target.is_relative_to(ROOT / "docs") else ""
+        executed = re.fullmatch(r"(tutorials|gallery)/executed/(\w+)\.rst", made)
+        if executed:
+            file = "GALLERY_HEADER.rst" if executed[2] == "index" else f"{executed[2]}.py"
+            target = ROOT / "docs" / "scripts" / executed[1] / file
+        there = made in PAGES or target.is_file()
+        if not there or (anchor and made not in PAGES and anchor not in anchors(target)):
+            wrong.append(link)
+    assert not wrong
+
+
+def anchors(path: Path) -> set[str]:
+    """Of the headings of a page, as MyST and GitHub name them."""
+    titles = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def test_every_page_of_the_source_names_a_page_that_is_there():
+    """Docstrings and messages that send a reader to docs/..."""
+    wrong = []
+    for folder in ("mocap", "eal", "filters", "datasets", "benchmarks"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for page in re.findall(r"\bdocs/[\w/]+\.md", path.read_text(encoding="utf-8")):
+                if not (ROOT / page).is_file() and page.removeprefix("docs/") not in PAGES:
+                    wrong.append(f"{path.relative_to(ROOT)}: {page}")
+    assert not wrong
+
+
+def kinds(error: type[MocapError]) -> list[type[MocapError]]:
+    """An error class and all below it."""
+    return [error, *(kind for below in error.__subclasses__() for kind in kinds(below))]
+
+
+def test_errors_name_pages_that_are_there(mocap, tmp_path):
+    """Each kind of error; the command line says the page at the end of the one line, and none where there is none."""
+    for name in ("cli.main", "cameras.arrangement", "joint_design.material", "rerun.viewer", "rerun.stored", "io.film"):
+        import_module(f"mocap.{name}")
+    pages = {kind.page for kind in kinds(MocapError) if kind.page is not None}
+    assert {"howto/your_files.md", "howto/skeleton.md", INSTALLING} <= pages
+    assert not [page for page in pages if not (ROOT / "docs" / page).is_file()]
+    (tmp_path / "a.txt").write_text("no table\n")
+    code, _, err = mocap("track", tmp_path / "a.txt", "--fps", 100, "--out", tmp_path / "out")
+    assert code == 1
+    assert err.strip().endswith("; see docs: howto/your_files.md")
+    assert len(err.strip().splitlines()) == 1
+    assert "see docs" not in mocap("kinematics", tmp_path, "--export", "pdf")[2]
+
+
+def test_mocap_alone_says_what_to_do_next(mocap):
+    """Five lines of commands that exist, and success."""
+    code, out, _ = mocap()
+    lines = out.strip().splitlines()
+    assert code == 0
+    assert len(lines) == 5
+    assert all(line.startswith("mocap ") and not commands.unknown_in(line.split("   ")[0]) for line in lines)
+    assert (ROOT / re.findall(r"docs/[\w/]+\.md", out)[0]).is_file()
+
+
+def test_the_readme_is_short_and_its_pictures_are_there():
+    """At most 100 lines, the two commands among the first forty."""
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= README_LINES
+    assert {"make demo", "make test"} <= {" ".join(line.split()[:2]) for line in lines[:40]}
+    assert all((ROOT / name).is_file() for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", "\n".join(lines)))
+
+
+def test_the_version_is_one():
+    """That of ``pyproject.toml``; ``CITATION.cff`` repeats it, and the changelog has a section of it."""
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f"\nversion: {stated}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\n## {stated}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_reference_describes_every_command():
+    """Each command has its section and each option its row."""
+    page = commands.page()
+    for name, command in commands.commands().items():
+        section = page.split(f"## {name}\n", 1)[1].split("\n## ", 1)[0]
+        assert all(f"`{option}`" in section for option in commands.options(command) - {"--help"})
+
+
+def example(name: str) -> dict:
+    """What a block of code of the page about extending defines, found by a word in it."""
+    page = (ROOT / "docs" / "howto" / "extend.md").read_text(encoding="utf-8")
+    (block,) = [b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if name in b]
+    defined: dict = {"__name__": "example"}
+    exec(compile(block, name, "exec"), defined)
+    return defined
+
+
+def test_the_example_of_a_format_reads(tmp_path):
+    """Centimetres become metres, an empty cell is a gap, and another first line is refused with both."""
+    (made,) = example("birdlab")["FORMATS"]
+    path = tmp_path / "a.txt"
+    path.write_text("# BIRDLAB 200 Hz\nbeak,tail\n100,0,0,1,2,3\n,,,4,5,6\n")
+    assert made.knows(head(path))
+    found = read_as(made, path, Hints())
+    assert found.fps == 200
+    assert found.points is not None
+    np.testing.assert_allclose(found.points.xyz_m[0, 0], [1.0, 0.0, 0.0])
+    assert np.isnan(found.points.xyz_m[1, 0]).all()
+    path.write_text("# BIRDLAB\nbeak\n1,2,3\n")
+    with pytest.raises(FormatError, match="'# BIRDLAB'; expected"):
+        read_as(made, path, Hints())
+
+
+def test_the_example_of_a_motion_model_fills_a_gap():
+    """A marker that goes straight on is filled on its line."""
+    model = example("RestingSettings")["RestingSettings"]()
+    t_s = np.arange(40) / 100
+    truth = np.stack([t_s, 2 * t_s, 0 * t_s], axis=1)[:, None] + np.array([[0.0, 0, 0], [0.1, 0, 0]])
+    shown = truth.copy()
+    shown[15:25, 0] = np.nan
+    trial = MarkerTrial(name="a", t_s=t_s, xyz_m=shown, sd_m=np.full(shown.shape[:2], 1e-4))
+    observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+    filled = estimate(model, TrialSet([trial], Anatomy((0, 1))), observations)
+    np.testing.assert_allclose(filled.xyz_m[15:25, 0], truth[15:25, 0], atol=1e-3)
+
+
+def test_the_example_of_a_kernel_has_the_slopes_it_states():
+    """Gradient of log K by differences; V_z is low at the samples and high far from them."""
+    kernel = example("RationalKernel")["RationalKernel"](beta=2.0)
+    rng = np.random.default_rng(0)
+    q, z, step = rng.normal(size=(1, 2)), rng.normal(size=(5, 2)), 1e-6
+    for axis in np.eye(2):
+        slope = (kernel.log_gram(q + step * axis, z) - kernel.log_gram(q - step * axis, z)) / (2 * step)
+        np.testing.assert_allclose(kernel.log_gradients(q, z) @ axis, slope, atol=1e-8)
+    potential = fit_potential(rng.normal(size=(60, 2)), kernel=kernel, lam=1e-3)
+    assert potential.value(potential.samples).max() < 0.1
+    assert potential.value(np.array([30.0, 30.0])) > 0.9
+
+
+def test_what_another_host_would_send_is_seen(tmp_path):
+    """Scripts, styles and pictures from elsewhere, missing files and anchors are trouble; links for readers are not."""
+    (tmp_path / "style.css").write_text("a { background: url(https://x.org/a.png) }")
+    (tmp_path / "b.html").write_text("<h1 id='there'>b</h1>")
+    (tmp_path / "a.html").write_text(
+        "<script src='https://cdn.org/a.js'></script><img src='missing.png'><link rel='stylesheet' href='style.css'>"
+        "<a href='https://x.org'>x</a><a href='b.html#there'>b</a><a href='b.html#gone'>b</a><a href='c.html'>c</a>"
+    )
+    found = html.troubles(tmp_path)
+    assert len(found) == 5
+    for word in ("cdn.org", "missing.png", "#gone", "c.html", "x.org/a.png"):
+        assert sum(word in line for line in found) == 1
+
+
+def test_a_column_that_nobody_described_is_seen():
+    """Names stand only for what they may stand for."""
+    names = {"marker": ["tip", "tip_2"]}
+    assert columns.undocumented(["frame", "tip_2_x", "tip_origin"], "markers.csv", names) == []
+    assert columns.undocumented(["root_x", "tip_xyz", "tip_sd_m"], "markers.csv", names) == [
+        "root_x",
+        "tip_xyz",
+        "tip_sd_m",
+    ]

@@ -81,7 +81,7 @@ def live(
     A frame is filtered as it comes. Then the last states are smoothed back, and those that have seen ``lag`` later
     frames are given away; when no more frames come, the rest follows with what hindsight there is. A frame is estimated
     exactly as ``filters.track.smooth`` does it of a recording that ends where the window ends: with a lag of the whole
-    recording it is that to the last digit, with lag 0 the filtered state.
+    recording it is that to rounding, with lag 0 the filtered state.
 
     Cost a frame: one filter step and (lag + every - 1) / every smoothing steps; memory: lag + every states and
     predictions, whatever the number of frames. With ``every`` > 1 so many frames come at once, with up to every - 1

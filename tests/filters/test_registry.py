@@ -69,5 +69,5 @@ def test_learning_tells_how_far_it_is():
     trials, rng = [trial_of(seed, 70) for seed in (1, 2)], np.random.default_rng(0)
     gaps = hidden_gaps(trials, Anatomy((0, 1, 2, 3)), rng, effort=Effort(validated=2, times=1), tell=told.append)
     mixed(gaps, (MarkerSettings(), POSE))
-    assert [line.split("(")[1].split(")")[0] for line in told] == 2 * ["1 of 2", "2 of 2"]
+    assert [line.split("(")[1].split(")")[0] for line in told] == ["1 of 2", "1 of 2", "2 of 2", "2 of 2"]
     assert all(line.endswith(" mm") for line in told)

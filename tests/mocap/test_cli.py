@@ -331,7 +331,7 @@ def test_figures_of_the_paper(mocap, tmp_path, monkeypatch):
     code, _, err = mocap("reproduce", "14a", "--quick", "--out", tmp_path / "figures")
     assert code == 0, err
     assert {p.name for p in (tmp_path / "figures").iterdir()} == {
-        "fig14a.png", "fig14a.csv", "verdicts.json", MANIFEST,
+        "fig14a.png", "fig14a.csv", "figures.md", "verdicts.json", MANIFEST,
     }  # fmt: skip
     table = pd.read_csv(tmp_path / "figures" / "fig14a.csv")
     assert {"lambda", "penalty", "constraint_error"} <= set(table.columns)

@@ -21,7 +21,6 @@ from eal.threads import one_blas_thread
 from filters.ensemble import default_points
 from filters.unscented import UnscentedKalmanFilter
 from mocap.arrays import Array, frozen
-from mocap.cameras.camera import project
 
 FINEST = 64
 """Most steps of the integrator in a frame."""
@@ -77,18 +76,23 @@ class JointSights:
     def pixels(self, frame: int, q: Array) -> Array:
         """Pixels (n, 2C) of the child for joint coordinates (n, d)."""
         places = self.centre_m[frame] + self.chart(q) @ self.axes[frame].T
-        seen = project(self.matrices, places[:, None, :])  # (C, n, 1, 2)
-        return seen[:, :, 0].transpose(1, 0, 2).reshape(len(q), -1)
+        return _pixels(self.matrices, places)
 
     def noise(self, frame: int, q: Array, weight: Array) -> Array:
         """(2C, 2C) covariance of the pixels at q (d,): that of the clicks over their weight (C,), and of the centre."""
         step = 1e-5
         places = self.centre_m[frame] + self.axes[frame] @ self.chart(q[None])[0]
         both = places + step * np.concatenate([np.eye(3), -np.eye(3)])
-        seen = project(self.matrices, both[:, None, :])[:, :, 0].transpose(1, 0, 2).reshape(6, -1)
+        seen = _pixels(self.matrices, both)
         slope = (seen[:3] - seen[3:]).T / (2.0 * step)
         clicks = np.repeat(np.where(np.isfinite(self.sd_px[:, frame]), self.sd_px[:, frame], 1.0) ** 2 / weight, 2)
         return np.diag(clicks) + slope @ self.centre_cov_m2[frame] @ slope.T
+
+
+def _pixels(matrices: Array, places: Array) -> Array:
+    """(n, 2C) pixels of places (n, 3) in the cameras of (C, 3, 4) projections."""
+    seen = places @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]  # (C, n, 3)
+    return (seen[..., :2] / seen[..., 2:]).transpose(1, 0, 2).reshape(len(places), -1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -21,9 +21,9 @@ def midpoint_step(
     """One step q' = q + h w, v' = v + h a(t + h/2, q + h w / 2, w) with w = (v + v')/2: order 2.
 
     The rule is its own inverse backwards in time, and keeps quadratic invariants; on reversible systems its energy
-    oscillates by O(h^2) and does not drift (Hairer, Lubich, Wanner 2006, IV.2 and XI). With a constant mass matrix it is
-    the variational midpoint rule of the same Lagrangian (Marsden and West 2001, 2.3). w is found by Newton's method with
-    differences for derivatives; members of a batch that do not converge go in two halves.
+    oscillates by O(h^2) and does not drift (Hairer, Lubich, Wanner 2006, IV.2 and XI). With a constant mass matrix it
+    is the variational midpoint rule of the same Lagrangian (Marsden and West 2001, 2.3). w is found by Newton's
+    method with differences for derivatives; members of a batch that do not converge go in two halves.
 
     Args:
         acceleration: a(t, q, v): (..., d).
@@ -54,32 +54,55 @@ def midpoint_step(
     return q1, v1
 
 
-def _mean_velocity(
-    acceleration: Acceleration, t_s: float, q: Array, v: Array, h_s: float, *, most: int = 12
-) -> tuple[Array, Array]:
-    """W with w = v + (h/2) a(q + h w / 2, w), and which members (n,) have it to 1e-11 of their speed."""
+def _mean_velocity(acceleration: Acceleration, t_s: float, q: Array, v: Array, h_s: float) -> tuple[Array, Array]:
+    """W with w = v + (h/2) a(q + h w / 2, w), and which members (n,) have it to 1e-11 of their speed.
+
+    Members of a batch are near one another: the derivatives at the first do for most (chords), the others get their
+    own.
+    """
     n, d = q.shape
     half = 0.5 * h_s
+    everyone = np.arange(n)
 
-    def missing(w: Array) -> Array:
-        return w - v - half * acceleration(t_s, q + half * w, w)
+    def missing(w: Array, which: Array) -> Array:
+        return w - v[which] - half * acceleration(t_s, q[which] + half * w, w)
 
-    w = v.copy()
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        left = missing(w)
+    def solved(w: Array, which: Array, *, shared: bool, most: int) -> tuple[Array, Array]:
+        """Newton's method, or that of chords, from w (m, d) of some members."""
+        left = missing(w, which)
+        good = np.zeros(len(which), dtype=bool)
+        slope, before = None, np.inf
         for _ in range(most):
-            tilt = 1e-6 * (1.0 + np.abs(w))
-            columns = [(missing(w + tilt[:, i : i + 1] * np.eye(d)[i]) - left) / tilt[:, i : i + 1] for i in range(d)]
-            slope = np.stack(columns, axis=-1)
-            usable = np.isfinite(slope).all(axis=(1, 2)) & (np.abs(np.linalg.det(np.nan_to_num(slope))) > 1e-12)
-            step = np.zeros((n, d))
-            step[usable] = np.linalg.solve(slope[usable], left[usable][..., None])[..., 0]
-            w = w - step
-            left = missing(w)
-            good = usable & (np.abs(left).max(axis=1) <= 1e-11 * (1.0 + np.abs(w).max(axis=1)))
-            if good.all():
+            if slope is None or not shared:
+                slope = _slope(missing, w[:1] if shared else w, which[:1] if shared else which)
+                usable = np.isfinite(slope).all(axis=(1, 2)) & (np.abs(np.linalg.det(np.nan_to_num(slope))) > 1e-12)
+                inverse = np.linalg.inv(np.where(usable[:, None, None], slope, np.eye(d)))
+            step = (inverse @ left[..., None])[..., 0]
+            w = w - np.where(usable[:, None], step, 0.0)
+            left = missing(w, which)
+            off = np.abs(left).max(axis=1) / (1.0 + np.abs(w).max(axis=1))
+            good = usable & (off <= 1e-11)
+            worst = float(np.nanmax(off)) if np.isfinite(off).any() else np.inf
+            if good.all() or (shared and not worst < 0.5 * before):
                 break
+            before = worst
+        return w, good
+
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        w, good = solved(v.copy(), everyone, shared=True, most=25) if n > 1 else (v.copy(), np.zeros(1, dtype=bool))
+        rest = np.flatnonzero(~good)
+        if len(rest):
+            w[rest], good[rest] = solved(v[rest], rest, shared=False, most=12)
     return w, good
+
+
+def _slope(missing: Callable[[Array, Array], Array], w: Array, which: Array) -> Array:
+    """(m, d, d) derivatives of what is missing by w (m, d), by differences, all in one batch."""
+    m, d = w.shape
+    tilt = 1e-6 * (1.0 + np.abs(w))
+    ahead = w[:, None] + tilt[:, None] * np.eye(d)  # (m, d, d): row i tilts coordinate i
+    there = missing(ahead.reshape(m * d, d), np.repeat(which, d)).reshape(m, d, d)
+    return np.swapaxes((there - missing(w, which)[:, None]) / tilt[..., None], 1, 2)
 
 
 def simulate_midpoint(model: PenalisedModel, q0: Array, v0: Array, *, duration_s: float, h_s: float) -> Trajectory:

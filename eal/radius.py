@@ -110,9 +110,9 @@ def valley_covariance(
 ) -> Array:
     """How far the valley of V_z itself may lie from that of its limit, near q.
 
-    V* of resampled blocks pulls at q with another gradient; the valley moves by -H^+ (grad V* - grad V), H the Hessian of
-    V_z in the directions across the valley, those of more than a tenth of its greatest curvature. A state that V_z holds
-    there is off by as much, which no covariance of a filter knows.
+    V* of resampled blocks pulls at q with another gradient; the valley moves by -H^+ (grad V* - grad V), H the
+    Hessian of V_z in the directions across the valley, those of more than a tenth of its greatest curvature. A state
+    that V_z holds there is off by as much, which no covariance of a filter knows.
 
     Args:
         potential: V_z, learned from samples in the order of time.

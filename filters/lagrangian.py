@@ -1,10 +1,10 @@
 """The EAL model of one joint as the prediction of an unscented Kalman filter: L = v'M(q)v/2 - U(q) - V_z(q)/eps^2.
 
-Here the state is the relative joint coordinates q of the paper and their velocities, with the true mass matrix M(q), and
-the step in time is the implicit midpoint step of that Lagrangian: without noise the filter's model conserves its energy
-to the integrator's order, and Theorem 3 of the paper is a statement about it. What the Lagrangian lacks (muscles, air)
-is white noise of the forces. The tracker of whole animals (``filters.models``) is another thing: it holds the
-coordinates of all markers, and its potentials are conditionings, no forces of a mechanics.
+Here the state is the relative joint coordinates q of the paper and their velocities, with the true mass matrix M(q),
+and the step in time is the implicit midpoint step of that Lagrangian: without noise the filter's model conserves its
+energy to the integrator's order, and Theorem 3 of the paper is a statement about it. What the Lagrangian lacks
+(muscles, air) is white noise of the forces. The tracker of whole animals (``filters.models``) is another thing: it
+holds the coordinates of all markers, and its potentials are conditionings, no forces of a mechanics.
 """
 
 from collections.abc import Callable
@@ -138,8 +138,8 @@ def track_joint(
 ) -> JointTrack:
     """Filter and smooth a joint with its own mechanics.
 
-    A frame is some midpoint steps of every sigma point, as many as the penalty's fastest oscillation asks for. The noise
-    is white force whose power is the same in every direction of the metric M: accelerations have the covariance
+    A frame is some midpoint steps of every sigma point, as many as the penalty's fastest oscillation asks for. The
+    noise is white force whose power is the same in every direction of the metric M: accelerations have the covariance
     power M^-1 a second, and each degree of freedom gains power/2 joules a second on average.
 
     Args:
@@ -149,8 +149,8 @@ def track_joint(
         v0: (d,) start.
         power_w: Power of the force noise.
         start_sd: Standard deviations of q0 and v0.
-        valley: (T, d) joint coordinates to the covariance (T, d, d) of V_z's own valley there, which is added to that of
-            q: a V_z that is off takes the state along; None: V_z is exact.
+        valley: (T, d) joint coordinates to the covariance (T, d, d) of V_z's own valley there, which is added to that
+            of q: a V_z that is off takes the state along; None: V_z is exact.
 
     Returns:
         The track.

@@ -1,4 +1,4 @@
-"""The EAL model of one joint as the prediction of an unscented Kalman filter: L = v'M(q)v/2 - U(q) - V_z(q)/eps^2.
+"""The EAL model of a joint or a limb as the prediction of an unscented Kalman filter: L = v'M(q)v/2 - U(q) - V_z(q)/eps^2.
 
 Here the state is the relative joint coordinates q of the paper and their velocities, with the true mass matrix M(q),
 and the step in time is the implicit midpoint step of that Lagrangian: without noise the filter's model conserves its
@@ -33,18 +33,18 @@ ROUNDS = 3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointSights:
-    """Where cameras see the child of a joint, and how its coordinates become a place in the world.
+    """Where cameras see the J markers that hang on a root, and how joint coordinates become places in the world.
 
     Attributes:
         t_s: (T,) times, evenly spaced.
         matrices: (C, 3, 4) projections.
-        uv_px: (C, T, 2) ideal pixels of the child; NaN where not seen.
-        sd_px: (C, T) scale of Student's t of a coordinate.
+        uv_px: (C, T, J, 2) ideal pixels of the markers; NaN where not seen.
+        sd_px: (C, T, J) scale of Student's t of a coordinate.
         dof: (C,) its degrees of freedom.
-        centre_m: (T, 3) centre of the joint in the world; NaN where not known: such frames are predicted only.
+        centre_m: (T, 3) the root in the world; NaN where not known: such frames are predicted only.
         centre_cov_m2: (T, 3, 3) its covariance.
-        axes: (T, 3, k) axes of the joint's coordinates in the world, lengths 1.
-        chart: Joint coordinates (n, d) to Cartesian ones (n, k) along the axes, in metres.
+        axes: (T, 3, k) axes of the coordinates in the world, lengths 1.
+        chart: Joint coordinates (n, d) to places from the root (n, J, k) along the axes, in metres.
     """
 
     t_s: Array
@@ -63,8 +63,8 @@ class JointSights:
         n_frames, n_cameras = len(self.t_s), len(self.matrices)
         shapes = {
             "matrices": (n_cameras, 3, 4),
-            "uv_px": (n_cameras, n_frames, 2),
-            "sd_px": (n_cameras, n_frames),
+            "uv_px": (n_cameras, n_frames, None, 2),
+            "sd_px": (n_cameras, n_frames, None),
             "dof": (n_cameras,),
             "centre_m": (n_frames, 3),
             "centre_cov_m2": (n_frames, 3, 3),
@@ -73,26 +73,30 @@ class JointSights:
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
 
+    def places(self, frame: int, q: Array) -> Array:
+        """(n, J, 3) places in the world of the markers for joint coordinates (n, d)."""
+        return self.centre_m[frame] + self.chart(q) @ self.axes[frame].T
+
     def pixels(self, frame: int, q: Array) -> Array:
-        """Pixels (n, 2C) of the child for joint coordinates (n, d)."""
-        places = self.centre_m[frame] + self.chart(q) @ self.axes[frame].T
-        return _pixels(self.matrices, places)
+        """Pixels (n, 2CJ) of the markers for joint coordinates (n, d)."""
+        return _pixels(self.matrices, self.places(frame, q))
 
     def noise(self, frame: int, q: Array, weight: Array) -> Array:
-        """(2C, 2C) covariance of the pixels at q (d,): that of the clicks over their weight (C,), and of the centre."""
+        """(2CJ, 2CJ) covariance of the pixels at q (d,): of the clicks over their weight (C, J), and of the root."""
         step = 1e-5
-        places = self.centre_m[frame] + self.axes[frame] @ self.chart(q[None])[0]
-        both = places + step * np.concatenate([np.eye(3), -np.eye(3)])
+        both = self.places(frame, q[None]) + step * np.concatenate([np.eye(3), -np.eye(3)])[:, None]
         seen = _pixels(self.matrices, both)
         slope = (seen[:3] - seen[3:]).T / (2.0 * step)
-        clicks = np.repeat(np.where(np.isfinite(self.sd_px[:, frame]), self.sd_px[:, frame], 1.0) ** 2 / weight, 2)
-        return np.diag(clicks) + slope @ self.centre_cov_m2[frame] @ slope.T
+        sd = np.where(np.isfinite(self.sd_px[:, frame]), self.sd_px[:, frame], 1.0)
+        return np.diag(np.repeat(sd**2 / weight, 2)) + slope @ self.centre_cov_m2[frame] @ slope.T
 
 
 def _pixels(matrices: Array, places: Array) -> Array:
-    """(n, 2C) pixels of places (n, 3) in the cameras of (C, 3, 4) projections."""
-    seen = places @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]  # (C, n, 3)
-    return (seen[..., :2] / seen[..., 2:]).transpose(1, 0, 2).reshape(len(places), -1)
+    """(n, 2CJ) pixels of places (n, J, 3) in the cameras of (C, 3, 4) projections."""
+    flat = places.reshape(-1, 3)
+    seen = flat @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]  # (C, nJ, 3)
+    pixels = (seen[..., :2] / seen[..., 2:]).reshape(len(matrices), *places.shape[:2], 2)
+    return pixels.transpose(1, 0, 2, 3).reshape(len(places), -1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,7 +181,7 @@ def track_joint(
         return sights.pixels(frame, states[:, :d])
 
     filtered = UnscentedKalmanFilter(
-        2 * d, 2 * len(sights.matrices), dt, look, move, default_points(2 * d), vectorised=True
+        2 * d, sights.uv_px[:, 0].size, dt, look, move, default_points(2 * d), vectorised=True
     )
     filtered.x = np.concatenate([q0, v0])
     filtered.P = np.diag(np.repeat(np.square(start_sd), d))
@@ -231,17 +235,18 @@ def _condition(state: UnscentedKalmanFilter, sights: JointSights, frame: int, lo
     """
     mean, cov = state.x, state.P
     n = len(mean)
-    weight = np.ones(len(sights.matrices))
     seen = sights.uv_px[:, frame]
+    weight = np.ones(seen.shape[:-1])
+    dof = sights.dof[:, None]
     for turn in range(ROUNDS + 1):
         state.x, state.P = mean, cov
         state.update(seen.reshape(-1), R=sights.noise(frame, mean[: n // 2], weight), frame=frame)
         if turn < ROUNDS:
             spread = np.linalg.cholesky(state.P + 1e-18 * np.eye(n)).T
             middle = look(state.x[None], frame)[0]
-            vary = ((look(state.x + spread, frame) - middle) ** 2).sum(axis=0).reshape(-1, 2)
-            square = ((seen - middle.reshape(-1, 2)) ** 2 + vary).sum(axis=1) / sights.sd_px[:, frame] ** 2
-            weight = np.where(np.isfinite(square), (sights.dof + 2.0) / (sights.dof + square), 1.0)
+            vary = ((look(state.x + spread, frame) - middle) ** 2).sum(axis=0).reshape(seen.shape)
+            square = ((seen - middle.reshape(seen.shape)) ** 2 + vary).sum(axis=-1) / sights.sd_px[:, frame] ** 2
+            weight = np.where(np.isfinite(square), (dof + 2.0) / (dof + square), 1.0)
     return state.log_likelihood
 
 

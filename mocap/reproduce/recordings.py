@@ -194,8 +194,8 @@ def _sights(
     return JointSights(
         t_s=prepared.t_s,
         matrices=prepared.filmed.matrices,
-        uv_px=prepared.uv_px[:, :, m],
-        sd_px=prepared.ray_scale_px[:, :, m],
+        uv_px=prepared.uv_px[:, :, [m]],
+        sd_px=prepared.ray_scale_px[:, :, [m]],
         dof=np.full(len(prepared.uv_px), USUAL_DOF) if prepared.noise is None else prepared.noise.dof,
         centre_m=centre_m,
         centre_cov_m2=centre_cov_m2,
@@ -220,7 +220,7 @@ def _stand(recording: SyntheticRecording, *, polar: bool) -> Seen:
     truth = np.asarray(recording.truth.xyz_m[:, names.index("bob")] - recording.truth.xyz_m[:, pivot])
     if not polar:
         q = np.einsum("tji,tj->ti", frames.rotation, prepared.xyz_m[:, names.index("bob")] - centre)
-        sights = _sights(prepared, "bob", centre, cov, frames.rotation, lambda at: at)
+        sights = _sights(prepared, "bob", centre, cov, frames.rotation, lambda at: at[:, None])
         return Seen(sights=sights, q=q, truth=np.einsum("tji,tj->ti", frames.rotation, truth))
     known = np.isfinite(plane).all(axis=1)
     u, _, vt = np.linalg.svd(body[known].T @ plane[known], full_matrices=False)
@@ -232,8 +232,8 @@ def _stand(recording: SyntheticRecording, *, polar: bool) -> Seen:
 
 
 def _from_polar(q: Array) -> Array:
-    """(r, theta), theta from the horizontal, to metres down and across: (n, 2)."""
-    return q[:, :1] * np.stack([-np.sin(q[:, 1]), np.cos(q[:, 1])], axis=1)
+    """(r, theta), theta from the horizontal, to metres down and across: (n, 1, 2)."""
+    return (q[:, :1] * np.stack([-np.sin(q[:, 1]), np.cos(q[:, 1])], axis=1))[:, None]
 
 
 def _to_polar(x: Array) -> Array:
@@ -258,12 +258,12 @@ def _limb(recording: SyntheticRecording) -> Seen:
         prepared.xyz_m[:, elbow],
         np.where(np.isfinite(prepared.cov_m2[:, elbow]), prepared.cov_m2[:, elbow], 0.0),
         frames.rotation,
-        lambda at: at,
+        lambda at: at[:, None],
     )
     return Seen(sights=sights, q=found.q_m[:, joint], truth=np.einsum("tji,tj->ti", frames.rotation, truth))
 
 
 def _scaled(seen: Seen, scale_m: float) -> Seen:
     """Coordinates in units of ``scale_m``."""
-    sights = replace(seen.sights, chart=lambda at: scale_m * at)
+    sights = replace(seen.sights, chart=lambda at: scale_m * at[:, None])
     return Seen(sights=sights, q=seen.q / scale_m, truth=seen.truth / scale_m)

@@ -19,7 +19,7 @@ AXES = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
 
 
 def chart(q):
-    return q[:, :1] * np.stack([np.cos(q[:, 1]), np.sin(q[:, 1])], axis=1)
+    return (q[:, :1] * np.stack([np.cos(q[:, 1]), np.sin(q[:, 1])], axis=1))[:, None]
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def filmed(rng, *, n=120, fps=100.0, hidden=range(60, 80), sd_px=1.0, wild=()):
     t = np.arange(n) / fps
     q, v, _ = pendulum_motion("planar", t, swing_rad=np.pi / 18)
     matrices = stacked(ring(3))
-    uv = project(matrices, (chart(q) @ AXES.T)[:, None])[:, :, 0] + rng.normal(0, sd_px, (3, n, 2))
+    uv = project(matrices, chart(q) @ AXES.T) + rng.normal(0, sd_px, (3, n, 1, 2))
     for frame in wild:
         uv[0, frame] += 60.0
     uv[:, list(hidden)] = np.nan
@@ -51,7 +51,7 @@ def filmed(rng, *, n=120, fps=100.0, hidden=range(60, 80), sd_px=1.0, wild=()):
             t_s=t,
             matrices=matrices,
             uv_px=uv,
-            sd_px=np.full((3, n), sd_px),
+            sd_px=np.full((3, n, 1), sd_px),
             dof=np.full(3, 8.0),
             centre_m=np.zeros((n, 3)),
             centre_cov_m2=np.zeros((n, 3, 3)),

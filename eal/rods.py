@@ -93,7 +93,7 @@ class RodLimb:
         """(..., J, 3) unit vectors along the bones of coordinates (..., 2J)."""
         phi = q.reshape(*q.shape[:-1], -1, 2)
         cosine, sinc, _, _ = _series(np.sum(phi**2, axis=-1))
-        return cosine[..., None] * self.mean + sinc[..., None] * np.einsum("jxa,...ja->...jx", self.across, phi)
+        return cosine[..., None] * self.mean + sinc[..., None] * _mixed(self.across, phi)
 
     def coordinates(self, directions: Array) -> Array:
         """(..., 2J) coordinates of directions (..., J, 3) of any length: the inverse of ``directions``."""
@@ -113,7 +113,7 @@ class RodLimb:
         """(..., J, 3, 2) derivatives of each direction by its two coordinates."""
         phi = q.reshape(*q.shape[:-1], -1, 2)
         _, sinc, first, _ = _series(np.sum(phi**2, axis=-1))
-        aside = np.einsum("jxa,...ja->...jx", self.across, phi)
+        aside = _mixed(self.across, phi)
         bend = -sinc[..., None] * self.mean + 2.0 * first[..., None] * aside
         return bend[..., None] * phi[..., None, :] + sinc[..., None, None] * self.across
 
@@ -122,8 +122,8 @@ class RodLimb:
         phi, rate = (x.reshape(*x.shape[:-1], -1, 2) for x in (q, v))
         _, sinc, first, second = _series(np.sum(phi**2, axis=-1))
         slope, bend = 2.0 * np.sum(phi * rate, axis=-1), 2.0 * np.sum(rate**2, axis=-1)
-        aside = np.einsum("jxa,...ja->...jx", self.across, phi)
-        moving = np.einsum("jxa,...ja->...jx", self.across, rate)
+        aside = _mixed(self.across, phi)
+        moving = _mixed(self.across, rate)
         along = -0.5 * (first * slope**2 + sinc * bend)
         return (
             along[..., None] * self.mean
@@ -141,18 +141,24 @@ class RodLimb:
         inertia = self.inertia * np.outer(scale, scale)
         field: NDArray = np.outer(self.moments_kg * scale, np.asarray(gravity_m_s2, dtype=np.float64))  # (J, 3)
 
+        pairs = np.repeat(np.repeat(inertia, 2, axis=0), 2, axis=1)
+
         def mass(q: Array) -> Array:
-            d = self.slopes(q)
-            whole = np.einsum("ij,...ixa,...jxb->...iajb", inertia, d, d, optimize=True)
-            return whole.reshape(*q.shape[:-1], 2 * count, 2 * count)
+            d = np.swapaxes(self.slopes(q), -1, -2).reshape(*q.shape[:-1], 2 * count, 3)
+            return pairs * (d @ np.swapaxes(d, -1, -2))
 
         def kinetic(q: Array, v: Array) -> Array:
-            moving = np.einsum("...jxa,...ja->...jx", self.slopes(q), v.reshape(*v.shape[:-1], -1, 2))
-            return 0.5 * np.einsum("ij,...ix,...jx->...", inertia, moving, moving, optimize=True)
+            moving = _mixed(self.slopes(q), v.reshape(*v.shape[:-1], -1, 2))
+            return 0.5 * np.sum(moving * (inertia @ moving), axis=(-2, -1))
 
         def force(q: Array, v: Array) -> Array:
-            pulled = field - np.einsum("ij,...jx->...ix", inertia, self.curving(q, v))
-            return np.einsum("...jxa,...jx->...ja", self.slopes(q), pulled).reshape(*q.shape[:-1], 2 * count)
+            pulled = field - inertia @ self.curving(q, v)
+            return np.sum(self.slopes(q) * pulled[..., None], axis=-2).reshape(*q.shape[:-1], 2 * count)
+
+        ridge = 1e-13 * float(np.trace(inertia)) * np.eye(2 * count)  # opposite its mean a bone has no coordinates
+
+        def solve(q: Array, f: Array) -> Array:
+            return np.linalg.solve(mass(q) + ridge, f[..., None])[..., 0]
 
         return LagrangianSystem(
             name=f"limb of {count} rods",
@@ -162,7 +168,7 @@ class RodLimb:
             potential=lambda q: -np.einsum("jx,...jx->...", field, self.directions(q)),
             mass=mass,
             force=force,
-            solve=lambda q, f: np.linalg.solve(mass(q), f[..., None])[..., 0],
+            solve=solve,
         )
 
 
@@ -192,19 +198,30 @@ class DirectionPenalty:
     def gradient(self, q: Array, /) -> Array:
         """Its gradient: (..., 2J)."""
         pull = self.potential.gradient(self._flat(q)).reshape(*q.shape[:-1], -1, 3)
-        return np.einsum("...jxa,...jx->...ja", self.limb.slopes(q), pull).reshape(q.shape)
+        return np.sum(self.limb.slopes(q) * pull[..., None], axis=-2).reshape(q.shape)
 
     def _flat(self, q: Array) -> Array:
         return self.limb.directions(q).reshape(*q.shape[:-1], -1)
 
 
+def _mixed(columns: Array, shares: Array) -> Array:
+    """(..., J, 3) sums of two columns (..., J, 3, 2), each times its share (..., J, 2)."""
+    return columns[..., 0] * shares[..., :1] + columns[..., 1] * shares[..., 1:]
+
+
 def _series(rho: Array) -> tuple[Array, Array, Array, Array]:
     """Cosine of r, s = sin r / r, ds/d(r^2), d2s/d(r^2)^2 at rho = r^2."""
-    r = np.sqrt(rho)
-    cosine = np.cos(r)
     near = rho < _SMALL
-    far = np.where(near, 1.0, rho)
-    sinc = np.where(near, 1.0 - rho / 6.0 + rho**2 / 120.0, np.sin(np.sqrt(far)) / np.sqrt(far))
-    first = np.where(near, -1.0 / 6.0 + rho / 60.0 - rho**2 / 1680.0, (cosine - sinc) / (2.0 * far))
-    second = np.where(near, 1.0 / 60.0 - rho / 840.0 + rho**2 / 60480.0, (-0.5 * sinc - 3.0 * first) / (2.0 * far))
+    far = np.maximum(rho, _SMALL)
+    r = np.sqrt(far)
+    cosine = np.cos(r)
+    sinc = np.sin(r) / r
+    first = (cosine - sinc) / (2.0 * far)
+    second = (-0.5 * sinc - 3.0 * first) / (2.0 * far)
+    if near.any():
+        x = rho[near]
+        cosine[near] = np.cos(np.sqrt(x))
+        sinc[near] = 1.0 - x / 6.0 + x**2 / 120.0
+        first[near] = -1.0 / 6.0 + x / 60.0 - x**2 / 1680.0
+        second[near] = 1.0 / 60.0 - x / 840.0 + x**2 / 60480.0
     return cosine, sinc, first, second

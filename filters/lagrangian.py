@@ -24,7 +24,7 @@ from mocap.arrays import Array, frozen
 
 FINEST = 64
 """Most steps of the integrator in a frame."""
-LONGEST = 3.0
+LONGEST = 1.5
 """omega h up to which a step of the integrator goes, omega the fastest oscillation in the penalty: V is followed, not
 only held."""
 ROUNDS = 3
@@ -139,6 +139,7 @@ def track_joint(
     power_w: float,
     start_sd: tuple[float, float],
     valley: Callable[[Array], Array] | None = None,
+    density: Array | None = None,
 ) -> JointTrack:
     """Filter and smooth a joint with its own mechanics.
 
@@ -155,6 +156,9 @@ def track_joint(
         start_sd: Standard deviations of q0 and v0.
         valley: (T, d) joint coordinates to the covariance (T, d, d) of V_z's own valley there, which is added to that
             of q: a V_z that is off takes the state along; None: V_z is exact.
+
+        density: (d, d) what takes the place of M^-1 in the noise: power_w times this is the covariance of the
+            accelerations a second, learned of each joint; power_w is then a number.
 
     Returns:
         The track.
@@ -198,7 +202,7 @@ def track_joint(
                 total += _condition(filtered, sights, frame, look)
             means.append(filtered.x)
             covs.append(filtered.P)
-            noises.append(_noise(model, filtered.x[:d], power_w, dt))
+            noises.append(_noise(model, filtered.x[:d], power_w, dt, density))
         smooth, cov, _ = filtered.rts_smoother(np.array(means), np.array(covs), Qs=np.array(noises))
     q, v = smooth[:, :d], smooth[:, d:]
     if valley is not None:
@@ -222,8 +226,8 @@ def substeps(model: PenalisedModel, q: Array, dt_s: float) -> int:
     return int(np.clip(np.ceil(omega * dt_s / LONGEST), 1, FINEST))
 
 
-def _noise(model: PenalisedModel, q: Array, power_w: float, dt_s: float) -> Array:
-    inverse = np.linalg.inv(model.system.mass(q))
+def _noise(model: PenalisedModel, q: Array, power_w: float, dt_s: float, density: Array | None) -> Array:
+    inverse = np.linalg.inv(model.system.mass(q)) if density is None else density
     return np.kron(power_w * np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]]), inverse)
 
 
@@ -259,6 +263,7 @@ def learned_noise(
     powers_w: Array,
     strengths_j: Array,
     start_sd: tuple[float, float],
+    density: Array | None = None,
 ) -> tuple[PenalisedModel, float]:
     """The 1/eps^2 and the power of the force noise under which the pixels are most likely.
 
@@ -272,6 +277,7 @@ def learned_noise(
         powers_w: Powers to choose from.
         strengths_j: Values of 1/eps^2 to choose from.
         start_sd: As of ``track_joint``.
+        density: As of ``track_joint``.
 
     Returns:
         The model with that 1/eps^2, and the power.
@@ -281,8 +287,9 @@ def learned_noise(
     def likelihood(strength: float, power: float) -> float:
         try:
             held = replace(model, strength=strength)
-            return track_joint(held, sights, q0, v0, power_w=power, start_sd=start_sd).log_likelihood
-        except IntegrationError:
+            track = track_joint(held, sights, q0, v0, power_w=power, start_sd=start_sd, density=density)
+            return track.log_likelihood if np.isfinite(track.log_likelihood) else -np.inf
+        except (IntegrationError, np.linalg.LinAlgError):
             return -np.inf
 
     powers, strengths = [float(p) for p in powers_w], [float(s) for s in strengths_j]

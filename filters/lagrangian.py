@@ -1,4 +1,4 @@
-"""The EAL model of a joint or a limb as the prediction of an unscented Kalman filter: L = v'M(q)v/2 - U(q) - V_z(q)/eps^2.
+"""The EAL model of a joint or a limb as the prediction of an unscented filter: L = v'M(q)v/2 - U(q) - V_z(q)/eps^2.
 
 Here the state is the relative joint coordinates q of the paper and their velocities, with the true mass matrix M(q),
 and the step in time is the implicit midpoint step of that Lagrangian: without noise the filter's model conserves its

@@ -30,8 +30,8 @@ def reproduce(
         bool,
         typer.Option(
             "--recordings",
-            help="Also film the pendulums and the lizard's wrist, convert the markers to joint coordinates, learn V_z and "
-            "track them with the Lagrangian it makes; minutes.",
+            help="Also film the pendulums and the lizard's wrist, convert the markers to joint coordinates, learn V_z "
+            "and track them with the Lagrangian it makes; minutes.",
         ),
     ] = False,
     force: Force = False,

@@ -14,6 +14,7 @@ from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
+from mocap.pipeline.articulated import articulation
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials
@@ -136,7 +137,11 @@ def _run_job(
                 smoothed = track(prepared, part, own, asked=asked, progress=progress)
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
-        joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
+        axes = whole_frames(prepared, JOINT_HZ)
+        joints = joint_tracks(tracked.markers, prepared.skeleton, axes)
+        known = np.isfinite(prepared.xyz_m[..., 0])
+        seen_m = np.where(known[..., None], tracked.markers.xyz_m, np.nan)
+        joined = articulation(prepared.names, seen_m, tracked.markers.sd_m, prepared.skeleton, axes.rotation)
         potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)
         spatial = joint_potentials(joints, tracked.markers, prepared.skeleton, frame=SPACE)
     report = make_report(
@@ -149,6 +154,7 @@ def _run_job(
         hidden=hidden,
         seconds=stages.seconds,
         settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
+        articulated=joined,
     )
     filmed = prepared.filmed
     ideal = None

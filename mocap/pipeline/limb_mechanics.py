@@ -1,7 +1,7 @@
-"""Limbs as the paper's models of motion: rods that hang on each other, a true mass matrix, V_z of the bones' directions.
+"""Limbs as the paper's models of motion: rods, a true mass matrix, V_z of the bones' directions.
 
-This is a Lagrangian, L = v^T M(q) v / 2 - V_z(q)/eps^2, and its implicit midpoint step is the prediction of an unscented
-Kalman filter. The pose model that fills gaps is none (``filters.motion.enforce``).
+This is a Lagrangian, L = v^T M(q) v / 2 - V_z(q)/eps^2, and its implicit midpoint step is the prediction of an
+unscented Kalman filter. The pose model that fills gaps is none (``filters.motion.enforce``).
 """
 
 from collections.abc import Sequence
@@ -92,9 +92,10 @@ def limb_mechanics(
 ) -> list[LimbMechanics]:
     """Every limb of the skeleton that has at least ``least`` bones, tracked by its own mechanics.
 
-    The root of a limb and the axes of the body are those of a recording that was tracked already; the limb's own markers
-    are tracked from pixels. V_z is learned from the directions of all its bones together, in the frames in which all
-    were seen; 1/eps^2 and the noise are the most likely ones of a stretch that a first V_z was not learned from.
+    The root of a limb and the axes of the body are those of a recording that was tracked already; the limb's own
+    markers are tracked from pixels. V_z is learned from the directions of all its bones together, in the frames in
+    which all were seen; 1/eps^2 and the noise are the most likely ones of a stretch that a first V_z was not learned
+    from.
 
     Args:
         prepared: The recording.
@@ -136,9 +137,7 @@ def _tracked(
         return None
     frames = slice(int(there[0]), int(there[-1]) + 1)
     body = body_frames(markers.xyz_m[:, trunk], dt_s=prepared.dt_s, cutoff_hz=JOINT_HZ)
-    bones_m = np.einsum(
-        "tji,tkj->tki", body.rotation, markers.xyz_m[:, outer] - markers.xyz_m[:, list(limb.parents)]
-    )
+    bones_m = np.einsum("tji,tkj->tki", body.rotation, markers.xyz_m[:, outer] - markers.xyz_m[:, list(limb.parents)])
     ends = [[child, parent] for child, parent in zip(outer, limb.parents, strict=True)]
     measured = np.isfinite(prepared.xyz_m[..., 0]) & keep
     whole = np.asarray(np.all([measured[:, pair].all(axis=1) for pair in ends], axis=0))

@@ -21,12 +21,14 @@ from mocap.pipeline.prepare import Prepared, prepare_pixels
 from mocap.records import marker_tracks
 from mocap.reproduce.fig_joints import WIDTH, joint_potential
 
-POWERS_W = np.logspace(-4, 5, 10)
-STRENGTHS_J = np.array([100.0, 1e3, 1e4, 1e5])
+POWERS_W = np.logspace(-3, 3, 7)
+STRENGTHS_J = np.array([100.0, 300.0, 1e3, 3e3, 1e4])
 FREE_POWER_W = 30.0
 """Of the force noise where V_z is still to be learned: the forces of the constraint are part of it."""
 HELD_OUT = 150
 """Frames by which 1/eps^2 and the noise are chosen."""
+BEGUN = 40
+"""Frames from which the state at the first is found."""
 STEADY_HZ = 4.0
 """Faster motion of the trunk is left in the joint coordinates."""
 
@@ -91,12 +93,12 @@ def spherical(*, quick: bool) -> Tracked:
         _stand(make_pendulum_film("spherical", seed=seed, n_frames=n, fps=fps, azimuth_rad=azimuth), polar=False)
         for seed, n, fps, azimuth in ((1, 1000, 50.0, 0.0), (2, frames, 100.0, 2.0 * np.pi / 3.0))
     )
-    return _tracked("spherical", spherical_pendulum(), lambda q: _potential(q, beta=5.0, lam=1e-4), learn, track)
+    return _tracked("spherical", spherical_pendulum(), lambda q: _potential(q, beta=1.0, lam=1e-5), learn, track)
 
 
 def wrist(*, quick: bool) -> Tracked:
     """The lizard's left wrist about its elbow, in body axes and units of the median distance; m = 1 kg, no U."""
-    learn, track = (_limb(make_lizard(seed=seed, n_frames=240 if quick else 480)) for seed in (1, 2))
+    learn, track = (_limb(make_lizard(seed=seed, n_frames=n)) for seed, n in ((1, 480), (2, 240 if quick else 480)))
     samples = learn.q[np.isfinite(learn.q).all(axis=1)]
     _, scale = joint_potential(samples)
     scaled = [_scaled(one, scale) for one in (learn, track)]
@@ -112,13 +114,18 @@ def _tracked(
     name: str, system: LagrangianSystem, learned: Callable[[Array], EmpiricalPotential], learn: Seen, seen: Seen
 ) -> Tracked:
     """V_z of the whole first recording; 1/eps^2 and the noise from its last third, with V_z of the first two."""
-    start_sd, most = (0.02, 0.5), len(learn.q)
-    learn = _smoothed(system, learn)
-    kept = _cut(_from(learn, most - min(most // 3, HELD_OUT)), most)
+    start_sd = (0.02, 0.5)
+    learn = _cut(learn, len(learn.q))
+    free = _free(system, learn)
+    learn = replace(learn, q=np.where(free.measured[:, None] > 0, free.q, np.nan))
+    most = len(learn.q)
+    aside = most - min(most // 3, HELD_OUT)
+    kept = _from(learn, aside)
     model, power = learned_noise(
         PenalisedModel(system=system, penalty=learned(learn.q[: 2 * most // 3]), strength=1.0),
         kept.sights,
-        *_start(kept),
+        free.q[aside],
+        free.v[aside],
         powers_w=POWERS_W,
         strengths_j=STRENGTHS_J,
         start_sd=start_sd,
@@ -126,10 +133,12 @@ def _tracked(
     potential = learned(learn.q)
     model = replace(model, penalty=potential)
     seen = _cut(seen, len(seen.q))
+    begun = _free(system, _cut(seen, BEGUN))
     track = track_joint(
         model,
         seen.sights,
-        *_start(seen),
+        begun.q[0],
+        begun.v[0],
         power_w=power,
         start_sd=start_sd,
         valley=lambda q: valley_covariance(potential, q, rng=np.random.default_rng(0)),
@@ -139,15 +148,13 @@ def _tracked(
     return Tracked(name=name, model=model, power_w=power, seen=seen, track=track, bound=bound, lowest_j=lowest)
 
 
-def _smoothed(system: LagrangianSystem, seen: Seen) -> Seen:
-    """Coordinates tracked by the system without V_z, where they were measured: what V_z is learned from."""
+def _free(system: LagrangianSystem, seen: Seen) -> JointTrack:
+    """The joint tracked by the system without V_z: what V_z is learned from, and where tracks start."""
     nothing = AnalyticPenalty(
         value=lambda q: np.zeros(q.shape[:-1]), gradient=lambda q: np.zeros_like(q), curvature_limit=0.0
     )
     free = PenalisedModel(system=system, penalty=nothing, strength=0.0)
-    kept = _cut(seen, len(seen.q))
-    track = track_joint(free, kept.sights, *_start(kept), power_w=FREE_POWER_W, start_sd=(0.02, 0.5))
-    return replace(kept, q=np.where(track.measured[:, None] > 0, track.q, np.nan))
+    return track_joint(free, seen.sights, *_start(seen), power_w=FREE_POWER_W, start_sd=(0.02, 0.5))
 
 
 def _cut(seen: Seen, most: int) -> Seen:

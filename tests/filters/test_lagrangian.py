@@ -26,8 +26,8 @@ def chart(q):
 def model():
     """V_z of 300 clicks, 1 mm off, of the pendulum released at 30 degrees.
 
-    1/eps^2 = 3e4 J: the set gives way to the pendulum's weight by F eps^2/(4 beta) = 0.06 mm. Its floor, uneven by about
-    lambda/eps^2 = 3 J along the set, is what the force noise of 1 W stands for.
+    1/eps^2 = 3e4 J: the set gives way to the pendulum's weight by F eps^2/(4 beta) = 0.06 mm. Its floor, uneven by
+    about lambda/eps^2 = 3 J along the set, is what the force noise of 1 W stands for.
     """
     rng = np.random.default_rng(0)
     z = pendulum_motion("planar", np.linspace(0, 10, 300))[0]
@@ -94,7 +94,7 @@ def test_released_without_noise_it_conserves_energy_and_stays_inside_theorem_3(m
 
 
 def test_the_filters_own_step_is_that_integrator(model):
-    """Started in the truth and blind without force noise, the track is the released model to the curvature of its width.
+    """Started in the truth, blind, without force noise, the track is the released model to the curvature of its width.
 
     Start deviations of 1e-6: their square over the kernel's width is below 1e-9.
     """

@@ -12,6 +12,7 @@ from filters.motion.base import MotionModel
 from filters.size import size_factor
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
+from mocap.held import HeldLimb
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.articulated import articulation
@@ -177,8 +178,16 @@ def _run_job(
         report=report,
         report_text=readable(report, title=prepared.name),
         file=source.tracks if isinstance(source, Recording) else None,
+        limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
     return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
+
+
+def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldLimb, ...]:
+    """Limbs over all frames of the recording."""
+    index = np.arange(n_frames) - part.frames.start
+    index[(index < 0) | (index >= part.frames.stop - part.frames.start)] = -1
+    return tuple(limb.along(index) for limb in limbs)
 
 
 def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:

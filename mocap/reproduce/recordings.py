@@ -21,12 +21,19 @@ from mocap.pipeline.prepare import Prepared, prepare_pixels
 from mocap.records import marker_tracks
 from mocap.reproduce.fig_joints import WIDTH, joint_potential
 
-POWERS_W = np.logspace(-3, 3, 7)
-STRENGTHS_J = np.array([100.0, 300.0, 1e3, 3e3, 1e4])
-FREE_POWER_W = 30.0
-"""Of the force noise where V_z is still to be learned: the forces of the constraint are part of it."""
+POWERS_W = {"planar": np.logspace(-3, 3, 7), "spherical": np.logspace(-3, 3, 7), "wrist": np.logspace(2, 6, 5)}
+STRENGTHS_J = {
+    "planar": np.array([300.0, 1e3, 3e3, 1e4]),
+    "spherical": np.array([100.0, 300.0, 1e3, 3e3, 1e4]),
+    "wrist": np.array([1e4, 3e4]),
+}
+"""Of the wrist such that Theorem 3 says something at the energies that muscles give it; less would be likelier."""
+FREE_POWER_W = {"planar": 30.0, "spherical": 30.0, "wrist": 1e5}
+"""Of the force noise where V_z is still to be learned: forces of the constraint, and of muscles, are part of it."""
 HELD_OUT = 150
 """Frames by which 1/eps^2 and the noise are chosen."""
+START_SD = {"planar": (0.02, 0.5), "spherical": (0.02, 0.5), "wrist": (0.1, 10.0)}
+"""Standard deviations of coordinates and velocities in the first frame."""
 BEGUN = 40
 """Frames from which the state at the first is found."""
 STEADY_HZ = 4.0
@@ -58,7 +65,8 @@ class Tracked:
         power_w: Power of the force noise.
         seen: The recording that was tracked.
         track: The track.
-        bound: V_z that no motion released at the track's first state exceeds, Theorem 3 as corrected.
+        bound: V_z that no motion released at the track's first state exceeds, Theorem 3 as corrected; of the wrist,
+            which muscles drive, at the most energetic of those that were measured.
         lowest_j: Least U over what the motion can reach, in that bound.
     """
 
@@ -114,9 +122,9 @@ def _tracked(
     name: str, system: LagrangianSystem, learned: Callable[[Array], EmpiricalPotential], learn: Seen, seen: Seen
 ) -> Tracked:
     """V_z of the whole first recording; 1/eps^2 and the noise from its last third, with V_z of the first two."""
-    start_sd = (0.02, 0.5)
+    start_sd = START_SD[name]
     learn = _cut(learn, len(learn.q))
-    free = _free(system, learn)
+    free = _free(name, system, learn)
     learn = replace(learn, q=np.where(free.measured[:, None] > 0, free.q, np.nan))
     most = len(learn.q)
     aside = most - min(most // 3, HELD_OUT)
@@ -126,14 +134,14 @@ def _tracked(
         kept.sights,
         free.q[aside],
         free.v[aside],
-        powers_w=POWERS_W,
-        strengths_j=STRENGTHS_J,
+        powers_w=POWERS_W[name],
+        strengths_j=STRENGTHS_J[name],
         start_sd=start_sd,
     )
     potential = learned(learn.q)
     model = replace(model, penalty=potential)
     seen = _cut(seen, len(seen.q))
-    begun = _free(system, _cut(seen, BEGUN))
+    begun = _free(name, system, _cut(seen, BEGUN))
     track = track_joint(
         model,
         seen.sights,
@@ -143,18 +151,21 @@ def _tracked(
         start_sd=start_sd,
         valley=lambda q: valley_covariance(potential, q, rng=np.random.default_rng(0)),
     )
-    lowest = 0.0 if name == "wrist" else -GRAVITY_M_S2 * (1.0 + 0.05)
-    bound = theorem_3(model, track.q[0], track.v[0], potential_min_j=lowest)
+    lowest, released = -GRAVITY_M_S2 * (1.0 + 0.05), 0
+    if name == "wrist":  # muscles do work: the bound is that of the most energetic frame, not of the first
+        lowest = 0.0
+        released = int(np.argmax(np.where(track.measured > 0, track.energy_j, -np.inf)))
+    bound = theorem_3(model, track.q[released], track.v[released], potential_min_j=lowest)
     return Tracked(name=name, model=model, power_w=power, seen=seen, track=track, bound=bound, lowest_j=lowest)
 
 
-def _free(system: LagrangianSystem, seen: Seen) -> JointTrack:
+def _free(name: str, system: LagrangianSystem, seen: Seen) -> JointTrack:
     """The joint tracked by the system without V_z: what V_z is learned from, and where tracks start."""
     nothing = AnalyticPenalty(
         value=lambda q: np.zeros(q.shape[:-1]), gradient=lambda q: np.zeros_like(q), curvature_limit=0.0
     )
     free = PenalisedModel(system=system, penalty=nothing, strength=0.0)
-    return track_joint(free, seen.sights, *_start(seen), power_w=FREE_POWER_W, start_sd=(0.02, 0.5))
+    return track_joint(free, seen.sights, *_start(seen), power_w=FREE_POWER_W[name], start_sd=START_SD[name])
 
 
 def _cut(seen: Seen, most: int) -> Seen:

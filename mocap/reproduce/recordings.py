@@ -25,7 +25,7 @@ POWERS_W = {"planar": np.logspace(-3, 3, 7), "spherical": np.logspace(-3, 3, 7),
 STRENGTHS_J = {
     "planar": np.array([300.0, 1e3, 3e3, 1e4]),
     "spherical": np.array([100.0, 300.0, 1e3, 3e3, 1e4]),
-    "wrist": np.array([1e4, 3e4]),
+    "wrist": np.array([1e4]),
 }
 """Of the wrist such that Theorem 3 says something at the energies that muscles give it; less would be likelier."""
 FREE_POWER_W = {"planar": 30.0, "spherical": 30.0, "wrist": 1e5}

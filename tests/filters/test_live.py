@@ -140,12 +140,12 @@ def test_hindsight_helps():
 
 
 def test_memory_is_flat():
-    """The peak of 400 frames is that of 100, and a state more raises it: with 12 markers a state has 41 kB.
+    """The peak of 200 frames is that of 50, and a state more raises it: with 12 markers a state has 41 kB.
 
     A kept frame has two factors, rows, the noise of its own time step and small change: 4 to 6 states.
     """
     rng = np.random.default_rng(6)
-    model, seen, t_s, _ = flight(rng, 400, n_markers=12)
+    model, seen, t_s, _ = flight(rng, 200, n_markers=12)
 
     def peak(n_frames, lag):
         frames = looks(PositionObservations(xyz_m=seen.xyz_m[:n_frames], sd_m=seen.sd_m[:n_frames]), t_s[:n_frames])
@@ -157,8 +157,8 @@ def test_memory_is_flat():
         return size
 
     state = 8 * 72**2
-    assert peak(400, 5) < peak(100, 5) + state
-    assert 40 * state < peak(100, 15) - peak(100, 5) < 60 * state
+    assert peak(200, 5) < peak(50, 5) + state
+    assert 40 * state < peak(50, 15) - peak(50, 5) < 60 * state
 
 
 def test_one_frame_and_none():

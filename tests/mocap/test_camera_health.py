@@ -108,7 +108,7 @@ def test_a_bad_camera_is_no_worse_than_none(tmp_path, n_cameras):
 
     3 %: what is left of 10 px at a weight of 1/100 or less, against 1 px of noise, is 0.1 px; 0.1^2 of the variance.
     """
-    recording = make_bat(seed=72, n_frames=240, n_cameras=n_cameras)
+    recording = make_bat(seed=72, n_frames=170, n_cameras=n_cameras)
 
     def prepared(name, pixels):
         changed = replace(recording, pixels=replace(recording.pixels, uv_px=pixels))

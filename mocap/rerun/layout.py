@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.held import HeldLimb
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity
 from mocap.pipeline.run import Run
@@ -41,6 +42,7 @@ class Layout:
         likelihood_range: Ends of the axis of the log-likelihood; None: the viewer's choice.
         angles: Angles and what else is plotted beside the scene, by group.
         cycles: Wing beats, strides, waves.
+        limbs: Potentials of limbs that the filter used.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Layout:
     likelihood_range: tuple[float, float] | None = None
     angles: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
     cycles: Sequence[Cycle] = ()
+    limbs: tuple[HeldLimb, ...] = ()
 
     @property
     def trail_frames(self) -> int:
@@ -100,6 +103,7 @@ def run_layout(
     finite = per_row[np.isfinite(per_row) & (run.tracked.n_rows > 0)]
     return Layout(
         name=run.name,
+        limbs=run.limbs,
         n_frames=len(run.tracked.markers.t_s),
         n_markers=len(run.tracked.markers.names),
         scene=scene,

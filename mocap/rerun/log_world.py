@@ -47,7 +47,7 @@ def log_world(rec: rr.RecordingStream, scene: Scene, *, names: tuple[str, ...], 
 
 def log_axes(rec: rr.RecordingStream, scene: Scene) -> None:
     """Arrows along the world's axes on the ground under the motion, as long as their labels say: the scale."""
-    length_m = grid_spacing_m(scene.radius_m)
+    length_m = grid_spacing_m(2 * scene.radius_m)
     foot = scene.centre_m + (scene.ground_m - scene.centre_m @ scene.up) * scene.up
     size = (
         f"{length_m:g} m"
@@ -59,7 +59,7 @@ def log_axes(rec: rr.RecordingStream, scene: Scene) -> None:
     arrows = rr.Arrows3D(
         origins=single(np.tile(foot, (3, 1))),
         vectors=single(length_m * np.diag(scene.signs)),
-        labels=[f"{axis}, {size}" for axis in "xyz"],
+        labels=[f"x, {size}", "y", "z"],
         colors=[palette.VERMILLION, palette.GREEN, palette.SKY_BLUE],
         radii=rr.components.Radius.ui_points(1.5),
         show_labels=True,

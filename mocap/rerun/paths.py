@@ -11,6 +11,8 @@ PATH = "/world/path"
 AXES = "/world/axes"
 CAMERAS = "/world/cameras"
 JOINTS = "/joints"
+LIMBS = "/limbs"
+PULL = "/world/pull"
 INNOVATION = "/health/innovation"
 RESIDUAL = "/health/residual"
 INNOVATION_MAP = "/health/innovation_map"
@@ -84,6 +86,21 @@ def quantity(group: str, name: str) -> str:
 def cycles(kind: str, of: str) -> str:
     """The cycles of one limb."""
     return child(CYCLES, f"{of}_{kind}")
+
+
+def limb(name: str) -> str:
+    """All about one limb."""
+    return child(LIMBS, name)
+
+
+def limb_map(name: str) -> str:
+    """Potential of a limb in its two leading coordinates."""
+    return f"{limb(name)}/map"
+
+
+def pull(name: str) -> str:
+    """What the potential of a limb pulls at, in the scene."""
+    return child(PULL, name)
 
 
 def run(number: int) -> str:

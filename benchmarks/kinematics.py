@@ -21,6 +21,7 @@ from scipy.signal import butter, savgol_filter, sosfiltfilt
 from datasets.bats import bat_motion, make_bat
 from datasets.lizards import lizard_motion, make_lizard
 from datasets.scene import Motion as SceneMotion
+from filters.anatomy import Anatomy
 from filters.interpolate import interpolated
 from filters.models.base import TrialSet
 from filters.models.pose import PoseSettings
@@ -68,7 +69,9 @@ def tracked(xyz_m: Array, t_s: Array, skeleton: Skeleton, sd_m: float) -> tuple[
     trial = MarkerTrial(name="twin", t_s=t_s, xyz_m=xyz_m, sd_m=sd)
     trunk = [names.index(name) for name in skeleton.trunk]
     asked = asked_for(names, skeleton, n_frames=len(t_s))
-    fitted = PoseSettings().fit(TrialSet([trial], trunk, ends_among(names, skeleton.rigid)))
+    fitted = PoseSettings().fit(
+        TrialSet([trial], Anatomy(trunk=tuple(trunk), bones=tuple(ends_among(names, skeleton.rigid))))
+    )
     found = fitted.fill(PositionObservations(xyz_m=xyz_m, sd_m=sd), asked=asked)
     status = np.where(np.isfinite(xyz_m[..., 0]), Status.MEASURED, Status.SMOOTHED)
     markers = MarkerTracks(names=tuple(names), t_s=t_s, xyz_m=found.xyz_m, cov_m2=found.cov_m2, status=status)

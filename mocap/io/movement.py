@@ -1,6 +1,7 @@
 """NetCDF files of the package movement (Sirmpilatze et al. 2025), of its version 0.17: single names of dimensions."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers, one_line
 from mocap.io.netcdf import as_netcdf
 from mocap.io.optical import UNIT_M, metres, rate_of_times
-from mocap.io.tables import WORDS
+from mocap.io.tables import WORDS, with_sd
 from mocap.records import Status
 
 _ONE = {"individual": "id_0", "view": "cam1"}
@@ -83,16 +84,27 @@ def _recording(path: Path, data: Any) -> FileContents:
         raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
     origin = _array(data, "status" if "status" in data else "origin", order)
     unit = str(attributes.get("space_unit", "")) or None
-    return point_recording(
+    unit = unit if unit in UNIT_M else None
+    sd = _array(data, "sd", order)
+    found = point_recording(
         path,
         "movement",
         xyz=values[0],
-        unit=unit if unit in UNIT_M else None,
+        unit=unit,
         t_s=frames / (fps or 1.0) if in_frames else times,
         status=None if origin is None else origin[0].astype(np.int8),
         score=None if score is None else score[0],
         **common,
     )
+    scale = metres(path, unit) if unit else 1.0
+    if sd is not None:
+        return with_sd(found, sd[0] * scale)
+    both = ("time", "individual", "keypoint", "space", "space_to")
+    if found.points is None or "covariance" not in data or set(data["covariance"].dims) - {"view"} != set(both):
+        return found
+    cov = data["covariance"].isel(view=0) if "view" in data["covariance"].dims else data["covariance"]
+    cov = np.asarray(cov.transpose(*both).values, dtype=np.float64).reshape(len(times), -1, 3, 3) * scale**2
+    return replace(found, points=replace(found.points, cov_m2=cov))
 
 
 def _array(data: Any, name: str, order: tuple[str, ...]) -> Array | None:
@@ -139,6 +151,9 @@ def write_movement(path: Path, recording: FileContents) -> None:
         codes = np.transpose(spread(recording.points.status.astype(np.float64), 0.0), (0, 2, 1, 3)).astype(np.int8)
         flags = {"flag_values": np.array([int(o) for o in Status], dtype=np.int8), "flag_meanings": " ".join(WORDS)}
         table["origin"] = (flat, codes, flags)
+        if np.isfinite(recording.points.sd_m).any():
+            sd = np.transpose(spread(recording.points.sd_m[None] / scale, np.nan), (0, 2, 1, 3))
+            table["sd"] = (flat, sd, {"long_name": "standard deviation of the position, root mean square of its axes"})
     coords = {"space": list(axes), "keypoint": parts, "individual": animals, "view": views}
     frames = recording.frames - (int(recording.frames[0]) if recording.fps else 0) if len(recording.frames) else t_s
     coords["time"] = t_s if recording.fps else np.asarray(frames, dtype=np.float64)  # type: ignore[assignment]
@@ -175,7 +190,7 @@ FORMATS = (
         read=_read,
         write=write_movement,
         holds=frozenset(
-            {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "score", "animals"}
+            {"points", "first_frame", "frame_numbers", "pixels", "fps", "unit", "origin", "sd", "score", "animals"}
         ),
         suffixes=(".nc",),
     ),

@@ -1,5 +1,7 @@
 """The workshop drawing: plan with dimensions, and the table of members; PNG and SVG."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
@@ -59,27 +61,40 @@ def _plan(axes: Axes, design: JointDesign) -> None:
         axes.add_patch(Circle(tuple(nodes[start] / MM), 2.0, facecolor="white", edgecolor=INK, zorder=4))
         _label(axes, nodes[start] / MM, nodes[end] / MM, f"{i + 1}")
     axes.plot(0, 0, marker="+", color=INK, markersize=14, zorder=5)
-    axes.annotate("joint (0, 0)", (0, 0), xytext=(5, 5), textcoords="offset points", fontsize=8, color=INK)
+    posts = np.unique(nodes[truss.ends[:, 0]], axis=0) / MM
+    _note(axes, np.zeros(2), "joint (0, 0)", posts)
     axes.plot(*(q / MM), "o", color=INK, markersize=6, zorder=5)
-    axes.annotate(
-        f"moving point, least V\n({q[0] / MM:.1f}, {q[1] / MM:.1f})",
-        tuple(q / MM),
-        xytext=(7, 7),
-        textcoords="offset points",
-        fontsize=8,
-        color=INK,
-    )
+    _note(axes, q / MM, f"moving point, least V\n({q[0] / MM:.1f}, {q[1] / MM:.1f})", posts)
     axes.set_aspect("equal")
     axes.margins(0.08)
     axes.set_xlabel("along the parent segment's axis (mm)")
     axes.set_ylabel("across it (mm)")
     axes.set_title(
-        "Plan; springs orange, cables blue, struts green (drawn as they are at the point of least V_z);\n"
+        f"Plan; {legend(truss.laws)} (drawn as at the point of least V_z);\n"
         "shaded: where V_z < level, dashed: V_z = 0.5",
         fontsize=9,
     )
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def legend(laws: Sequence[str]) -> str:
+    """What the colours of the members are, of those that there are: ``springs orange, struts green``."""
+    words = [name for name, law in (("cables blue", "cable"), ("struts green", "strut")) if law in laws]
+    return ", ".join([*(["springs orange"] if set(laws) - set(COLOURS) else []), *words])
+
+
+def _note(axes: Axes, at: Array, text: str, posts: Array) -> None:
+    """A text beside a point, on the side where it is furthest from the posts, on white."""
+    size = max(float(np.ptp(posts, axis=0).max()), 1e-9)
+    sides = [np.array([x, y]) for x in (-1.0, 1.0) for y in (-1.0, 1.0)]
+    room = [np.linalg.norm(posts - (at + np.array([0.16, 0.06]) * size * side), axis=1).min() for side in sides]
+    x, y = sides[int(np.argmax(room))]
+    axes.annotate(
+        text, tuple(at), xytext=(10 * x, 9 * y), textcoords="offset points", fontsize=8, color=INK, zorder=6,
+        ha="left" if x > 0 else "right", va="bottom" if y > 0 else "top",
+        bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+    )  # fmt: skip
 
 
 def rest_point(design: JointDesign) -> Array:

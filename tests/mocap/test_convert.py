@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,9 +12,12 @@ from mocap.cli.main import main
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.manifest import MANIFEST
 from mocap.io.registry import read, write
+from mocap.library.tracked import Tracked
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.recording import Recording
+from mocap.records import Status
 from tests.mocap.recordings import points
+from tests.mocap.rerun.flapping import make_run
 from tests.real_data import real
 
 
@@ -125,3 +129,41 @@ def test_files_without_tracks_or_cameras_are_named(tmp_path):
         prepare(Recording(tracks=tmp_path / "a.trc", calibration=tmp_path / "px.csv"))
     with pytest.raises(MocapError, match=r"a\.trc: contains no cameras"):
         prepare(Recording(tracks=tmp_path / "px.csv", calibration=tmp_path / "a.trc", fps=100))
+
+
+def test_netcdf_keeps_standard_deviations_and_status(tmp_path):
+    """To NetCDF and back, in millimetres too; a marker that was not seen has none."""
+    rng = np.random.default_rng(2)
+    sd_m = rng.uniform(1e-4, 1e-3, size=(7, 2))
+    sd_m[3, 1] = np.nan
+    xyz_m = rng.normal(size=(7, 2, 3))
+    xyz_m[3, 1] = np.nan
+    status = np.where(np.isnan(sd_m), Status.MISSING, Status.MEASURED)
+    status[5, 0] = Status.SMOOTHED
+    lines = ["frame,t_s," + ",".join(f"{m}_{end}" for m in ("a", "b") for end in ("x", "y", "z", "sd", "origin"))]
+    words = {int(s): s.name.lower() for s in Status}
+    for t in range(7):
+        cells = [
+            ",".join(
+                [*(f"{v:.17g}" if np.isfinite(v) else "" for v in (*xyz_m[t, m], sd_m[t, m])), words[status[t, m]]]
+            )
+            for m in range(2)
+        ]
+        lines.append(f"{t + 1},{t / 100:g}," + ",".join(cells))
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    for name, unit in (("b.nc", None), ("c.nc", "mm")):
+        recording = read(tmp_path / "a.csv")
+        recording = recording if unit is None else replace(recording, unit=unit)
+        assert not [r for r in write(recording, tmp_path / name) if "deviation" in r]
+        back = read(tmp_path / name)
+        np.testing.assert_allclose(back.points.sd_m, sd_m, rtol=1e-12)
+        np.testing.assert_array_equal(back.points.status, status)
+
+
+def test_our_own_netcdf_is_read_with_its_covariances(tmp_path):
+    """``markers.nc`` holds covariances; a table made of it holds the standard deviations."""
+    run = make_run(n_frames=12, n_cameras=0, n_joints=0)
+    dataset = Tracked(run).markers
+    dataset.to_netcdf(tmp_path / "markers.nc", engine="h5netcdf")
+    back = read(tmp_path / "markers.nc")
+    np.testing.assert_allclose(back.points.cov_m2, run.tracked.markers.cov_m2, rtol=1e-12)

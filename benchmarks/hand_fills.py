@@ -1,8 +1,8 @@
-"""Fills that Qualisys users made in short gaps, beside this program's and splines': ``python -m benchmarks.hand_fills``.
+"""Fills that Qualisys users made in short gaps, and this program's and splines': ``python -m benchmarks.hand_fills``.
 
-Glides of snakes (``datasets.real``: raw and filled by the authors). Every sample that the raw export lacks and the filled
-one has is compared; only the raw one is read. The authors' fills are themselves polynomials or relations between markers
-that QTM offers, chosen by eye: agreement with them is no truth, but a large difference is a finding.
+Glides of snakes (``datasets.real``: raw and filled by the authors). Every sample that the raw export lacks and the
+filled one has is compared; only the raw one is read. The authors' fills are themselves polynomials or relations between
+markers that QTM offers, chosen by eye: agreement with them is no truth, but a large difference is a finding.
 """
 
 import argparse

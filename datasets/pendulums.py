@@ -76,7 +76,7 @@ def make_pendulum(
             f"{duration_s:g} and {noise_m:g}"
         )
     t_s = np.linspace(0, duration_s, n_samples)
-    q, v, multiplier = (_planar if kind == "planar" else _spherical)(t_s)
+    q, v, multiplier = pendulum_motion(kind, t_s)
     radius = 1 + noise_m * np.random.default_rng(seed).uniform(-0.5, 0.5, n_samples)
     samples = q * (np.stack([radius, np.ones(n_samples)], axis=1) if kind == "planar" else radius[:, None])
     return PendulumRecording(
@@ -84,17 +84,36 @@ def make_pendulum(
     )
 
 
-def _planar(t_s: Array) -> tuple[Array, Array, Array]:
+def pendulum_motion(
+    kind: Pendulum, t_s: Array, *, swing_rad: float = np.pi / 6, azimuth_rad: float = 0.0
+) -> tuple[Array, Array, Array]:
+    """The true motion at increasing times.
+
+    Args:
+        kind: ``planar`` or ``spherical``.
+        t_s: (T,) times; the start is at the first.
+        swing_rad: theta at which the planar one is released at rest.
+        azimuth_rad: Turn of the spherical one's start about the vertical.
+
+    Returns:
+        Configurations and velocities (T, D), and the multiplier (T,), as in ``PendulumRecording``.
+    """
+    if kind == "planar":
+        return _planar(t_s, swing_rad)
+    return _spherical(t_s, azimuth_rad)
+
+
+def _planar(t_s: Array, swing_rad: float) -> tuple[Array, Array, Array]:
     def slope(_: float, y: Array) -> Array:
         return np.array([y[1], -GRAVITY_M_S2 * np.cos(y[0])])
 
-    angle, speed = _solve(slope, np.array([np.pi / 6, 0.0]), t_s)
+    angle, speed = _solve(slope, np.array([swing_rad, 0.0]), t_s)
     ones, zeros = np.ones(len(t_s)), np.zeros(len(t_s))
     multiplier = GRAVITY_M_S2 * np.sin(angle) - speed**2
     return np.stack([ones, angle], axis=1), np.stack([zeros, speed], axis=1), multiplier
 
 
-def _spherical(t_s: Array) -> tuple[Array, Array, Array]:
+def _spherical(t_s: Array, azimuth_rad: float) -> tuple[Array, Array, Array]:
     down = np.array([0.0, 0.0, -GRAVITY_M_S2])
 
     def slope(_: float, y: Array) -> Array:
@@ -103,7 +122,9 @@ def _spherical(t_s: Array) -> tuple[Array, Array, Array]:
         m = -(down @ x + v @ v) / (x @ x)
         return np.concatenate([v, down + m * x])
 
-    y = _solve(slope, np.array([np.sqrt(0.5), 0, -np.sqrt(0.5), 0, 1.0, 0]), t_s)
+    east, north = np.cos(azimuth_rad), np.sin(azimuth_rad)
+    half = np.sqrt(0.5)
+    y = _solve(slope, np.array([half * east, half * north, -half, -north, east, 0.0]), t_s)
     x, v = y[:3].T, y[3:].T
     return x, v, GRAVITY_M_S2 * x[:, 2] - np.sum(v**2, axis=1)
 

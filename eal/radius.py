@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from eal.arrays import Array, points
 from eal.correlation import effective_sample_size
 from eal.lowrank import pivoted_cholesky
-from eal.potential import EmpiricalPotential
+from eal.potential import EmpiricalPotential, fit_potential
 
 MOST_PIVOTS = 300
 LEAST = 20
@@ -98,3 +98,52 @@ def confidence_radius(
         counts = np.bincount(drawn, minlength=n)
         largest[i] = np.abs(value(counts * potential.weights) - middle).max()
     return Radius(radius=float(np.quantile(largest, level)), level=level, effective_samples=effective, block=int(block))
+
+
+def valley_covariance(
+    potential: EmpiricalPotential,
+    q: ArrayLike,
+    *,
+    rng: np.random.Generator,
+    block: int | None = None,
+    resamples: int = 40,
+) -> Array:
+    """How far the valley of V_z itself may lie from that of its limit, near q.
+
+    V* of resampled blocks pulls at q with another gradient; the valley moves by -H^+ (grad V* - grad V), H the
+    Hessian of V_z in the directions across the valley, those of more than a tenth of its greatest curvature. A state
+    that V_z holds there is off by as much, which no covariance of a filter knows.
+
+    Args:
+        potential: V_z, learned from samples in the order of time.
+        q: (n, d) places on the valley.
+        rng: For the blocks.
+        block: Samples in a block; None: N over the effective sample size.
+        resamples: Number of resamples.
+
+    Returns:
+        (n, d, d) covariances.
+    """
+    z, n = potential.samples, len(potential.samples)
+    at = points("q", q, potential.dimension).reshape(-1, potential.dimension)
+    block = max(1, round(n / effective_sample_size(z, potential.kernel))) if block is None else block
+    values, vectors = np.linalg.eigh(potential.hessian(at))
+    across = values > 0.1 * potential.curvature_limit
+    inverse = np.where(across, 1.0 / np.where(across, values, 1.0), 0.0)
+    here = potential.gradient(at)
+    total = np.zeros((len(at), potential.dimension, potential.dimension))
+    for _ in range(resamples):
+        starts = rng.integers(0, n, -(-n // block))
+        rows, counts = np.unique(((starts[:, None] + np.arange(block)) % n).reshape(-1)[:n], return_counts=True)
+        again = fit_potential(
+            z[rows],
+            kernel=potential.kernel,
+            lam=potential.sigma_lambda,
+            spectral_filter=potential.spectral_filter,
+            weights=counts * potential.weights[rows],
+            accuracy=1e-3,
+        )
+        pull = np.einsum("nij,ni->nj", vectors, again.gradient(at) - here) * inverse
+        moved = np.einsum("nij,nj->ni", vectors, pull)
+        total += moved[:, :, None] * moved[:, None, :]
+    return total / resamples

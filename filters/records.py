@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from filters.moving import Rates
 from filters.observe import Observed
 from mocap.arrays import Array, frozen
+from mocap.held import HeldLimb
 from mocap.records import MarkerTracks
 
 
@@ -21,12 +22,14 @@ class Estimate:
         cov_m2: (T, M, 3, 3) their covariance.
         observed: What a filter saw in each frame, and how it was believed; empty where nothing was filtered.
         rates: Velocities and joint covariances of what was asked for; None: nothing was, or the model has none.
+        held: What its potentials of limbs said, where velocities were asked for.
     """
 
     xyz_m: Array
     cov_m2: Array
     observed: Sequence[Observed] = ()
     rates: Rates | None = None
+    held: tuple[HeldLimb, ...] = ()
 
     @property
     def log_likelihood(self) -> Array:

@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from filters.apart import smooth_apart
 from filters.ensemble import Gaussian, Prediction, marker_covariances
 from filters.groups import MOST, groups_of, smooth_in_groups
+from filters.held import HeldKeeper
 from filters.motion.base import MotionModel, Step
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.motion.pose import PoseMotion
@@ -252,6 +253,7 @@ def _pass(
         xyz, cov, references = [], [], []
         state, ahead = before[-1], None
         keeper = None if asked is None else RateKeeper(model, asked)
+        holder = None if asked is None else HeldKeeper.of(model)
         for i in range(len(blocks) - 1, -1, -1):
             if filtered is None or i < len(blocks) - 1:
                 filtered = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], **options)
@@ -264,6 +266,8 @@ def _pass(
                 mean, covariance = marker_moments(model, shown, frame)
                 if keeper is not None:
                     keeper.take(frame, here, after, shown)
+                if holder is not None:
+                    holder.take(frame, shown)
                 xyz.append(mean)
                 cov.append(covariance)
                 if not last:
@@ -271,7 +275,13 @@ def _pass(
                 if progress is not None:
                     progress(1 - 0.5 * frame / n_frames)
         rates = None if keeper is None else keeper.rates(n_frames)
-    found = Estimate(xyz_m=np.array(xyz[::-1]), cov_m2=np.array(cov[::-1]), observed=observed, rates=rates)
+    found = Estimate(
+        xyz_m=np.array(xyz[::-1]),
+        cov_m2=np.array(cov[::-1]),
+        observed=observed,
+        rates=rates,
+        held=() if holder is None or asked is None else holder.held(asked.names),
+    )
     return found, references[::-1]
 
 

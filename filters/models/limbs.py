@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from filters.anatomy import Anatomy, reflection
-from filters.motion.potential import PosePotential
+from filters.motion.potential import PosePotential, Pull
 from filters.poses import Shapes, known_shapes
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
@@ -69,9 +69,17 @@ def limb_potentials(
             on_residual = np.vstack([on_residual, np.zeros((along.shape[1], on_residual.shape[1]))])
             turning = tau_s * along.T @ of_shape
             on_shape = np.vstack([on_shape, np.hstack([np.zeros_like(turning), turning])])
+        gradient = learn(samples)
         out.append(
             PosePotential(
-                mean=mean, on_shape=on_shape, on_residual=on_residual, samples=samples, gradient=learn(samples)
+                mean=mean,
+                on_shape=on_shape,
+                on_residual=on_residual,
+                samples=samples,
+                gradient=gradient,
+                potential=gradient.potential if isinstance(gradient, Pull) else None,
+                root=limb.parents[0],
+                children=limb.children,
             )
         )
     return tuple(out)

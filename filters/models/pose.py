@@ -18,7 +18,7 @@ from filters.models.delayed_poses import DelaySettings
 from filters.models.limbs import limb_potentials
 from filters.motion.bones import Bones
 from filters.motion.pose import PoseMotion, Regression, body_path
-from filters.motion.potential import PosePotential
+from filters.motion.potential import PosePotential, Pull
 from filters.motion.shape import ShapeMechanics
 from filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate, shapes_of
 from mocap.arrays import Array
@@ -325,9 +325,9 @@ def unseen_potential(samples: Array, settings: PoseSettings, *, folds: int = 5) 
     return np.concatenate(parts)
 
 
-def penalty(potential: EmpiricalPotential, scale: Array, stiffness: float) -> Callable[[Array], Array]:
+def penalty(potential: EmpiricalPotential, scale: Array, stiffness: float) -> Pull:
     """Gradient of -log(1 - V_z) / eps^2 in state coordinates: as V_z near the data, but it pulls at any distance.
 
     ``stiffness`` is 1/eps^2 a second; ``scale`` (k,) brings the state to the units of the samples.
     """
-    return lambda x: potential.barrier_gradient(x * scale) * (stiffness * scale)
+    return Pull(potential=potential, scale=scale, stiffness=stiffness)

@@ -20,7 +20,10 @@ def kinematics(
     ] = None,
     export: Annotated[
         list[str] | None,
-        typer.Option(help="Also for another program: xlsx, mat, mot or sto; give the option once for each."),
+        typer.Option(
+            help="Also for another program: xlsx, mat, mot, sto, or mjcf (the animal for MuJoCo); give the option once "
+            "for each."
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -31,9 +34,10 @@ def kinematics(
     from mocap.results.exports import EXPORTS
     from mocap.skeleton import read_skeleton
 
-    unknown = sorted(set(export or ()) - set(EXPORTS))
+    kinds = [*EXPORTS, "mjcf"]
+    unknown = sorted(set(export or ()) - set(kinds))
     if unknown:
-        raise MocapError(f"--export {unknown[0]}: give {', '.join(EXPORTS)}")
+        raise MocapError(f"--export {unknown[0]}: give {', '.join(kinds)}")
     result = mocap.load(run)
     if skeleton is not None:
         result = result.with_skeleton(read_skeleton(skeleton))

@@ -26,6 +26,14 @@ def reproduce(
             "--span-s", help="Seconds over which the samples of figure 19a are taken; may be repeated; none: 1 and 10."
         ),
     ] = None,
+    recordings: Annotated[
+        bool,
+        typer.Option(
+            "--recordings",
+            help="Also film the pendulums and the lizard's wrist, convert the markers to joint coordinates, learn V_z "
+            "and track them with the Lagrangian it makes; minutes.",
+        ),
+    ] = False,
     force: Force = False,
 ) -> None:
     """Reproduce the figures of the EAL paper: pictures, tables, and a verdict on every claim."""
@@ -48,6 +56,7 @@ def reproduce(
             say,
             real_bat_m=None if real is None else real_bat_samples(real),
             spans_s=span or SPANS_S,
+            recordings=recordings,
         )
     errors.print(
         f"\nWrote {out}/: the figures with their numbers, and {len(verdicts)} verdicts in verdicts.json",

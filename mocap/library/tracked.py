@@ -30,6 +30,7 @@ from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
+from mocap.results.mjcf import FILE, write_mjcf
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
@@ -225,7 +226,8 @@ class Tracked:
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
-            exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well.
+            exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well; ``mjcf``: the
+                fitted animal as ``skeleton.mjcf.xml``.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
         """
@@ -233,7 +235,10 @@ class Tracked:
             write_kinematics(self.kinematics, folder)
             write_cycles(self._cycles, folder / "cycles.csv")
             for kind in exports:
-                EXPORTS[kind](self.kinematics, self._cycles, folder / f"kinematics.{kind}")
+                if kind == "mjcf":
+                    write_mjcf(self.run, folder / FILE)
+                else:
+                    EXPORTS[kind](self.kinematics, self._cycles, folder / f"kinematics.{kind}")
             if not pictures:
                 return
             from mocap.plots.figures import pictures as figures_of

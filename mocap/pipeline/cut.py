@@ -24,6 +24,7 @@ def cut(run: Run, frames: slice) -> Run:
         repaired=run.repaired[frames],
         footage=tuple(replace(f, frames=f.frames[frames]) for f in run.footage),
         motion=cut_motion(run.motion, frames),
+        limbs=tuple(limb.cut(frames) for limb in run.limbs),
         joints={
             name: replace(joints, t_s=t_s, q_m=joints.q_m[frames], sd_m=joints.sd_m[frames])
             for name, joints in run.joints.items()
@@ -72,6 +73,7 @@ def joined(runs: Sequence[Run]) -> Run:
     moving = ("xyz_m", "velocity_m_s", "own", "cross", "kept", "measured")
     return replace(
         first,
+        limbs=(),
         ideal_px=None
         if first.ideal_px is None
         else replace(first.ideal_px, t_s=t_s, uv_px=along(lambda run: run.ideal_px.uv_px, 1)),

@@ -12,8 +12,10 @@ from filters.motion.base import MotionModel
 from filters.size import size_factor
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
+from mocap.held import HeldLimb
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
+from mocap.pipeline.articulated import articulation
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials
@@ -136,7 +138,11 @@ def _run_job(
                 smoothed = track(prepared, part, own, asked=asked, progress=progress)
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
-        joints = joint_tracks(tracked.markers, prepared.skeleton, whole_frames(prepared, JOINT_HZ))
+        axes = whole_frames(prepared, JOINT_HZ)
+        joints = joint_tracks(tracked.markers, prepared.skeleton, axes)
+        known = np.isfinite(prepared.xyz_m[..., 0])
+        seen_m = np.where(known[..., None], tracked.markers.xyz_m, np.nan)
+        joined = articulation(prepared.names, seen_m, tracked.markers.sd_m, prepared.skeleton, axes.rotation)
         potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)
         spatial = joint_potentials(joints, tracked.markers, prepared.skeleton, frame=SPACE)
     report = make_report(
@@ -149,6 +155,7 @@ def _run_job(
         hidden=hidden,
         seconds=stages.seconds,
         settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
+        articulated=joined,
     )
     filmed = prepared.filmed
     ideal = None
@@ -171,8 +178,16 @@ def _run_job(
         report=report,
         report_text=readable(report, title=prepared.name),
         file=source.tracks if isinstance(source, Recording) else None,
+        limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
     return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
+
+
+def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldLimb, ...]:
+    """Limbs over all frames of the recording."""
+    index = np.arange(n_frames) - part.frames.start
+    index[(index < 0) | (index >= part.frames.stop - part.frames.start)] = -1
+    return tuple(limb.along(index) for limb in limbs)
 
 
 def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from filters.bones import learn_bones
 from filters.poses import MarkerTrial
 from mocap.arrays import Array
-from mocap.body import nearest_rotation
+from mocap.body import body_frames, nearest_rotation
 from mocap.errors import MocapError
+from mocap.pipeline.articulated import Articulation, articulation, undetermined
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
 from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text
@@ -25,6 +26,8 @@ WOBBLES_DEG = 5.0
 """How far the frame of the trunk turns at most by what its markers move in it."""
 BENDS_DEG = 10.0
 """A joint bends through at least that angle, from the 5th to the 95th percentile, and four times that of the noise."""
+JOINT_HZ = 30.0
+"""Axes of the trunk follow it up to this frequency, as those of joint coordinates."""
 _MOST_DISTANCES = 2e7
 
 Pair = tuple[str, str]
@@ -84,6 +87,7 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
         joints=tuple(joint for joint, _ in joints),
         trunk=tuple(names[m] for m in trunk),
     )
+    jointed = _articulated(names, trial, skeleton)
     alone = [names[m] for m in range(len(names)) if not any(m in bone for bone in bones)]
     comments = {
         "": _PREFACE.format(name=quoted(trial.name), frames=len(trial.t_s), markers=len(names)).splitlines(),
@@ -92,7 +96,7 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
             *([f"Markers without a bone: {', '.join(map(quoted, alone))}"] if alone else []),
         ],
         "trunk": (_TRUNK if trunk else _NO_TRUNK).splitlines(),
-        "joints": [*_JOINTS.splitlines(), *(stiff or ())],
+        "joints": [*_JOINTS.splitlines(), *(stiff or ()), *_model_lines(jointed)],
         "aliases": _ALIASES.format(old=quoted(names[0])).splitlines(),
         **{
             f"bone {names[a]} {names[b]}": [
@@ -103,6 +107,24 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
         **{f"joint {joint.name}": [f"bends from {low:.0f} to {high:.0f} degrees"] for joint, (low, high) in joints},
     }
     return Proposal(skeleton=skeleton, text=skeleton_text(skeleton, comments=comments))
+
+
+def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -> list[Articulation]:
+    trunk = [names.index(m) for m in skeleton.trunk]
+    if not trunk or not np.isfinite(trial.xyz_m[:, trunk]).any():
+        return []
+    dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
+    axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s, cutoff_hz=JOINT_HZ).rotation
+    return articulation(names, trial.xyz_m, trial.sd_m, skeleton, axes)
+
+
+def _model_lines(joints: Sequence[Articulation]) -> list[str]:
+    """The articulated model in comments: each segment's joint, and what the samples do not determine."""
+    if not joints:
+        return []
+    lines = ["", "The animal as segments and joints, as far as the samples show them (docs/explanation/joints.md):"]
+    lines += [f"  {quoted(j.centre)} moves {quoted(j.child)}: {j.description}" for j in joints]
+    return [*lines, *undetermined(joints)]
 
 
 _PREFACE = """\

@@ -1,7 +1,7 @@
 """The report of a run, as ``report.json`` and as readable text."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -12,6 +12,7 @@ from mocap.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.markdown import plain
+from mocap.pipeline.articulated import Articulation, undetermined
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
@@ -33,6 +34,7 @@ def make_report(
     hidden: int,
     seconds: Mapping[str, float],
     settings: Mapping[str, object],
+    articulated: Sequence[Articulation] = (),
 ) -> dict[str, object]:
     """The report of a run; plain numbers, strings, lists and dictionaries."""
     origin = tracked.markers.status
@@ -87,6 +89,10 @@ def make_report(
         "log_likelihood": float(tracked.log_likelihood.sum()),
         "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
         "joints": {name: _joint(p) for name, p in potentials.items()},
+        "articulation": {
+            "joints": [_articulation(joint) for joint in articulated],
+            "undetermined": undetermined(articulated),
+        },
         "findings": [*prepared.findings, *_too_narrow(tracked), *_no_joints(prepared, potentials)],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
@@ -227,6 +233,42 @@ def _joint(potential: JointPotential) -> dict[str, object]:
     }
 
 
+def _articulation(joint: Articulation) -> dict[str, object]:
+    return {
+        "centre": joint.centre,
+        "child": joint.child,
+        "parent": joint.parent,
+        "type": joint.kind,
+        "range_deg": [round(float(x), 1) for x in joint.range_deg],
+        "noise_deg": round(joint.noise_deg, 1),
+        "length_mm": 1e3 * joint.length_m,
+        "length_varies": joint.length_sd,
+        "straight": _number(joint.straight),
+    }
+
+
+def _articulation_lines(found: Mapping) -> list[str]:
+    """A line a joint of the articulated animal, and what of it the samples do not determine."""
+    if not found["joints"]:
+        return []
+    lines = [
+        "",
+        "## Segments and joints",
+        "",
+        "The joint type that the samples need, and how far the segment moves in two principal directions, 5 to 95 %:",
+        "",
+        "| joint | segment to | type | range, degrees | length, mm | length varies by |",
+        "|---|---|---|---|---|---|",
+    ]
+    for joint in found["joints"]:
+        first, second = joint["range_deg"]
+        lines.append(
+            f"| {plain(joint['centre'])} | {plain(joint['child'])} | {joint['type']} | {first:.0f}, {second:.0f} | "
+            f"{joint['length_mm']:.1f} | {joint['length_varies']:.1%} |"
+        )
+    return [*lines, "", *(f"- {plain(sentence)}" for sentence in found["undetermined"])]
+
+
 def _range(samples: Array) -> tuple[Array, Array]:
     return samples.min(axis=0), samples.max(axis=0)
 
@@ -313,6 +355,7 @@ def readable(report: Mapping, *, title: str) -> str:
             f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} |"
             for name, j in report["joints"].items()
         ]
+    lines += _articulation_lines(report.get("articulation", {"joints": []}))
     if table := residual_lines(report.get("residual_px_by_camera", {})):
         lines += ["", *table[:-1]]
     if "seconds" not in report:

@@ -13,6 +13,7 @@ from eal.potential import EmpiricalPotential
 from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
+from mocap.held import HeldLimb
 from mocap.io.movies import Movie
 from mocap.moving import Motion
 from mocap.records import JointTracks, PixelTracks
@@ -127,6 +128,7 @@ class Run:
         report_text: The same as markdown.
         footage: The movie of each camera; empty where none were given.
         file: The file of the tracks; None: not known.
+        limbs: Potentials of limbs that held the pose while it was tracked.
         plane: The picture in which the markers move, third coordinates being 0; None: they move in space.
     """
 
@@ -145,4 +147,5 @@ class Run:
     report_text: str
     footage: tuple[Footage, ...] = ()
     file: Path | None = None
+    limbs: tuple[HeldLimb, ...] = ()
     plane: Plane | None = None

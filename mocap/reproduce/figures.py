@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from eal.arrays import Array
 from mocap.reproduce import fig_balance, fig_joints, fig_motion, fig_penalty, fig_samples, fig_time, theorems
+from mocap.reproduce.fig_recordings import RECORDED
 from mocap.reproduce.record import Figure, Verdict, label
 from mocap.reproduce.samples import built_in_samples
 
@@ -68,6 +69,7 @@ def reproduce(
     samples_m: Mapping[str, Array] | None = None,
     real_bat_m: Array | None = None,
     spans_s: Sequence[float] = fig_penalty.SPANS_S,
+    recordings: bool = False,
 ) -> list[Verdict]:
     """Figures of the EAL paper as pictures, tables and verdicts.
 
@@ -83,6 +85,8 @@ def reproduce(
             built-in animals.
         real_bat_m: (N, 2) samples of a real bat's; figure 7 is then drawn for it too, as ``7_real``.
         spans_s: Spans of the samples of figure 19a, in seconds; the paper gives none.
+        recordings: Whether to film, convert and track the pendulums and the lizard's wrist as well: ``13_recorded``,
+            ``19_recorded``, ``20_recorded``, some minutes.
 
     Returns:
         The verdicts, in the order of the figures.
@@ -99,10 +103,12 @@ def reproduce(
     out.mkdir(parents=True, exist_ok=True)
     verdicts: list[Verdict] = []
     with threadpool_limits(1):
-        for name in names:
+        for name in (*names, *(RECORDED if recordings else ())):
             progress(f"figure {name}")
             if name == "19a":
                 made = [fig_penalty.figure_19a(quick=quick, spans_s=spans_s)]
+            elif name in RECORDED:
+                made = [RECORDED[name](quick=quick)]
             elif name in _SYNTHETIC:
                 made = [_SYNTHETIC[name](quick=quick)]
             else:
@@ -125,7 +131,7 @@ def reproduce(
 def _contents(verdicts: Sequence[Verdict]) -> str:
     """A line for every figure of the paper: its file and how many of its claims hold, or where else it is."""
     lines = ["# Figures of the EAL paper", ""]
-    for name in sorted((*FIGURES, *ELSEWHERE), key=_order):
+    for name in sorted((*FIGURES, *ELSEWHERE, *RECORDED), key=_order):
         mine = [v for v in verdicts if v.figure == name]
         if name in ELSEWHERE:
             lines.append(f"- Figure {name}: {ELSEWHERE[name]}")

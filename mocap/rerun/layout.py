@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.held import HeldLimb
 from mocap.pipeline.run import Run
 from mocap.rerun.camera_errors import CameraErrors, camera_errors
 from mocap.rerun.landscape import Landscape
@@ -34,6 +35,7 @@ class Layout:
         joint_frames: For each joint the frame of reference in which it is shown.
         errors: Innovations and residuals of each camera; None without cameras.
         nis_limit: Upper end of the axis of the normalised innovation.
+        limbs: Potentials of limbs that the filter used.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Layout:
     joint_frames: Mapping[str, str] = field(default_factory=dict)
     errors: CameraErrors | None = None
     nis_limit: float = 3.0
+    limbs: tuple[HeldLimb, ...] = ()
 
     @property
     def trail_frames(self) -> int:
@@ -87,6 +90,7 @@ def run_layout(
     finite = per_row[np.isfinite(per_row) & (run.tracked.n_rows > 0)]
     return Layout(
         name=run.name,
+        limbs=run.limbs,
         n_frames=len(run.tracked.markers.t_s),
         scene=scene,
         bounds_px=bounds,

@@ -10,6 +10,8 @@ TRAILS = "/world/trails"
 PATH = "/world/path"
 CAMERAS = "/world/cameras"
 JOINTS = "/joints"
+LIMBS = "/limbs"
+PULL = "/world/pull"
 INNOVATION = "/health/innovation"
 RESIDUAL = "/health/residual"
 INNOVATION_MAP = "/health/innovation_map"
@@ -71,6 +73,21 @@ def spectrum(name: str) -> str:
 def joint_series(name: str) -> str:
     """What a joint does over time."""
     return f"{joint(name)}/series"
+
+
+def limb(name: str) -> str:
+    """All about one limb."""
+    return child(LIMBS, name)
+
+
+def limb_map(name: str) -> str:
+    """Potential of a limb in its two leading coordinates."""
+    return f"{limb(name)}/map"
+
+
+def pull(name: str) -> str:
+    """What the potential of a limb pulls at, in the scene."""
+    return child(PULL, name)
 
 
 def run(number: int) -> str:

@@ -11,6 +11,7 @@ from eal import load_potential
 from filters.records import TrackedMotion
 from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
+from mocap.held import HeldLimb
 from mocap.io.netcdf import as_netcdf
 from mocap.moving import Motion
 from mocap.pipeline.run import JointPotential, Run
@@ -112,8 +113,20 @@ def _rest(run: Run) -> xr.Dataset:
         for i, potential in enumerate(potentials.values()):
             dims = (f"{kind}_sample_{i}", f"axis_{potential.samples_m.shape[1]}")
             table[f"{kind}_samples_{i}_m"] = (dims, potential.samples_m)
+    for i, limb in enumerate(run.limbs):
+        table |= {
+            f"limb_{i}_x": (f"limb_{i}_x", limb.x),
+            f"limb_{i}_y": (f"limb_{i}_y", limb.y),
+            f"limb_{i}_value": ((f"limb_{i}_y", f"limb_{i}_x"), limb.value.astype(np.float32)),
+            f"limb_{i}_samples": ((f"limb_{i}_sample", "axis_2"), limb.samples),
+            f"limb_{i}_state": (("time", "axis_2"), limb.state),
+            f"limb_{i}_cov": (("time", "axis_2", "axis_2b"), limb.cov),
+            f"limb_{i}_at_state": ("time", limb.at_state),
+            f"limb_{i}_pull": (("time", f"limb_{i}_marker", "axis_3"), limb.pull.astype(np.float32)),
+        }
     header = {
         "format": FORMAT,
+        "limbs": [{"name": limb.name, "markers": limb.markers} for limb in run.limbs],
         "name": run.name,
         "model": tracked.model,
         "y_up": run.y_up,
@@ -198,6 +211,17 @@ def read_run(folder: Path) -> Run:
         potentials=potentials[PLANAR],
         spatial_potentials=potentials[SPATIAL],
         repaired=one["repaired"].transpose("time", "keypoint").values.astype(bool),
+        limbs=tuple(
+            HeldLimb(
+                name=limb["name"],
+                markers=tuple(limb["markers"]),
+                **{
+                    part: rest[f"limb_{i}_{part}"].values
+                    for part in ("x", "y", "value", "samples", "state", "cov", "at_state", "pull")
+                },
+            )
+            for i, limb in enumerate(header.get("limbs", ()))
+        ),
         report=json.loads((folder / "report.json").read_text(encoding="utf-8")),
         report_text=(folder / "report.md").read_text(encoding="utf-8"),
     )

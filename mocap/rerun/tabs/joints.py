@@ -13,6 +13,7 @@ from mocap.rerun.columns import Single, segments, single, time_columns
 from mocap.rerun.energy import JointEnergy
 from mocap.rerun.landscape import MM_PER_M, RANGE, Landscape, normals, triangles
 from mocap.rerun.layout import Layout
+from mocap.rerun.limbs import limb_tab, log_limbs
 from mocap.rerun.scene_views import eye, last_frames
 from mocap.rerun.series import log_line, series_view
 from mocap.rerun.volume import Block
@@ -33,16 +34,18 @@ def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
         _log_potential(rec, name, t_s, land)
     for name, cloud in layout.blocks.items():
         _log_volume(rec, name, t_s, cloud)
+    log_limbs(rec, run, layout)
 
 
 def tab(layout: Layout) -> rrb.Container | None:
-    """A tab for every joint that has a potential, and one for the others."""
-    if not layout.joint_frames:
+    """A tab for every joint that has a potential, one for the others, and one for each limb."""
+    if not layout.joint_frames and not layout.limbs:
         return None
     parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
     others = [name for name in layout.joint_frames if name not in layout.landscapes]
     if others:
         parts.append(rrb.Grid(*(coordinates_view(layout, name) for name in others), name="Other joints"))
+    parts += [limb_tab(layout, limb) for limb in layout.limbs]
     return rrb.Tabs(*parts, active_tab=0, name="Joints and potentials")
 
 

@@ -1,0 +1,97 @@
+"""What the potentials of limbs say of every smoothed frame, kept while a smoother goes back in time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from filters.ensemble import Gaussian
+from filters.motion.base import MotionModel
+from filters.motion.pose import PoseMotion
+from filters.motion.potential import PosePotential
+from mocap.arrays import Array
+from mocap.held import HeldLimb
+
+GRID = 60
+_MARGIN = 0.25
+
+
+@dataclass(eq=False)
+class HeldKeeper:
+    """Takes smoothed frames from the last to the first.
+
+    Attributes:
+        model: The motion model.
+        limbs: Its potentials of limbs.
+    """
+
+    model: PoseMotion
+    limbs: tuple[PosePotential, ...]
+    _taken: list[list[tuple[Array, Array, float, Array]]] = field(default_factory=list)
+
+    @staticmethod
+    def of(model: MotionModel) -> "HeldKeeper | None":
+        """None where the model holds no limb by V_z."""
+        if not isinstance(model, PoseMotion):
+            return None
+        limbs = tuple(p for p in model.potentials if p.children and p.potential is not None)
+        return HeldKeeper(model, limbs) if limbs else None
+
+    def take(self, frame: int, state: Gaussian) -> None:
+        """One frame's smoothed state."""
+        _, g, e, _, _ = self.model.parts
+        turn = self.model.path.frames.rotation[frame] @ Rotation.from_rotvec(state.mean[g][3:]).as_matrix()
+        found = []
+        for limb in self.limbs:
+            mean, rows = limb.coordinates(state, e, self.model.reads)
+            spread = rows @ limb.plane
+            gradient = limb.on_residual.T @ limb.gradient(mean[None])[0]
+            pull = -gradient.reshape(-1, 3)[list(limb.children)] @ turn.T
+            value = 0.0 if limb.potential is None else float(limb.potential.value(mean))
+            found.append(((mean - limb.centre) @ limb.plane, spread.T @ spread, value, pull))
+        self._taken.append(found)
+
+    def held(self, names: Sequence[str]) -> tuple[HeldLimb, ...]:
+        """All limbs over all frames that were taken.
+
+        Args:
+            names: The M markers.
+        """
+        frames = self._taken[::-1]
+        out = []
+        for i, limb in enumerate(self.limbs):
+            state, cov, value, pull = (np.array([frame[i][k] for frame in frames]) for k in range(4))
+            samples = (limb.samples - limb.centre) @ limb.plane
+            x, y, grid = _grid(limb, samples)
+            out.append(
+                HeldLimb(
+                    name=f"{names[limb.root]} to {names[limb.children[0]]}",
+                    markers=tuple(names[m] for m in limb.children),
+                    x=x,
+                    y=y,
+                    value=grid,
+                    samples=samples,
+                    state=state,
+                    cov=cov,
+                    at_state=value,
+                    pull=pull,
+                )
+            )
+        return tuple(out)
+
+
+def _grid(limb: PosePotential, samples: Array) -> tuple[Array, Array, Array]:
+    """V_z over the plane; in all other coordinates each point is the mean of the samples near it, by a Gaussian."""
+    low, high = samples.min(axis=0), samples.max(axis=0)
+    half = max(float((high - low).max()) * (0.5 + _MARGIN), 1e-9)
+    x, y = ((low + high)[:, None] / 2 + np.linspace(-half, half, GRID)).reshape(2, GRID)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    away = np.sum((points[:, None] - samples[None]) ** 2, axis=-1)
+    near = away / (half / 8.0) ** 2
+    weight = np.exp(-(near - near.min(axis=1, keepdims=True)))
+    weight /= weight.sum(axis=1, keepdims=True)
+    rest = limb.samples - limb.centre - samples @ limb.plane.T
+    lifted = limb.centre + points @ limb.plane.T + weight @ rest
+    value = np.zeros(len(lifted)) if limb.potential is None else np.asarray(limb.potential.value(lifted))
+    return x, y, value.reshape(GRID, GRID)

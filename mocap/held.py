@@ -1,0 +1,70 @@
+"""What a filter's potential of a limb said in every frame, in its two leading coordinates."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap.arrays import Array, frozen
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HeldLimb:
+    """The potential that held a limb while it was tracked, and where the limb was on it.
+
+    Coordinates are the two leading principal components of what V_z was learned from, the relative joint coordinates
+    q of the limb (mostly with their velocities), in units of their deviation.
+
+    Attributes:
+        name: Of the limb: its root and its first joint.
+        markers: The J markers that it moves.
+        x: (G,) first coordinate of a grid.
+        y: (G,) second coordinate.
+        value: (G, G) V_z at (y, x), of the pose that samples near there have in all other coordinates.
+        samples: (N, 2) what V_z was learned from.
+        state: (T, 2) the limb; NaN where it was not tracked.
+        cov: (T, 2, 2) its covariance.
+        at_state: (T,) V_z of all coordinates at the limb.
+        pull: (T, J, 3) minus the gradient of the filter's potential by the position of each marker, in the world, in
+            1/(m s).
+    """
+
+    name: str
+    markers: tuple[str, ...]
+    x: Array
+    y: Array
+    value: Array
+    samples: Array
+    state: Array
+    cov: Array
+    at_state: Array
+    pull: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        n_frames = len(self.state)
+        shapes = {
+            "x": (None,),
+            "y": (None,),
+            "value": (len(self.y), len(self.x)),
+            "samples": (None, 2),
+            "state": (n_frames, 2),
+            "cov": (n_frames, 2, 2),
+            "at_state": (n_frames,),
+            "pull": (n_frames, len(self.markers), 3),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
+
+    def along(self, index: Array) -> "HeldLimb":
+        """The frames of an index; -1: nothing is known of that frame."""
+        lost = index < 0
+        parts = {}
+        for name in ("state", "cov", "at_state", "pull"):
+            part = np.array(getattr(self, name)[index])
+            part[lost] = np.nan
+            parts[name] = part
+        return replace(self, **parts)
+
+    def cut(self, frames: slice) -> "HeldLimb":
+        """These frames alone."""
+        return self.along(np.arange(len(self.state))[frames])

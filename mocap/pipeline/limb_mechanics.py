@@ -1,0 +1,322 @@
+"""Limbs as the paper's models of motion: rods, a true mass matrix, V_z of the bones' directions.
+
+This is a Lagrangian, L = v^T M(q) v / 2 - V_z(q)/eps^2, and its implicit midpoint step is the prediction of an
+unscented Kalman filter. The pose model that fills gaps is none (``filters.motion.enforce``).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from eal.bounds import theorem3
+from eal.lagrangian import PenalisedModel
+from eal.rods import DirectionPenalty, RodLimb
+from filters.anatomy import Limb, anatomy_of
+from filters.lagrangian import JointSights, JointTrack, learned_noise, track_joint
+from mocap.arrays import Array
+from mocap.body import body_frames
+from mocap.cleaning.click_noise import USUAL_DOF
+from mocap.errors import MocapError
+from mocap.measures import Segment
+from mocap.pipeline.prepare import Prepared
+from mocap.records import MarkerTracks
+
+BETA = 1.0
+"""Kernel width: over the median squared distance of the samples, as in ``filters.models.pose``."""
+LAMBDA = 1e-3
+MOST_SAMPLES = 150
+LEAST_SAMPLES = 30
+JOINT_HZ = 30.0
+"""Body axes follow the trunk up to this frequency."""
+TRIED = 80
+"""Frames by which 1/eps^2 and the power of the noise are chosen."""
+UNKNOWN_KG = 1.0
+"""Mass of a limb of which no mass is stated: energies are then those of a kilogram of it."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LimbMechanics:
+    """A limb tracked by its own mechanics.
+
+    Attributes:
+        root: Marker that it hangs on.
+        markers: (J,) outer end of each bone.
+        limb: Its rods.
+        stated: Whether masses are from the skeleton; else uniform rods make up ``UNKNOWN_KG``.
+        model: L = v^T M(q) v / 2 - V_z(q)/eps^2, in the axes of the body, which are taken to be at rest.
+        noise: Factor on the white accelerations of each joint, whose density follows from the recorded motion: they
+            stand for muscles, air and what the body's own motion adds.
+        first: Frame of the recording at which the track begins.
+        track: Coordinates, velocities, energy and V_z.
+        kinetic_j: (T,) v^T M(q) v / 2 at the means.
+        bound: (T,) V_z that no motion released in that frame exceeds: Theorem 3, with U = 0.
+        length_sd: (J,) by which share of its length each bone varies, noise included.
+        xyz_m: (T, J, 3) markers in the world.
+        cov_m2: (T, J, 3, 3) their covariance.
+    """
+
+    root: str
+    markers: tuple[str, ...]
+    limb: RodLimb
+    stated: bool
+    model: PenalisedModel
+    noise: float
+    first: int
+    track: JointTrack
+    kinetic_j: Array
+    bound: Array
+    length_sd: Array
+    xyz_m: Array
+    cov_m2: Array
+
+    @property
+    def name(self) -> str:
+        """That of its root and its first joint."""
+        return f"{self.root} to {self.markers[0]}"
+
+    @property
+    def strength_j(self) -> float:
+        """1/eps^2."""
+        return float(self.model.strength)
+
+
+def limb_mechanics(
+    prepared: Prepared,
+    markers: MarkerTracks,
+    *,
+    without: Array | None = None,
+    least: int = 2,
+    potential: bool = True,
+) -> list[LimbMechanics]:
+    """Every limb of the skeleton that has at least ``least`` bones, tracked by its own mechanics.
+
+    The root of a limb and the axes of the body are those of a recording that was tracked already; the limb's own
+    markers are tracked from pixels. V_z is learned from the directions of all its bones together, in the frames in
+    which all were seen; 1/eps^2 and the noise are the most likely ones of a stretch that a first V_z was not learned
+    from.
+
+    Args:
+        prepared: The recording.
+        markers: What the tracker made of it.
+        without: (T, M) samples that are not looked at; None: all are.
+        least: Bones of a limb.
+        potential: Whether V_z holds it; without it is a control.
+
+    Raises:
+        MocapError: positions without cameras, or no limb of the skeleton is seen whole often enough.
+    """
+    if prepared.filmed is None:
+        raise MocapError(f"{prepared.name}: mechanics of limbs need pixels and cameras, not positions alone")
+    anatomy = anatomy_of(prepared.names, prepared.skeleton.trunk, prepared.skeleton.rigid)
+    chains = [longest_chain(limb) for limb in anatomy.limbs]
+    limbs = [limb for limb in chains if len(limb.children) >= least and prepared.skeleton.trunk]
+    if not limbs:
+        raise MocapError(
+            f"{prepared.name}: its skeleton has no limb of {least} rigid bones on a trunk: state bones and trunk"
+        )
+    found = [_tracked(prepared, markers, limb, without, potential) for limb in limbs]
+    known = [one for one in found if one is not None]
+    if not known:
+        raise MocapError(f"{prepared.name}: no limb is seen whole in {LEAST_SAMPLES} frames: nothing to learn V_z from")
+    return known
+
+
+def _tracked(
+    prepared: Prepared, markers: MarkerTracks, limb: Limb, without: Array | None, potential: bool
+) -> LimbMechanics | None:
+    names, outer = prepared.names, list(limb.children)
+    order = {child: i for i, child in enumerate(outer)}
+    parents = tuple(order.get(parent, -1) for parent in limb.parents)
+    root = limb.parents[0]
+    trunk = [names.index(m) for m in prepared.skeleton.trunk]
+    keep = np.ones(prepared.xyz_m.shape[:2], dtype=bool) if without is None else ~without
+    there = np.flatnonzero(np.isfinite(markers.xyz_m[:, [root, *outer], 0]).all(axis=1))
+    if len(there) < LEAST_SAMPLES:
+        return None
+    frames = slice(int(there[0]), int(there[-1]) + 1)
+    body = body_frames(markers.xyz_m[:, trunk], dt_s=prepared.dt_s, cutoff_hz=JOINT_HZ)
+    bones_m = np.einsum("tji,tkj->tki", body.rotation, markers.xyz_m[:, outer] - markers.xyz_m[:, list(limb.parents)])
+    ends = [[child, parent] for child, parent in zip(outer, limb.parents, strict=True)]
+    measured = np.isfinite(prepared.xyz_m[..., 0]) & keep
+    whole = np.asarray(np.all([measured[:, pair].all(axis=1) for pair in ends], axis=0))
+    if whole.sum() < LEAST_SAMPLES:
+        return None
+    length = np.linalg.norm(bones_m, axis=-1)
+    length_m = np.median(length[whole], axis=0)
+    unit = bones_m / length[..., None]
+    mean = unit[whole].mean(axis=0)
+    mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
+    chain = [(names[p], names[c]) for c, p in ends]
+    mass, centre, stated = rod_masses(chain, length_m, list(prepared.skeleton.measures.segments.values()))
+    rods = RodLimb(parents=parents, length_m=length_m, mass_kg=mass, centre=centre, mean=mean)
+    q = rods.coordinates(np.where(np.isfinite(unit), unit, rods.mean))
+    v = np.gradient(q, prepared.t_s, axis=0)
+    system = rods.system()
+    scale = float(np.median(system.kinetic(q[there], v[there])))
+    acceleration = np.gradient(v, prepared.t_s, axis=0)
+    density = np.diag(2.0 * np.nanstd(v[whole], axis=0) * np.nanstd(acceleration[whole], axis=0))
+    sights = _sights(prepared, markers, rods, body.rotation, root, outer, keep)
+    start_sd = (0.1, 0.1 * float(np.sqrt(np.mean(v[there] ** 2))) + 1e-6)
+
+    def model(samples: Array) -> PenalisedModel:
+        flat = unit[samples].reshape(len(samples), -1)
+        return PenalisedModel(
+            system=system,
+            penalty=DirectionPenalty(limb=rods, potential=_potential(flat)),
+            strength=10.0 * scale if potential else 0.0,
+        )
+
+    samples = np.flatnonzero(whole)
+    tried = slice(max(frames.start, frames.stop - TRIED), frames.stop)
+    aside = samples[samples < tried.start]
+    first = model(aside if len(aside) >= LEAST_SAMPLES else samples)
+    chosen, power = learned_noise(
+        first,
+        _part(sights, tried),
+        q[tried.start],
+        v[tried.start],
+        powers_w=np.array([0.3, 3.0, 30.0]),
+        strengths_j=scale * np.array([1.0, 3.0, 10.0]) if potential else np.array([0.0]),
+        start_sd=start_sd,
+        density=density,
+    )
+    last = PenalisedModel(system=system, penalty=model(samples).penalty, strength=chosen.strength)
+    track = track_joint(
+        last, _part(sights, frames), q[frames.start], v[frames.start], power_w=power, start_sd=start_sd, density=density
+    )
+    kinetic = system.kinetic(track.q, track.v)
+    eps2 = float(last.strength)
+    bound = (
+        np.array(
+            [
+                theorem3(eps2, value0=float(a), kinetic0=float(k), potential0=0.0, potential_min=0.0)
+                for a, k in zip(track.value, kinetic, strict=True)
+            ]
+        )
+        if eps2 > 0
+        else np.full(len(kinetic), np.inf)
+    )
+    xyz, cov = _world(track, rods, _part(sights, frames))
+    spread = 1.4826 * np.median(np.abs(length[whole] - length_m), axis=0) / length_m
+    return LimbMechanics(
+        root=names[root],
+        markers=tuple(names[m] for m in outer),
+        limb=rods,
+        stated=stated,
+        model=last,
+        noise=power,
+        first=frames.start,
+        track=track,
+        kinetic_j=kinetic,
+        bound=bound,
+        length_sd=spread,
+        xyz_m=xyz,
+        cov_m2=cov,
+    )
+
+
+def longest_chain(limb: Limb) -> Limb:
+    """The bones from a limb's root to the outer end with most bones before it; of equals the first."""
+    inner = dict(zip(limb.children, limb.parents, strict=True))
+    ways = []
+    for child in limb.children:
+        way = [child]
+        while inner[way[-1]] in inner:
+            way.append(inner[way[-1]])
+        ways.append(way[::-1])
+    best = max(ways, key=len)
+    return Limb(tuple(best), tuple(inner[child] for child in best))
+
+
+def rod_masses(
+    bones: Sequence[tuple[str, str]], length_m: Array, segments: Sequence[Segment]
+) -> tuple[Array, Array, bool]:
+    """Masses (J,) in kg and centres (J,) of the bones of a limb, and whether any is stated.
+
+    A stated segment whose ends are joined by some of the bones is spread over these by length (one bone keeps its
+    centre). Other bones have the least mass a length of the stated ones; where none is stated all are uniform rods of
+    one density that weigh ``UNKNOWN_KG`` together.
+
+    Args:
+        bones: Inner and outer end of each, from the root outward.
+        length_m: (J,) lengths.
+        segments: What the skeleton states.
+    """
+    inner = {child: parent for parent, child in bones}
+    index = {child: i for i, (_, child) in enumerate(bones)}
+    density, centre = np.full(len(bones), np.nan), np.full(len(bones), 0.5)
+    for part in segments:
+        for start, end, share in ((part.start, part.end, part.centre), (part.end, part.start, 1.0 - part.centre)):
+            way, at = [], end
+            while at in inner and at != start:
+                way.append(index[at])
+                at = inner[at]
+            if way and at == start:
+                density[way] = 1e-3 * part.mass_g / float(length_m[way].sum())
+                if len(way) == 1:
+                    centre[way] = share
+                break
+    stated = bool(np.isfinite(density).any())
+    if not stated:
+        return UNKNOWN_KG * length_m / float(length_m.sum()), centre, False
+    return np.where(np.isfinite(density), density, np.nanmin(density)) * length_m, centre, True
+
+
+def _potential(samples: Array) -> EmpiricalPotential:
+    chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), MOST_SAMPLES)).astype(int)]
+    apart = np.sum((chosen[:, None] - chosen[None]) ** 2, axis=-1)
+    width = float(np.median(apart[np.triu_indices(len(chosen), 1)]))
+    return fit_potential(chosen, kernel=GaussianKernel(BETA / max(width, 1e-9)), lam=LAMBDA, accuracy=1e-3)
+
+
+def _sights(
+    prepared: Prepared,
+    markers: MarkerTracks,
+    rods: RodLimb,
+    rotation: Array,
+    root: int,
+    outer: Sequence[int],
+    keep: Array,
+) -> JointSights:
+    if prepared.filmed is None:
+        raise MocapError(f"{prepared.name}: has no cameras")
+    shown = keep[None, :, outer, None]
+    return JointSights(
+        t_s=prepared.t_s,
+        matrices=prepared.filmed.matrices,
+        uv_px=np.where(shown, prepared.uv_px[:, :, outer], np.nan),
+        sd_px=prepared.ray_scale_px[:, :, outer],
+        dof=np.full(len(prepared.uv_px), USUAL_DOF) if prepared.noise is None else prepared.noise.dof,
+        centre_m=markers.xyz_m[:, root],
+        centre_cov_m2=np.nan_to_num(markers.cov_m2[:, root]),
+        axes=rotation,
+        chart=rods.joints_m,
+    )
+
+
+def _part(sights: JointSights, frames: slice) -> JointSights:
+    return JointSights(
+        t_s=sights.t_s[frames],
+        matrices=sights.matrices,
+        uv_px=sights.uv_px[:, frames],
+        sd_px=sights.sd_px[:, frames],
+        dof=sights.dof,
+        centre_m=sights.centre_m[frames],
+        centre_cov_m2=sights.centre_cov_m2[frames],
+        axes=sights.axes[frames],
+        chart=sights.chart,
+    )
+
+
+def _world(track: JointTrack, rods: RodLimb, sights: JointSights) -> tuple[Array, Array]:
+    """(T, J, 3) markers and their covariances (T, J, 3, 3), to first order, that of the root included."""
+    d = rods.dimension
+    xyz = sights.centre_m[:, None] + np.einsum("tik,tjk->tji", sights.axes, rods.joints_m(track.q))
+    slope = np.zeros((len(track.q), len(rods.parents), 3, d))
+    for i, one in enumerate(np.moveaxis(rods.slopes(track.q), 1, 0)):  # (T, 3, 2) of bone i
+        slope[:, :, :, 2 * i : 2 * i + 2] = rods.paths[:, i, None, None] * rods.length_m[i] * one[:, None]
+    slope = np.einsum("tik,tjkd->tjid", sights.axes, slope)
+    cov = np.einsum("tjad,tde,tjbe->tjab", slope, track.cov[:, :d, :d], slope, optimize=True)
+    return xyz, cov + sights.centre_cov_m2[:, None]

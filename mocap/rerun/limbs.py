@@ -1,0 +1,136 @@
+"""Limbs on the potentials that held them while they were tracked, and what these pull at."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mocap.arrays import Array
+from mocap.held import HeldLimb
+from mocap.pipeline.run import Run
+from mocap.rerun import palette, paths
+from mocap.rerun.columns import segments, single, time_columns
+from mocap.rerun.layout import Layout
+from mocap.rerun.scene_views import eye, last_frames, world_view
+from mocap.rerun.series import log_line, series_view
+
+ELLIPSE_SD = 2.0
+"""Half axes of the ellipse of the state, in standard deviations."""
+REACH = 0.35
+"""Length of the strongest pulls (99 %), over the radius of the scene."""
+_POINTS = 33
+
+
+def log_limbs(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+    """Each limb's map with its state, and its pulls in the scene."""
+    t_s, names = run.tracked.markers.t_s, run.tracked.markers.names
+    for limb in layout.limbs:
+        _log_map(rec, paths.limb_map(limb.name), t_s, limb)
+        log_line(rec, f"{paths.limb(limb.name)}/series/value", t_s, limb.at_state, name="V_z", color=palette.ORANGE)
+        at = run.tracked.markers.xyz_m[:, [names.index(m) for m in limb.markers]]
+        _log_pull(rec, limb, t_s, layout.scene.points(at), layout.scene.points(limb.pull), layout.scene.radius_m)
+
+
+def limb_tab(layout: Layout, limb: HeldLimb) -> rrb.Container:
+    """A limb's map, its V_z over time, and its pulls on the body."""
+    return rrb.Horizontal(
+        rrb.Vertical(
+            map_view(layout, limb),
+            series_view(f"{paths.limb(limb.name)}/series", f"{limb.name}: V_z where the limb was"),
+            row_shares=[3, 1],
+        ),
+        pull_view(layout, limb),
+        name=f"Limb {limb.name}",
+    )
+
+
+def map_view(layout: Layout, limb: HeldLimb) -> rrb.View:
+    """The potential in its two leading coordinates, from above."""
+    return rrb.Spatial2DView(
+        origin=paths.limb_map(limb.name),
+        name=f"{limb.name}: V_z as filtered, two leading coordinates, state with {ELLIPSE_SD:g} sd",
+        background=palette.GROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=[float(limb.x[0]), float(limb.x[-1])], y_range=[-float(limb.y[-1]), -float(limb.y[0])]
+        ),
+        overrides={f"{paths.limb_map(limb.name)}/trail": last_frames(layout.trail_frames)},
+    )
+
+
+def pull_view(layout: Layout, limb: HeldLimb) -> rrb.View:
+    """The body, and the potential's pull on each joint of the limb."""
+    scene = layout.scene
+    return world_view(
+        paths.WORLD,
+        f"{limb.name}: pull of V_z on each joint (arrows)",
+        contents=[paths.SKELETON, f"{paths.MARKERS}/**", paths.pull(limb.name)],
+        ground=(scene.up, scene.ground_m, scene.radius_m),
+        look=eye(scene.centre_m, 1.85 * scene.radius_m, scene.up),
+        trail=(paths.TRAILS, layout.trail_frames),
+    )
+
+
+def _log_map(rec: rr.RecordingStream, path: str, t_s: Array, limb: HeldLimb) -> None:
+    """Up in the picture is up in the second coordinate, hence the view's second coordinate is its negative."""
+    cell_x, cell_y = float(limb.x[1] - limb.x[0]), float(limb.y[1] - limb.y[0])
+    place = rr.Transform3D(translation=(limb.x[0] - cell_x / 2, -limb.y[-1] - cell_y / 2, 0), scale=(cell_x, cell_y, 1))
+    rec.log(f"{path}/potential", place, static=True)
+    rec.log(
+        f"{path}/potential",
+        rr.Image(
+            palette.depth(limb.value[::-1]),
+            draw_order=-10.0,
+            magnification_filter=rr.components.MagnificationFilter.Linear,
+        ),
+        static=True,
+    )
+    flip, ui = np.array([1.0, -1.0]), rr.components.Radius.ui_points
+    samples = rr.Points2D(single(limb.samples * flip), colors=palette.GROUND, radii=ui(1.25), draw_order=10.0)
+    rec.log(f"{path}/samples", samples, static=True)
+    rec.log(
+        f"{path}/now", rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(6.0), draw_order=30.0), static=True
+    )
+    rec.log(
+        f"{path}/ellipse",
+        rr.LineStrips2D.from_fields(colors=palette.WHITE, radii=ui(1.25), draw_order=28.0),
+        static=True,
+    )
+    rec.log(
+        f"{path}/trail", rr.LineStrips2D.from_fields(colors=palette.BLUE, radii=ui(1.5), draw_order=20.0), static=True
+    )
+    way = limb.state * flip
+    ones = np.ones(len(way), dtype=int)
+    index = time_columns(t_s)
+    rec.send_columns(f"{path}/now", indexes=index, columns=rr.Points2D.columns(positions=single(way)).partition(ones))
+    known = np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2))
+    lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * flip)))
+    rec.send_columns(f"{path}/ellipse", indexes=index, columns=lines.partition(known.astype(int)))
+    if len(way) > 1:
+        there = np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1)
+        steps = rr.LineStrips2D.columns(strips=segments(way[:-1][there], way[1:][there]))
+        rec.send_columns(
+            f"{path}/trail",
+            indexes=time_columns(t_s, at=np.arange(1, len(way))),
+            columns=steps.partition(there.astype(int)),
+        )
+
+
+def ellipses(limb: HeldLimb) -> Array:
+    """(T, P, 2) outlines of ``ELLIPSE_SD`` standard deviations round the state; NaN where it is not known."""
+    angle = np.linspace(0.0, 2.0 * np.pi, _POINTS)
+    circle = ELLIPSE_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    known = np.isfinite(limb.cov).all(axis=(1, 2))
+    value, vectors = np.linalg.eigh(np.where(known[:, None, None], limb.cov, np.eye(2)))
+    root = vectors * np.sqrt(np.maximum(value, 0.0))[:, None]
+    return np.where(known[:, None, None], limb.state[:, None] + circle @ np.swapaxes(root, 1, 2), np.nan)
+
+
+def _log_pull(rec: rr.RecordingStream, limb: HeldLimb, t_s: Array, at: Array, pull: Array, radius_m: float) -> None:
+    path = paths.pull(limb.name)
+    length = np.linalg.norm(pull, axis=-1)
+    known = np.isfinite(at).all(axis=-1) & np.isfinite(length)
+    strongest = float(np.quantile(length[known], 0.99)) if known.any() else 0.0
+    scale = REACH * radius_m / strongest if strongest > 0 else 0.0
+    ui = rr.components.Radius.ui_points
+    rec.log(path, rr.Arrows3D.from_fields(colors=palette.VERMILLION, radii=ui(2.0)), static=True)
+    columns = rr.Arrows3D.columns(origins=single(at[known]), vectors=single(scale * pull[known]))
+    rec.send_columns(path, indexes=time_columns(t_s), columns=columns.partition(known.sum(axis=1)))

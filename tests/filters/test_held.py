@@ -1,0 +1,54 @@
+"""What is kept of the potentials of limbs: it is what the filter used."""
+
+import numpy as np
+
+from datasets import make_bat
+from filters.held import HeldKeeper
+from filters.models.pose import PoseSettings
+from mocap.kinematics.points import asked_for
+from mocap.pipeline.prepare import prepare_pixels
+from mocap.pipeline.tracking import learn_motion, part_names, seen_part, track
+
+
+def test_limbs_of_a_tracked_bat_lie_on_their_own_potential():
+    """State, covariance, V_z and pull of each frame are those of the model at its smoothed state.
+
+    The state is inside the grid where V_z is low; the plane's coordinates of samples have the largest variance; the pull
+    is minus the gradient by markers: a step along it, of all other markers none, lowers the potential.
+    """
+    recording = make_bat(seed=5, n_frames=60, n_cameras=4)
+    prepared = prepare_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name)
+    part = seen_part(prepared)
+    model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0))
+    asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
+    found = track(prepared, part, model, asked=asked)
+    limbs = HeldKeeper.of(model.motion).limbs
+    assert [h.name for h in found.held] == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]
+    for held, limb in zip(found.held, limbs, strict=True):
+        assert held.state.shape == (60, 2)
+        assert (np.linalg.eigvalsh(held.cov) > 0).all()
+        assert (held.at_state < 0.9).mean() > 0.9
+        inside = (held.state >= [held.x[0], held.y[0]]) & (held.state <= [held.x[-1], held.y[-1]])
+        assert inside.mean() > 0.95
+        whole = np.linalg.eigvalsh(np.cov((limb.samples - limb.centre).T))[::-1]
+        np.testing.assert_allclose(np.linalg.eigvalsh(np.cov(held.samples.T))[::-1], whole[:2], rtol=1e-9)
+        q = limb.mean + 0.3
+        body = limb.on_residual.T @ limb.gradient(q[None])[0]
+        step = 1e-6 * body / np.linalg.norm(body)
+        change = barrier(limb, q + limb.on_residual @ step) - barrier(limb, q - limb.on_residual @ step)
+        np.testing.assert_allclose(change, 2e-6 * np.linalg.norm(body) / limb.gradient.stiffness, rtol=1e-4)
+        lengths = np.linalg.norm(held.pull, axis=-1)
+        assert np.isfinite(lengths).all()
+        assert lengths.max() > 0
+
+
+def barrier(limb, q):
+    return float(limb.potential.barrier_value(q))
+
+
+def test_nothing_is_kept_where_nothing_is_asked():
+    recording = make_bat(seed=5, n_frames=60, n_cameras=4)
+    prepared = prepare_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name)
+    part = seen_part(prepared)
+    model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0, potential="none"))
+    assert HeldKeeper.of(model.motion) is None

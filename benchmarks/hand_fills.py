@@ -1,4 +1,4 @@
-"""Fills that Qualisys users made in short gaps, and this program's and splines': ``python -m benchmarks.hand_fills``.
+"""Fills that Qualisys users made in short gaps, beside ours and splines': ``python -m benchmarks.hand_fills``.
 
 Glides of snakes (``datasets.real``: raw and filled by the authors). Every sample that the raw export lacks and the
 filled one has is compared; only the raw one is read. The authors' fills are themselves polynomials or relations between

@@ -47,6 +47,7 @@ def build(out: Path, *, keep: bool = False) -> int:
     for name, page in PAGES.items():
         (source / name).write_text(page(), encoding="utf-8")
     shell.run(DEMO, work)
+    shell.run(f"mocap share out/demo --out {source / 'extra' / 'recordings' / 'bat'} --force", work)
     options = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(out / "trees")]
     options += ["-D", f"version={version}", "-D", f"release={version}", "-D", f"html_title=eal-mocap {version}"]
     failed = sphinx([*options, str(source), str(out / "html")])

@@ -17,7 +17,7 @@ extensions = [
     "sphinx_design",
     "shell",
 ]
-exclude_patterns = ["tools", "build.py", "scripts", "**/README.txt", "**/GALLERY_HEADER.rst"]
+exclude_patterns = ["tools", "build.py", "scripts", "extra", "**/README.txt", "**/GALLERY_HEADER.rst"]
 myst_enable_extensions = ["deflist", "colon_fence"]
 myst_heading_anchors = 3
 nitpicky = False
@@ -48,6 +48,7 @@ sphinx_gallery_conf = {
     "copyfile_regex": "",
 }
 
+html_extra_path = ["extra"]
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["static"]
 html_css_files = ["site.css"]

@@ -39,7 +39,7 @@ def run_there(installed: Path, cwd: Path, *words: str, first: Path | None = None
     path = os.pathsep.join(str(p) for p in (first, installed) if p is not None)
     environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
     return subprocess.run(
-        [sys.executable, *words], cwd=cwd, env=environment, capture_output=True, text=True, check=False, timeout=300
+        [sys.executable, *words], cwd=cwd, env=environment, capture_output=True, text=True, check=False, timeout=600
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.arena.flights import NETWORKS, Flight, read_flights
 from benchmarks.arena.judge import Errors, Names, errors, names
 from benchmarks.arena.methods import METHODS, one_person, one_person_tracked
+from benchmarks.arena.peers import anipose, kalman_smoother
 
 _HEAD = f"{'':30}{'n':>5}{'median':>9}{'90 %':>8}{'99 %':>8}{'inside':>9}"
 
@@ -31,7 +32,8 @@ def main() -> None:
             people(flights)
         print(f"\nnetwork {network!r}: {len(flights)} flights, mm")
         print(f"{_HEAD}{'exchanged':>12}{'put right':>12}{'repairs':>20}")
-        for name, method in METHODS.items():
+        peers = {"Anipose's 3D filter": anipose, "EKS, several cameras": kalman_smoother}
+        for name, method in {**peers, **METHODS}.items():
             start = time.perf_counter()
             outcomes = [method(flight) for flight in flights]
             found = [errors(o, f.truth_m) for o, f in zip(outcomes, flights, strict=True)]

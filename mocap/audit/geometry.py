@@ -16,6 +16,9 @@ from mocap.cameras.triangulate import linear, residual_px
 LARGE_PX = 8.0
 """A median residual above this, and above ``MANY_SD`` deviations of the clicks' jitter, is warned of."""
 MANY_SD = 4.0
+BARREL = 1.1
+"""Barrel distortion is named where the residual is lower with it by this factor: errors of focal lengths of 0.5 % look
+like pincushion distortion, and lower it by as much."""
 
 
 def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Finding]:
@@ -245,13 +248,14 @@ def _hidden_distortion(cameras: Sequence[Camera], uv: Array) -> list[Finding]:
     if not 0 < at < len(grid) - 1:
         return []
     best = minimize_scalar(miss, bounds=(grid[at - 1], grid[at + 1]), method="bounded", options={"xatol": 1e-3})
-    if best.fun * CLEARLY > plain or abs(best.x) < 0.02:
+    if best.fun * (BARREL if best.x < 0 else CLEARLY) > plain or abs(best.x) < 0.02:
         return []
     return [
         Finding(
             kind="distortion",
             alarm=True,
-            text=f"the pixels look distorted, and no lens is given: with k1 = {best.x:.2f} in all cameras the "
+            text=f"the pixels look distorted{' (or focal lengths are wrong)' if best.x > 0 else ''}, and no lens is "
+            f"given: with k1 = {best.x:.2f} in all cameras the "
             f"median triangulation residual falls from {plain:.2f} px to {best.fun:.2f} px: give the camera "
             "profile",
             numbers={"k1": float(best.x), "plain_px": plain, "with_k1_px": float(best.fun)},

@@ -14,7 +14,7 @@ LONGEST_HOLE = 6
 """Frames over which a jump may be hidden."""
 BESIDE = 3
 """Samples before and after a jump, with no more than one frame missing between them, that move as usual."""
-FAR = 4.0
+FAR = 2.5
 """A jump is longer by that factor than what usual speeds before and after it explain."""
 
 

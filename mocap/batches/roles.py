@@ -37,6 +37,7 @@ TRACKS = (
     "qualisys-tsv",
     "qualisys-mat",
     "vicon-csv",
+    "optitrack-csv",
     "parquet",
     "csv-long",
     "csv-wide",

@@ -77,6 +77,13 @@ SkeletonFile = Annotated[Path | None, typer.Option("--skeleton", help="Skeleton 
 PixelSd = Annotated[
     float | None, typer.Option(help="Standard deviation of a pixel coordinate; if not given, estimated.")
 ]
+FitLens = Annotated[
+    bool,
+    typer.Option(
+        "--fit-lens",
+        help="Estimate radial lens distortion from the recording itself, where no lens is given, and correct it.",
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace an earlier result.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Out = Annotated[Path, typer.Option(help="Folder to write.")]

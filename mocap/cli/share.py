@@ -17,16 +17,15 @@ def share(
     out: Out,
     force: Force = False,
 ) -> None:
-    """Write a folder for any web server: the recording together with its viewer."""
+    """Write one page that holds the recording and its viewer: it opens by a double click, and reaches no host."""
     from mocap.io.output import result_folder
-    from mocap.rerun.share import write_site
+    from mocap.rerun.share import PAGE, write_page
 
     with result_folder(out, "share", replace=force, inputs=runs, tell=say) as folder:
-        write_site(runs, folder)
-    size_mb = sum(path.stat().st_size for path in out.iterdir()) / 1e6
+        write_page(runs, folder)
+    size_mb = (out / PAGE).stat().st_size / 1e6
     errors.print(
-        f"Wrote {out}/ ({size_mb:.0f} MB): put it on any web server and open its index.html.\n"
-        f"To try it here: python -m http.server --bind 127.0.0.1 --directory {out} 8000, then http://127.0.0.1:8000/",
+        f"Wrote {out / PAGE} ({size_mb:.0f} MB): open it in a browser, send it, or put it on any web server.",
         highlight=False,
         soft_wrap=True,
     )

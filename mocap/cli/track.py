@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import finish, program, progress, say, show, typed
-from mocap.cli.options import AsJson, Force, Out, RecordingOptions, Views
+from mocap.cli.options import AsJson, FitLens, Force, Out, RecordingOptions, Views
 from mocap.cli.records import with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
@@ -82,6 +82,7 @@ def track(
         ),
     ] = False,
     validate: Annotated[bool, typer.Option(help="Hide some samples and measure how well they are filled.")] = True,
+    fit_lens: FitLens = False,
     blocks: Annotated[
         int | None,
         typer.Option(
@@ -111,7 +112,9 @@ def track(
         inputs = [*tracks, stated.skeleton, None if learned is None else Path(model)]
         in_blocks(by_range, out, model, learned, blocks or BLOCK, inputs, force, as_json)
         return
-    recording = stated.read(tracks, stored_points=stored, correct_lag=correct_lag, mm_per_px=mm_per_px)
+    recording = stated.read(
+        tracks, stored_points=stored, correct_lag=correct_lag, fit_lens=fit_lens, mm_per_px=mm_per_px
+    )
     opened = open_movies(movies.video or [])
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, Force, RecordingOptions, Views
+from mocap.cli.options import AsJson, FitLens, Force, RecordingOptions, Views
 from mocap.cli.records import with_records
 
 
@@ -24,6 +24,7 @@ def triangulate(
             help="Minimise the reprojection error, reject outlying cameras, and add _sd columns (standard deviations).",
         ),
     ] = False,
+    fit_lens: FitLens = False,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -33,7 +34,7 @@ def triangulate(
     from mocap.pipeline.triangulate_file import triangulate_file
 
     # points of a frame each: no rate is needed
-    recording = mocap.read(tracks, **{**stated.stated(), "fps": stated.fps or 1.0})
+    recording = mocap.read(tracks, **{**stated.stated(), "fps": stated.fps or 1.0}, fit_lens=fit_lens)
     with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
         summary = triangulate_file(recording, file, refine=refine)
     if as_json:

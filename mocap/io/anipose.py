@@ -29,8 +29,8 @@ PLACEHOLDER = 10.0
 def read_calibration(path: Path) -> tuple[Camera, ...]:
     """Read the cameras, in the order of their sections ``cam_<i>``, in the unit of the calibration board.
 
-    Caliscope's files have sections ``cameras.<i>`` and rotation matrices in place of vectors. Distortions are OpenCV's:
-    4 (fisheye) or 5 (Brown) or 8 (rational) coefficients.
+    Caliscope's files have sections ``cameras.<i>`` and rotation matrices in place of vectors, FreeMoCap's sections are
+    named by their cameras. Distortions are OpenCV's: 4 (fisheye) or 5 (Brown) or 8 (rational) coefficients.
 
     Raises:
         FormatError: the file is no such TOML; the message names the camera and the key.
@@ -46,12 +46,18 @@ def read_calibration(path: Path) -> tuple[Camera, ...]:
     if not found and isinstance(array, dict):
         found = {int(key): (f"cam_{key}", section) for key, section in array.items() if key.isdecimal()}
     if not found:
+        found = {i: (key, part) for i, (key, part) in enumerate(table.items()) if _names_a_camera(part)}
+    if not found:
         raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
     cameras = tuple(_camera(path, *found[number]) for number in sorted(found))
     names = [camera.name for camera in cameras]
     if len(set(names)) != len(names):
         raise FormatError(f"{path.name}: two cameras are called {max(names, key=names.count)!r}: rename one")
     return cameras
+
+
+def _names_a_camera(section: Any) -> bool:
+    return isinstance(section, dict) and {"matrix", "distortions", "rotation", "translation"} <= section.keys()
 
 
 def _camera(path: Path, key: str, section: Any) -> Camera:
@@ -173,6 +179,9 @@ def _points(path: Path, _hints: Hints) -> FileContents:
 
 
 def _is_calibration(head: Head) -> bool:
+    keys = {line.partition("=")[0].strip() for line in head.lines if "=" in line}
+    if head.name.endswith(".toml") and {"matrix", "distortions", "rotation", "translation"} <= keys:
+        return True
     return any(re.fullmatch(r"\s*\[\s*(cam_|cameras\.)\d+\s*\]\s*", line) for line in head.lines)
 
 
@@ -185,7 +194,7 @@ FORMATS = (
     ),
     Format(
         name="anipose-calibration",
-        title="calibration of Anipose, sleap-anipose or caliscope (TOML)",
+        title="calibration of Anipose, sleap-anipose, FreeMoCap or caliscope (TOML)",
         knows=_is_calibration,
         read=lambda path, _: calibration_recording(
             path,

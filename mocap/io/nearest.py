@@ -21,6 +21,7 @@ _SIGNS: dict[str, str] = {
     "anipose-calibration": "toml matrix distortions rotation translation size",
     "qualisys-tsv": "tsv NO_OF_FRAMES NO_OF_CAMERAS MARKER_NAMES FREQUENCY table",
     "qualisys-calibration": "xml calibration camera intrinsic focalLengthU transform",
+    "optitrack-csv": "csv Format Version Take Name Frame Time (Seconds) table",
     "vicon-csv": "csv Trajectories Frame Sub table",
     "vicon-calibration": "xml Cameras Camera SENSOR_SIZE KeyFrame ORIENTATION",
     "trc": "tsv PathFileType DataRate NumMarkers table",

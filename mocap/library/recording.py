@@ -31,6 +31,7 @@ def read(
     crop: PathText | Sequence[PathText] | None = None,
     hints: Hints | None = None,
     mm_per_px: float | None = None,
+    fit_lens: bool = False,
 ) -> Recording:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
 
@@ -57,6 +58,8 @@ def read(
         hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
             number of cameras of a sparse pixel file, the sheet of a workbook.
         mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions stay pixels.
+        fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
+            determined.
 
     Raises:
         FormatError: a file cannot be read.
@@ -90,6 +93,7 @@ def read(
         correct_lag=correct_lag,
         hints=hints or Hints(),
         mm_per_px=mm_per_px,
+        fit_lens=fit_lens,
     )
     load_skeleton(recording.skeleton, recording.contents.names)
     return recording

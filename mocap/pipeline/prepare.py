@@ -31,6 +31,7 @@ from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.unstated_unit import too_long
+from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import (
     Filmed,
@@ -73,6 +74,8 @@ class Prepared:
         ray_scale_px: (C, T, M) scale of Student's t that its error follows before anything is known of the others.
         jitter_px: The same over all rays; NaN without cameras.
         plane: The picture of one film, in which positions are; None: they are in space.
+        lens_cov_m2: (T, M, 3, 3) covariance of points from a lens that was estimated or is not corrected; NaN where not
+            seen; None: lenses are taken as known.
         stated_over_shown: Factor by which all deviations above were multiplied, so that they are what the user states
             of a pixel; 1: nothing is stated.
         bias_px: Standard deviation of the slow ray errors that were removed.
@@ -121,6 +124,7 @@ class Prepared:
     audited: tuple[audit.Finding, ...] = ()
     stated_over_shown: float = 1.0
     plane: Plane | None = None
+    lens_cov_m2: Array | None = None
 
     def in_space(self, what: str) -> "Prepared":
         """The same, refused where it is of one film.
@@ -278,6 +282,8 @@ def prepare_filmed(
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     lasting = persistent_px(filmed.matrices, uv, found.xyz_m, relative=worse)
+    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
+    lens_cov, lens_said = lens_uncertainty(filmed, audited, uv)
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     uv = uv - bias.bias_px
     start = triangulate.linear(filmed.matrices, uv, relative=worse)
@@ -291,8 +297,7 @@ def prepare_filmed(
     apart = found.rejected & lost & ~doubtful
     uv = np.where(apart[..., None], filmed.ideal_px - lasting_bias(bias.bias_px, uv), uv)
     unsure = unlikely.any(axis=0) & pointless & ~lost
-    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
-    told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"]
+    told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"] + lens_said
     if filmed.late_frames is not None:
         shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
         told += [
@@ -306,6 +311,7 @@ def prepare_filmed(
         found_out.append(
             f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
             f"tracking; {bias.jitter_px:.2f} px of jitter remain"
+            + ("; what the lens does to all cameras alike stays in the points" if lens_said and not filmed.lens else "")
         )
     return Prepared(
         name=name,
@@ -351,6 +357,7 @@ def prepare_filmed(
         stale=stale,
         audited=tuple(audited),
         stated_over_shown=ratio,
+        lens_cov_m2=lens_cov,
     )
 
 
@@ -399,6 +406,7 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
     xyz = np.where(named.unsure[..., None], np.nan, xyz)
+    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names))
     cleaning = clean(xyz, sd, tracks.t_s, skeleton, names)
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
@@ -430,12 +438,13 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
             *findings,
             "positions without cameras: their noise is taken from the file or estimated, "
             f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
-            *(f.text for f in audit.jump_findings(xyz, tracks.t_s, names)),
+            *(f.text for f in jumps),
             *exchange_findings(named.swaps, named.unsure, names, ()),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),
         ),
         swaps=named.swaps,
+        audited=jumps,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from mocap import audit
 from mocap.arrays import Array, unique
+from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, check_cameras, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
@@ -49,6 +50,7 @@ class Recording:
         views: Further pixel files of the same trial, where each holds one camera; their calibration, too.
         crop: Files or folders with crop offsets (``mocap.io.crop``); empty: those beside the tracks, if any.
         mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions are pixels.
+        fit_lens: Whether radial distortion is estimated from the recording and corrected.
     """
 
     tracks: Path
@@ -67,6 +69,7 @@ class Recording:
     views: tuple[Path, ...] = ()
     crop: tuple[Path, ...] = ()
     mm_per_px: float | None = None
+    fit_lens: bool = False
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -200,6 +203,7 @@ class Filmed:
         ideal_px: (C, T, M, 2) undistorted pixels in the convention of the coefficients.
         late_frames: (C,) offsets that were taken out of ``ideal_px``; None: none was asked to be.
         told: Sentences on how the calibration and the profile were read, where their text leaves that open.
+        lens: What was estimated of the lenses from the pixels themselves and taken out of ``ideal_px``; None: nothing.
     """
 
     pixels: PixelTracks
@@ -208,6 +212,7 @@ class Filmed:
     ideal_px: Array
     late_frames: Array | None = None
     told: tuple[str, ...] = ()
+    lens: TrackLens | None = None
 
     @property
     def matrices(self) -> Array:
@@ -319,6 +324,7 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         image_height_px=source.image_height_px,
         correct_lag=source.correct_lag,
         usual_origin=source.contents.pixel_origin,
+        fit_lens=source.fit_lens,
         told=told,
     )
 
@@ -334,6 +340,7 @@ def film_of(
     image_height_px: float | None = None,
     correct_lag: bool = False,
     usual_origin: origin.PixelCorner | None = None,
+    fit_lens: bool = False,
     told: tuple[str, ...] = (),
 ) -> Filmed:
     """Pixels and cameras that are in memory: decide the pixel origin, undistort.
@@ -348,6 +355,7 @@ def film_of(
         image_height_px: See above.
         correct_lag: See above.
         usual_origin: Where the program that wrote the file counts pixels from.
+        fit_lens: As in ``Recording``.
         told: Sentences on how they were read.
 
     Raises:
@@ -378,12 +386,27 @@ def film_of(
         height_px=decision.height_px,
         iterations=iterations,
     )
-    late = None
+    lens, late = None, None
+    if fit_lens:
+        if any(c.lens is not None for c in cameras):
+            raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
+        lens = lens_of_tracks(cameras, ideal)
+        ideal = lens.straight(ideal)
+        told += (
+            f"the lens was estimated from the recording itself: {lens.words}; median residual of stretches that the "
+            f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after",
+        )
     if correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
     return Filmed(
-        pixels=pixels, cameras=tuple(cameras), pixel_origin=decision, ideal_px=ideal, late_frames=late, told=told
+        pixels=pixels,
+        cameras=tuple(cameras),
+        pixel_origin=decision,
+        ideal_px=ideal,
+        late_frames=late,
+        told=told,
+        lens=lens,
     )
 
 
@@ -442,7 +465,12 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
     if not stale:
         return (), [f"{path.name}: all {total} stored points agree with the triangulation of the pixels"]
     worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
+    why = (
+        "out of date"
+        if 2 * len(stale) < total
+        else "of another calibration or lens than this one, of other pixels, or smoothed"
+    )
     return tuple(stale), [
         f"{path.name}: {len(stale)} of {total} stored points differ from the triangulation of the pixels (by up to "
-        f"{worst * 1e3:.1f} mm): they are out of date and were computed again"
+        f"{worst * 1e3:.1f} mm): they are {why}, and were computed again"
     ]

@@ -25,6 +25,8 @@ from mocap.body import BodyFrames, body_frames
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
 from mocap.moving import Asked
+from mocap.pipeline.jumped import jump_cov
+from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
 from mocap.records import MarkerTracks, Status
@@ -191,6 +193,7 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
     believed |= used.sum(axis=0) >= 2
     origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
     origin[moved(prepared, xyz, cov).far & (origin == Status.MEASURED)] = Status.REJECTED
+    cov += jump_cov(prepared, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
     extent = float(np.linalg.norm(np.nanmax(prepared.xyz_m, axis=(0, 1)) - np.nanmin(prepared.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
@@ -234,7 +237,8 @@ def lasting_cov(prepared: Prepared) -> Array:
     """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
-    (``mocap.cleaning.persistence``); where a marker is not seen, that of its median sample.
+    (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
+    seen, that of its median sample.
     """
     if prepared.filmed is None:
         return np.zeros_like(prepared.cov_m2)
@@ -244,7 +248,7 @@ def lasting_cov(prepared: Prepared) -> Array:
         seen = np.isfinite(cov[:, marker, 0, 0])
         if seen.any():
             cov[~seen, marker] = np.median(cov[seen, marker], axis=0)
-    return cov
+    return cov if prepared.lens_cov_m2 is None else cov + filled(prepared.lens_cov_m2)
 
 
 def validate(

@@ -177,7 +177,14 @@ def _draw(canvas: Canvas, tracked: Tracked, title: str) -> None:
     rows[-1].set_xlabel("t (s)")
     for axes in rows:
         axes.fill_between(
-            track.t_s, 0, 1, where=hidden.tolist(), transform=axes.get_xaxis_transform(), color="0.9", linewidth=0
+            track.t_s,
+            0,
+            1,
+            where=hidden.tolist(),
+            transform=axes.get_xaxis_transform(),
+            color="0.9",
+            linewidth=0,
+            zorder=-2,
         )
         axes.grid(visible=True, alpha=0.3)
     canvas.legend(

@@ -1,48 +1,45 @@
-"""A recording as a folder of static files, for any web server: it holds the viewer, and reaches no other host."""
+"""A recording and its viewer as one page, which opens by a double click and reaches no host."""
 
+import base64
+import gzip
 import html
 import re
-import shutil
 import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from mocap.errors import OutputError
 from mocap.rerun.compare import run_names, write_comparison
 from mocap.rerun.stored import recording_file
 from mocap.rerun.viewer import open_viewer
 
-FILES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
-"""What the viewer's page loads."""
-_POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; connect-src 'self' data: blob:"
-_ELSEWHERE = re.compile(r"<link[^>]*https?://[^>]*>|<link[^>]*apple-touch-icon[^>]*>")
-_PAGE = """<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<title>{title}</title>
-<style>body {{ background: #101217; color: #ebeef2; font: 16px sans-serif; margin: 4em; }}</style>
-<h1>{title}</h1>
-<p id="note">The viewer starts ...</p>
-<noscript><p>It needs JavaScript.</p></noscript>
-<script>
-  if (location.protocol === "file:") {{
-    document.getElementById("note").textContent =
-      "A browser opens this only from a web server: run `python -m http.server` in this folder, then open " +
-      "http://127.0.0.1:8000/";
-  }} else {{
-    const recording = encodeURIComponent(new URL("recording.rrd", location.href).href);
-    const more = location.search.replace("?", "&");
-    location.replace("viewer.html?url=" + recording + "&theme=dark&hide_welcome_screen" + more);
-  }}
+PAGE = "index.html"
+LARGEST_MB = 350.0
+"""Browsers hold no text of more than half a gigabyte: so many megabytes of recording, compressed, are the most."""
+_SCRIPT, _WASM = "re_viewer.js", "re_viewer_bg.wasm"
+_POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:; connect-src 'none'"
+_QUERY, _OPTIONS = "new URLSearchParams(window.location.search)", "url=http%3A%2F%2Fheld%2Frecording.rrd&theme=dark"
+_FETCH = """<script>
+  window.fetch = async (what) => {
+    const address = new URL(what.url ?? what, "http://held/");
+    const held = document.getElementById(address.pathname.slice(1));
+    if (address.hostname !== "held" || held === null) throw new TypeError("this page asks no host");
+    const text = atob(held.textContent), bytes = new Uint8Array(text.length);
+    for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
+    held.remove();
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip")));
+  };
 </script>
-</html>
 """
 
 
-def write_site(runs: Sequence[Path], folder: Path) -> None:
-    """Write ``index.html``, the viewer, and the recording of a run, or a comparison of several.
+def write_page(runs: Sequence[Path], folder: Path) -> None:
+    """Write ``index.html``, which holds the viewer and the recording of a run, or a comparison of several.
 
-    The viewer is that of the installed rerun, fetched from a server of our own on this computer. Its page is forbidden
-    to reach other hosts: it would send statistics of use.
+    The viewer is that of the installed rerun, taken from a server of our own on this computer. The page holds it and
+    the recording compressed, as text, and answers itself what the viewer asks for. It asks no host, and is forbidden to
+    by a policy, too: the viewer would send statistics of use.
 
     Args:
         runs: Folders of runs, or their recordings.
@@ -50,26 +47,48 @@ def write_site(runs: Sequence[Path], folder: Path) -> None:
 
     Raises:
         MocapError: a run has no recording, or the viewer does not start.
+        OutputError: the recording is too large for a page.
     """
     folder.mkdir(exist_ok=True)
-    target = folder / "recording.rrd"
-    if len(runs) == 1:
-        shutil.copyfile(recording_file(runs[0]), target)
-    else:
-        write_comparison(runs, target)
-    viewer = open_viewer(target, web=True)
-    try:
-        page = str(viewer.url).partition("?")[0]
-        for name in FILES:
-            (folder / name).write_bytes(_fetched(page + name))
-        text = _fetched(page).decode("utf-8")
-    finally:
-        viewer.close()
-    policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}" />'
-    text = _ELSEWHERE.sub("", text).replace("<html>", f"<html>\n  {policy}", 1)
-    (folder / "viewer.html").write_text(text, encoding="utf-8")
+    with TemporaryDirectory() as place:
+        target = recording_file(runs[0]) if len(runs) == 1 else Path(place) / "recording.rrd"
+        if len(runs) > 1:
+            write_comparison(runs, target)
+        recording = _held("recording.rrd", target.read_bytes())
+        if len(recording) > LARGEST_MB * 1e6 * 4 / 3:
+            raise OutputError(
+                f"the recording takes {len(recording) * 0.75e-6:.0f} MB compressed, and a page holds {LARGEST_MB:.0f} "
+                "MB at most: share a stretch of it (mocap view --frames), or a run without films"
+            )
+        viewer = open_viewer(target, web=True)
+        try:
+            page = str(viewer.url).partition("?")[0]
+            text, script, wasm = (_fetched(page + name) for name in ("", _SCRIPT, _WASM))
+        finally:
+            viewer.close()
     title = html.escape(", ".join(run_names(runs)))
-    (folder / "index.html").write_text(_PAGE.format(title=title), encoding="utf-8")
+    parts = {
+        f'<script src="{_SCRIPT}"></script>': recording
+        + _held(_WASM, wasm)
+        + _FETCH
+        + f"<script>{script.decode('utf-8')}</script>",
+        _QUERY: f'new URLSearchParams("{_OPTIONS}&hide_welcome_screen&" + window.location.search.slice(1))',
+        "enable_history: true": "enable_history: false",
+        "<html>": f'<html>\n  <meta http-equiv="Content-Security-Policy" content="{_POLICY}" />',
+        "<title>Rerun Viewer</title>": f"<title>{title}</title>",
+    }
+    shown = re.sub(r"<link[^>]*>", "", text.decode("utf-8"))
+    for known, ours in parts.items():
+        if shown.count(known) != 1:
+            raise OutputError(f"the page of this version of rerun is not known here: {known!r} is not once in it")
+        shown = shown.replace(known, ours)
+    (folder / PAGE).write_text(shown, encoding="utf-8")
+
+
+def _held(name: str, content: bytes) -> str:
+    """A file in a page: compressed, in letters, under its name."""
+    letters = base64.b64encode(gzip.compress(content, 6, mtime=0)).decode("ascii")
+    return f'<script type="text/plain" id="{name}">{letters}</script>\n'
 
 
 def _fetched(url: str) -> bytes:

@@ -13,8 +13,8 @@ from mocap.pipeline.tracking import learn_motion, part_names, seen_part, track
 def test_limbs_of_a_tracked_bat_lie_on_their_own_potential():
     """State, covariance, V_z and pull of each frame are those of the model at its smoothed state.
 
-    The state is inside the grid where V_z is low; the plane's coordinates of samples have the largest variance; pulls
-    are minus the gradient by markers: a step along it, of all other markers none, lowers the potential.
+    The state is inside the grid where V_z is low; the plane's coordinates of samples have the largest variance; the
+    pull is minus the gradient by markers: a step along it, of all other markers none, lowers the potential.
     """
     recording = make_bat(seed=5, n_frames=60, n_cameras=4)
     prepared = prepare_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name)

@@ -9,6 +9,10 @@ from datasets import make_bat, make_lizard
 from mocap.audit import alarms, audit_filmed, jump_findings
 from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import decide_origin
+from mocap.pipeline.jumped import jump_cov
+from mocap.pipeline.prepare import prepare_tracks
+from mocap.records import Status, marker_tracks
+from mocap.skeleton import Skeleton
 
 
 def audited(twin, uv):
@@ -52,3 +56,23 @@ def test_single_clicks_are_not_jumps(make):
     wrong = rng.random(uv.shape[:3]) < 0.01
     uv[wrong] += rng.choice([-80.0, 80.0], (wrong.sum(), 2))
     assert not [f.text for f in audited(twin, uv) if f.kind == "jump"]
+
+
+def test_a_gap_across_a_jump_is_not_filled_with_confidence():
+    """203 mm in a gap of one frame: both places are inside two deviations there, and nothing else is widened."""
+    bat = make_bat(seed=5, n_frames=200)
+    names, xyz = bat.truth.names, np.array(bat.truth.xyz_m)
+    marker = names.index("elbow_l")
+    xyz[100:, marker, 0] += 0.203
+    xyz[99:100, marker] = np.nan
+    prepared = prepare_tracks(marker_tracks(names, bat.truth.t_s, xyz), Skeleton(name="bat", markers=names), name="a")
+    origin = np.where(np.isfinite(xyz[..., 0]), Status.MEASURED, Status.SMOOTHED).astype(np.int8)
+    line = np.array([np.interp(np.arange(200), np.r_[:99, 100:200], np.delete(x, 99)) for x in xyz[:, marker].T])
+    filled = xyz.copy()
+    filled[:, marker] = line.T
+    sd = np.sqrt(np.diagonal(jump_cov(prepared, filled, origin), axis1=-2, axis2=-1))
+    before, after = bat.truth.xyz_m[99:100, marker], bat.truth.xyz_m[99:100, marker] + [0.203, 0, 0]
+    for place in (before, after):
+        assert (np.abs(filled[99:100, marker] - place)[:, 0] < 2 * sd[99:100, marker, 0]).all()
+    sd[99:100, marker] = 0
+    assert not sd.any()

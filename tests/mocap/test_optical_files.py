@@ -8,6 +8,7 @@ import pytest
 from mocap.errors import FormatError
 from mocap.io.c3d import read_c3d
 from mocap.io.qualisys import read_mat, read_tsv
+from mocap.io.registry import read
 from mocap.io.vicon import read_csv
 from mocap.records import Status
 from tests.real_data import real
@@ -238,3 +239,70 @@ def test_a_recording_longer_than_its_head_can_say_is_called_cut(tmp_path):
         file.write(str(path))
         findings = " ".join(read_c3d(path).findings)
         assert ("TRIAL:ACTUAL_END_FIELD states 70000 frames, but the file contains 5" in findings) == cut
+
+
+def motive(kinds=("Rigid Body", "Rigid Body Marker", "Marker")):
+    """An export as Motive 2 and 3 write it: a body with rotation, its fitted marker, and the marker as measured."""
+    parts = {
+        "Rigid Body": ("box", "Rotation,Rotation,Rotation,Rotation,Position,Position,Position", "X,Y,Z,W,X,Y,Z"),
+        "Rigid Body Marker": ("box:tip", "Position,Position,Position", "X,Y,Z"),
+        "Marker": ("box:tip", "Position,Position,Position", "X,Y,Z"),
+    }
+    rows = {
+        "Rigid Body": ["0,0,0,1,7,8,9", "0,0,0,1,7,8,9", "0,0,0,1,7,8,9"],
+        "Rigid Body Marker": ["1.5,2.5,3.5"] * 3,
+        "Marker": ["1,2,3", ",,", "4,5,6"],
+    }
+    some = [(kind, *parts[kind]) for kind in kinds]
+    head = [
+        "Format Version,1.23,Take Name,Take 1,Take Notes,,Capture Frame Rate,120.000000,Export Frame Rate,120.000000,"
+        "Capture Start Time,2023-03-29 06.23.40.520,Rotation Type,Quaternion,Length Units,Millimeters,"
+        "Coordinate Space,Global",
+        "",
+        ",Type," + ",".join(",".join([kind] * len(axes.split(","))) for kind, _, _, axes in some),
+        ",Name," + ",".join(",".join([name] * len(axes.split(","))) for _, name, _, axes in some),
+        ",ID," + ",".join(",".join(['"C5B9"'] * len(axes.split(","))) for _, _, _, axes in some),
+        ",," + ",".join(what for _, _, what, _ in some),
+        "Frame,Time (Seconds)," + ",".join(axes for _, _, _, axes in some),
+    ]
+    data = [f"{t},{t / 120:.6f}," + ",".join(rows[kind][t] for kind in kinds) for t in range(3)]
+    return "\r\n".join([*head, *data, ""])
+
+
+def test_markers_of_motive(tmp_path):
+    """Markers as measured come first, then those of a fitted body, then bodies; frame 0 is at 0 s; mm become metres."""
+    path = tmp_path / "take.csv"
+    for kinds, first in (
+        (("Rigid Body", "Rigid Body Marker", "Marker"), [1, 2, 3]),
+        (("Rigid Body", "Rigid Body Marker"), [1.5, 2.5, 3.5]),
+        (("Rigid Body",), [7, 8, 9]),
+    ):
+        path.write_text(motive(kinds), newline="")
+        found = read(path)
+        assert found.format == "optitrack-csv"
+        assert found.fps == 120
+        np.testing.assert_allclose(found.points.t_s, [0, 1 / 120, 2 / 120])
+        np.testing.assert_allclose(found.points.xyz_m[0, 0], np.array(first) / 1000)
+        assert any("no markers" in line for line in found.findings) == ("Marker" not in kinds)
+    path.write_text(motive(), newline="")
+    assert read(path).points.seen[:, 0].tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("Millimeters", "Furlongs"), "Length Units is 'Furlongs'"),
+        (("Frame,Time (Seconds)", "Time"), "no line Frame,Time"),
+        ((",Name,box,", ",Name,"), "should contain the types, names, IDs"),
+        (("4,5,6", "4,5"), "line 10 has 14 cells, expected 15"),
+        (("4,5,6", "4,x,6"), "line 10, cell 14: 'x' is not a finite number"),
+        (("Position", "Rotation"), "no columns of positions"),
+        (("Export Frame Rate,120", "Export Frame Rate,0"), "the frame rate is 0"),
+    ],
+)
+def test_a_damaged_export_of_motive_is_refused(tmp_path, change, said):
+    """Each with what was expected, and its line where there is one."""
+    path = tmp_path / "take.csv"
+    path.write_text(motive().replace(*change), newline="")
+    with pytest.raises(FormatError, match=re.escape(said)):
+        read(path)

@@ -140,6 +140,41 @@ def openpose(folder, uv, score):
         (folder / f"trial_{t:012d}_keypoints.json").write_text(json.dumps({"version": 1.3, "people": people}))
 
 
+@pytest.mark.parametrize("sections", ["cam_{}", "Camera_{}_synchronized"])
+def test_freemocap(tmp_path, sections):
+    """Anipose's keys with the place in the world and metadata beside them; newer files name sections by the cameras."""
+    text = []
+    for i, camera in enumerate(RIG):
+        parts, lens = decompose(camera), camera.lens
+        values = {
+            "name": f'"Camera_{i}"',
+            "size": [1280, 1024],
+            "matrix": parts.intrinsic.tolist(),
+            "distortions": [lens.k[0], lens.k[1], *lens.p, lens.k[2]],
+            "rotation": Rotation.from_matrix(parts.rotation).as_rotvec().tolist(),
+            "translation": (-parts.rotation @ parts.position_m).tolist(),
+            "world_orientation": parts.rotation.T.tolist(),
+            "world_position": parts.position_m.tolist(),
+        }
+        text += [f"[{sections.format(i)}]", *(f"{key} = {value}" for key, value in values.items()), ""]
+    text += ["[metadata]", "charuco_square_size = 51.0", 'date_time_calibrated = "2026-02-06T15:02:56"', ""]
+    (tmp_path / "trial_camera_calibration.toml").write_text("\n".join(text))
+    found = read(tmp_path / "trial_camera_calibration.toml")
+    assert found.format == "anipose-calibration"
+    assert found.camera_names == ("Camera_0", "Camera_1", "Camera_2")
+    same(found.cameras)
+
+
+def test_poses_of_mediapipe(tmp_path):
+    """MediaPipe's 33 landmarks as Pose2Sim writes them: OpenPose's layout, named as BlazePose names them."""
+    uv = np.random.default_rng(5).uniform(100, 200, (4, 33, 2))
+    openpose(tmp_path / "cam1_json", uv, np.full((4, 33), 0.7))
+    found = read(tmp_path / "cam1_json")
+    assert (found.names[0], found.names[16], found.names[32]) == ("nose", "right_wrist", "right_foot_index")
+    np.testing.assert_allclose(found.pixels.uv_px[0], uv)
+    assert (found.score == 0.7).all()
+
+
 def test_poses_a_file_a_frame(tmp_path):
     """Two cameras of OpenPose's BODY_25: pixels, likelihoods, names, frame numbers; zeros are gaps; one person only."""
     rng = np.random.default_rng(3)

@@ -1,7 +1,6 @@
 """What is shared, and what is served, is seen in a browser that can reach this computer only."""
 
 import json
-import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -11,9 +10,10 @@ from browser import chromium, served, settled
 from flapping import make_run
 from test_view_pictures import amount
 
+from mocap.errors import OutputError
 from mocap.rerun import palette
 from mocap.rerun.record import write_recording
-from mocap.rerun.share import FILES, write_site
+from mocap.rerun.share import PAGE, write_page
 from mocap.rerun.viewer import open_viewer
 
 pytestmark = pytest.mark.viewer
@@ -72,17 +72,23 @@ def test_the_web_viewer_shows_the_markers(browser, recordings):
 
 
 def test_what_else_a_folder_holds_stays(recordings, tmp_path):
-    """Files of the site are replaced, others are not touched; no temporary folder is left."""
+    """The page is replaced, other files are not touched; no temporary folder is left."""
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "notes.txt").write_text("mine")
-    write_site([recordings / "flight.rrd"], tmp_path / "site")
-    write_site([recordings / "empty.rrd", recordings / "flight.rrd"], tmp_path / "site")
+    write_page([recordings / "flight.rrd"], tmp_path / "site")
+    write_page([recordings / "empty.rrd", recordings / "flight.rrd"], tmp_path / "site")
     assert (tmp_path / "site" / "notes.txt").read_text() == "mine"
-    assert "empty, flight" in (tmp_path / "site" / "index.html").read_text()
+    assert "<title>empty, flight</title>" in (tmp_path / "site" / PAGE).read_text()
     assert [path.name for path in tmp_path.iterdir()] == ["site"]
-    page = (tmp_path / "site" / "viewer.html").read_text()
-    assert "Content-Security-Policy" in page
-    assert "<link" not in page.replace('<link rel="icon"', "")
+    assert sorted(path.name for path in (tmp_path / "site").iterdir()) == [PAGE, "notes.txt"]
+
+
+def test_a_recording_beyond_what_browsers_hold_is_refused(recordings, tmp_path, monkeypatch):
+    """With its size and what to do; nothing is written."""
+    monkeypatch.setattr("mocap.rerun.share.LARGEST_MB", 1e-3)
+    with pytest.raises(OutputError, match=r"MB compressed, and a page holds .* share a stretch of it"):
+        write_page([recordings / "flight.rrd"], tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 ATTACK = '"><img src=x onerror="document.title=\'ran\'"><script>document.title="ran"</script>{0}</title>'
@@ -107,7 +113,7 @@ def test_an_attack_would_be_seen(browser, tmp_path):
 
 @pytest.fixture(scope="module")
 def attacked(tmp_path_factory):
-    """The shared folder of a run whose name, folder, markers and report attack."""
+    """The folder of a shared run whose name, folder, markers and report attack."""
     run = make_run(n_frames=12, n_cameras=2, n_joints=0)
     hostile = tuple(f"{ATTACK}{m}" for m in range(len(run.tracked.markers.names)))
     renamed = dict(zip(run.tracked.markers.names, hostile, strict=True))
@@ -125,47 +131,39 @@ def attacked(tmp_path_factory):
     named = folder / ATTACK.replace("/", "|")
     named.mkdir()
     write_recording(run, named / "recording.rrd")
-    write_site([named], folder / "site")
+    write_page([named], folder / "site")
     return folder / "site"
 
 
-def test_names_are_text_of_the_first_page(attacked):
-    """A parser of HTML finds the tags that we wrote, and the name as text."""
-    tags, texts = [], []
+def test_names_are_text_of_the_page(attacked):
+    """A parser of HTML finds the name as the page's title alone, and no element that it would make."""
+    tags, titles, inside = [], [], []
 
     class Tags(HTMLParser):
         def handle_starttag(self, tag, attrs):
+            inside.append(tag)
             tags.append((tag, *(name for name, _ in attrs if name.startswith("on"))))
 
         def handle_data(self, data):
-            texts.append(data)
+            if inside and inside[-1] == "title" and data.strip():
+                titles.append(data)
+                inside.append("")
 
-    Tags().feed((attacked / "index.html").read_text(encoding="utf-8"))
-    assert [tag for tag, *_ in tags].count("script") == 1
+    Tags().feed((attacked / PAGE).read_text(encoding="utf-8"))
+    assert titles == [ATTACK.replace("/", "|")]
     assert "img" not in {tag for tag, *_ in tags}
     assert not [handlers for _, *handlers in tags if handlers]
-    assert texts.count(ATTACK.replace("/", "|")) == 2
-    assert "onerror" not in (attacked / "viewer.html").read_text(encoding="utf-8").replace("window.onerror", "")
 
 
-def test_a_shared_folder_shows_the_markers_runs_no_names_and_reaches_nobody(browser, attacked, recordings, tmp_path):
-    """From a plain web server, with no other host known: markers and bones are there, and the page asked nobody else.
+def test_a_page_from_the_disk_shows_the_markers_runs_no_names_and_reaches_nobody(browser, attacked):
+    """Opened as by a double click, with no other host known: markers and bones are there, and it asked nobody.
 
-    Names of the run, its markers and its folder do not run, in the first page and in the viewer. Of a run without
-    positions the same page shows none of the colours.
+    Names of the run, its markers and its folder do not run.
     """
-    site = shutil.copytree(attacked, tmp_path / "site")
-    assert {path.name for path in site.iterdir()} == {*FILES, "index.html", "viewer.html", "recording.rrd"}
     asked_for(browser)  # what pages of other tests did
-    with served(site) as address:
-        browser.get(f"{address}?renderer=webgl")
-        seen = scene_of(settled(browser, SETTLED_COLORS, has_markers))
-        assert not ran(browser)
-        shutil.copyfile(recordings / "empty.rrd", site / "recording.rrd")
-        browser.get(f"{address}?renderer=webgl")
-        empty = scene_of(settled(browser, SETTLED_COLORS))
-        elsewhere = [url for url in asked_for(browser) if not url.startswith((address, "data:", "blob:"))]
-        assert not elsewhere
+    browser.get(f"{(attacked / PAGE).as_uri()}?renderer=webgl")
+    seen = scene_of(settled(browser, SETTLED_COLORS, has_markers))
+    assert not ran(browser)
+    assert not [url for url in asked_for(browser) if not url.startswith(("file:", "data:", "blob:"))]
     for color in (palette.SKY_BLUE, palette.GREY):
         assert amount(seen, color) > 40
-    assert amount(empty, palette.SKY_BLUE) == 0

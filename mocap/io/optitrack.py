@@ -1,0 +1,91 @@
+"""OptiTrack Motive: markers in its CSV export of tracking data (format versions 1.2 and later)."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from mocap.errors import FormatError
+from mocap.io.contents import FileContents, point_recording
+from mocap.io.format import Format
+from mocap.io.lines import frame_numbers, numbers, points, read_lines
+from mocap.io.optical import rate, told_apart
+
+KINDS = (("marker",), ("rigid body marker", "bone marker"), ("rigid body", "bone"))
+"""What columns are of, what was measured first: markers, places of a body's markers as it was fitted, bodies."""
+_UNITS = {"meters": "m", "millimeters": "mm", "centimeters": "cm"}
+_SHOW = "export it again from Motive (Tracking Data, CSV, with header)"
+
+
+def read_csv(path: Path) -> FileContents:
+    """Read the line ``Format Version,...``, rows of types, names and IDs, and ``Frame,Time (Seconds),X,Y,Z,...``.
+
+    Where there are markers, bodies and the places that Motive fits their markers to are left out; where there are
+    none, these are read. Rotations and errors are not read. An empty cell was not seen. The file does not tell filled
+    samples from measured ones.
+
+    Raises:
+        FormatError: the header is another, a row is cut, or a cell is no number; the message names the line.
+    """
+    lines = read_lines(path)
+    about = _cells(lines[0])
+    stated = dict(zip(about[::2], about[1::2], strict=False))
+    if about[0] != "Format Version":
+        raise FormatError(f"{path.name}: the first line is not Format Version,...: {_SHOW}")
+    start = next((i for i, line in enumerate(lines[:20]) if line.startswith("Frame,Time")), None)
+    if start is None:
+        raise FormatError(f"{path.name}: no line Frame,Time (Seconds),X,Y,Z: {_SHOW}")
+    titles = [_cells(line) for line in lines[1:start] if line.strip(", \t")]
+    axes = _cells(lines[start])
+    if len(titles) < 3 or any(len(row) != len(axes) for row in titles):
+        raise FormatError(
+            f"{path.name}: lines 2 to {start} should contain the types, names, IDs and kinds of {len(axes) - 2} "
+            f"columns: {_SHOW}"
+        )
+    types, names, what = titles[0], titles[1], titles[-1]
+    kinds = [[c for c in range(2, len(axes)) if types[c].lower() in kind and what[c] == "Position"] for kind in KINDS]
+    columns: Sequence[int] = next((found for found in kinds if found), [])
+    if not columns or [axes[c] for c in columns] != ["X", "Y", "Z"] * (len(columns) // 3):
+        raise FormatError(f"{path.name}: no columns of positions X, Y, Z of markers or bodies: {_SHOW}")
+    unit = stated.get("Length Units", "")
+    if unit.lower() not in _UNITS:
+        raise FormatError(
+            f"{path.name}: Length Units is {unit!r}, expected Meters, Centimeters or Millimeters: {_SHOW}"
+        )
+    if len(lines) == start + 1:
+        raise FormatError(f"{path.name}: no frames after the header: {_SHOW}")
+    values = numbers(path, lines[start + 1 :], separator=",", columns=len(axes), first_line=start + 2)
+    known, renamed = told_apart([names[c] for c in columns[::3]])
+    bodies = () if columns == kinds[0] else ("no markers: positions of rigid bodies or bones, as Motive fitted them",)
+    fps = rate(path, stated.get("Export Frame Rate", stated.get("Capture Frame Rate", "")))
+    frames = frame_numbers(path, values[:, 0], first_line=start + 2)
+    return point_recording(
+        path,
+        "optitrack-csv",
+        names=known,
+        xyz=points(np.ascontiguousarray(values[:, columns]), unit_m=1.0),
+        unit=_UNITS[unit.lower()],
+        frames=frames,
+        first=0,
+        fps=fps,
+        findings=(
+            *renamed,
+            *bodies,
+            "y points up, as Motive counts; this format does not distinguish filled from measured samples",
+        ),
+    )
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line]))]
+
+
+FORMATS = (
+    Format(
+        name="optitrack-csv",
+        title="markers of OptiTrack Motive (CSV)",
+        knows=lambda head: head.first.startswith("Format Version,") and "Take Name" in head.first,
+        read=lambda path, _: read_csv(path),
+    ),
+)

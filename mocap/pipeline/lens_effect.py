@@ -1,0 +1,57 @@
+"""What a lens that was estimated, or is not corrected, leaves uncertain of positions."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mocap import audit
+from mocap.arrays import Array
+from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
+from mocap.pipeline.recording import Filmed
+
+
+def lens_uncertainty(filmed: Filmed, audited: list[audit.Finding], uv_px: Array) -> tuple[Array | None, list[str]]:
+    """(T, M, 3, 3) covariance of points, and sentences; None where lenses are given, or nothing speaks of one.
+
+    Of a lens that was estimated it follows from the covariance of its coefficients. One that the audit sees and nobody
+    corrected moves each point by d: it is counted as an error with the covariance d d^T, which no frame averages out.
+
+    Args:
+        filmed: Pixels and cameras.
+        audited: Findings, from which those of a lens are removed once it was estimated.
+        uv_px: (C, T, M, 2) believed ideal pixels.
+    """
+    if filmed.lens is not None:
+        audited[:] = [f for f in audited if not (f.kind == "distortion" and f.alarm)]
+        bent = np.stack([_bent(filmed, c, uv) for c, uv in enumerate(uv_px)])
+        return lens_covariance(filmed.cameras, filmed.lens, bent), []
+    seen = [f for f in audited if f.kind == "distortion" and f.alarm and "k1" in f.numbers]
+    if not seen:
+        return None, []
+    moved = moved_by_lens(filmed.cameras, uv_px, float(seen[0].numbers["k1"]))
+    far = 1e3 * np.linalg.norm(moved, axis=-1)
+    far = far[np.isfinite(far)]
+    if not len(far):
+        return None, []
+    said = (
+        f"the lens that is not corrected moves positions by {np.median(far):.2f} mm (median), "
+        f"{np.quantile(far, 0.9):.2f} mm (90 %); their standard deviations are widened by as much: give `profile`, or "
+        "have it estimated with `fit_lens`"
+    )
+    return moved[..., :, None] * moved[..., None, :], [said]
+
+
+def _bent(filmed: Filmed, camera: int, uv_px: Array) -> Array:
+    """Pixels before the estimated lens was taken out."""
+    assert filmed.lens is not None
+    lens = replace(filmed.lens.lenses[camera], k=(float(filmed.lens.k1[camera]), 0.0, 0.0))
+    return lens.distort(uv_px)
+
+
+def filled(cov_m2: Array) -> Array:
+    """A covariance (T, M, 3, 3) with that of a marker's median sample where it is NaN; 0 of markers without any."""
+    out = cov_m2.copy()
+    for marker in range(out.shape[1]):
+        seen = np.isfinite(out[:, marker, 0, 0])
+        out[~seen, marker] = np.median(out[seen, marker], axis=0) if seen.any() else 0.0
+    return out

@@ -1,0 +1,114 @@
+"""A lens that nobody gave: estimated from the tracks, or what it does to positions stated; refused where it is open."""
+
+import numpy as np
+import pytest
+
+from benchmarks.faults import clean, no_lens, twin
+from mocap.calibration.lens_of_tracks import lens_of_tracks
+from mocap.cameras.camera import Camera, project, stacked
+from mocap.cameras.lens import BrownLens
+from mocap.errors import CalibrationError
+from mocap.pipeline.prepare import Prepared, prepare_filmed
+from mocap.pipeline.recording import film_of
+from mocap.pipeline.tracking import lasting_cov
+from mocap.records import PixelTracks
+from mocap.skeleton import Skeleton
+from tests.mocap.rigs import cloud, ring
+
+
+@pytest.fixture(scope="module")
+def bat():
+    """A bat in a wind tunnel whose lenses have k1 -0.14 that no file states, without and with the lens; its truth."""
+    flight = twin(3)
+    case = no_lens(flight, clean(flight), -0.14, np.random.default_rng(0))
+    names, some = flight.pixels.names[::3], case.uv_px[:, :75, ::3]
+    pixels = PixelTracks(names=names, cameras=flight.pixels.cameras, t_s=flight.pixels.t_s[:75], uv_px=some)
+    found = []
+    for fit_lens in (False, True):
+        film = film_of(
+            pixels,
+            case.cameras,
+            name="bat",
+            fit_lens=fit_lens,
+            pixel_origin="upper-left",
+            calibration_origin="upper-left",
+        )
+        found.append(prepare_filmed(film, Skeleton(name="bat", markers=names), name="bat"))
+    return *found, flight.truth.xyz_m[:75, ::3]
+
+
+def inside(found: Prepared, truth: np.ndarray) -> tuple[float, float]:
+    """Share of coordinates of points inside their 95 % intervals, and the median error in mm."""
+    error = found.xyz_m - truth
+    sd = np.sqrt(np.diagonal(found.cov_m2 + lasting_cov(found), axis1=-2, axis2=-1))
+    seen = np.isfinite(error[..., 0])
+    return float(np.mean(np.abs(error[seen]) < 1.96 * sd[seen])), 1e3 * float(
+        np.median(np.linalg.norm(error[seen], axis=-1))
+    )
+
+
+def test_an_estimated_lens_brings_positions_back(bat):
+    """The coefficient within 3 of its deviations of -0.14; errors a third of before at most; intervals hold."""
+    without, with_lens, truth = bat
+    assert with_lens.filmed is not None
+    found = with_lens.filmed.lens
+    assert found is not None
+    assert (np.abs(found.k1 + 0.14) < 3 * found.sd).all()
+    assert found.after_px < found.before_px
+    (held, mm), (_, mm_before) = inside(with_lens, truth), inside(without, truth)
+    assert mm < 0.5 * mm_before
+    assert held > 0.93
+    assert any("estimated from the recording itself: k1 -0.1" in f for f in with_lens.findings)
+    assert not any("no lens is given" in f for f in with_lens.findings)
+
+
+def test_a_lens_that_is_not_corrected_widens_intervals(bat):
+    """Without it 95 % intervals hold all the same, and the report says by how much positions are moved."""
+    found, _, truth = bat
+    held, _ = inside(found, truth)
+    assert held > 0.93
+    assert any("the lens that is not corrected moves positions by" in f for f in found.findings)
+    narrow = np.diagonal(found.cov_m2, axis1=-2, axis2=-1)
+    assert np.nanmedian(np.diagonal(lasting_cov(found), axis1=-2, axis2=-1) / narrow) > 1
+
+
+def scene(rng, spread_m):
+    """300 points of a cloud of this radius in three cameras with k1 -0.2, clicked to 0.5 px, and the bare cameras."""
+    cameras = ring(3)
+    points = cloud(rng, 300, radius_m=spread_m)
+    ideal = project(stacked(cameras), points)
+    lens = BrownLens(f_px=(1200.0, 1212.0), centre_px=(640.0, 512.0), k=(-0.2, 0.0, 0.0))
+    bare = [Camera(name=c.name, matrix=c.matrix, size_px=c.size_px) for c in cameras]
+    return bare, (lens.distort(ideal) + rng.normal(0, 0.5, ideal.shape)).reshape(3, 30, 10, 2)
+
+
+def test_the_coefficient_is_as_well_known_as_it_says():
+    """Five seeds: errors of k1 within 2.36 deviations (Student's t of seven degrees) but for one at most."""
+    z = []
+    for seed in range(5):
+        found = lens_of_tracks(*scene(np.random.default_rng(seed), 0.4), each=False)
+        z.append(abs(found.k1[0] + 0.2) / found.sd[0])
+    assert np.count_nonzero(np.array(z) > 2.36) <= 1
+
+
+def test_a_lens_that_the_recording_does_not_show_is_refused():
+    """Points in the middle of all pictures, too few points, and pixels without any distortion."""
+    rng = np.random.default_rng(1)
+    cameras, uv = scene(rng, 0.03)
+    with pytest.raises(CalibrationError, match=r"`fit_lens`: (no lens makes|this recording does not)"):
+        lens_of_tracks(cameras, uv, each=False)
+    with pytest.raises(CalibrationError, match="50 points are seen by two cameras, and 60 are needed"):
+        lens_of_tracks(cameras, uv[:, :5])
+    straight = project(stacked(cameras), cloud(rng, 300, radius_m=0.4)).reshape(3, 30, 10, 2)
+    with pytest.raises(CalibrationError, match="no lens makes the rays meet better"):
+        lens_of_tracks(cameras, straight + rng.normal(0, 0.5, straight.shape), each=False)
+
+
+def test_cameras_that_have_lenses_keep_them():
+    """What a file states of lenses is not fitted again."""
+    uv = project(stacked(ring(3, lens=True)), cloud(np.random.default_rng(2), 80)).reshape(3, 8, 10, 2)
+    names = tuple(f"m{i}" for i in range(10))
+    pixels = PixelTracks(names=names, cameras=("cam1", "cam2", "cam3"), t_s=np.arange(8) / 100, uv_px=uv)
+    stated = {"pixel_origin": "upper-left", "calibration_origin": "upper-left"}
+    with pytest.raises(CalibrationError, match="`fit_lens`: the cameras have lenses already"):
+        film_of(pixels, ring(3, lens=True), name="a", fit_lens=True, **stated)

@@ -54,7 +54,8 @@ def kinematics(
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
         result.write_kinematics(folder, exports=export or (), progress=tell)
         if mechanics:
-            result.write_limb_mechanics(folder)
+            limbs = result.write_limb_mechanics(folder)
+            say("limbs followed by their own mechanics: " + ", ".join(limb.name for limb in limbs))
     for note in result.kinematics.notes:
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")

@@ -253,7 +253,7 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
         _part(sights, tried),
         q[tried.start],
         v[tried.start],
-        powers_w=np.array([0.3, 3.0, 30.0]),
+        powers_w=np.array([0.03, 0.3, 3.0]),
         strengths_j=scale * np.array([1.0, 3.0, 10.0]) if potential else np.array([0.0]),
         start_sd=start_sd,
         density=density,

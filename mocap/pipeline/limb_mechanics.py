@@ -57,7 +57,7 @@ class LimbMechanics:
         model: L = v^T M(q) v / 2 - V_z(q)/eps^2, in the axes of the body, which are taken to be at rest.
         noise: Factor on the white accelerations of each joint, whose density follows from the recorded motion: they
             stand for muscles, air and what the body's own motion adds.
-        first: Frame of the recording at which the track begins.
+        first: Frame of the recording at which the track begins: the first that shows the whole limb.
         track: Coordinates, velocities, energy and V_z.
         kinetic_j: (T,) v^T M(q) v / 2 at the means.
         bound: (T,) V_z that no motion released in that frame exceeds: Theorem 3, with U = 0.
@@ -212,13 +212,14 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
     there = np.flatnonzero(np.isfinite(markers.xyz_m[:, [root, *outer], 0]).all(axis=1))
     if len(there) < LEAST_SAMPLES:
         return None
-    frames = slice(int(there[0]), int(there[-1]) + 1)
     body = body_frames(markers.xyz_m[:, trunk], dt_s=float(np.diff(t_s).mean()), cutoff_hz=JOINT_HZ)
     bones_m = np.einsum("tji,tkj->tki", body.rotation, markers.xyz_m[:, outer] - markers.xyz_m[:, list(limb.parents)])
     ends = [[child, parent] for child, parent in zip(outer, limb.parents, strict=True)]
     whole = np.asarray(np.all([filmed.seen[:, pair].all(axis=1) for pair in ends], axis=0))
     if whole.sum() < LEAST_SAMPLES:
         return None
+    samples = np.flatnonzero(whole)
+    frames = slice(int(samples[0]), int(samples[-1]) + 1)
     length = np.linalg.norm(bones_m, axis=-1)
     length_m = np.median(length[whole], axis=0)
     unit = bones_m / length[..., None]
@@ -244,8 +245,8 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
             strength=10.0 * scale if potential else 0.0,
         )
 
-    samples = np.flatnonzero(whole)
-    tried = slice(max(frames.start, frames.stop - TRIED), frames.stop)
+    begun = samples[samples >= frames.stop - TRIED]
+    tried = slice(int(begun[0]) if len(begun) else frames.start, frames.stop)
     aside = samples[samples < tried.start]
     first = model(aside if len(aside) >= LEAST_SAMPLES else samples)
     chosen, power = learned_noise(

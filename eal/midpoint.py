@@ -1,13 +1,17 @@
 """The implicit midpoint rule for penalised models: symmetric in time, and stable at any stiffness of the penalty."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eal.arrays import Array
 from eal.integrators import IntegrationError, Trajectory
 from eal.lagrangian import PenalisedModel
 from eal.threads import one_blas_thread
+
+Array = NDArray[Any]
+"""Numbers, indices or masks."""
 
 Acceleration = Callable[[float, Array, Array], Array]
 
@@ -126,4 +130,6 @@ def simulate_midpoint(model: PenalisedModel, q0: Array, v0: Array, *, duration_s
             q, v = midpoint_step(model.acceleration, i * h_s, q, v, h_s)
             positions.append(q[0])
             velocities.append(v[0])
-    return Trajectory(t_s=h_s * np.arange(steps + 1), q=np.array(positions), v=np.array(velocities))
+    return Trajectory(
+        t_s=np.asarray(h_s * np.arange(steps + 1), dtype=np.float64), q=np.array(positions), v=np.array(velocities)
+    )

@@ -3,12 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array
 from eal.lagrangian import LagrangianSystem, Penalty
+
+Array = NDArray[Any]
+"""Numbers, indices or masks."""
 
 GYRATION = 1.0 / 12.0
 """Squared radius of gyration of a uniform rod about its centre, over its squared length."""

@@ -10,8 +10,10 @@ holds the coordinates of all markers, and its potentials are conditionings, no f
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal import bounds
 from eal.integrators import IntegrationError
@@ -20,7 +22,10 @@ from eal.midpoint import midpoint_step
 from eal.threads import one_blas_thread
 from filters.ensemble import default_points
 from filters.unscented import UnscentedKalmanFilter
-from mocap.arrays import Array, frozen
+from mocap.arrays import frozen
+
+Array = NDArray[Any]
+"""Of any type of number: this file stands between libraries that name theirs."""
 
 FINEST = 64
 """Most steps of the integrator in a frame."""
@@ -204,7 +209,7 @@ def track_joint(
             covs.append(filtered.P)
             noises.append(_noise(model, filtered.x[:d], power_w, dt, density))
         smooth, cov, _ = filtered.rts_smoother(np.array(means), np.array(covs), Qs=np.array(noises))
-    q, v = smooth[:, :d], smooth[:, d:]
+    q, v = np.asarray(smooth[:, :d], dtype=np.float64), np.asarray(smooth[:, d:], dtype=np.float64)
     if valley is not None:
         cov[:, :d, :d] += valley(q)
     return JointTrack(

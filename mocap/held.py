@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mocap.arrays import Array, frozen
 
@@ -55,7 +56,7 @@ class HeldLimb:
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
 
-    def along(self, index: Array) -> "HeldLimb":
+    def along(self, index: NDArray[np.int64]) -> "HeldLimb":
         """The frames of an index; -1: nothing is known of that frame."""
         lost = index < 0
         parts = {}

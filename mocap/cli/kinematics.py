@@ -21,10 +21,18 @@ def kinematics(
     export: Annotated[
         list[str] | None,
         typer.Option(
-            help="Also for another program: xlsx, mat, mot, sto, or mjcf (the animal for MuJoCo); give the option once "
-            "for each."
+            help="Also for another program: xlsx, mat, mot, sto, bvh, or mjcf (the animal for MuJoCo); give the "
+            "option once for each."
         ),
     ] = None,
+    mechanics: Annotated[
+        bool,
+        typer.Option(
+            "--mechanics",
+            help="Also track each limb by its own Lagrangian (rods, V_z of their directions): energies and the bound "
+            "of V_z in mechanics.csv, and figures; minutes.",
+        ),
+    ] = False,
     force: Force = False,
 ) -> None:
     """Angles, velocities, accelerations, lengths, areas and strokes of a tracked run, each with its deviation."""
@@ -45,6 +53,9 @@ def kinematics(
     inputs = [run, *([skeleton] if skeleton is not None else [])]
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
         result.write_kinematics(folder, exports=export or (), progress=tell)
+        if mechanics:
+            limbs = result.write_limb_mechanics(folder)
+            say("limbs followed by their own mechanics: " + ", ".join(limb.name for limb in limbs))
     for note in result.kinematics.notes:
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from mocap.library.figures import Plots
+    from mocap.pipeline.limb_mechanics import LimbMechanics
     from mocap.rerun.viewer import Viewer
 
 Tell = Callable[[str, float], None]
@@ -238,7 +239,7 @@ class Tracked:
                 if kind == "mjcf":
                     write_mjcf(self.run, folder / FILE)
                 else:
-                    EXPORTS[kind](self.kinematics, self._cycles, folder / f"kinematics.{kind}")
+                    EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
             if not pictures:
                 return
             from mocap.plots.figures import pictures as figures_of
@@ -248,8 +249,33 @@ class Tracked:
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
 
+    def limb_mechanics(self) -> "list[LimbMechanics]":
+        """Each limb (its longest chain of rigid bones) tracked once more by its own Lagrangian; minutes.
+
+        L = v^T M(q) v / 2 - V_z(q)/eps^2 of rods, masses as the skeleton states them: the paper's model, whose energy
+        and bound (Theorem 3) are those of the tracked limb (docs/explanation/joints.md). Limbs that cannot be followed
+        are left out.
+
+        Raises:
+            MocapError: there are no cameras, or no limb is seen whole often enough.
+        """
+        from mocap.pipeline.limb_mechanics import filmed_run, limb_mechanics
+
+        return limb_mechanics(filmed_run(self.run))
+
+    def write_limb_mechanics(self, folder: Path) -> "list[LimbMechanics]":
+        """Write ``mechanics.csv`` and a figure of each limb, ``mechanics_<marker>.png``; returns those limbs."""
+        from mocap.plots.mechanics import draw_mechanics
+        from mocap.results.mechanics import FILE, write_mechanics
+
+        limbs = self.limb_mechanics()
+        write_mechanics(limbs, self.run.tracked.markers.t_s, folder / FILE)
+        for limb in limbs:
+            draw_mechanics(limb).savefig(folder / f"mechanics_{limb.markers[-1]}.png", dpi=200)
+        return limbs
+
     def export_kinematics(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the kinematics for another program, by the end of the name: ``.xlsx``, ``.mat``, ``.mot``, ``.sto``.
+        """Write the kinematics for another program, by the end of the name: .xlsx, .mat, .mot, .sto, .bvh.
 
         Args:
             path: The file.
@@ -262,7 +288,7 @@ class Tracked:
         if kind not in EXPORTS:
             raise MocapError(f"{path}: kinematics are exported as .{', .'.join(EXPORTS)}")
         with result_file(Path(path), replace=overwrite) as stage:
-            EXPORTS[kind](self.kinematics, self._cycles, stage)
+            EXPORTS[kind](self.run, self.kinematics, self._cycles, stage)
 
     @cached_property
     def footfalls(self) -> Footfalls | None:

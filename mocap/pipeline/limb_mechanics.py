@@ -4,24 +4,32 @@ This is a Lagrangian, L = v^T M(q) v / 2 - V_z(q)/eps^2, and its implicit midpoi
 unscented Kalman filter. The pose model that fills gaps is none (``filters.motion.enforce``).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.bounds import theorem3
+from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.rods import DirectionPenalty, RodLimb
 from filters.anatomy import Limb, anatomy_of
 from filters.lagrangian import JointSights, JointTrack, learned_noise, track_joint
-from mocap.arrays import Array
 from mocap.body import body_frames
+from mocap.cameras.camera import stacked
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.errors import MocapError
 from mocap.measures import Segment
 from mocap.pipeline.prepare import Prepared
-from mocap.records import MarkerTracks
+from mocap.pipeline.run import Run
+from mocap.records import MarkerTracks, Status
+from mocap.skeleton import Skeleton
+
+Array = NDArray[Any]
+"""Of any type of number: this file stands between libraries that name theirs."""
 
 BETA = 1.0
 """Kernel width: over the median squared distance of the samples, as in ``filters.models.pose``."""
@@ -32,6 +40,7 @@ JOINT_HZ = 30.0
 """Body axes follow the trunk up to this frequency."""
 TRIED = 80
 """Frames by which 1/eps^2 and the power of the noise are chosen."""
+_NO_PIXELS = "{name}: mechanics of limbs need pixels and cameras, not positions alone"
 UNKNOWN_KG = 1.0
 """Mass of a limb of which no mass is stated: energies are then those of a kilogram of it."""
 
@@ -48,7 +57,7 @@ class LimbMechanics:
         model: L = v^T M(q) v / 2 - V_z(q)/eps^2, in the axes of the body, which are taken to be at rest.
         noise: Factor on the white accelerations of each joint, whose density follows from the recorded motion: they
             stand for muscles, air and what the body's own motion adds.
-        first: Frame of the recording at which the track begins.
+        first: Frame of the recording at which the track begins: the first that shows the whole limb.
         track: Coordinates, velocities, energy and V_z.
         kinetic_j: (T,) v^T M(q) v / 2 at the means.
         bound: (T,) V_z that no motion released in that frame exceeds: Theorem 3, with U = 0.
@@ -82,82 +91,150 @@ class LimbMechanics:
         return float(self.model.strength)
 
 
-def limb_mechanics(
-    prepared: Prepared,
-    markers: MarkerTracks,
-    *,
-    without: Array | None = None,
-    least: int = 2,
-    potential: bool = True,
-) -> list[LimbMechanics]:
-    """Every limb of the skeleton that has at least ``least`` bones, tracked by its own mechanics.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filmed:
+    """A recording that was tracked, and the rays that were believed.
 
-    The root of a limb and the axes of the body are those of a recording that was tracked already; the limb's own
-    markers are tracked from pixels. V_z is learned from the directions of all its bones together, in the frames in
-    which all were seen; 1/eps^2 and the noise are the most likely ones of a stretch that a first V_z was not learned
-    from.
+    Attributes:
+        name: Of the recording.
+        skeleton: Rigid bones, trunk, masses.
+        markers: What the tracker made of it.
+        seen: (T, M) samples that were measured.
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels; NaN where not seen or not believed.
+        sd_px: (C, T, M) scale of Student's t of a coordinate.
+        dof: (C,) its degrees of freedom.
+    """
+
+    name: str
+    skeleton: Skeleton
+    markers: MarkerTracks
+    seen: Array
+    matrices: Array
+    uv_px: Array
+    sd_px: Array
+    dof: Array
+
+
+def filmed_of(prepared: Prepared, markers: MarkerTracks, *, without: Array | None = None) -> Filmed:
+    """A prepared recording and its track.
 
     Args:
         prepared: The recording.
         markers: What the tracker made of it.
         without: (T, M) samples that are not looked at; None: all are.
+
+    Raises:
+        MocapError: positions without cameras.
+    """
+    if prepared.filmed is None:
+        raise MocapError(_NO_PIXELS.format(name=prepared.name))
+    keep = np.ones(prepared.xyz_m.shape[:2], dtype=bool) if without is None else ~without
+    return Filmed(
+        name=prepared.name,
+        skeleton=prepared.skeleton,
+        markers=markers,
+        seen=np.isfinite(prepared.xyz_m[..., 0]) & keep,
+        matrices=prepared.filmed.matrices,
+        uv_px=np.where(keep[None, ..., None], prepared.uv_px, np.nan),
+        sd_px=prepared.ray_scale_px,
+        dof=np.full(len(prepared.uv_px), USUAL_DOF) if prepared.noise is None else prepared.noise.dof,
+    )
+
+
+def filmed_run(run: Run) -> Filmed:
+    """A run: its believed rays, each camera's scale by how its rays miss the track.
+
+    Raises:
+        MocapError: positions without cameras.
+    """
+    if run.ideal_px is None or not run.cameras:
+        raise MocapError(_NO_PIXELS.format(name=run.name))
+    uv = np.where(run.tracked.used[..., None], run.ideal_px.uv_px, np.nan)
+    away = np.abs(uv - run.tracked.reprojected_px)
+    sd = np.array([1.4826 * np.nanmedian(one) if np.isfinite(one).any() else 1.0 for one in away])
+    return Filmed(
+        name=run.name,
+        skeleton=run.skeleton,
+        markers=run.tracked.markers,
+        seen=run.tracked.markers.status == Status.MEASURED,
+        matrices=stacked(run.cameras),
+        uv_px=uv,
+        sd_px=np.broadcast_to(np.maximum(sd, 0.05)[:, None, None], uv.shape[:3]),
+        dof=np.full(len(uv), USUAL_DOF),
+    )
+
+
+def limb_mechanics(
+    filmed: Filmed, *, least: int = 2, only: Collection[str] | None = None, potential: bool = True
+) -> list[LimbMechanics]:
+    """The longest chain of every limb of the skeleton, tracked by its own mechanics.
+
+    The root of a limb and the axes of the body are those of the track; the limb's own markers are tracked from pixels.
+    V_z is learned from the directions of all its bones together, in the frames in which all were seen; 1/eps^2 and the
+    noise are the most likely ones of a stretch that a first V_z was not learned from.
+
+    Args:
+        filmed: The recording.
         least: Bones of a limb.
+        only: Outermost markers of the limbs that are wanted; None: all.
         potential: Whether V_z holds it; without it is a control.
 
     Raises:
-        MocapError: positions without cameras, or no limb of the skeleton is seen whole often enough.
+        MocapError: no limb of the skeleton is seen whole often enough.
     """
-    if prepared.filmed is None:
-        raise MocapError(f"{prepared.name}: mechanics of limbs need pixels and cameras, not positions alone")
-    anatomy = anatomy_of(prepared.names, prepared.skeleton.trunk, prepared.skeleton.rigid)
+    names = filmed.markers.names
+    anatomy = anatomy_of(names, filmed.skeleton.trunk, filmed.skeleton.rigid)
     chains = [longest_chain(limb) for limb in anatomy.limbs]
-    limbs = [limb for limb in chains if len(limb.children) >= least and prepared.skeleton.trunk]
+    limbs = [limb for limb in chains if len(limb.children) >= least and filmed.skeleton.trunk]
+    limbs = [limb for limb in limbs if only is None or names[limb.children[-1]] in only]
     if not limbs:
         raise MocapError(
-            f"{prepared.name}: its skeleton has no limb of {least} rigid bones on a trunk: state bones and trunk"
+            f"{filmed.name}: its skeleton has no limb of {least} rigid bones on a trunk: state bones and trunk"
         )
-    found = [_tracked(prepared, markers, limb, without, potential) for limb in limbs]
+    found = [_tracked(filmed, limb, potential) for limb in limbs]
     known = [one for one in found if one is not None]
     if not known:
-        raise MocapError(f"{prepared.name}: no limb is seen whole in {LEAST_SAMPLES} frames: nothing to learn V_z from")
+        raise MocapError(
+            f"{filmed.name}: no limb could be followed: each needs {LEAST_SAMPLES} frames that show it whole, to learn "
+            "V_z from, and no gap so long that its bones turn over"
+        )
     return known
 
 
-def _tracked(
-    prepared: Prepared, markers: MarkerTracks, limb: Limb, without: Array | None, potential: bool
-) -> LimbMechanics | None:
-    names, outer = prepared.names, list(limb.children)
+def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | None:
+    markers, outer = filmed.markers, list(limb.children)
+    names, t_s = markers.names, markers.t_s
     order = {child: i for i, child in enumerate(outer)}
     parents = tuple(order.get(parent, -1) for parent in limb.parents)
     root = limb.parents[0]
-    trunk = [names.index(m) for m in prepared.skeleton.trunk]
-    keep = np.ones(prepared.xyz_m.shape[:2], dtype=bool) if without is None else ~without
+    trunk = [names.index(m) for m in filmed.skeleton.trunk]
     there = np.flatnonzero(np.isfinite(markers.xyz_m[:, [root, *outer], 0]).all(axis=1))
     if len(there) < LEAST_SAMPLES:
         return None
-    frames = slice(int(there[0]), int(there[-1]) + 1)
-    body = body_frames(markers.xyz_m[:, trunk], dt_s=prepared.dt_s, cutoff_hz=JOINT_HZ)
+    body = body_frames(markers.xyz_m[:, trunk], dt_s=float(np.diff(t_s).mean()), cutoff_hz=JOINT_HZ)
     bones_m = np.einsum("tji,tkj->tki", body.rotation, markers.xyz_m[:, outer] - markers.xyz_m[:, list(limb.parents)])
     ends = [[child, parent] for child, parent in zip(outer, limb.parents, strict=True)]
-    measured = np.isfinite(prepared.xyz_m[..., 0]) & keep
-    whole = np.asarray(np.all([measured[:, pair].all(axis=1) for pair in ends], axis=0))
+    whole = np.asarray(np.all([filmed.seen[:, pair].all(axis=1) for pair in ends], axis=0))
     if whole.sum() < LEAST_SAMPLES:
         return None
+    samples = np.flatnonzero(whole)
+    frames = slice(int(samples[0]), int(samples[-1]) + 1)
     length = np.linalg.norm(bones_m, axis=-1)
     length_m = np.median(length[whole], axis=0)
     unit = bones_m / length[..., None]
     mean = unit[whole].mean(axis=0)
     mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
     chain = [(names[p], names[c]) for c, p in ends]
-    mass, centre, stated = rod_masses(chain, length_m, list(prepared.skeleton.measures.segments.values()))
+    mass, centre, stated = rod_masses(chain, length_m, list(filmed.skeleton.measures.segments.values()))
     rods = RodLimb(parents=parents, length_m=length_m, mass_kg=mass, centre=centre, mean=mean)
     q = rods.coordinates(np.where(np.isfinite(unit), unit, rods.mean))
-    v = np.gradient(q, prepared.t_s, axis=0)
+    v = np.gradient(q, t_s, axis=0)
     system = rods.system()
     scale = float(np.median(system.kinetic(q[there], v[there])))
-    acceleration = np.gradient(v, prepared.t_s, axis=0)
+    acceleration = np.gradient(v, t_s, axis=0)
     density = np.diag(2.0 * np.nanstd(v[whole], axis=0) * np.nanstd(acceleration[whole], axis=0))
-    sights = _sights(prepared, markers, rods, body.rotation, root, outer, keep)
+    sights = _sights(filmed, rods, body.rotation, root, outer)
     start_sd = (0.1, 0.1 * float(np.sqrt(np.mean(v[there] ** 2))) + 1e-6)
 
     def model(samples: Array) -> PenalisedModel:
@@ -168,8 +245,8 @@ def _tracked(
             strength=10.0 * scale if potential else 0.0,
         )
 
-    samples = np.flatnonzero(whole)
-    tried = slice(max(frames.start, frames.stop - TRIED), frames.stop)
+    begun = samples[samples >= frames.stop - TRIED]
+    tried = slice(int(begun[0]) if len(begun) else frames.start, frames.stop)
     aside = samples[samples < tried.start]
     first = model(aside if len(aside) >= LEAST_SAMPLES else samples)
     chosen, power = learned_noise(
@@ -177,15 +254,24 @@ def _tracked(
         _part(sights, tried),
         q[tried.start],
         v[tried.start],
-        powers_w=np.array([0.3, 3.0, 30.0]),
+        powers_w=np.array([0.03, 0.3, 3.0]),
         strengths_j=scale * np.array([1.0, 3.0, 10.0]) if potential else np.array([0.0]),
         start_sd=start_sd,
         density=density,
     )
     last = PenalisedModel(system=system, penalty=model(samples).penalty, strength=chosen.strength)
-    track = track_joint(
-        last, _part(sights, frames), q[frames.start], v[frames.start], power_w=power, start_sd=start_sd, density=density
-    )
+    try:
+        track = track_joint(
+            last,
+            _part(sights, frames),
+            q[frames.start],
+            v[frames.start],
+            power_w=power,
+            start_sd=start_sd,
+            density=density,
+        )
+    except IntegrationError:  # nothing holds it in a gap, and its bones turn over
+        return None
     kinetic = system.kinetic(track.q, track.v)
     eps2 = float(last.strength)
     bound = (
@@ -271,26 +357,15 @@ def _potential(samples: Array) -> EmpiricalPotential:
     return fit_potential(chosen, kernel=GaussianKernel(BETA / max(width, 1e-9)), lam=LAMBDA, accuracy=1e-3)
 
 
-def _sights(
-    prepared: Prepared,
-    markers: MarkerTracks,
-    rods: RodLimb,
-    rotation: Array,
-    root: int,
-    outer: Sequence[int],
-    keep: Array,
-) -> JointSights:
-    if prepared.filmed is None:
-        raise MocapError(f"{prepared.name}: has no cameras")
-    shown = keep[None, :, outer, None]
+def _sights(filmed: Filmed, rods: RodLimb, rotation: Array, root: int, outer: Sequence[int]) -> JointSights:
     return JointSights(
-        t_s=prepared.t_s,
-        matrices=prepared.filmed.matrices,
-        uv_px=np.where(shown, prepared.uv_px[:, :, outer], np.nan),
-        sd_px=prepared.ray_scale_px[:, :, outer],
-        dof=np.full(len(prepared.uv_px), USUAL_DOF) if prepared.noise is None else prepared.noise.dof,
-        centre_m=markers.xyz_m[:, root],
-        centre_cov_m2=np.nan_to_num(markers.cov_m2[:, root]),
+        t_s=filmed.markers.t_s,
+        matrices=filmed.matrices,
+        uv_px=filmed.uv_px[:, :, outer],
+        sd_px=filmed.sd_px[:, :, outer],
+        dof=filmed.dof,
+        centre_m=filmed.markers.xyz_m[:, root],
+        centre_cov_m2=np.nan_to_num(filmed.markers.cov_m2[:, root]),
         axes=rotation,
         chart=rods.joints_m,
     )

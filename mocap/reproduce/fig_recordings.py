@@ -1,15 +1,19 @@
 """Figures 13, 19 and 20 as recordings: what the filter with the joint's own mechanics made of filmed markers."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
+from numpy.typing import NDArray
 
-from eal.arrays import Array
 from eal.midpoint import simulate_midpoint
 from filters.lagrangian import substeps, theorem_3
 from mocap.reproduce.record import Figure, Verdict
 from mocap.reproduce.recordings import Tracked, planar, spherical, wrist
+
+Array = NDArray[Any]
+"""Of any type of number: this file stands between libraries that name theirs."""
 
 COORDINATES = {
     "planar": (("r", "m"), ("θ", "rad")),
@@ -157,6 +161,7 @@ def _draw(canvas: Canvas, tracked: Tracked, title: str) -> None:
         axes.plot(track.t_s, tracked.seen.truth[:, i], color="black", linewidth=0.6, label="truth")
         if i == 0 and len(edges):
             axes.plot(track.t_s, edges, color="#D55E00", linewidth=0.8, linestyle="--")
+        if i == 0:
             axes.plot([], [], color="#D55E00", linewidth=0.8, linestyle="--", label="Theorem 3's bound")
         low, high = np.nanmin(tracked.seen.truth[:, i]), np.nanmax(tracked.seen.truth[:, i])
         margin = 0.15 * (high - low) + 3.0 * float(np.median(track.sd[:, i]))
@@ -172,7 +177,14 @@ def _draw(canvas: Canvas, tracked: Tracked, title: str) -> None:
     rows[-1].set_xlabel("t (s)")
     for axes in rows:
         axes.fill_between(
-            track.t_s, 0, 1, where=hidden.tolist(), transform=axes.get_xaxis_transform(), color="0.9", linewidth=0
+            track.t_s,
+            0,
+            1,
+            where=hidden.tolist(),
+            transform=axes.get_xaxis_transform(),
+            color="0.9",
+            linewidth=0,
+            zorder=-2,
         )
         axes.grid(visible=True, alpha=0.3)
     canvas.legend(
@@ -189,4 +201,4 @@ def bound_edges(tracked: Tracked) -> Array:
     grid = np.stack(np.broadcast_arrays(radii, tracked.track.q[:, 1:2]), axis=-1)
     inside = tracked.model.penalty.value(grid) <= tracked.bound
     first, last = np.argmax(inside, axis=1), len(radii) - 1 - np.argmax(inside[:, ::-1], axis=1)
-    return np.where(inside.any(axis=1)[:, None], np.stack([radii[first], radii[last]], axis=1), np.nan)
+    return np.where(np.asarray(inside.any(axis=1))[:, None], np.stack([radii[first], radii[last]], axis=1), np.nan)

@@ -2,14 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from datasets.lizards import make_lizard
 from datasets.pendulum_film import make_pendulum_film
 from datasets.recording import SyntheticRecording
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
-from eal.arrays import Array
 from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel
 from eal.radius import valley_covariance
 from eal.systems import GRAVITY_M_S2, planar_pendulum, spherical_pendulum
@@ -20,6 +21,9 @@ from mocap.joints import joint_tracks
 from mocap.pipeline.prepare import Prepared, prepare_pixels
 from mocap.records import marker_tracks
 from mocap.reproduce.fig_joints import WIDTH, joint_potential
+
+Array = NDArray[Any]
+"""Of any type of number: this file stands between libraries that name theirs."""
 
 POWERS_W = {"planar": np.logspace(-3, 3, 7), "spherical": np.logspace(-3, 3, 7), "wrist": np.logspace(2, 6, 5)}
 STRENGTHS_J = {

@@ -47,7 +47,7 @@ def map_view(layout: Layout, limb: HeldLimb) -> rrb.View:
     """The potential in its two leading coordinates, from above."""
     return rrb.Spatial2DView(
         origin=paths.limb_map(limb.name),
-        name=f"{limb.name}: V_z as filtered, two leading coordinates, state with {ELLIPSE_SD:g} sd",
+        name=f"{limb.name}: V_z of the filter, state and {ELLIPSE_SD:g} sd",
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(
             x_range=[float(limb.x[0]), float(limb.x[-1])], y_range=[-float(limb.y[-1]), -float(limb.y[0])]
@@ -87,7 +87,7 @@ def _log_map(rec: rr.RecordingStream, path: str, t_s: Array, limb: HeldLimb) -> 
     samples = rr.Points2D(single(limb.samples * flip), colors=palette.GROUND, radii=ui(1.25), draw_order=10.0)
     rec.log(f"{path}/samples", samples, static=True)
     rec.log(
-        f"{path}/now", rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(6.0), draw_order=30.0), static=True
+        f"{path}/now", rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(3.5), draw_order=30.0), static=True
     )
     rec.log(
         f"{path}/ellipse",
@@ -101,11 +101,11 @@ def _log_map(rec: rr.RecordingStream, path: str, t_s: Array, limb: HeldLimb) -> 
     ones = np.ones(len(way), dtype=int)
     index = time_columns(t_s)
     rec.send_columns(f"{path}/now", indexes=index, columns=rr.Points2D.columns(positions=single(way)).partition(ones))
-    known = np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(limb.state).all(axis=1) & np.isfinite(limb.cov).all(axis=(1, 2)))
     lines = rr.LineStrips2D.columns(strips=list(single(ellipses(limb)[known] * flip)))
     rec.send_columns(f"{path}/ellipse", indexes=index, columns=lines.partition(known.astype(int)))
     if len(way) > 1:
-        there = np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1)
+        there = np.asarray(np.isfinite(way[1:]).all(axis=1) & np.isfinite(way[:-1]).all(axis=1))
         steps = rr.LineStrips2D.columns(strips=segments(way[:-1][there], way[1:][there]))
         rec.send_columns(
             f"{path}/trail",
@@ -118,7 +118,7 @@ def ellipses(limb: HeldLimb) -> Array:
     """(T, P, 2) outlines of ``ELLIPSE_SD`` standard deviations round the state; NaN where it is not known."""
     angle = np.linspace(0.0, 2.0 * np.pi, _POINTS)
     circle = ELLIPSE_SD * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    known = np.isfinite(limb.cov).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(limb.cov).all(axis=(1, 2)))
     value, vectors = np.linalg.eigh(np.where(known[:, None, None], limb.cov, np.eye(2)))
     root = vectors * np.sqrt(np.maximum(value, 0.0))[:, None]
     return np.where(known[:, None, None], limb.state[:, None] + circle @ np.swapaxes(root, 1, 2), np.nan)

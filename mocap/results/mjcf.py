@@ -143,7 +143,7 @@ def _step(t_s: Array) -> float:
 
 
 def _numbers(values: Sequence[float] | Array) -> str:
-    return " ".join(f"{float(x):.9g}" for x in values)
+    return " ".join(f"{float(x) + 0.0:.9g}" for x in values)
 
 
 def _name(name: str) -> str:

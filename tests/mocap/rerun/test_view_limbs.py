@@ -1,0 +1,96 @@
+"""Limbs in the recording are those that the filter held, and a person sees them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rerun.blueprint as rrb
+from flapping import make_run
+from readback import column, entities
+from vulkan import need_vulkan
+
+from mocap.held import HeldLimb
+from mocap.pipeline.cut import cut
+from mocap.rerun import palette, paths
+from mocap.rerun.headless import Headless
+from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
+from mocap.rerun.record import make_layout, recording_id, write_recording
+from mocap.results.stored import read_run, write_arrays
+
+N = 20
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The flapper with a limb that circles its potential, wide in frame 7, and pulls along x."""
+    base = make_run(n_frames=N, n_cameras=2, n_joints=0)
+    rng = np.random.default_rng(0)
+    angle = np.linspace(0, 2 * np.pi, N)
+    cov = np.broadcast_to(0.01 * np.eye(2), (N, 2, 2)).copy()
+    cov[7] = np.diag([0.36, 0.09])
+    pull = np.zeros((N, 2, 3))
+    pull[:, :, 0] = 40.0 + np.arange(N)[:, None]
+    axis = np.linspace(-2, 2, 30)
+    limb = HeldLimb(
+        name="shoulder to elbow",
+        markers=base.tracked.markers.names[4:6],
+        x=axis,
+        y=axis,
+        value=np.clip((np.hypot(*np.meshgrid(axis, axis)) - 1) ** 2, 0, 1),
+        samples=rng.normal(0, 1, (50, 2)),
+        state=np.stack([np.cos(angle), np.sin(angle)], axis=1),
+        cov=cov,
+        at_state=np.linspace(0, 0.5, N),
+        pull=pull,
+    )
+    return replace(base, limbs=(limb,))
+
+
+def test_state_ellipse_and_pulls_are_in_the_recording(run, tmp_path):
+    """The state with its second coordinate turned round, an ellipse of 2 sd, arrows of a share of the scene."""
+    write_recording(run, tmp_path / "a.rrd")
+    (limb,) = run.limbs
+    path = paths.limb_map(limb.name)
+    frames, _, state = column(tmp_path / "a.rrd", f"{path}/now", "Points2D:positions")
+    np.testing.assert_allclose(state, (limb.state * (1, -1))[frames], atol=1e-6)
+    _, _, outline = column(tmp_path / "a.rrd", f"{path}/ellipse", "LineStrips2D:strips")
+    outline = outline.reshape(N, -1, 2)
+    reach = np.abs(outline - (limb.state * (1, -1))[:, None]).max(axis=1)
+    np.testing.assert_allclose(reach[7], ELLIPSE_SD * np.array([0.6, 0.3]), atol=1e-3)
+    np.testing.assert_allclose(reach[3], ELLIPSE_SD * 0.1, atol=1e-3)
+    _, counts, arrows = column(tmp_path / "a.rrd", paths.pull(limb.name), "Arrows3D:vectors")
+    assert (counts <= 2).all()
+    longest = np.linalg.norm(arrows, axis=1).max()
+    assert longest == pytest.approx(REACH * make_layout(run).scene.radius_m, rel=0.05)
+    assert (arrows[:, 1:] == 0).all()
+
+
+def test_without_limbs_there_is_nothing(tmp_path):
+    write_recording(make_run(n_frames=5, n_cameras=1), tmp_path / "a.rrd")
+    assert not [e for e in entities(tmp_path / "a.rrd") if e.startswith((paths.LIMBS, paths.PULL))]
+
+
+def test_limbs_are_restored_and_cut(run, tmp_path):
+    """Written and read back to single precision of grid and pulls; a part holds its own frames."""
+    write_arrays(replace(run, joints={}), tmp_path)
+    for name, text in (("report.json", "{}"), ("report.md", "")):
+        (tmp_path / name).write_text(text)
+    (back,), (limb,) = read_run(tmp_path).limbs, run.limbs
+    assert (back.name, back.markers) == (limb.name, limb.markers)
+    for name in ("x", "y", "value", "samples", "state", "cov", "at_state", "pull"):
+        np.testing.assert_allclose(getattr(back, name), getattr(limb, name), atol=1e-6)
+    np.testing.assert_array_equal(cut(run, slice(5, 9)).limbs[0].state, limb.state[5:9])
+
+
+def test_a_person_sees_the_state_its_ellipse_and_the_arrows(run, tmp_path):
+    """Colours of the map view: the state vermillion, the outline white, low ground yellow; arrows in the scene."""
+    need_vulkan()
+    write_recording(run, tmp_path / "a.rrd")
+    layout = make_layout(run)
+    with Headless() as viewer:
+        viewer.load(tmp_path / "a.rrd", recording_id(run))
+        picture = viewer.show(rrb.Blueprint(map_view(layout, run.limbs[0])), frame=7).astype(float)
+        scene = viewer.show(rrb.Blueprint(pull_view(layout, run.limbs[0])), frame=7).astype(float)
+    for color, least in ((palette.VERMILLION, 20), (palette.WHITE, 60), (palette.depth(np.zeros(1))[0], 500)):
+        assert (np.linalg.norm(picture[..., :3] - color, axis=-1) < 60).sum() > least
+    assert (np.linalg.norm(scene[..., :3] - palette.VERMILLION, axis=-1) < 60).sum() > 30

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import say
-from mocap.cli.options import AsJson, FileOptions, Force, Fps, Unit
+from mocap.cli.options import AsJson, Crop, FileOptions, Force, Fps, Unit
 from mocap.cli.records import with_records
 
 
@@ -34,6 +34,7 @@ def convert(
             "--filled", help="Write filled samples even to formats that cannot mark them as filled (TRC, DLTdv)."
         ),
     ] = False,
+    crop: Crop = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -41,8 +42,16 @@ def convert(
     from mocap.io.convert import convert_files
     from mocap.io.output import result_file
 
-    with result_file(out, replace=force, inputs=files, tell=say) as file:
-        done = convert_files(files, file, hints=stated.hints(), to=to, fps=fps, unit=unit, filled=filled)
+    whole = None
+    if crop:
+        import mocap
+        from mocap.pipeline.whole_picture import uncropped
+
+        whole = uncropped(mocap.read(files, crop=crop, fps=fps or 1.0, hints=stated.hints()))
+    with result_file(out, replace=force, inputs=[*files, *(crop or [])], tell=say) as file:
+        done = convert_files(
+            files, file, hints=stated.hints(), to=to, fps=fps, unit=unit, filled=filled, contents=whole
+        )
     done["written"] = [str(out.with_name(name)) for name in done["written"]]
     if as_json:
         print(json.dumps(done))  # noqa: T201

@@ -21,8 +21,8 @@ def kinematics(
     export: Annotated[
         list[str] | None,
         typer.Option(
-            help="Also for another program: xlsx, mat, mot, sto, or mjcf (the animal for MuJoCo); give the option once "
-            "for each."
+            help="Also for another program: xlsx, mat, mot, sto, bvh, or mjcf (the animal for MuJoCo); give the "
+            "option once for each."
         ),
     ] = None,
     mechanics: Annotated[

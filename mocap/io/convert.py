@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mocap.io.contents import FileContents
 from mocap.io.dltdv_set import set_files
 from mocap.io.format import Hints
 from mocap.io.registry import read, write, writer
@@ -20,6 +21,7 @@ def convert_files(
     fps: float | None = None,
     unit: str | None = None,
     filled: bool = False,
+    contents: FileContents | None = None,
 ) -> dict[str, Any]:
     """Read, join and write.
 
@@ -31,6 +33,7 @@ def convert_files(
         fps: Frames a second; replaces what the files say.
         unit: Of lengths, where the files do not state it.
         filled: As in ``mocap.io.registry.write``.
+        contents: What is written in place of what the files hold; None: that.
 
     Returns:
         ``format``, names of the files ``written``, ``remarks`` on what is not held or held otherwise, ``findings`` of
@@ -41,7 +44,7 @@ def convert_files(
     """
     check_stated("fps", fps)
     format = writer(out, to)
-    recording = joined([read(path, hints) for path in files])
+    recording = joined([read(path, hints) for path in files]) if contents is None else contents
     recording = recording if fps is None else recording.with_rate(fps)
     recording = recording if unit is None else recording.with_unit(unit)
     written = list(set_files(out, recording).values()) if format.name == "dltdv" else [out]

@@ -135,3 +135,18 @@ def area(x: Array) -> Array:
     """
     about = x - x[:, :1]
     return 0.5 * length(np.sum(cross(about, np.roll(about, -1, axis=1)), axis=1))
+
+
+def near_the_mean(angle_deg: Array) -> Array:
+    """The same angles, whole turns taken off such that each is within half a turn of their circular mean.
+
+    A joint that rotates about 170 degrees is then not cut in two at 180.
+
+    Args:
+        angle_deg: (T,) angles in degrees; NaN stays.
+    """
+    there = np.isfinite(angle_deg)
+    if not there.any():
+        return angle_deg
+    mean = np.rad2deg(np.angle(np.exp(1j * np.deg2rad(angle_deg[there])).mean()))
+    return angle_deg - 360 * np.round((angle_deg - mean) / 360)

@@ -1,6 +1,7 @@
 """All quantities of a motion that a skeleton names."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -104,7 +105,9 @@ def _three_angles(
     )
     for which, (name, what) in enumerate(about):
         naming = Naming(name=f"{joint.name}_{name}", unit="deg", what=f"{name} of {joint.name}: {what}", kind="joint")
-        yield from with_rates(points, angles.joint_angle(which), naming)
+        value, *rates = with_rates(points, angles.joint_angle(which), naming)
+        yield replace(value, value=angles.near_the_mean(value.value))
+        yield from rates
 
 
 def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:

@@ -239,7 +239,7 @@ class Tracked:
                 if kind == "mjcf":
                     write_mjcf(self.run, folder / FILE)
                 else:
-                    EXPORTS[kind](self.kinematics, self._cycles, folder / f"kinematics.{kind}")
+                    EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
             if not pictures:
                 return
             from mocap.plots.figures import pictures as figures_of
@@ -275,7 +275,7 @@ class Tracked:
         return limbs
 
     def export_kinematics(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the kinematics for another program, by the end of the name: ``.xlsx``, ``.mat``, ``.mot``, ``.sto``.
+        """Write the kinematics for another program, by the end of the name: .xlsx, .mat, .mot, .sto, .bvh.
 
         Args:
             path: The file.
@@ -288,7 +288,7 @@ class Tracked:
         if kind not in EXPORTS:
             raise MocapError(f"{path}: kinematics are exported as .{', .'.join(EXPORTS)}")
         with result_file(Path(path), replace=overwrite) as stage:
-            EXPORTS[kind](self.kinematics, self._cycles, stage)
+            EXPORTS[kind](self.run, self.kinematics, self._cycles, stage)
 
     @cached_property
     def footfalls(self) -> Footfalls | None:

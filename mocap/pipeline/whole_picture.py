@@ -10,6 +10,7 @@ from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.errors import FormatError, MocapError
+from mocap.io.contents import FileContents
 from mocap.io.crop import crops_beside, crops_of, matched
 from mocap.io.head import head
 from mocap.records import PixelTracks
@@ -91,6 +92,22 @@ def in_whole_picture(
     moving = sum(len(offset) > 1 for offset in offsets)
     how = "a window that moves" if moving else "constant"
     return shifted, (f"crop offsets ({where}; {how}) were added to the pixels: {result}",)
+
+
+def uncropped(source: "Recording") -> FileContents:
+    """What a recording's files hold, with the crop offsets that are given added to the pixels.
+
+    Args:
+        source: The recording, with its calibration among its files.
+
+    Raises:
+        MocapError: there are no pixels or no calibration, or as for ``in_whole_picture``.
+    """
+    contents = source.contents
+    if contents.pixels is None or not contents.cameras:
+        raise MocapError("`crop`: crop offsets are added to pixels of calibrated cameras: give both")
+    pixels, told = in_whole_picture(source, contents.pixels, contents.cameras)
+    return replace(contents, pixels=pixels, findings=(*contents.findings, *told))
 
 
 def _typical_residual(cameras: Sequence[Camera], uv_px: Array) -> float:

@@ -1,16 +1,19 @@
 """What the blueprint has to know of a run: what there is, how large, and where to look."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from mocap.arrays import Array
 from mocap.held import HeldLimb
+from mocap.kinematics.cycles import Cycle
+from mocap.kinematics.records import Quantity
 from mocap.pipeline.run import Run
 from mocap.rerun.camera_errors import CameraErrors, camera_errors
 from mocap.rerun.landscape import Landscape
 from mocap.rerun.scene import Scene, ViewCamera
+from mocap.rerun.series import robust_range
 from mocap.rerun.volume import Block
 
 Box = tuple[tuple[float, float], tuple[float, float]]
@@ -28,6 +31,7 @@ class Layout:
     Attributes:
         name: Of the run.
         n_frames: Number of frames.
+        n_markers: Number of markers.
         scene: The scene.
         bounds_px: For each camera with pixels the part of its image where the motion is; those that saw most first.
         landscapes: For each joint that has a potential, that potential over its plane.
@@ -35,11 +39,15 @@ class Layout:
         joint_frames: For each joint the frame of reference in which it is shown.
         errors: Innovations and residuals of each camera; None without cameras.
         nis_limit: Upper end of the axis of the normalised innovation.
+        likelihood_range: Ends of the axis of the log-likelihood; None: the viewer's choice.
+        angles: Angles and what else is plotted beside the scene, by group.
+        cycles: Wing beats, strides, waves.
         limbs: Potentials of limbs that the filter used.
     """
 
     name: str
     n_frames: int
+    n_markers: int
     scene: Scene
     bounds_px: Mapping[str, Box] = field(default_factory=dict)
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
@@ -47,6 +55,9 @@ class Layout:
     joint_frames: Mapping[str, str] = field(default_factory=dict)
     errors: CameraErrors | None = None
     nis_limit: float = 3.0
+    likelihood_range: tuple[float, float] | None = None
+    angles: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
+    cycles: Sequence[Cycle] = ()
     limbs: tuple[HeldLimb, ...] = ()
 
     @property
@@ -77,6 +88,8 @@ def run_layout(
     landscapes: Mapping[str, Landscape],
     blocks: Mapping[str, Block],
     joint_frames: Mapping[str, str],
+    angles: Mapping[str, Sequence[Quantity]] | None = None,
+    cycles: Sequence[Cycle] = (),
 ) -> Layout:
     """The layout of a run."""
     bounds: dict[str, Box] = {}
@@ -92,6 +105,7 @@ def run_layout(
         name=run.name,
         limbs=run.limbs,
         n_frames=len(run.tracked.markers.t_s),
+        n_markers=len(run.tracked.markers.names),
         scene=scene,
         bounds_px=bounds,
         landscapes=landscapes,
@@ -99,6 +113,9 @@ def run_layout(
         joint_frames=joint_frames,
         errors=None if run.ideal_px is None else camera_errors(run.tracked, run.ideal_px),
         nis_limit=max(3.0, 1.2 * float(np.quantile(finite, 0.98))) if len(finite) else 3.0,
+        likelihood_range=robust_range(run.tracked.log_likelihood),
+        angles=angles or {},
+        cycles=cycles,
     )
 
 

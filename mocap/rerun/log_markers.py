@@ -13,9 +13,13 @@ from mocap.rerun import palette, paths
 from mocap.rerun.columns import changing, segments, single, time_columns
 from mocap.rerun.log_world import BODY_CLASS, SAMPLE_CLASS
 from mocap.rerun.scene import Scene
+from mocap.sides import side_of
 
 ELLIPSOID_SD = 2.0
 """Half axes of the ellipsoids, in standard deviations."""
+
+TRAIL = {"left": (48, 104, 134), "right": (140, 96, 0), "trunk": palette.DIM}
+"""Colours of trails, by side: those of the angles, darker."""
 
 _LABELLED_MARKERS = 12
 _RADII = {"measured": 3.5, "filled": 5.0, "rejected": 6.0}
@@ -55,7 +59,7 @@ def log_looks(rec: rr.RecordingStream, n_markers: int) -> None:
             show_labels=False,
         )
         rec.log(paths.child(paths.UNCERTAINTY, name), wires, static=True)
-    rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=palette.DIM, radii=ui(0.75)), static=True)
+    rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(radii=ui(0.75)), static=True)
 
 
 def log_markers(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks) -> None:
@@ -121,9 +125,12 @@ def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, 
     if len(xyz) < 2:
         return
     there = markers.seen[1:] & markers.seen[:-1]
+    colors = np.array([TRAIL[side_of(name)] for name in markers.names], dtype=np.uint8)
     strips = segments(xyz[:-1][there], xyz[1:][there])
     rec.send_columns(
         paths.TRAILS,
         indexes=time_columns(markers.t_s, at=np.arange(1, len(xyz))),
-        columns=rr.LineStrips3D.columns(strips=strips).partition(there.sum(axis=1)),
+        columns=rr.LineStrips3D.columns(strips=strips, colors=colors[np.nonzero(there)[1]]).partition(
+            there.sum(axis=1)
+        ),
     )

@@ -4,7 +4,7 @@ import numpy as np
 import rerun as rr
 
 from mocap.rerun import palette, paths
-from mocap.rerun.columns import names_of
+from mocap.rerun.columns import names_of, single
 from mocap.rerun.scene import Scene
 from mocap.skeleton import Skeleton, ends_among
 
@@ -43,3 +43,32 @@ def log_world(rec: rr.RecordingStream, scene: Scene, *, names: tuple[str, ...], 
         info=rr.AnnotationInfo(id=SAMPLE_CLASS, label="sample"), keypoint_annotations=names_of(names)
     )
     rec.log("/", rr.AnnotationContext([body, samples]), static=True)
+
+
+def log_axes(rec: rr.RecordingStream, scene: Scene) -> None:
+    """Arrows along the world's axes on the ground under the motion, as long as their labels say: the scale."""
+    length_m = grid_spacing_m(2 * scene.radius_m)
+    foot = scene.centre_m + (scene.ground_m - scene.centre_m @ scene.up) * scene.up
+    size = (
+        f"{length_m:g} m"
+        if length_m >= 1
+        else f"{100 * length_m:g} cm"
+        if length_m >= 0.01
+        else f"{1e3 * length_m:g} mm"
+    )
+    arrows = rr.Arrows3D(
+        origins=single(np.tile(foot, (3, 1))),
+        vectors=single(length_m * np.diag(scene.signs)),
+        labels=[f"x, {size}", "y", "z"],
+        colors=[palette.VERMILLION, palette.GREEN, palette.SKY_BLUE],
+        radii=rr.components.Radius.ui_points(1.5),
+        show_labels=True,
+    )
+    rec.log(paths.AXES, arrows, static=True)
+
+
+def grid_spacing_m(radius_m: float) -> float:
+    """A round number of which some ten make the diameter: 1, 2 or 5 times a power of ten."""
+    rough = radius_m / 5
+    power = 10.0 ** np.floor(np.log10(rough))
+    return float(power * max(f for f in (1, 2, 5) if f * power <= rough * (1 + 1e-9)))

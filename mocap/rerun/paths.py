@@ -8,6 +8,7 @@ MARKERS = "/world/markers"
 UNCERTAINTY = "/world/uncertainty"
 TRAILS = "/world/trails"
 PATH = "/world/path"
+AXES = "/world/axes"
 CAMERAS = "/world/cameras"
 JOINTS = "/joints"
 LIMBS = "/limbs"
@@ -22,6 +23,8 @@ LOG_LIKELIHOOD = "/health/log_likelihood"
 GAPS = "/gaps"
 GAP_MAP = "/gap_map"
 REPORT = "/report"
+ANGLES = "/angles"
+CYCLES = "/cycles"
 
 TOGETHER = "/together"
 APART = "/apart/rms"
@@ -73,6 +76,16 @@ def spectrum(name: str) -> str:
 def joint_series(name: str) -> str:
     """What a joint does over time."""
     return f"{joint(name)}/series"
+
+
+def quantity(group: str, name: str) -> str:
+    """A quantity over time, in its group."""
+    return child(f"{ANGLES}/{group}", name)
+
+
+def cycles(kind: str, of: str) -> str:
+    """The cycles of one limb."""
+    return child(CYCLES, f"{of}_{kind}")
 
 
 def limb(name: str) -> str:

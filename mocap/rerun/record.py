@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import rerun.blueprint as rrb
 
+from mocap.kinematics.compute import kinematics
+from mocap.kinematics.cycles import cycles
 from mocap.pipeline.cut import cut
 from mocap.pipeline.run import Run
 from mocap.rerun.blueprint import screen
@@ -15,6 +17,7 @@ from mocap.rerun.landscape import landscape
 from mocap.rerun.layout import Layout, joint_frames, run_layout
 from mocap.rerun.scene import Scene, make_scene
 from mocap.rerun.stream import recording_into
+from mocap.rerun.tabs.angles import chosen
 from mocap.rerun.tabs.registry import TABS
 from mocap.rerun.volume import block
 
@@ -68,7 +71,16 @@ def make_layout(run: Run) -> Layout:
         for name, spatial in run.spatial_potentials.items()
         if name in landscapes
     }
-    return run_layout(run, run_scene(run), landscapes=landscapes, blocks=blocks, joint_frames=frames)
+    found = kinematics(run.motion, run.skeleton, recording=run.name)
+    return run_layout(
+        run,
+        run_scene(run),
+        landscapes=landscapes,
+        blocks=blocks,
+        joint_frames=frames,
+        angles=chosen(found.quantities, [j.name for j in run.skeleton.joints], list(run.skeleton.measures.strokes)),
+        cycles=cycles(found, run.motion, run.skeleton),
+    )
 
 
 def make_blueprint(layout: Layout) -> rrb.Blueprint:

@@ -12,6 +12,11 @@ from mocap.rerun.columns import segments, time_columns
 SIZE, WIDE = (160.0, 100.0), (320.0, 100.0)
 """Width and height of a map, in units of its view: all frames across, all rows down."""
 _NAMED_ROWS = 12
+"""Names that have room below one another."""
+_NAME_COLUMNS = 3
+"""Neighbouring names stand beside one another where there are more rows."""
+_NAME_WIDTH = 0.27
+"""Room of a column of names, over the height."""
 _COLUMNS = 500
 
 
@@ -36,7 +41,7 @@ def log_row_map(
         rec: Where to.
         path: Parent of its entities.
         picture: (rows, columns, 3) colours, a column as ``columns_of`` says.
-        names: Of the rows; about ``_NAMED_ROWS`` of them are shown.
+        names: Of the rows; all are shown where they have room in ``_NAME_COLUMNS`` columns.
         t_s: (T,) times of the frames.
         size: Width and height.
     """
@@ -50,9 +55,11 @@ def log_row_map(
         rr.Image(picture, draw_order=-10.0, magnification_filter=rr.components.MagnificationFilter.Nearest),
         static=True,
     )
-    rows = np.arange(0, n_rows, max(1, -(-n_rows // _NAMED_ROWS)))
+    aside = name_columns(n_rows)
+    rows = np.arange(0, n_rows, max(1, -(-n_rows // (aside * _NAMED_ROWS))))
+    left = -(0.15 + _NAME_WIDTH * (aside - 1 - np.arange(len(rows)) % aside)) * height
     labels = rr.Points2D(
-        np.column_stack([np.full(len(rows), -0.2 * height), (rows + 0.5) * row_height - 0.022 * height]),
+        np.column_stack([left, (rows + 0.5) * row_height - 0.022 * height]),
         labels=[names[m] for m in rows],
         colors=palette.GREY,
         radii=0.0,
@@ -68,6 +75,11 @@ def log_row_map(
     rec.log(f"{path}/now", look, static=True)
     columns = rr.LineStrips2D.columns(strips=lines).partition(np.ones(n_frames, dtype=int))
     rec.send_columns(f"{path}/now", indexes=time_columns(t_s), columns=columns)
+
+
+def name_columns(n_rows: int) -> int:
+    """Columns in which the names of so many rows stand."""
+    return min(_NAME_COLUMNS, max(1, -(-n_rows // _NAMED_ROWS)))
 
 
 def amounts(values: Array, limit: float) -> NDArray[np.uint8]:
@@ -92,14 +104,15 @@ def rms(values: Array) -> Array:
         return np.sqrt((np.where(there, values, 0.0) ** 2).sum(axis=0) / there.sum(axis=0))
 
 
-def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE) -> rrb.View:
-    """The view of a map."""
+def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE, *, n_rows: int = _NAMED_ROWS) -> rrb.View:
+    """The view of a map of so many rows."""
     width, height = size
     return rrb.Spatial2DView(
         origin=path,
         name=name,
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(
-            x_range=[-0.4 * height, width + 0.03 * height], y_range=[-0.03 * height, 1.03 * height]
+            x_range=[-(0.05 + 0.3 * name_columns(n_rows)) * height, width + 0.03 * height],
+            y_range=[-0.03 * height, 1.03 * height],
         ),
     )

@@ -11,16 +11,25 @@ from mocap.rerun import palette, paths
 from mocap.rerun.columns import FRAME
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import ELLIPSOID_SD
+from mocap.rerun.log_world import grid_spacing_m
 
 WHISKER_SCALE = 10.0
 """Residual whiskers are so many times longer than the residuals, to be seen without zooming in."""
+NEAR, NARROW = 1.7, 2.2
+"""Distance of the eye over the radius of the motion; in a view that is higher than wide."""
 _WIDE_TILES = 9
 """More cameras have too little room for a title of their scale."""
 
 
-def scene_view(layout: Layout) -> rrb.View:
-    """The scene, all of the motion in sight."""
-    return _world_view(layout, f"Scene (m, ellipsoids {ELLIPSOID_SD:g} sd)", 1.85 * layout.scene.radius_m)
+def scene_view(layout: Layout, *, near: float = NEAR) -> rrb.View:
+    """The scene, all of the motion in sight; the title is the legend."""
+    name = f"Measured blue, filled yellow, rejected red; ellipsoids {ELLIPSOID_SD:g} sd; trails left blue, right orange"
+    return _world_view(layout, name, near * layout.scene.radius_m)
+
+
+def names_view(layout: Layout) -> rrb.View:
+    """The same with the names of the markers, without trails."""
+    return _world_view(layout, "With names of markers", NEAR * layout.scene.radius_m, named=True)
 
 
 def rig_view(layout: Layout) -> rrb.View:
@@ -55,27 +64,28 @@ def last_frames(n_frames: int) -> rrb.VisibleTimeRanges:
     )
 
 
-def grid_spacing_m(radius_m: float) -> float:
-    """A round number of which some ten make the diameter: 1, 2 or 5 times a power of ten."""
-    rough = radius_m / 5
-    power = 10.0 ** np.floor(np.log10(rough))
-    return float(power * max(f for f in (1, 2, 5) if f * power <= rough * (1 + 1e-9)))
-
-
-def _world_view(layout: Layout, name: str, distance_m: float) -> rrb.View:
+def _world_view(layout: Layout, name: str, distance_m: float, *, named: bool = False) -> rrb.View:
     scene = layout.scene
     cameras = [paths.image(camera.name) for camera in scene.cameras]
     return world_view(
         paths.WORLD,
         name,
         contents=[
-            *(paths.SKELETON, paths.PATH, paths.TRAILS, f"{paths.MARKERS}/**", f"{paths.UNCERTAINTY}/**"),
+            *(
+                paths.SKELETON,
+                paths.PATH,
+                paths.AXES,
+                *((paths.TRAILS,) if not named else ()),
+                f"{paths.MARKERS}/**",
+                f"{paths.UNCERTAINTY}/**",
+            ),
             *cameras,
         ],
         ground=(scene.up, scene.ground_m, scene.radius_m),
         look=eye(scene.centre_m, distance_m, scene.up),
         trail=(paths.TRAILS, layout.trail_frames),
         frusta=cameras,
+        named=paths.SKELETON if named else None,
     )
 
 
@@ -88,6 +98,7 @@ def world_view(
     look: rrb.EyeControls3D,
     trail: tuple[str, int],
     frusta: Sequence[str] = (),
+    named: str | None = None,
 ) -> rrb.View:
     """Things over a ground.
 
@@ -99,6 +110,7 @@ def world_view(
         look: The eye.
         trail: The entity that is shown of several frames, and of how many.
         frusta: Cameras that are shown as frusta alone, without the arrows of their axes.
+        named: Points whose names are shown.
     """
     up, height_m, radius_m = ground
     return rrb.Spatial3DView(
@@ -116,6 +128,7 @@ def world_view(
         overrides={
             trail[0]: last_frames(trail[1]),
             **{camera: rr.Pinhole.from_fields().visualizer() for camera in frusta},
+            **({named: rr.Points3D.from_fields(show_labels=True)} if named else {}),
         },
     )
 

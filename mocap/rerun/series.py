@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -46,3 +47,26 @@ def series_view(origin: str, name: str, *, y_range: tuple[float, float] | None =
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=legend),
         background=rrb.archetypes.PlotBackground(color=palette.GROUND, show_grid=True),
     )
+
+
+def robust_range(values: Array, *, share: float = 0.01, margin: float = 0.1) -> tuple[float, float] | None:
+    """Ends of an axis that shows all but the outermost values, so that one outlier does not flatten the rest.
+
+    Args:
+        values: Any shape; NaN does not count.
+        share: Of the values at each end that may lie outside, where they are far out.
+        margin: Of the range, left free at both ends.
+
+    Returns:
+        Lower and upper end; None where there is no value.
+    """
+    there = values[np.isfinite(values)]
+    if not len(there):
+        return None
+    low, high = np.quantile(there, (share, 1 - share))
+    room = max(margin * float(high - low), 1e-9 * max(1.0, abs(float(high))))
+    least, most = float(there.min()), float(there.max())
+    reach = 3 * room  # what is a little outside is shown
+    low = least if least > low - reach else float(low)
+    high = most if most < high + reach else float(high)
+    return low - room, high + room

@@ -1,4 +1,4 @@
-"""Kinematics for other programs: Excel, MATLAB, OpenSim."""
+"""Kinematics for other programs: Excel, MATLAB, OpenSim, and those for animation."""
 
 import importlib
 from collections.abc import Callable, Sequence
@@ -10,6 +10,8 @@ from mocap.errors import MocapError
 from mocap.io.cells import as_cells
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
+from mocap.pipeline.run import Run
+from mocap.results.bvh import write_bvh
 
 SHEET_COLUMNS = 16_384
 """Columns that a sheet of Excel has."""
@@ -89,13 +91,13 @@ def write_mat(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
     )
 
 
-def write_mot(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:  # noqa: ARG001
+def write_mot(found: Kinematics, path: Path) -> None:
     """OpenSim motion: the angles of joints and of the body, in degrees, a column each; NaN where there is none."""
     angles = [q for q in found.quantities if q.unit == "deg" and q.kind in ("joint", "body", "stroke")]
     _storage(found, [(q.name.removesuffix("_deg"), q.value) for q in angles], path, title="Coordinates", degrees=True)
 
 
-def write_sto(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:  # noqa: ARG001
+def write_sto(found: Kinematics, path: Path) -> None:
     """OpenSim storage: every quantity, followed by its standard deviation."""
     columns = [pair for q in found.quantities for pair in ((q.name, q.value), (f"{q.name}_sd", q.sd))]
     _storage(found, columns, path, title="kinematics", degrees=True)
@@ -115,10 +117,11 @@ def _storage(
     path.write_text("\n".join(head + [form % tuple(row) for row in table.tolist()]) + "\n", encoding="utf-8")
 
 
-EXPORTS: dict[str, Callable[[Kinematics, Sequence[Cycle], Path], None]] = {
-    "xlsx": write_xlsx,
-    "mat": write_mat,
-    "mot": write_mot,
-    "sto": write_sto,
+EXPORTS: dict[str, Callable[[Run, Kinematics, Sequence[Cycle], Path], None]] = {
+    "xlsx": lambda _, found, rows, path: write_xlsx(found, rows, path),
+    "mat": lambda _, found, rows, path: write_mat(found, rows, path),
+    "mot": lambda _, found, rows, path: write_mot(found, path),  # noqa: ARG005
+    "sto": lambda _, found, rows, path: write_sto(found, path),  # noqa: ARG005
+    "bvh": lambda run, found, rows, path: write_bvh(run.tracked.markers, run.skeleton, path),  # noqa: ARG005
 }
 """Writers by the end of the file's name."""

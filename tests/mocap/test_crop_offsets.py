@@ -87,6 +87,20 @@ def test_the_command_adds_offsets_and_finds_them_beside_the_films(flight, tmp_pa
         np.testing.assert_allclose(read_points(tmp_path / name, fps=100).xyz_m, xyz, atol=1e-6)
 
 
+def test_convert_adds_offsets(flight, tmp_path):
+    """DLTdv's set of cropped films with --crop triangulates to the true points without it; they need a calibration."""
+    xyz, windows, _, calibration, cropped = flight
+    views = write_views(tmp_path, cropped)
+    save_windows(tmp_path / "crops", windows)
+    crop, out = ["--crop", str(tmp_path / "crops")], tmp_path / "all_xypts.csv"
+    done = CliRunner().invoke(app, ["convert", *map(str, views), str(calibration), str(out), *crop])
+    assert done.exit_code == 0, done.output
+    recording = mocap.read(out, calibration=tmp_path / "all_dltCoefs.csv", fps=100)
+    np.testing.assert_allclose(prepare(recording).xyz_m, xyz, atol=1e-5)
+    bare = CliRunner().invoke(app, ["convert", *map(str, views), str(tmp_path / "b_xypts.csv"), *crop])
+    assert "crop offsets are added to pixels of calibrated cameras" in str(bare.exception)
+
+
 def test_cropped_films_without_offsets_are_recognised(flight, tmp_path):
     """The refusal names the case and the option, with both sizes."""
     _, _, _, calibration, cropped = flight

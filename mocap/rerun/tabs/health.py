@@ -13,7 +13,7 @@ from mocap.rerun.camera_errors import usual_limit
 from mocap.rerun.gaps import gap_lanes_view, log_gaps
 from mocap.rerun.layout import Layout
 from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view
-from mocap.rerun.series import log_line, series_view
+from mocap.rerun.series import log_line, robust_range, series_view
 
 BAND = (0.025, 0.975)
 """Quantiles of chi-square between which the normalised innovation of a consistent filter lies in 95 % of frames."""
@@ -53,30 +53,37 @@ def tab(layout: Layout) -> rrb.Container:
     limit = (0.0, layout.nis_limit)
     views = [
         series_view(
-            paths.NIS, "Squared prediction error over its expected value (NIS), 95 % band (expected 1)", y_range=limit
+            paths.NIS,
+            "Are predictions as good as stated? 1 as expected; above the grey lines (95 % of frames): worse (NIS)",
+            y_range=limit,
         )
     ]
     errors = layout.errors
     if errors is not None:
         innovation, residual = (
-            "Prediction error (innovation) before the update, rms",
-            "Residual after smoothing, rms",
+            "By how far the next frame was missed (innovation, rms)",
+            "How far the result is from the clicks (residual, rms)",
         )
         if len(errors.cameras) <= _LINES:
             views += [
-                series_view(paths.INNOVATION, f"{innovation} of each camera (px)"),
-                series_view(paths.RESIDUAL, f"{residual} of each camera (px)"),
+                series_view(
+                    paths.INNOVATION, f"{innovation}, each camera (px)", y_range=robust_range(errors.innovation_px)
+                ),
+                series_view(paths.RESIDUAL, f"{residual}, each camera (px)", y_range=robust_range(errors.residual_px)),
             ]
         else:
             views += [
-                row_map_view(
-                    paths.INNOVATION_MAP, f"{innovation} of each camera: {_scale(errors.innovation_px)}", WIDE
-                ),
-                row_map_view(paths.RESIDUAL_MAP, f"{residual} of each camera: {_scale(errors.residual_px)}", WIDE),
+                row_map_view(paths.INNOVATION_MAP, f"{innovation}, each camera: {_scale(errors.innovation_px)}", WIDE),
+                row_map_view(paths.RESIDUAL_MAP, f"{residual}, each camera: {_scale(errors.residual_px)}", WIDE),
             ]
     views += [
-        series_view(paths.LOG_LIKELIHOOD, "Log-likelihood of each frame (nat)", legend=False),
-        series_view(paths.ROWS, "Pixel or position coordinates used in each frame", legend=False),
+        series_view(
+            paths.LOG_LIKELIHOOD,
+            "How well each frame fits (log-likelihood, nat): look at the dips",
+            y_range=layout.likelihood_range,
+            legend=False,
+        ),
+        series_view(paths.ROWS, "Measured coordinates used in each frame", legend=False),
         gap_lanes_view(),
     ]
     return rrb.Grid(*views, grid_columns=2, name="Filter health")

@@ -17,10 +17,13 @@ from mocap.rerun.limbs import limb_tab, log_limbs
 from mocap.rerun.scene_views import eye, last_frames
 from mocap.rerun.series import log_line, series_view
 from mocap.rerun.volume import Block
+from mocap.sides import by_side
 
 COORDINATES = ("q1", "q2", "q3")
 _DECADES = 8
 """Decades of eigenvalues that are drawn."""
+_TABS = 6
+"""More joints are grouped by side."""
 CHART_SIZE = (160.0, 100.0)
 """Width and height of the chart of eigenvalues, in units of its view."""
 
@@ -41,7 +44,13 @@ def tab(layout: Layout) -> rrb.Container | None:
     """A tab for every joint that has a potential, one for the others, and one for each limb."""
     if not layout.joint_frames and not layout.limbs:
         return None
+    sides = by_side(layout.landscapes)
     parts: list[rrb.Container | rrb.View] = [joint(layout, name) for name in layout.landscapes]
+    if len(sides) > 1 and len(parts) > _TABS:
+        parts = [
+            rrb.Tabs(*(joint(layout, name) for name in names), active_tab=0, name=side.capitalize())
+            for side, names in sides.items()
+        ]
     others = [name for name in layout.joint_frames if name not in layout.landscapes]
     if others:
         parts.append(rrb.Grid(*(coordinates_view(layout, name) for name in others), name="Other joints"))

@@ -7,8 +7,8 @@ from mocap.pipeline.run import Run
 from mocap.rerun.gaps import gap_map_view, log_gap_map
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import log_looks, log_markers, log_trails, log_uncertainty
-from mocap.rerun.log_world import log_world
-from mocap.rerun.scene_views import camera_order, camera_view, scene_view
+from mocap.rerun.log_world import log_axes, log_world
+from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
 
 _TILES = 4
 
@@ -17,6 +17,7 @@ def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
     """World, markers with their uncertainty and trails, and the map of gaps."""
     scene, markers = layout.scene, run.tracked.markers
     log_world(rec, scene, names=markers.names, skeleton=run.skeleton)
+    log_axes(rec, scene)
     log_looks(rec, len(markers.names))
     log_markers(rec, scene, markers)
     log_uncertainty(rec, scene, markers)
@@ -31,5 +32,10 @@ def tab(layout: Layout) -> rrb.Container:
         names = list(layout.bounds_px)[:_TILES]
         tiles = (camera_view(layout, name) for name in sorted(names, key=camera_order(layout).index))
         right.append(rrb.Grid(*tiles, grid_columns=min(2, len(names))))
-    right.append(gap_map_view())
-    return rrb.Horizontal(scene_view(layout), rrb.Vertical(*right), column_shares=[3, 2], name="Overview")
+    right.append(gap_map_view(layout.n_markers))
+    return rrb.Horizontal(
+        rrb.Tabs(scene_view(layout), names_view(layout), active_tab=0),
+        rrb.Vertical(*right),
+        column_shares=[3, 2],
+        name="Overview",
+    )

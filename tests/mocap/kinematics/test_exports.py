@@ -58,4 +58,4 @@ def test_opensim_files_state_their_size(result, angle, tmp_path, kind):
 
 def test_an_unknown_kind_is_refused(result, tmp_path):
     with pytest.raises(MocapError, match="exported as"):
-        result.export_kinematics(tmp_path / "a.bvh")
+        result.export_kinematics(tmp_path / "a.fbx")

@@ -184,7 +184,7 @@ SHOWN = {
         [(f"{paths.spectrum(JOINT)}/dots", palette.SKY_BLUE), (f"{paths.spectrum(JOINT)}/lines", palette.ORANGE)],
     ),
     "gap map": (
-        lambda _: gap_map_view(),
+        lambda x: gap_map_view(x.n_markers),
         [(f"{paths.GAP_MAP}/now", palette.WHITE), (f"{paths.GAP_MAP}/samples", palette.YELLOW)],
     ),
     "error map": (

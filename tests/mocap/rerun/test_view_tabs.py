@@ -34,4 +34,4 @@ def test_a_tab_without_content_is_left_out():
     """No cameras and no joints: overview, health and report remain."""
     run = make_run(n_frames=5, n_cameras=0, n_joints=0)
     layout = record.make_layout(run)
-    assert [tab.tab(layout) is not None for tab in TABS] == [True, False, False, True, True]
+    assert [tab.tab(layout) is not None for tab in TABS] == [True, True, False, False, True, True]

@@ -1,0 +1,22 @@
+"""Left, right or trunk: on which side of the body a name says that something is."""
+
+import re
+from collections.abc import Iterable, Mapping
+
+LEFT, RIGHT, TRUNK = "left", "right", "trunk"
+SIDES = (LEFT, RIGHT, TRUNK)
+_WORDS = {"l": LEFT, "left": LEFT, "r": RIGHT, "right": RIGHT}
+_PARTS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+
+
+def side_of(name: str) -> str:
+    """``left`` or ``right`` where the name says so (``elbow_l``, ``L_elbow``, ``leftKnee``), else ``trunk``."""
+    found = {_WORDS[part.lower()] for part in _PARTS.findall(name) if part.lower() in _WORDS}
+    return found.pop() if len(found) == 1 else TRUNK
+
+
+def by_side(names: Iterable[str]) -> Mapping[str, list[str]]:
+    """Names in the order given, by their side; sides without any are left out."""
+    names = list(names)
+    groups = {side: [name for name in names if side_of(name) == side] for side in SIDES}
+    return {side: group for side, group in groups.items() if group}

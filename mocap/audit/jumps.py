@@ -14,8 +14,9 @@ LONGEST_HOLE = 6
 """Frames over which a jump may be hidden."""
 BESIDE = 3
 """Samples before and after a jump, with no more than one frame missing between them, that move as usual."""
-FAR = 2.5
-"""A jump is longer by that factor than what usual speeds before and after it explain."""
+FAR, ACROSS = 4.0, 2.5
+"""A jump is longer by that factor than what speeds before and after it explain: between neighbouring frames, where a
+careless click looks like one, and across a hole."""
 
 
 def usual_speed(xyz_m: Array, t_s: Array) -> float:
@@ -65,7 +66,7 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str =
             drift = (velocity[around[: BESIDE - 1]].mean(axis=0) + velocity[around[BESIDE - 1 :]].mean(axis=0)) / 2
             left = float(np.linalg.norm(step[i] - drift * dt[i]))
             explained = float(np.max(speed[around])) * dt[i]
-            if left < FAR * explained or left < 0.5 * np.linalg.norm(step[i]):
+            if left < (FAR if hole[i] == 1 else ACROSS) * explained or left < 0.5 * np.linalg.norm(step[i]):
                 continue
             length = float(np.linalg.norm(step[i]))
             found.append(

@@ -27,13 +27,14 @@ def reproduce(
         ),
     ] = None,
     recordings: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--recordings",
+            "--recordings/--no-recordings",
             help="Also film the pendulums and the lizard's wrist, convert the markers to joint coordinates, learn V_z "
-            "and track them with the Lagrangian it makes; minutes.",
+            "and track them with the Lagrangian it makes; minutes. If not given: where all figures are made, and not "
+            "quickly.",
         ),
-    ] = False,
+    ] = None,
     force: Force = False,
 ) -> None:
     """Reproduce the figures of the EAL paper: pictures, tables, and a verdict on every claim."""
@@ -56,7 +57,7 @@ def reproduce(
             say,
             real_bat_m=None if real is None else real_bat_samples(real),
             spans_s=span or SPANS_S,
-            recordings=recordings,
+            recordings=not (quick or figures) if recordings is None else recordings,
         )
     errors.print(
         f"\nWrote {out}/: the figures with their numbers, and {len(verdicts)} verdicts in verdicts.json",

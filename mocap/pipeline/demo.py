@@ -47,8 +47,8 @@ def measured_demo(
         The run, the prepared recording, and the true markers (T, M, 3) in metres.
     """
     with stages.stage("make the recording"):
-        length = {} if n_frames is None else {"n_frames": n_frames}
-        recording = (make_bat if animal == "bat" else make_lizard)(seed=seed, **length)
+        make = make_bat if animal == "bat" else make_lizard
+        recording = make(seed=seed) if n_frames is None else make(seed=seed, n_frames=n_frames)
     with TemporaryDirectory() as folder:
         with stages.stage("make the recording"):
             files = write_recording(recording, Path(folder))

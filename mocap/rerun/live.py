@@ -18,6 +18,7 @@ from mocap.rerun.log_world import log_world
 from mocap.rerun.scene import Scene
 from mocap.rerun.scene_views import eye, world_view
 from mocap.rerun.series import series_view
+from mocap.sides import side_of
 from mocap.skeleton import Skeleton
 
 WAITING = 256

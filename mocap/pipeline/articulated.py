@@ -107,8 +107,9 @@ def _joint(
     noise_deg = float(np.degrees(3.3 * noise_m / length_m))
     before = inner.get(centre)  # inner end of the segment before
     nxt = [c for c, p in inner.items() if p == child]
-    bends = [_bend_deg(segment, body[:, c] - body[:, child]) for c in nxt]
-    straight = float(min(np.mean(b[np.isfinite(b)] < STRAIGHT_DEG) for b in bends)) if bends else np.nan
+    bends = [b[np.isfinite(b)] for b in (_bend_deg(segment, body[:, c] - body[:, child]) for c in nxt)]
+    bends = [b for b in bends if len(b)]
+    straight = float(min(np.mean(b < STRAIGHT_DEG) for b in bends)) if bends else np.nan
     twist = bool(bends and straight < 0.5)
     if before is None:
         local = segment
@@ -129,7 +130,8 @@ def _joint(
         axis = principal
     else:
         normal = np.cross(body[:, centre] - body[:, before], segment)
-        normal = np.nanmean(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12), axis=0)
+        normal = normal[np.isfinite(normal[:, 0])]
+        normal = (normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)).sum(axis=0) / len(ok)
         size = float(np.linalg.norm(normal))
         axis = normal / size if size > 1e-6 else principal
     noise = 2.0 * noise_m**2  # of a length: of both ends along the segment
@@ -198,8 +200,9 @@ def _bend_deg(a: Array, b: Array) -> Array:
 
 def _ranges_deg(segment: Array) -> tuple[Array, Array]:
     """Ranges (2,) of a direction about its mean in its principal directions, and the axis (3,) of the larger turn."""
-    unit = segment / np.linalg.norm(segment, axis=-1, keepdims=True)
-    unit = unit[np.isfinite(unit).all(axis=-1)]
+    size = np.linalg.norm(segment, axis=-1)
+    known = size > 0
+    unit = segment[known] / size[known, None]
     if len(unit) < LEAST_FRAMES:
         return np.zeros(2), np.array([0.0, 0.0, 1.0])
     mean = unit.mean(axis=0)

@@ -123,6 +123,7 @@ def attacked(tmp_path_factory):
         run,
         name=ATTACK,
         skeleton=replace(run.skeleton, markers=hostile, bones=bones, joints=(), trunk=()),
+        motion=None if run.motion is None else replace(run.motion, names=hostile),
         tracked=replace(run.tracked, markers=replace(run.tracked.markers, names=hostile)),
         ideal_px=ideal,
         report_text=f"# {ATTACK}\n\n{ATTACK}\n",

@@ -181,7 +181,8 @@ def undetermined(joints: Sequence[Articulation]) -> list[str]:
 
 def _local(along: Array, before: Array, segment: Array) -> Array:
     """(T, 3) a segment in axes of the one before it: along that, and in the plane of that and the one before."""
-    first = along / np.linalg.norm(along, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        first = along / np.linalg.norm(along, axis=-1, keepdims=True)  # NaN where both are in one place
     second = before - np.sum(before * first, axis=-1, keepdims=True) * first
     size = np.linalg.norm(second, axis=-1, keepdims=True)
     least = np.sin(np.radians(STRAIGHT_DEG)) * np.linalg.norm(before, axis=-1, keepdims=True)

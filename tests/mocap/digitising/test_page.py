@@ -68,7 +68,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
         assert len(saved) == 14
         for click in saved:
             off = np.subtract(click.uv_px, scene.uv_px[click.camera, 0, click.marker])
-            # in pixels of the screen: half of one is rounded here, up to one is cut off the canvas's middle by the driver
+            # pixels of the screen: half of one is rounded here, up to one cut off by the driver
             assert np.abs(off).max() < 1.6 / scale
         body = driver.find_element("tag name", "body")
         body.send_keys(Keys.ENTER)

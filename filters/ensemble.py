@@ -176,7 +176,13 @@ class Prediction:
 
 
 def predict(
-    state: Gaussian, step: Callable[[Array], Array], noise: Array, points: SigmaPoints, *, linear: bool = False
+    state: Gaussian,
+    step: Callable[[Array], Array],
+    noise: Array,
+    points: SigmaPoints,
+    *,
+    linear: bool = False,
+    noise_cov: Array | None = None,
 ) -> Prediction:
     """Propagate a state.
 
@@ -186,18 +192,20 @@ def predict(
         noise: (n, n) lower factor of the process noise covariance.
         points: Sigma-point parameters.
         linear: Whether ``step`` is affine (the second-order rows vanish).
+        noise_cov: (n, n) lower triangle of the process noise covariance, where it is at hand.
     """
     if linear:
         moved = step(np.concatenate([state.mean[None], state.mean + state.factor.T]))
-        return predicted(moved[0], moved[1:] - moved[0], noise)
+        return predicted(moved[0], moved[1:] - moved[0], noise, noise_cov)
     c, gamma = scale(points)
-    return predicted(*ensemble(step(spread(state, c)), c, gamma), noise)
+    return predicted(*ensemble(step(spread(state, c)), c, gamma), noise, noise_cov)
 
 
-def predicted(mean: Array, rows: Array, noise: Array) -> Prediction:
+def predicted(mean: Array, rows: Array, noise: Array, noise_cov: Array | None = None) -> Prediction:
     """The prediction of mean (n,), ensemble rows (k, n) and noise of lower factor (n, n)."""
     try:
-        factor = cholesky(gram(rows.T, add=gram(noise)))
+        added = gram(noise) if noise_cov is None else noise_cov.copy(order="F")
+        factor = cholesky(gram(rows.T, add=added))
     except np.linalg.LinAlgError:
         factor = triangular(np.concatenate([rows, noise.T]))
     return Prediction(Gaussian(mean, factor), rows, noise)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from filters.ensemble import Gaussian
@@ -28,7 +29,8 @@ class HeldKeeper:
 
     model: PoseMotion
     limbs: tuple[PosePotential, ...]
-    _taken: list[list[tuple[Array, Array, float, Array]]] = field(default_factory=list)
+    _taken: list[list[tuple[Array, Array]]] = field(default_factory=list)
+    _turned: list[Array] = field(default_factory=list)
 
     @staticmethod
     def of(model: MotionModel) -> "HeldKeeper | None":
@@ -41,15 +43,13 @@ class HeldKeeper:
     def take(self, frame: int, state: Gaussian) -> None:
         """One frame's smoothed state."""
         _, g, e, _, _ = self.model.parts
-        turn = self.model.path.frames.rotation[frame] @ Rotation.from_rotvec(state.mean[g][3:]).as_matrix()
+        turn = Rotation.from_rotvec(state.mean[g][3:]).as_matrix()
+        self._turned.append(self.model.path.frames.rotation[frame] @ turn)
         found = []
         for limb in self.limbs:
             mean, rows = limb.coordinates(state, e, self.model.reads)
             spread = rows @ limb.plane
-            gradient = limb.on_residual.T @ limb.gradient(mean[None])[0]
-            pull = -gradient.reshape(-1, 3)[list(limb.children)] @ turn.T
-            value = 0.0 if limb.potential is None else float(limb.potential.value(mean))
-            found.append(((mean - limb.centre) @ limb.plane, spread.T @ spread, value, pull))
+            found.append((mean, spread.T @ spread))
         self._taken.append(found)
 
     def held(self, names: Sequence[str]) -> tuple[HeldLimb, ...]:
@@ -58,10 +58,13 @@ class HeldKeeper:
         Args:
             names: The M markers.
         """
-        frames = self._taken[::-1]
+        frames, turned = self._taken[::-1], np.array(self._turned[::-1])
         out = []
         for i, limb in enumerate(self.limbs):
-            state, cov, value, pull = (np.array([frame[i][k] for frame in frames]) for k in range(4))
+            q, cov = (np.array([frame[i][k] for frame in frames]) for k in range(2))
+            gradient = (limb.gradient(q) @ limb.on_residual).reshape(len(q), -1, 3)[:, list(limb.children)]
+            pull = -gradient @ np.swapaxes(turned, 1, 2)
+            value = np.zeros(len(q)) if limb.potential is None else np.asarray(limb.potential.value(q))
             samples = (limb.samples - limb.centre) @ limb.plane
             x, y, grid = _grid(limb, samples)
             out.append(
@@ -72,7 +75,7 @@ class HeldKeeper:
                     y=y,
                     value=grid,
                     samples=samples,
-                    state=state,
+                    state=(q - limb.centre) @ limb.plane,
                     cov=cov,
                     at_state=value,
                     pull=pull,
@@ -87,7 +90,7 @@ def _grid(limb: PosePotential, samples: Array) -> tuple[Array, Array, Array]:
     half = max(float((high - low).max()) * (0.5 + _MARGIN), 1e-9)
     x, y = ((low + high)[:, None] / 2 + np.linspace(-half, half, GRID)).reshape(2, GRID)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    away = np.sum((points[:, None] - samples[None]) ** 2, axis=-1)
+    away = cdist(points, samples, "sqeuclidean")
     near = away / (half / 8.0) ** 2
     weight = np.exp(-(near - near.min(axis=1, keepdims=True)))
     weight /= weight.sum(axis=1, keepdims=True)

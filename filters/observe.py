@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
 
-from filters.ensemble import Gaussian, cholesky, condition, each_marker, gram, marker_covariances
+from filters.ensemble import Gaussian, cholesky, condition, each_marker, marker_covariances
 from filters.observations import WHOLE, Sights
 from mocap.arrays import Array
 
@@ -97,8 +98,7 @@ def observe(
     heavy = used & np.isfinite(sights.dof) & (rounds > 0)
     freedom = sights.dof[heavy] + sights.size[heavy]
     for _ in range(rounds if heavy.any() else 0):
-        a, target = _compress(white, y, weight, marker, deviations)
-        shift, left = _posterior_markers(a, target, deviations)
+        shift, left = _posterior_markers(*_information(white, y, weight, marker, len(cov)), deviations)
         miss = y - np.einsum("gri,gi->gr", white, shift[marker])
         spread = np.einsum("gri,gij,grj->gr", white, left[marker], white)
         squared = np.sum(miss**2 + spread, axis=1)
@@ -125,11 +125,7 @@ def _compress(
     white: Array, y: Array, weight: Array, marker: NDArray[np.int64], deviations: Array
 ) -> tuple[Array, Array]:
     """Ensemble rows (k, m), innovations (m,) of at most three rows for each marker that is seen."""
-    n_markers = deviations.shape[1]
-    scaled = weight[:, None, None] * white
-    information, pull = np.zeros((n_markers, 3, 3)), np.zeros((n_markers, 3))
-    np.add.at(information, marker, np.swapaxes(scaled, 1, 2) @ white)
-    np.add.at(pull, marker, np.einsum("gri,gr->gi", scaled, y))
+    information, pull = _information(white, y, weight, marker, deviations.shape[1])
     seen = np.unique(marker[weight > 0])
     values, vectors = np.linalg.eigh(information[seen])
     known = values > 1e-12 * values[:, -1:]
@@ -139,12 +135,24 @@ def _compress(
     return np.ascontiguousarray(rows[:, known]), target[known]
 
 
-def _posterior_markers(a: Array, target: Array, deviations: Array) -> tuple[Array, Array]:
-    """Shift (M, 3) and covariance (M, 3, 3) of the markers given rows a (k, m) and innovations (m,)."""
-    c = gram(a)
-    c[np.diag_indices(len(a))] += 1
-    factor = cholesky(np.asfortranarray(c))
-    flat = deviations.reshape(len(a), -1)
-    solved = np.linalg.solve(factor, np.column_stack([a @ target, flat]))
-    rows = solved[:, 1:].reshape(deviations.shape)
+def _information(
+    white: Array, y: Array, weight: Array, marker: NDArray[np.int64], n_markers: int
+) -> tuple[Array, Array]:
+    """J = sum W^T W (M, 3, 3) and sum W^T y (M, 3) of the groups of each marker."""
+    scaled = weight[:, None, None] * white
+    information, pull = np.zeros((n_markers, 3, 3)), np.zeros((n_markers, 3))
+    np.add.at(information, marker, np.swapaxes(scaled, 1, 2) @ white)
+    np.add.at(pull, marker, np.einsum("gri,gr->gi", scaled, y))
+    return information, pull
+
+
+def _posterior_markers(information: Array, pull: Array, deviations: Array) -> tuple[Array, Array]:
+    """Shift (M, 3) and covariance (M, 3, 3) of the markers given J (M, 3, 3) and W^T y (M, 3) of each."""
+    k = len(deviations)
+    flat = deviations.reshape(k, -1)
+    c = np.asfortranarray(np.tril(each_marker(deviations, information).reshape(k, -1) @ flat.T))
+    c[np.diag_indices(k)] += 1
+    both = np.asfortranarray(np.column_stack([flat @ pull.ravel(), flat]))
+    solved = dtrsm(1.0, cholesky(c), both, lower=1, overwrite_b=1)
+    rows = np.ascontiguousarray(solved[:, 1:]).reshape(deviations.shape)
     return np.einsum("kmi,k->mi", rows, solved[:, 0]), marker_covariances(rows)

@@ -8,7 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from filters.apart import smooth_apart
-from filters.ensemble import Gaussian, Prediction, marker_covariances
+from filters.ensemble import Gaussian, Prediction, gram, marker_covariances
 from filters.groups import MOST, groups_of, smooth_in_groups
 from filters.held import HeldKeeper
 from filters.motion.base import MotionModel, Step
@@ -116,14 +116,15 @@ def filter_forward(
     predictions: list[Prediction | None] = []
     observed: list[Observed] = []
     state = model.initial() if before is None else before
-    noise_of: dict[float, Array] = {}
+    noise_of: dict[float, tuple[Array, Array]] = {}
     for frame in frames:
         step = None
         if frame:
             dt = round(float(t_s[frame] - t_s[frame - 1]), 12)
             if dt not in noise_of:
-                noise_of[dt] = model.noise(dt)
-            step = Step(frame, dt, noise_of[dt])
+                noise = model.noise(dt)
+                noise_of[dt] = noise, gram(noise)
+            step = Step(frame, dt, *noise_of[dt])
         here = None if about is None else about[frame]
         prediction, state, seen = filter_frame(model, observations, frame, state, step, gate_sd, about=here)
         if keep:

@@ -16,11 +16,13 @@ class Step:
         frame: Frame that it leads to.
         dt_s: Its length.
         noise: (n, n) lower factor of the process noise covariance.
+        noise_cov: (n, n) lower triangle of that covariance, which many steps share; None: made from the factor.
     """
 
     frame: int
     dt_s: float
     noise: Array
+    noise_cov: Array | None = None
 
 
 class MotionModel(ABC):
@@ -64,7 +66,14 @@ class MotionModel(ABC):
 
     def predict(self, state: Gaussian, step: Step) -> Prediction:
         """Propagate a state."""
-        return predict(state, lambda x: self.advance(x, step.dt_s), step.noise, self.points, linear=self.linear)
+        return predict(
+            state,
+            lambda x: self.advance(x, step.dt_s),
+            step.noise,
+            self.points,
+            linear=self.linear,
+            noise_cov=step.noise_cov,
+        )
 
     def constrain(self, state: Gaussian, step: Step, about: Any = None) -> Gaussian:  # noqa: ARG002
         """Apply what is known of the state beside its dynamics, once a frame; here nothing.

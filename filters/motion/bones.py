@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.ensemble import Gaussian, condition
+from filters.motion.enforce import Term
 from mocap.arrays import Array
 
 
@@ -44,23 +44,16 @@ def differences(bones: Bones, pose: Array, deviations: Array) -> Differences:
     return Differences(pose[a] - pose[b], np.swapaxes(rows, 1, 2) @ rows)
 
 
-def hold_bones(
-    state: Gaussian,
-    bones: Bones,
-    pose: Array,
-    deviations: Array,
-    stiffness: float,
-    *,
-    about: Differences | None = None,
-) -> Gaussian:
-    """A state held by its bones: the most probable one under V_b and the prediction, as ``enforce`` finds it for V_z.
+def bones_term(
+    bones: Bones, pose: Array, deviations: Array, stiffness: float, *, about: Differences | None = None
+) -> Term:
+    """V_b, linearised.
 
     The difference of two markers has the mean d and, across it, the covariance P. Their distance then has the mean
     |d| + tr P / 2|d| and, besides the part that is linear in the state, the variance tr P^2 / 2|d|^2 (second order): of
     a bone whose direction nobody knows the length says little.
 
     Args:
-        state: Predicted state.
         bones: The bones.
         pose: (M, 3) mean of the markers, in any frame.
         deviations: (k, M, 3) their ensemble rows in that frame, for the first k columns of the state's factor.
@@ -78,4 +71,4 @@ def hold_bones(
     sd = np.sqrt((bones.sd_m**2 + bent) / stiffness)
     along = np.einsum("kbi,bi->kb", deviations[:, a] - deviations[:, b], unit)
     expected = distance + longer + np.einsum("bi,bi->b", pose[a] - pose[b] - about.mean, unit)
-    return condition(state, along / sd, (bones.length_m - expected) / sd, len(deviations))[0]
+    return Term(along / sd, (bones.length_m - expected) / sd, np.zeros(len(deviations)))

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from filters.ensemble import Gaussian, Prediction, SigmaPoints, condition, default_points, each_marker, predicted
 from filters.motion.base import MotionModel, Step
-from filters.motion.bones import Bones, Differences, differences, hold_bones
+from filters.motion.bones import Bones, Differences, bones_term, differences
 from filters.motion.constant_velocity import white_acceleration
-from filters.motion.enforce import enforce, informed
+from filters.motion.enforce import enforce, informed, potential_term
 from filters.motion.potential import PosePotential
 from filters.motion.shape import ShapeMechanics
 from filters.subspace import PoseSubspace
@@ -202,7 +202,7 @@ class PoseMotion(MotionModel):
             extra = np.zeros((bent.shape[1], len(ahead)))
             extra[:, shape] = bent.T
             rows = np.concatenate([rows, extra])
-        return predicted(ahead, rows, step.noise)
+        return predicted(ahead, rows, step.noise, step.noise_cov)
 
     @cached_property
     def _steps(self) -> list[tuple[float, PathStep]]:
@@ -300,15 +300,15 @@ class PoseMotion(MotionModel):
                 rows = each_marker(rows[:, which], np.swapaxes(whitening, 1, 2)).reshape(len(rows), -1)
                 away = np.einsum("mji,mi->mj", whitening, xyz - mean[which]).ravel()
                 state = condition(state, np.ascontiguousarray(rows), away, self.reads)[0]
+        terms = []
         for i, held in enumerate(self.potentials):
             at = None if about is None else about.held[i]
             coordinates = held.coordinates(state, self.parts[2], self.reads)
-            state = enforce(state, lambda q, pull=held.gradient: dt_s * pull(q), coordinates, about=at)
+            terms.append(potential_term(lambda q, pull=held.gradient: dt_s * pull(q), coordinates, about=at))
         if self.bones is not None:
-            stiffness = dt_s * self.bone_stiffness
             ends = None if about is None else about.bones
-            state = hold_bones(state, self.bones, *self._pose(state), stiffness, about=ends)
-        return state
+            terms.append(bones_term(self.bones, *self._pose(state), dt_s * self.bone_stiffness, about=ends))
+        return enforce(state, terms)
 
     def reference(self, state: Gaussian) -> "Reference | None":
         """What the potentials read, and the differences of the ends of bones."""

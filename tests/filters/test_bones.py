@@ -11,7 +11,8 @@ from filters.bones import learn_bones, rigid_bones
 from filters.ensemble import Gaussian
 from filters.models.base import TrialSet, estimate
 from filters.models.pose import PoseSettings
-from filters.motion.bones import Bones, Differences, differences, hold_bones
+from filters.motion.bones import Bones, Differences, bones_term, differences
+from filters.motion.enforce import enforce
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 
@@ -25,7 +26,7 @@ def pose_of(state):
 
 def held(state, bones, stiffness=1.0, about=None):
     """A state of 3M marker coordinates, held."""
-    return hold_bones(state, bones, *pose_of(state), stiffness, about=about)
+    return enforce(state, [bones_term(bones, *pose_of(state), stiffness, about=about)])
 
 
 def bones_of(ends, length_m, sd_m):

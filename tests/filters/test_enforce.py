@@ -7,13 +7,18 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from filters.ensemble import Gaussian
-from filters.motion.enforce import enforce
+from filters.motion.enforce import enforce, potential_term
 
 
 def gaussian(rng, n):
     factor = np.tril(rng.normal(0, 0.4, (n, n)))
     factor[np.diag_indices(n)] = rng.uniform(0.5, 1.5, n)
     return Gaussian(rng.normal(size=n), factor)
+
+
+def held(state, gradient, coordinates, about=None):
+    """The state under one potential."""
+    return enforce(state, [potential_term(gradient, coordinates, about=about)])
 
 
 def leading(state, k):
@@ -37,7 +42,7 @@ def test_a_quadratic_potential_is_the_product_of_gaussians(seed, k, more, rounds
     hessian = root @ root.T
     found = None
     for _ in range(rounds):
-        found = enforce(state, lambda z: (z - centre) @ hessian, leading(state, k), about=found and marginal(found, k))
+        found = held(state, lambda z: (z - centre) @ hessian, leading(state, k), about=found and marginal(found, k))
     assert found is not None
     whole = np.zeros((k + more, k + more))
     whole[:k, :k] = hessian
@@ -58,7 +63,7 @@ def test_coordinates_may_be_any_linear_ones(seed, n, d, k):
     to_q[:, :n] = rng.normal(size=(d, n))
     root, centre = rng.normal(size=(d, d)), rng.normal(size=d)
     hessian = root @ root.T
-    found = enforce(state, lambda q: (q - centre) @ hessian, (to_q @ state.mean, (to_q @ state.factor[:, :n]).T))
+    found = held(state, lambda q: (q - centre) @ hessian, (to_q @ state.mean, (to_q @ state.factor[:, :n]).T))
     information = np.linalg.inv(state.cov) + to_q.T @ hessian @ to_q
     force = to_q.T @ hessian @ (centre - to_q @ state.mean)
     scale = np.abs(np.linalg.inv(information)).max()
@@ -69,7 +74,7 @@ def test_coordinates_may_be_any_linear_ones(seed, n, d, k):
 def test_no_potential_changes_nothing():
     """A zero gradient leaves the state, mean and covariance."""
     state = gaussian(np.random.default_rng(6), 6)
-    found = enforce(state, np.zeros_like, leading(state, 3))
+    found = held(state, np.zeros_like, leading(state, 3))
     np.testing.assert_allclose(found.mean, state.mean, atol=1e-14)
     np.testing.assert_allclose(found.cov, state.cov, atol=1e-14)
 
@@ -78,10 +83,10 @@ def test_a_hill_pushes_but_does_not_widen():
     """Of a saddle, the valley contracts and the ridge pushes: no direction gets more variance than it had."""
     state = gaussian(np.random.default_rng(7), 2)
     hessian = np.diag([3.0, -0.5])
-    found = enforce(state, lambda z: z @ hessian, leading(state, 2))
+    found = held(state, lambda z: z @ hessian, leading(state, 2))
     assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-12
     flat = Gaussian(np.array([0.0, 1.0]), np.eye(2))
-    ridge = enforce(flat, lambda z: z @ np.diag([0.0, -0.5]), leading(flat, 2))
+    ridge = held(flat, lambda z: z @ np.diag([0.0, -0.5]), leading(flat, 2))
     np.testing.assert_allclose(ridge.mean, [0.0, 1.5])  # P grad = 0.5, uphill avoided
     np.testing.assert_allclose(ridge.cov, np.eye(2), atol=1e-12)
 
@@ -89,7 +94,7 @@ def test_a_hill_pushes_but_does_not_widen():
 def test_stiffness_does_not_blow_up():
     """1e12 times the prior's information pins the coordinate to the valley, with a finite, positive factor."""
     state = gaussian(np.random.default_rng(8), 5)
-    found = enforce(state, lambda z: 1e12 * (z - 0.3), leading(state, 2))
+    found = held(state, lambda z: 1e12 * (z - 0.3), leading(state, 2))
     np.testing.assert_allclose(found.mean[:2], 0.3, atol=1e-6)
     assert np.isfinite(found.factor).all()
     assert (np.diag(found.factor) > 0).all()
@@ -105,6 +110,27 @@ def test_enforcing_nears_the_minimum_of_a_bent_valley():
     state = Gaussian(np.array([start, 0.0]), np.diag([sd, 1.0]))
     found = state
     for _ in range(20):
-        found = enforce(state, lambda z: stiffness * z**3, leading(state, 1), about=marginal(found, 1))
+        found = held(state, lambda z: stiffness * z**3, leading(state, 1), about=marginal(found, 1))
     expected = brentq(lambda x: (x - start) / sd**2 + stiffness * x**3, 0, 2)
     assert found.mean[0] == pytest.approx(expected, abs=1e-4 * abs(start - expected) + 3 * sd**2)
+
+
+def test_potentials_act_at_once():
+    """Two quadratic ones: the information of both, whatever their order."""
+    rng = np.random.default_rng(9)
+    state = gaussian(rng, 6)
+    hessians, centres, terms = [], [], []
+    for first in (slice(0, 3), slice(2, 5)):
+        root, centre = rng.normal(size=(3, 3)), rng.normal(size=3)
+        hessian = np.zeros((6, 6))
+        hessian[first, first] = root @ root.T
+        hessians.append(hessian)
+        centres.append(hessian[:, first] @ centre)
+        coordinates = state.mean[first], state.factor[first].T
+        terms.append(potential_term(lambda q, c=centre, h=root @ root.T: (q - c) @ h, coordinates))
+    information = np.linalg.inv(state.cov) + sum(hessians)
+    mean = np.linalg.solve(information, np.linalg.solve(state.cov, state.mean) + sum(centres))
+    for order in (terms, terms[::-1]):
+        found = enforce(state, order)
+        np.testing.assert_allclose(found.cov, np.linalg.inv(information), atol=1e-10)
+        np.testing.assert_allclose(found.mean, mean, atol=1e-9)

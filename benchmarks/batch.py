@@ -88,7 +88,7 @@ def loop(twins: Path, out: Path) -> list[str]:
     options = " ".join(["--fps", str(FPS), *QUICK])
     beside = '--calibration "${s}_dltCoefs.csv" --profile "${s}_camera_profile.txt" --skeleton "${s}_skeleton.toml"'
     place = '"$4/$(basename "$(dirname "$s")")"'
-    one = f's="${{1%_xypts.csv}}"; exec "$2" -c "$3" track "$1" {beside} {options} --out {place}'
+    one = f's="${{1%_xypts.csv}}"; exec "$2" -c "$3" track "$1" {beside} {options} --jobs 1 --out {place}'
     listed = out / "list.txt"
     listed.write_text("\n".join(sorted(map(str, twins.rglob("*_xypts.csv")))) + "\n")
     return ["xargs", "-a", str(listed), "-P", "2", "-I{}", "sh", "-c", one, "sh", "{}", *CALL[::2], str(out)]

@@ -33,7 +33,7 @@ def write(path: Path, *, arrays: dict[str, Array], kernel: Kernel, settings: dic
     handle, temporary = tempfile.mkstemp(prefix=".potential-", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as stream:
-            np.savez_compressed(stream, settings=np.array(text), **arrays)  # pyright: ignore[reportArgumentType]
+            np.savez(stream, settings=np.array(text), **arrays)  # pyright: ignore[reportArgumentType]
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:

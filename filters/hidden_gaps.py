@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 
 import numpy as np
@@ -9,12 +10,13 @@ import numpy as np
 from filters.anatomy import Anatomy
 from filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
 from filters.mixture import Mixture, learn_mixture
-from filters.models.base import TrajectoryModel, TrialSet, estimate
+from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.score import Residuals, joined, residuals_of
+from mocap.side_by_side import Call, call_all
 
 SHARP_MARKER = MarkerSettings(acceleration=0.3)
 """Constant velocity in a mixture: nearer with less noise than recordings show; its width is learned afterwards."""
@@ -60,21 +62,44 @@ class HiddenGaps:
     tell: Callable[[str], None] = lambda _line: None
 
     def fill(self, models: Sequence[TrajectoryModel]) -> tuple[Residuals, ...]:
-        """Fill all of them by each model, learned without them; what is shared by models is kept for one trial."""
-        parts: list[list[Residuals]] = [[] for _ in models]
-        for number, (index, gaps) in enumerate(self.hidden):
+        """Fill all of them by each model, learned without them."""
+        return self.together(call_all(self.calls(models)), models)
+
+    def calls(self, models: Sequence[TrajectoryModel]) -> list[Call]:
+        """One for each trial that fills it by each model; what is shared by models is kept for it."""
+        out: list[Call] = []
+        for index, gaps in self.hidden:
             others = [trial for i, trial in enumerate(self.trials) if i != index]
-            shown = gaps.shown
-            trials = TrialSet([*others, shown], self.anatomy)
-            for model, found in zip(models, parts, strict=True):
-                filled = estimate(model, trials, PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m))
-                found.append(residuals_of(gaps, filled.xyz_m, filled.cov_m2))
-                error = 1e3 * np.exp(found[-1].log_rmse)
+            out.append(partial(_filled, models, others, self.anatomy, gaps))
+        return out
+
+    def together(self, found: Sequence[list[Residuals]], models: Sequence[TrajectoryModel]) -> tuple[Residuals, ...]:
+        """What each model missed all of them by, from what the calls returned."""
+        for number, ((_, gaps), parts) in enumerate(zip(self.hidden, found, strict=True)):
+            for model, part in zip(models, parts, strict=True):
                 self.tell(
                     f"{model.description}: gaps hidden in {gaps.trial.name} ({number + 1} of {len(self.hidden)}) are "
-                    f"filled to {error:.2f} mm"
+                    f"filled to {1e3 * np.exp(part.log_rmse):.2f} mm"
                 )
-        return tuple(joined(found) for found in parts)
+        return tuple(joined(list(parts)) for parts in zip(*found, strict=True))
+
+
+def _filled(
+    models: Sequence[TrajectoryModel],
+    others: Sequence[MarkerTrial],
+    anatomy: Anatomy,
+    gaps: Hidden[MarkerTrial],
+    *,
+    progress: Progress | None = None,
+) -> list[Residuals]:
+    """What each model, learned from other trials and what is left of this one, misses its hidden samples by."""
+    shown, out = gaps.shown, []
+    trials = TrialSet([*others, shown], anatomy)
+    seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
+    for model, tell in zip(models, shares(progress, len(models)), strict=True):
+        filled = estimate(model, trials, seen, progress=tell)
+        out.append(residuals_of(gaps, filled.xyz_m, filled.cov_m2))
+    return out
 
 
 def hidden_gaps(
@@ -112,21 +137,16 @@ def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
 
 
-def calibrated(mixture: Mixture, models: Sequence[TrajectoryModel], trials: TrialSet, *, most: int = 500) -> Mixture:
-    """A mixture of models with intervals that hold in gaps hidden in the recording that is to be filled.
+def own_gaps(trials: TrialSet, *, most: int = 500) -> HiddenGaps:
+    """Gaps hidden in the recording that is to be filled, to see whether a mixture's intervals hold in it.
 
     Args:
-        mixture: The mixture.
-        models: Its models.
         trials: Trials; the last is the recording.
         most: Gaps are hidden in the stretch of so many of its frames of which most is seen.
     """
     own = hide_neighbours(_excerpt(trials.trials[-1], most), np.random.default_rng(0))
-    if not own.gaps:
-        return mixture
     last = len(trials.trials) - 1
-    gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, own)])
-    return mixture.calibrated(gaps.fill(models))
+    return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, own)] if own.gaps else [])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

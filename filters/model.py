@@ -2,20 +2,33 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from filters.anatomy import anatomy_of
-from filters.hidden_gaps import MODELS, SHARP_MARKER, USUAL_EFFORT, Effort, Mixed, calibrated, hidden_gaps, mixed
+from filters.hidden_gaps import (
+    MODELS,
+    SHARP_MARKER,
+    USUAL_EFFORT,
+    Effort,
+    HiddenGaps,
+    Mixed,
+    hidden_gaps,
+    mixed,
+    own_gaps,
+)
 from filters.hide import gap_lengths
-from filters.mixture import Mixture, mixed_residuals
-from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
+from filters.mixture import Mixture, learn_mixture, mixed_residuals
+from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate
 from filters.models.pose import PoseSettings
 from filters.observations import Observations
 from filters.poses import MarkerTrial
 from filters.records import Estimate
+from filters.score import Residuals
 from mocap.errors import MocapError
 from mocap.moving import Asked
+from mocap.side_by_side import Call, call_all
 from mocap.skeleton import Skeleton
 
 
@@ -108,32 +121,40 @@ def _learned(
     )
 
 
-def learn_from_itself(
+def track_alone(
     names: Sequence[str],
     trunk: Sequence[str],
     recording: MarkerTrial,
+    observations: Observations,
     settings: PoseSettings,
     *,
     bones: Sequence[tuple[str, str]] = (),
-) -> LearnedModel | None:
-    """A model of no other trials: how models are mixed is learned on gaps hidden in the recording to be tracked.
+    asked: Asked | None = None,
+    progress: Progress | None = None,
+) -> tuple[Estimate, Estimate] | None:
+    """Track a recording by models that are learned from it; how they are mixed, on gaps hidden in it.
 
     Args:
         names: The M markers.
         trunk: Those of the body.
-        recording: What is to be tracked.
+        recording: Its markers as triangulated.
+        observations: What each frame shows.
         settings: Of the EAL model.
         bones: Markers of the skeleton's rigid bones.
+        asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
+        progress: Called with the share done.
 
     Returns:
-        None: no gap could be hidden.
+        What ``track_with`` returns, and what the EAL model says alone; None: no gap could be hidden.
     """
-    every = TrialSet([recording], anatomy_of(names, trunk, bones))
+    trials = TrialSet([recording], anatomy_of(names, trunk, bones))
     effort = Effort(most_frames=300, times=2)
-    gaps = hidden_gaps(every.trials, every.anatomy, np.random.default_rng(0), effort=effort)
+    gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
     if not gaps.hidden:
         return None
-    return _learned(mixed(gaps, [SHARP_MARKER, settings.tuned(every)]), names, trunk, (), bones)
+    models = SHARP_MARKER, settings.tuned(trials)
+    found, residuals = _estimates(models, trials, observations, gaps, asked, progress)
+    return _mix(learn_mixture(residuals), found, recording), found[-1]
 
 
 def check_rates(trials: Sequence[MarkerTrial]) -> None:
@@ -266,14 +287,33 @@ def track_with(
     Returns:
         Markers that were not seen are those of the mixture; all else is that of the last model, the pose model.
     """
-    trials, tells = trials_for(learned, names, recording), shares(progress, len(learned.models))
-    wanted = [None] * (len(learned.models) - 1) + [asked]
-    found = [
-        estimate(model, trials, observations, asked=points, progress=tell)
-        for model, points, tell in zip(learned.models, wanted, tells, strict=True)
+    trials = trials_for(learned, names, recording)
+    gaps = own_gaps(trials)
+    found, residuals = _estimates(learned.models, trials, observations, gaps, asked, progress)
+    return _mix(learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture, found, recording)
+
+
+def _estimates(
+    models: Sequence[TrajectoryModel],
+    trials: TrialSet,
+    observations: Observations,
+    gaps: HiddenGaps,
+    asked: Asked | None,
+    progress: Progress | None,
+) -> tuple[list[Estimate], tuple[Residuals, ...]]:
+    """What all models say of the last trial, and what they miss hidden samples by."""
+    wanted = [None] * (len(models) - 1) + [asked]
+    whole: list[Call] = [
+        partial(estimate, model, trials, observations, asked=points)
+        for model, points in zip(models, wanted, strict=True)
     ]
+    found = call_all([*whole[::-1], *gaps.calls(models)], progress)
+    return found[: len(whole)][::-1], gaps.together(found[len(whole) :], models)
+
+
+def _mix(mixture: Mixture, found: Sequence[Estimate], recording: MarkerTrial) -> Estimate:
+    """What was not seen by the mixture; all else by the last model."""
     length = gap_lengths(recording.seen)
-    mixture = calibrated(learned.mixture, learned.models, trials) if learned.trials else learned.mixture
     xyz, cov = mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
     seen, last = recording.seen[..., None], found[-1]
     return replace(last, xyz_m=np.where(seen, last.xyz_m, xyz), cov_m2=np.where(seen[..., None], last.cov_m2, cov))

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mocap.library.recording import propose_skeleton, read
     from mocap.library.tracked import Tracked, load, track
     from mocap.pipeline.recording import Recording
+    from mocap.side_by_side import processes
 
 __all__ = [
     "Batch",
@@ -37,6 +38,7 @@ __all__ = [
     "learn_joints",
     "load",
     "load_model",
+    "processes",
     "propose_skeleton",
     "read",
     "track",
@@ -57,6 +59,7 @@ _PLACES = {
     "learn": "mocap.library.learning",
     "learn_joints": "mocap.library.many",
     "load": "mocap.library.tracked",
+    "processes": "mocap.side_by_side",
     "load_model": "mocap.library.learning",
     "propose_skeleton": "mocap.library.recording",
     "read": "mocap.library.recording",

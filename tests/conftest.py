@@ -1,5 +1,6 @@
 """What all tests share: the root on the path, property tests of one verdict, and who runs what in parallel."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from hypothesis import HealthCheck, settings
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # `tests.reference` and `tests.real_data`, however pytest was started
 
+os.environ.setdefault("MOCAP_JOBS", "1")  # tests run side by side already
 settings.register_profile(
     "project", deadline=None, derandomize=True, max_examples=40, suppress_health_check=[HealthCheck.too_slow]
 )

@@ -24,7 +24,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
@@ -120,8 +120,7 @@ def converting(files: Path) -> list[Case]:
 def tracking(files: Path) -> list[Case]:
     """Commands that write what was tracked, learned or drawn; it is made here, once."""
     from datasets.lizards import make_lizard
-    from filters.model import learn_from_itself
-    from filters.models.pose import PoseSettings
+    from filters.model import learn_model
     from mocap.pipeline.job import run_job
     from mocap.pipeline.prepare import prepare
     from mocap.pipeline.recording import Recording
@@ -137,10 +136,7 @@ def tracking(files: Path) -> list[Case]:
     prepared = prepare(source)
     part = seen_part(prepared)
     trial = marker_trial(prepared, part)
-    learned = learn_from_itself(part_names(prepared, part), (), trial, PoseSettings())
-    if learned is None:
-        raise RuntimeError("the twin is too short to learn from")
-    learned = replace(learned, trials=(trial,))
+    learned = learn_model(part_names(prepared, part), (), [trial], np.random.default_rng(0))
     base = [str(paths["pixels"]), "--dlt", str(paths["coefficients"]), "--fps", f"{twin.fps:g}"]
     ask = ["--skeleton", str(paths["skeleton"]), "--out", "OUT", "--force"]
     return [

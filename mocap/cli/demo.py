@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import finish, progress, say
-from mocap.cli.options import AsJson, Force, Out
+from mocap.cli.options import AsJson, Force, Jobs, Out
 
 
 class Animal(StrEnum):
@@ -21,16 +21,17 @@ def demo(
     animal: Annotated[Animal, typer.Argument(help="Built-in recording.")] = Animal.bat,
     out: Out = Path("out/demo"),
     seed: Annotated[int, typer.Option(min=0, help="Which flight or walk.")] = 0,
+    jobs: Jobs = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Track a built-in synthetic recording, and compare the result with its known truth."""
-    from mocap import Tracked
+    from mocap import Tracked, processes
     from mocap.io.output import result_folder
     from mocap.pipeline.demo import run_demo
     from mocap.stages import Stages
 
-    with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell:
+    with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell, processes(jobs):
         result = Tracked(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))
         result.write(folder, progress=tell)
     finish(result.report, result.run.report_text, out, as_json)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import program, say, show, typed
-from mocap.cli.options import AsJson, Force, RecordingOptions
+from mocap.cli.options import AsJson, Force, Jobs, RecordingOptions
 from mocap.cli.records import with_records
 
 
@@ -22,6 +22,7 @@ def learn(
             min=0, help="Random seed of the gaps that are hidden to choose the model and to set its intervals."
         ),
     ] = 0,
+    jobs: Jobs = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -36,7 +37,8 @@ def learn(
     recordings = [stated.read(tracks).without_needless_calibration() for tracks in trials]
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=force, inputs=inputs, tell=say) as file:
-        model = mocap.learn(recordings, seed=seed, progress=say)
+        with mocap.processes(jobs):
+            model = mocap.learn(recordings, seed=seed, progress=say)
         model.write(file)
     if as_json:
         print(json.dumps({"out": str(out), "scores": model.scores}))  # noqa: T201

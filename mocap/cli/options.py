@@ -87,6 +87,14 @@ FitLens = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Replace an earlier result.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Out = Annotated[Path, typer.Option(help="Folder to write.")]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        envvar="MOCAP_JOBS",
+        help="Processes that work side by side, each with its own memory; if not given, one for each core, at most 4.",
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)

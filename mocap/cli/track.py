@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import finish, program, progress, say, show, typed
-from mocap.cli.options import AsJson, FitLens, Force, Out, RecordingOptions, Views
+from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Views
 from mocap.cli.records import with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
@@ -95,6 +95,7 @@ def track(
         float | None,
         typer.Option(help="Scale of one film without a calibration, in its plane; if not given, positions are pixels."),
     ] = None,
+    jobs: Jobs = None,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -129,7 +130,11 @@ def track(
         in_blocks(long_recording(recording), out, model, learned, size, inputs, force, as_json)
         return
     with session(say) if live else nullcontext() as watched:
-        with result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
+        with (
+            result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder,
+            progress() as tell,
+            mocap.processes(jobs),
+        ):
             result = mocap.track(
                 recording,
                 model=learned or model,

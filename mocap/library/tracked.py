@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -34,6 +34,7 @@ from mocap.results.mjcf import FILE, write_mjcf
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
+from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
 
@@ -91,6 +92,16 @@ class Joint:
         labels = ("along", "across") if q.shape[1] == 2 else ("x", "y", "z")
         title = f"{self.name}, {frame}"
         return plot_coordinates(self.t_s, q, self.sd_m, self.filled, labels=labels, title=title, ax=ax)
+
+
+def _write_run(run: Run, folder: Path, pictures: bool, *, progress: object = None) -> None:  # noqa: ARG001
+    from mocap.rerun.record import write_recording
+
+    write_run(run, folder, write_recording=write_recording if pictures else None)
+
+
+def _write_kinematics(run: Run, folder: Path, pictures: bool, *, progress: object = None) -> None:  # noqa: ARG001
+    Tracked(run).write_kinematics(folder, pictures=pictures)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +205,6 @@ class Tracked:
                 to be looked at, and can be made again from the rest.
         """
         from mocap.plots.plane import write_plane_figures
-        from mocap.rerun.record import write_recording
 
         if self.run.plane is not None:
             with Stages(tell=progress).stage("write"):
@@ -202,9 +212,9 @@ class Tracked:
                 if pictures:
                     write_plane_figures(self.run, folder)
             return
-        with Stages(tell=progress).stage("write"):
-            write_run(self.run, folder, write_recording=write_recording if pictures else None)
-            self.write_kinematics(folder, pictures=pictures)
+        with Stages(tell=progress).stage("write") as tell:
+            parts = _write_run, _write_kinematics
+            call_all([partial(part, self.run, folder, pictures) for part in parts], tell)
 
     def write_recording(self, folder: Path) -> None:
         """Write ``recording.rrd`` alone into a folder, which is made if need be."""

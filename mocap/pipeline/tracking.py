@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 from filters.anatomy import anatomy_of
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
-from filters.model import LearnedModel, learn_from_itself, track_with
-from filters.models.base import FittedMotion, TrialSet
+from filters.model import LearnedModel, track_alone, track_with
+from filters.models.base import FittedMotion, TrialSet, shares
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from filters.moving import asked_of
@@ -36,6 +35,7 @@ Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
 ALONE: tuple[Literal["constant_velocity", "eal"], ...] = ("constant_velocity", "eal")
 """Models that are filtered by themselves."""
+_OF_POSES = ("eal", "mixture")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -129,12 +129,29 @@ def track_mixed(
     progress: Progress | None = None,
 ) -> Estimate | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
+    found = _track_alone(prepared, part, settings, hidden, asked, progress)
+    return None if found is None else found[0]
+
+
+def _track_alone(
+    prepared: Prepared,
+    part: Part,
+    settings: PoseSettings,
+    hidden: Mask | None,
+    asked: Asked | None,
+    progress: Progress | None,
+) -> tuple[Estimate, Estimate] | None:
     names, skeleton = part_names(prepared, part), prepared.skeleton
-    own = marker_trial(prepared, part, hidden=hidden)
-    learned = learn_from_itself(names, skeleton.trunk, own, settings, bones=skeleton.rigid)
-    if learned is None:
-        return None
-    return track_learned(prepared, part, learned, hidden=hidden, asked=asked, progress=progress)
+    return track_alone(
+        names,
+        skeleton.trunk,
+        marker_trial(prepared, part, hidden=hidden),
+        prepared.observations(part.frames, part.markers, hidden=hidden),
+        settings,
+        bones=skeleton.rigid,
+        asked=None if asked is None else asked_of(names, asked),
+        progress=progress,
+    )
 
 
 def track_learned(
@@ -294,21 +311,23 @@ def validate(
         for name in ("linear", "cubic")
     }
     posed = why_no_pose(prepared, part) is None
-    trackers: dict[str, Callable[..., Estimate | None]] = {}
+    wanted = [name for name in (*ALONE, "mixture") if methods.get(name, False) and (posed or name not in _OF_POSES)]
+    steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
+    found: dict[str, Estimate] = {}
+    if "mixture" in wanted:
+        both = _track_alone(prepared, part, settings, hidden, None, steps["mixture"])
+        if both is not None:
+            found["mixture"], found["eal"] = both
     for name in ALONE:
-        if methods.get(name, False) and (posed or name != "eal"):
+        if name in wanted and name not in found:
             model = learn_motion(prepared, part, name, settings=settings, hidden=hidden)
-            trackers[name] = partial(track, prepared, part, model, hidden=hidden)
-    if methods.get("mixture", False) and posed:
-        trackers["mixture"] = partial(track_mixed, prepared, part, settings=settings, hidden=hidden)
+            found[name] = track(prepared, part, model, hidden=hidden, progress=steps["rest"])
     if learned is not None:
-        trackers["learned"] = partial(track_learned, prepared, part, learned, hidden=hidden)
-    for i, (name, tracker) in enumerate(trackers.items()):
-        step = None if progress is None else (lambda share, i=i: progress((i + share) / len(trackers)))
-        smoothed = tracker(progress=step)
-        if smoothed is None:
-            continue
-        scores[name] = compared(smoothed.xyz_m, smoothed.cov_m2 + _jitter(prepared, part), truth, where).as_json()
+        found["learned"] = track_learned(prepared, part, learned, hidden=hidden, progress=steps["learned"])
+    for name in (*wanted, "learned"):
+        if name in found:
+            cov = found[name].cov_m2 + _jitter(prepared, part)
+            scores[name] = compared(found[name].xyz_m, cov, truth, where).as_json()
     return scores, count
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from filters.anatomy import Anatomy
-from filters.model import learn_from_itself, track_with
+from filters.model import track_alone
 from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
@@ -28,11 +28,10 @@ def test_a_lost_wing_is_found_by_the_mixture():
     """Nearer than by constant velocity, within 2 mm of the 20 that it deviates by, with an interval that says so."""
     gap = slice(40, 70)
     trial = lost_wing(gap)
-    learned = learn_from_itself(NAMES, NAMES[:4], trial, SETTINGS)
-    assert learned is not None
-    assert learned.trials == ()
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-    found = track_with(learned, NAMES, trial, seen)
+    both = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
+    assert both is not None
+    found, _ = both
     plain = estimate(MarkerSettings(), TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
     miss, plainly = (f.xyz_m[gap, 5] - trial_of(3).xyz_m[gap, 5] for f in (found, plain))
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < min(2e-3, np.sqrt(np.mean(np.sum(plainly**2, axis=1))))
@@ -43,15 +42,17 @@ def test_a_lost_wing_is_found_by_the_mixture():
 def test_what_is_seen_is_the_filter_s_own():
     """Where the marker was measured nothing is mixed: positions and covariances are those of the pose model."""
     trial = lost_wing(slice(40, 70))
-    learned = learn_from_itself(NAMES, NAMES[:4], trial, SETTINGS)
-    assert learned is not None
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
-    found = track_with(learned, NAMES, trial, seen)
-    own = estimate(learned.models[-1], TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
-    np.testing.assert_array_equal(found.xyz_m[trial.seen], own.xyz_m[trial.seen])
-    np.testing.assert_array_equal(found.cov_m2[trial.seen], own.cov_m2[trial.seen])
+    both = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
+    assert both is not None
+    found, alone = both
+    own = estimate(SETTINGS, TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
+    np.testing.assert_allclose(alone.xyz_m, own.xyz_m, atol=1e-12)
+    np.testing.assert_array_equal(found.xyz_m[trial.seen], alone.xyz_m[trial.seen])
+    np.testing.assert_array_equal(found.cov_m2[trial.seen], alone.cov_m2[trial.seen])
 
 
 def test_a_recording_too_short_to_hide_anything_teaches_nothing():
     """Six frames: no gap has three measured frames on both sides."""
-    assert learn_from_itself(NAMES, (), trial_of(3, 6), SETTINGS) is None
+    trial = trial_of(3, 6)
+    assert track_alone(NAMES, (), trial, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m), SETTINGS) is None

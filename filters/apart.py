@@ -2,8 +2,8 @@
 
 The state of a model such as constant velocity falls into one block [position (3), velocity (3)] a marker: no dynamics,
 no noise and no observation joins two of them, so that the covariance of all is zero between markers at all times. What
-``filters.track`` does with one matrix of size 6M is done here with M matrices of size 6, and gives the same numbers to
-rounding.
+``filters.track`` does with one matrix of size 6M is done here with M matrices of size 6 (9 with accelerations), and
+gives the same numbers to rounding.
 """
 
 from collections.abc import Callable
@@ -24,14 +24,17 @@ Progress = Callable[[float], None]
 
 
 class MarkersApart(Protocol):
-    """A linear model whose state is [position (3), velocity (3)] of each of M markers, independent of each other."""
+    """A linear model whose state is [position (3), velocity (3), ...] of each of M markers, independent of each other.
+
+    The state of a marker has n components: 6, or 9 with accelerations.
+    """
 
     def starts(self) -> tuple[Array, Array]:
-        """Mean (M, 6), and lower factor (M, 6, 6) of the covariance, before anything is seen."""
+        """Mean (M, n), and lower factor (M, n, n) of the covariance, before anything is seen."""
         ...
 
     def steps(self, dt_s: float) -> tuple[Array, Array]:
-        """Transition (6, 6) of every marker, and covariance (M, 6, 6) of the process noise of one step."""
+        """Transition (n, n) of every marker, and covariance (M, n, n) of the process noise of one step."""
         ...
 
 
@@ -40,10 +43,10 @@ class _Block:
     """Filtered frames.
 
     Attributes:
-        mean: (n, M, 6) filtered means.
-        factor: (n, M, 6, 6) lower factors of the filtered covariances.
-        ahead: (n, M, 6) predictions of the frames.
-        ahead_factor: (n, M, 6, 6) lower factors of these; the first frame of a recording has none (zeros).
+        mean: (T, M, n) filtered means.
+        factor: (T, M, n, n) lower factors of the filtered covariances.
+        ahead: (T, M, n) predictions of the frames.
+        ahead_factor: (T, M, n, n) lower factors of these; the first frame of a recording has none (zeros).
         observed: What was seen.
     """
 
@@ -73,8 +76,8 @@ def smooth_apart(
     each is kept, and all blocks but the last are filtered once more on the way back.
     """
     n_frames, (mean, factor) = observations.n_frames, model.starts()
-    count = len(mean)
-    length = max(2, int(most_bytes / (8 * count * (2 * 36 + 2 * 6 + 3 * 36))))
+    count, size = mean.shape
+    length = max(2, int(most_bytes / (8 * count * (2 * size**2 + 2 * size + 3 * 36))))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
     before, observed, block = [(mean, factor)], [], None
     for frames in blocks:
@@ -276,20 +279,21 @@ class _Keeper:
     def take(self, frame: int, mean: Array, cov: Array, gain: Array, left: Array, later: "_Later | None") -> None:
         """One frame, after the one that follows it."""
         weights = self._weights
-        flat = cov.reshape(self._count, 36)
-        self._velocity[frame] = weights @ mean[:, 3:]
+        flat = cov[:, :6, :6].reshape(self._count, 36)
+        self._velocity[frame] = weights @ mean[:, 3:6]
         self._own[frame] = (weights**2 @ flat).reshape(-1, 6, 6)
         self._cross[frame] = (self._shared @ flat).reshape(-1, 6, 6)
         if frame % EVERY == 0 and later is not None and later.after is not None:
             # x(t) = K x(t+1) + r, x(t+1) = K' x(t+2) + r': of v(t+2) - v(t) with x(t+2), r and r' independent
             last = later.after
-            hold = gain[:, 3:] @ later.gain
-            change = np.eye(6)[3:] - hold
-            variance = np.einsum("mii->mi", left)[:, 3:] + np.einsum(
-                "mij,mjk,mik->mi", gain[:, 3:], later.left, gain[:, 3:]
+            speed = slice(3, 6)
+            hold = gain[:, speed] @ later.gain
+            change = np.eye(mean.shape[1])[speed] - hold
+            variance = np.einsum("mii->mi", left)[:, speed] + np.einsum(
+                "mij,mjk,mik->mi", gain[:, speed], later.left, gain[:, speed]
             )
             variance = variance + np.einsum("mij,mjk,mik->mi", change, last.cov, change)
-            both = np.einsum("mii->mi", cov)[:, 3:] + np.einsum("mii->mi", last.cov)[:, 3:]
+            both = np.einsum("mii->mi", cov)[:, speed] + np.einsum("mii->mi", last.cov)[:, speed]
             share = (weights**2 @ variance) / np.maximum(weights**2 @ both, 1e-300)
             self._kept[frame + 1] = np.clip(share, 0.0, 2.0)
 

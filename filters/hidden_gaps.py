@@ -11,18 +11,17 @@ from filters.anatomy import Anatomy
 from filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
 from filters.mixture import Mixture, learn_mixture
 from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
-from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
+from filters.models.singer import LastingSettings
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.score import Residuals, joined, residuals_of
 from mocap.side_by_side import Call, call_all
 
-SHARP_MARKER = MarkerSettings(acceleration=0.3)
-"""Constant velocity in a mixture: nearer with less noise than recordings show; its width is learned afterwards."""
-MODELS: tuple[TrajectoryModel, ...] = (SHARP_MARKER, PoseSettings(ranks=(8,)))
-"""What a learned tracker is made of: constant velocity of each marker, and the EAL model, whose settings are the same
-for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
+EACH_MARKER = LastingSettings()
+MODELS: tuple[TrajectoryModel, ...] = (EACH_MARKER, PoseSettings(ranks=(8,)))
+"""What a learned tracker is made of: each marker by itself, with an acceleration that lasts, and the EAL model, whose
+settings are the same for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
 
 
 @dataclass(frozen=True, kw_only=True)

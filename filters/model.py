@@ -8,8 +8,8 @@ import numpy as np
 
 from filters.anatomy import anatomy_of
 from filters.hidden_gaps import (
+    EACH_MARKER,
     MODELS,
-    SHARP_MARKER,
     USUAL_EFFORT,
     Effort,
     HiddenGaps,
@@ -152,7 +152,7 @@ def track_alone(
     gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
     if not gaps.hidden:
         return None
-    models = SHARP_MARKER, settings.tuned(trials)
+    models = EACH_MARKER, settings.tuned(trials)
     found, residuals = _estimates(models, trials, observations, gaps, asked, progress)
     return _mix(learn_mixture(residuals), found, recording), found[-1]
 

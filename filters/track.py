@@ -14,6 +14,7 @@ from filters.held import HeldKeeper
 from filters.motion.base import MotionModel, Step
 from filters.motion.constant_velocity import ConstantVelocity
 from filters.motion.pose import PoseMotion
+from filters.motion.singer import LastingAcceleration
 from filters.moving import RateKeeper
 from filters.observations import Observations, seen_from
 from filters.observe import Observed, observe
@@ -169,7 +170,7 @@ def smooth(
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    if isinstance(model, ConstantVelocity) and passes == 1:
+    if isinstance(model, ConstantVelocity | LastingAcceleration) and passes == 1:
         plain: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
         with threadpool_limits(1):
             return smooth_apart(model, observations, t_s, **plain)

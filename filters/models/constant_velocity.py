@@ -1,6 +1,6 @@
 """Constant velocity of each marker by itself, with the acceleration that recordings show."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,22 +53,43 @@ def acceleration_density(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
     Returns:
         (k,) densities in unit^2/s^3, positive.
     """
+    density = 2 * np.prod(motion_sd(y, dt_s=dt_s, cutoff_hz=cutoff_hz), axis=0)
+    return np.maximum(density, 1e-6 * max(density.max(), 1e-12))
+
+
+def motion_sd(y: Array, *, dt_s: float, cutoff_hz: float) -> Array:
+    """(2, k) standard deviations of velocity and acceleration of a series (T, k); faster motion is taken for noise."""
     smooth = smooth_series(y, np.ones(len(y)), dt_s=dt_s, cutoff_hz=cutoff_hz)
     velocity = np.gradient(smooth, dt_s, axis=0)
-    acceleration = np.gradient(velocity, dt_s, axis=0)
-    density = 2 * velocity.std(axis=0) * acceleration.std(axis=0)
-    return np.maximum(density, 1e-6 * max(density.max(), 1e-12))
+    return np.array([velocity.std(axis=0), np.gradient(velocity, dt_s, axis=0).std(axis=0)])
 
 
 def marker_density(xyz_m: Array, *, dt_s: float) -> Array:
     """(M,) spectral density of each marker's acceleration in a recording (T, M, 3); NaN where it is seen too seldom."""
-    seen = np.isfinite(xyz_m[..., 0])
-    density, axes = np.full(xyz_m.shape[1], np.nan), varying(xyz_m)
+    density = np.full(xyz_m.shape[1], np.nan)
+    for marker, series in _series(xyz_m):
+        density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=_cutoff_hz(dt_s)).mean()
+    return density
+
+
+def marker_motion(xyz_m: Array, *, dt_s: float) -> Array:
+    """(M, 2) standard deviations of each marker's velocity and acceleration; NaN where it is seen too seldom."""
+    found = np.full((xyz_m.shape[1], 2), np.nan)
+    for marker, series in _series(xyz_m):
+        found[marker] = np.sqrt(np.mean(motion_sd(series, dt_s=dt_s, cutoff_hz=_cutoff_hz(dt_s)) ** 2, axis=1))
+    return found
+
+
+def _cutoff_hz(dt_s: float) -> float:
+    return min(30.0, 0.2 / dt_s)
+
+
+def _series(xyz_m: Array) -> Iterator[tuple[int, Array]]:
+    """Markers that are seen in ten frames, and their positions from the first to the last of these, gaps bridged."""
+    seen, axes = np.isfinite(xyz_m[..., 0]), varying(xyz_m)
     for marker in np.flatnonzero(seen.sum(axis=0) >= 10):
         frames = np.flatnonzero(seen[:, marker])
-        series = bridge(xyz_m[frames[0] : frames[-1] + 1, marker])[:, axes]
-        density[marker] = acceleration_density(series, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s)).mean()
-    return density
+        yield int(marker), bridge(xyz_m[frames[0] : frames[-1] + 1, marker])[:, axes]
 
 
 def learn_constant_velocity(

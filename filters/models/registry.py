@@ -8,10 +8,12 @@ from filters.models.base import TrajectoryModel
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.delayed_poses import DelaySettings
 from filters.models.pose import PoseSettings
+from filters.models.singer import LastingSettings
 
 MODELS: dict[str, type[TrajectoryModel]] = {
     "constant velocity": MarkerSettings,
     "delayed poses": DelaySettings,
+    "lasting acceleration": LastingSettings,
     "pose": PoseSettings,
 }
 

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from filters.hidden_gaps import SHARP_MARKER, Effort
+from filters.hidden_gaps import EACH_MARKER, Effort
 from filters.model import LearnedModel, learn_model, renamed
 from filters.models.base import FittedMotion
 from filters.models.constant_velocity import learn_constant_velocity
@@ -163,7 +163,7 @@ def _mixture(recording: LongRecording, trials: Sequence[MarkerTrial], seed: int)
             kept,
             rng,
             bones=skeleton.rigid,
-            models=[SHARP_MARKER, PoseSettings(ranks=(8,))],
+            models=[EACH_MARKER, PoseSettings(ranks=(8,))],
             effort=Effort(most_frames=300, times=2),
         )
     except MocapError:

@@ -6,6 +6,7 @@ import pytest
 from datasets.rig import tunnel_cameras
 from filters.apart import smooth_apart
 from filters.motion.constant_velocity import ConstantVelocity
+from filters.motion.singer import LastingAcceleration
 from filters.observations import PixelObservations, PositionObservations
 from filters.track import smooth_together
 from mocap.cameras import triangulate
@@ -44,13 +45,26 @@ def scene(kind: str) -> tuple[ConstantVelocity, PositionObservations | PixelObse
     ), t_s  # fmt: skip
 
 
+def lasting(model: ConstantVelocity) -> LastingAcceleration:
+    """The same start, with accelerations that last."""
+    return LastingAcceleration(
+        start_m=model.start_m,
+        start_sd_m=model.start_sd_m,
+        speed_sd_m_s=model.speed_sd_m_s,
+        acceleration_m_s2=np.sqrt(10 * model.density),
+        memory_s=0.05,
+    )
+
+
+@pytest.mark.parametrize("lasts", [False, True], ids=["velocity", "acceleration"])
 @pytest.mark.parametrize("kind", ["points", "rays"])
-def test_as_one_matrix_of_all(kind):
+def test_as_one_matrix_of_all(kind, lasts):
     """A block-diagonal covariance stays one, so that both ways are the same algebra.
 
     1e-8 of a covariance is what rounding costs of factors whose condition is 1e4, squared.
     """
     model, seen, t_s = scene(kind)
+    model = lasting(model) if lasts else model
     weights = (tuple(np.full(M, 1 / M)), (0.5, 0.5, 0.0, 0.0))
     asked = Asked(names=("a", "b", "c", "d", "mean", "ab"), weights=weights, pairs=((0, 1), (0, 4), (4, 5)))
     one = smooth_together(model, seen, t_s, asked=asked)

@@ -13,6 +13,7 @@ from filters.models.constant_velocity import MarkerSettings
 from filters.models.delayed_poses import DelaySettings
 from filters.models.pose import PoseSettings
 from filters.models.registry import MODELS, read, written
+from filters.models.singer import LastingSettings
 from filters.observations import PositionObservations
 from tests.filters.test_gaps_in_trials import trial_of
 
@@ -20,6 +21,7 @@ POSE = PoseSettings(ranks=(2,), mechanics="linear", weight=1 / 3)
 EXAMPLES = {
     "constant velocity": MarkerSettings(acceleration=0.1),
     "delayed poses": DelaySettings(ranks=(2,), views=("body",)),
+    "lasting acceleration": LastingSettings(memory=2.0),
     "pose": POSE,
 }
 

@@ -10,7 +10,7 @@ import pytest
 import mocap
 from datasets import make_bat, write_recording
 from filters.anatomy import Anatomy
-from filters.hidden_gaps import SHARP_MARKER, Effort, hidden_gaps
+from filters.hidden_gaps import EACH_MARKER, Effort, hidden_gaps
 from mocap.errors import MocapError
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import Recording
@@ -70,9 +70,9 @@ def test_hidden_gaps_are_filled_to_the_same_bits():
     gaps = hidden_gaps(
         [trial_of(3), trial_of(4)], Anatomy((0, 1, 2, 3)), np.random.default_rng(0), effort=Effort(validated=2, times=1)
     )
-    (here,) = gaps.fill([SHARP_MARKER])
+    (here,) = gaps.fill([EACH_MARKER])
     with mocap.processes(2):
-        (there,) = gaps.fill([SHARP_MARKER])
+        (there,) = gaps.fill([EACH_MARKER])
     np.testing.assert_array_equal(here.error_m, there.error_m)
     np.testing.assert_array_equal(here.variance, there.variance)
 

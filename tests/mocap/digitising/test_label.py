@@ -5,7 +5,7 @@ import pytest
 
 import mocap as library
 from datasets import bat, lizard
-from filters.hidden_gaps import SHARP_MARKER, Effort
+from filters.hidden_gaps import EACH_MARKER, Effort
 from filters.model import learn_model
 from filters.poses import MarkerTrial
 from mocap.digitising.label import cut, label
@@ -140,7 +140,7 @@ def take(tmp_path_factory):
     trial = MarkerTrial(name="a", t_s=taught.truth.t_s, xyz_m=taught.truth.xyz_m, sd_m=sd_m)
     names, trunk = taught.skeleton.markers, taught.skeleton.trunk
     effort = Effort(most_frames=60, times=1)
-    learned = learn_model(names, trunk, [trial], np.random.default_rng(0), models=[SHARP_MARKER], effort=effort)
+    learned = learn_model(names, trunk, [trial], np.random.default_rng(0), models=[EACH_MARKER], effort=effort)
     Model(learned).save(folder / "lizard.npz")
     points, truth = without_labels(other.xyz_m, np.random.default_rng(0), gaps=5, ghosts=2)
     columns = tuple(f"*{i + 1}" for i in range(points.shape[1]))

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.gaps.peers import released
 from benchmarks.gaps.peers.coordinates import World
+from benchmarks.gaps.peers.released.disk import Disk, installed
 from benchmarks.gaps.peers.released.make_env import interpreter
 from benchmarks.gaps.peers.released.tools import ToolFiller, bones, tools
 from tests.benchmarks.gaps.peer_trials import hidden, make_trial
@@ -58,3 +59,18 @@ def test_what_a_tool_says_of_wrong_options_is_passed_on():
     trial = make_trial(np.zeros((30, 6, 3)))
     with pytest.raises(ArithmeticError, match=r"pose2sim: KeyError"):
         ToolFiller("pose2sim", World(), {"filter": "none", "kind": "cubic"})(trial)
+
+
+@pytest.mark.skipif(not installed(), reason="python -m benchmarks.gaps.peers.released.make_env --disk")
+def test_disk_learns_where_a_marker_rests():
+    """Markers that rest beside each other: after training the network puts a hidden one nearer than all are apart."""
+    rng = np.random.default_rng(0)
+    limbs = np.broadcast_to(rng.normal(size=(1, 6, 3)) / 3, (160, 6, 3)) + rng.normal(0, 1e-3, (160, 6, 3))
+    trial = make_trial(limbs, sd_m=1e-3)
+    shown = replace(trial, xyz_m=hidden(trial, ("a",), np.arange(60, 85)))
+    filled = Disk("transformer", steps=40).learn([trial])(shown)
+    seen = np.isfinite(shown.xyz_m)
+    np.testing.assert_allclose(filled.xyz_m[seen], trial.xyz_m[seen], atol=1e-9)
+    error = np.linalg.norm(filled.xyz_m[60:85, 4] - trial.xyz_m[60:85, 4], axis=-1)
+    apart = np.linalg.norm(trial.xyz_m[60:85] - trial.xyz_m[60:85, 4:5], axis=-1).mean()
+    assert error.mean() < apart / 2

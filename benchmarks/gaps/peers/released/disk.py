@@ -1,4 +1,4 @@
-"""DISK (Rose et al. 2025, Nature Methods): networks that learn to fill gaps, trained on processors for a limited time."""
+"""DISK (Rose et al. 2025, Nature Methods): networks that learn to fill gaps, trained for few steps on processors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

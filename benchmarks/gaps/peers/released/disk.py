@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from tempfile import TemporaryDirectory
 from typing import Literal
 
 import numpy as np
 
-from benchmarks.gaps.method import Estimate, Filler, Trial
+from benchmarks.gaps.method import Filler, Trial
 from benchmarks.gaps.peers.coordinates import learn_body
 from benchmarks.gaps.peers.released.make_env import ENV
 from benchmarks.gaps.peers.released.process import run
@@ -38,13 +37,8 @@ class Disk:
 
     def learn(self, training: Sequence[Trial]) -> Filler:
         """Train it; the last 72 frames of each trial decide which epoch is kept."""
-        body, folder = learn_body(training), TemporaryDirectory(prefix="disk")
-        options = {"folder": folder.name, "network": self.network}
+        body = learn_body(training)
         y = [1e3 * body.place(trial).y for trial in training]
-        more = {"steps": self.steps, "lengths": [len(part) for part in y]}
-        run("disk_train", np.concatenate(y), 1e3 * training[0].sd_m, {**options, **more})
-
-        def fill(trial: Trial) -> Estimate:
-            return ToolFiller("disk", body, {**options, "folder": folder.name})(trial)
-
-        return fill
+        more = {"network": self.network, "steps": self.steps, "lengths": [len(part) for part in y]}
+        folder, _ = run("disk_train", np.concatenate(y), 1e3 * training[0].sd_m, more)
+        return ToolFiller("disk", body, {"network": self.network, "folder": str(folder)})

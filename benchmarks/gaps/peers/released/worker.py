@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import sys
+import tempfile
 import warnings
 from contextlib import redirect_stdout
 
@@ -177,7 +178,7 @@ def _disk_network(name):
 
 
 def disk_train(xyz, _sd, options):
-    """``train_fillmissing`` of DISK on windows without gaps; the last windows of each trial are for validation."""
+    """``train_fillmissing`` of DISK on windows without gaps, the last of each trial for validation; its folder."""
     from pathlib import Path
 
     import torch
@@ -185,7 +186,7 @@ def disk_train(xyz, _sd, options):
     from DISK.create_proba_missing_files import create_uniform_proba
     from DISK.main_fillmissing import train_fillmissing
 
-    logger, folder = logging.getLogger("disk"), Path(options["folder"])
+    logger, folder = logging.getLogger("disk"), Path(tempfile.mkdtemp(prefix="disk", dir=options["home"]))
     kept = DISK_LENGTH + 2 + DISK_STRIDE
     windows = {"train": [], "val": []}
     for trial in np.split(xyz, np.cumsum(options["lengths"])[:-1]):
@@ -210,7 +211,7 @@ def disk_train(xyz, _sd, options):
     torch.set_num_threads(1)
     torch.autograd.set_detect_anomaly = lambda _on: None  # a check that doubles the time
     epochs = max(1, round(options["steps"] / -(-len(windows["train"]) // DISK_BATCH)))
-    found = train_fillmissing(
+    train_fillmissing(
         project_dir=str(folder),
         model_dir=str(folder),
         dataset_path=str(folder),
@@ -240,7 +241,7 @@ def disk_train(xyz, _sd, options):
         add_missing=True,
         logger=logger,
     )
-    return np.array([*found, len(windows["train"])], dtype=float), None
+    return np.array(str(folder)), None
 
 
 def disk(xyz, _sd, options):
@@ -305,7 +306,7 @@ def main():
         job = json.loads(line)
         try:
             with np.load(job["input"]) as data, redirect_stdout(sys.stderr):
-                options = dict(job["options"])
+                options = {**job["options"], "home": os.path.dirname(job["input"])}
                 if "guess" in data:
                     options["guess"] = data["guess"]
                 first, second = TOOLS[job["tool"]](data["xyz"], data["sd"], options)

@@ -194,8 +194,8 @@ def _system(matrices: Array, uv: Array) -> tuple[Array, Array, NDArray[np.int64]
         return None
     problem = linearise(matrices, uv[:, moving], xyz[moving])
     n_cameras, n_points = problem.seen.shape
-    drift = np.einsum("ckij,kj->cki", problem.jacobian, speed[moving])  # image velocity, px a frame
-    own = np.moveaxis(problem.jacobian, 0, 1).reshape(n_points, 2 * n_cameras, 3)
+    drift = np.einsum("crik,ki->ckr", problem.slope, speed[moving])  # image velocity, px a frame
+    own = np.moveaxis(problem.slope, -1, 0).reshape(n_points, 2 * n_cameras, 3)
     normal = np.swapaxes(own, 1, 2) @ own
     normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     hat = own @ np.linalg.solve(normal, np.swapaxes(own, 1, 2))
@@ -205,7 +205,7 @@ def _system(matrices: Array, uv: Array) -> tuple[Array, Array, NDArray[np.int64]
         columns[:, 2 * c : 2 * c + 2, c] = drift[c]
         columns[:, 2 * c, n_cameras + 2 * c] = columns[:, 2 * c + 1, n_cameras + 2 * c + 1] = problem.seen[c]
     rows = columns - hat @ columns
-    error = np.moveaxis(problem.error, 0, 1).reshape(n_points, 2 * n_cameras)
+    error = problem.error.reshape(2 * n_cameras, n_points).T
     error = error - (hat @ error[..., None])[..., 0]
     block = np.repeat(np.arange(n_points) * BLOCKS // n_points, 2 * n_cameras)
     miss = np.sqrt(np.sum(error**2, axis=1))

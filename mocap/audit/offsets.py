@@ -59,14 +59,18 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
         The offsets; None where fewer than 50 pixels of moving markers are seen by two cameras, or rays give no points.
     """
     ideal = _window(ideal_px, most_frames)
+    often = np.isfinite(ideal[..., 0]).sum(axis=1, keepdims=True) >= 4  # as a cubic needs
+    ideal = np.where(often[..., None], ideal, np.nan)
     n_cameras = len(ideal)
     delay = np.zeros(n_cameras)
-    splines = _splines(ideal)
+    splines = None
     step = sd = np.zeros(n_cameras)
     before = after = 0.0
     samples = 0
     for turn in range(rounds):
-        shifted = _shifted(ideal, splines, -delay)
+        if turn == 1:
+            splines = _splines(ideal)
+        shifted = ideal if splines is None else _shifted(ideal, splines, -delay)
         system = _system(matrices, shifted)
         if system is None:
             return None

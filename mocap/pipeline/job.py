@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from filters.joint_types import articulation
 from filters.model import LearnedModel, for_recording, renamed
 from filters.models.pose import PoseSettings
 from filters.motion.base import MotionModel
@@ -15,7 +16,6 @@ from mocap.errors import MocapError
 from mocap.held import HeldLimb
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.articulated import articulation
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials

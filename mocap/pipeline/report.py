@@ -7,12 +7,12 @@ from typing import cast
 import numpy as np
 from scipy.special import chdtri
 
+from filters.joint_types import Articulation, undetermined
 from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.markdown import plain
-from mocap.pipeline.articulated import Articulation, undetermined
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera

@@ -53,6 +53,10 @@ class ArticulatedSettings(TrajectoryModel):
         """Segments and joints, and what holds them."""
         return f"articulated segments, {self.pose.description.replace('limbs', 'joint angles')}"
 
+    def tuned(self, trials: TrialSet) -> "ArticulatedSettings":
+        """With the covariance of a regression, if there is one."""
+        return replace(self, pose=self.pose.tuned(trials))
+
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Find joints and lengths, fit the angles of each frame, learn how they move.
 
@@ -60,6 +64,7 @@ class ArticulatedSettings(TrajectoryModel):
             MocapError: no bones are known by which segments could hang on each other.
         """
         model = learn_articulated(trials.trials, trials.anatomy, self)
+        model = replace(model, regression=self.pose.regressed(trials))
         return FittedMotion(model, trials.trials[-1].t_s, self.pose.passes)
 
 
@@ -261,6 +266,9 @@ def learn_articulated(
             "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
             "tree": tree,
             "arm_m": arms,
+            "ends": np.stack([build.centre, build.child], axis=1),
+            "length_m": np.linalg.norm(trees[-1].place_m[build.child], axis=1),
+            "length_sd_m": lengths(build, body[-1], noise[-1])[1],
             "slip_sd": settings.slip * sd,
             "slip_rate_hz": OF_OU * residual_rate([one.reshape(len(one), -1) for one in left], poses[-1].dt_s),
         }
@@ -289,7 +297,7 @@ def _with_riders(
     every = np.arange(len(riders))
     usually = _mean(np.concatenate(local))[every, on]
     for tree, one in zip(trees, local, strict=True):
-        seen = np.isfinite(one[:, every, on, 0]).any(axis=0)
+        seen = np.asarray(np.isfinite(one[:, every, on, 0]).any(axis=0))
         tree.segment[riders], tree.place_m[riders] = on, np.where(seen[:, None], _mean(one)[every, on], usually)
     return build, trees, [fit_poses(t, y, np.hypot(sd, skin_m)) for t, y, sd in zip(trees, body, noise, strict=True)]
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from filters.ensemble import Gaussian, default_points, each_marker, ensemble, scale, spread
@@ -27,12 +28,18 @@ class ArticulatedMotion(PoseMotion):
         arm_m: (F,) what brings angles to arc length.
         slip_sd: (M,) standard deviation of a marker's place on its segment.
         slip_rate_hz: Rate at which it forgets, 1/s.
+        ends: (J, 2) markers at the joint and at the outer end of each segment.
+        length_m: (J,) lengths of the segments.
+        length_sd_m: (J,) their standard errors; NaN where a segment was hardly seen.
     """
 
     tree: Tree
     arm_m: Array
     slip_sd: Array
     slip_rate_hz: float
+    ends: NDArray[np.int64]
+    length_m: Array
+    length_sd_m: Array
     name: str = "articulated"
     linear: bool = False
     slip: slice = field(init=False)
@@ -78,12 +85,10 @@ class ArticulatedMotion(PoseMotion):
         bent = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T + states[:, self.parts[2]]
         return bent / self.arm_m
 
-    def joint_angles(self, state: Gaussian) -> tuple[Array, Array]:
-        """Mean (F,) and covariance (F, F) of the joint angles of a state."""
-        r = self.rank
-        rows = self.subspace.basis @ state.factor[:r] + state.factor[self.parts[2]]
-        rows /= self.arm_m[:, None]
-        return self.angles(state.mean[None])[0], rows @ rows.T
+    def angles_of(self, state: Gaussian) -> tuple[Array, Array]:
+        """Mean (F,) and standard deviation (F,) of the joint angles of a state."""
+        rows = self.subspace.basis @ state.factor[: self.rank] + state.factor[self.parts[2]]
+        return self.angles(state.mean[None])[0], np.linalg.norm(rows, axis=1) / self.arm_m
 
     def _root(self, states: Array, frame: int) -> tuple[Array, Array]:
         """(S, 3, 3) axes of the root in the world, and (S, 3) its position."""
@@ -154,7 +159,5 @@ class ArticulatedMotion(PoseMotion):
         out[..., : self.rank], out[..., self.parts[2]] = by_arc @ self.subspace.basis, by_arc
         each = np.arange(inside.shape[1])
         for column in range(3):
-            out[:, each, :, self.slip.start + 3 * each + column] = np.moveaxis(
-                posed.rotation[:, self.tree.segment, :, column], 1, 0
-            )
+            out[:, each, :, self.slip.start + 3 * each + column] = posed.rotation[:, self.tree.segment, :, column]
         return inside, out

@@ -402,6 +402,7 @@ _METHODS = {
     "cubic": "cubic splines",
     "constant_velocity": "Kalman smoother of each marker alone",
     "eal": "Kalman smoother of the whole pose with its empirical potential",
+    "articulated": "Kalman smoother of joint angles, segments of constant length",
     "mixture": "weighted mean of several models, by each model's predicted variance",
 }
 """What the methods of the tables are."""

@@ -266,6 +266,7 @@ def learn_articulated(
             "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
             "tree": tree,
             "arm_m": arms,
+            "start": _start(shapes, columns),
             "ends": np.stack([build.centre, build.child], axis=1),
             "length_m": np.linalg.norm(trees[-1].place_m[build.child], axis=1),
             "length_sd_m": lengths(build, body[-1], noise[-1])[1],
@@ -273,6 +274,13 @@ def learn_articulated(
             "slip_rate_hz": OF_OU * residual_rate([one.reshape(len(one), -1) for one in left], poses[-1].dt_s),
         }
     )
+
+
+def _start(shapes: Shapes, columns: NDArray[np.int64]) -> Array:
+    """(2r + F,) z, zdot and e of the last trial's first frame; zeros where it shows less than most of the pose."""
+    z, rate, left = shapes.z[-1][0], shapes.rate[-1][0], np.nan_to_num(shapes.residual[-1][0, columns])
+    start = np.concatenate([z, rate, left])
+    return start if shapes.known[-1][0] > KNOWN else np.zeros_like(start)
 
 
 def _with_riders(

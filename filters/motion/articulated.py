@@ -13,6 +13,10 @@ from filters.tree import Posed, Tree, skew
 from mocap.arrays import Array
 
 
+NEAR = 0.2
+"""A pose that was fitted is known by so much better than the motion: what it says is not counted again."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArticulatedMotion(PoseMotion):
     """State [z (r), zdot (r), g (6), e (F), s (3M), gdot (6), edot (F)].
@@ -28,6 +32,7 @@ class ArticulatedMotion(PoseMotion):
         arm_m: (F,) what brings angles to arc length.
         slip_sd: (M,) standard deviation of a marker's place on its segment.
         slip_rate_hz: Rate at which it forgets, 1/s.
+        start: (2r + F,) z, zdot and e of the pose that was fitted to the first frame; zeros: it shows too little.
         ends: (J, 2) markers at the joint and at the outer end of each segment.
         length_m: (J,) lengths of the segments.
         length_sd_m: (J,) their standard errors; NaN where a segment was hardly seen.
@@ -37,6 +42,7 @@ class ArticulatedMotion(PoseMotion):
     arm_m: Array
     slip_sd: Array
     slip_rate_hz: float
+    start: Array
     ends: NDArray[np.int64]
     length_m: Array
     length_sd_m: Array
@@ -60,12 +66,15 @@ class ArticulatedMotion(PoseMotion):
         return slice(0, r), slice(r, r + 6), slice(r + 6, r + 6 + d), slice(end, end + 6), slice(end + 6, end + 6 + d)
 
     def initial(self) -> Gaussian:
-        """The mean pose at rest, with the deviations of the samples."""
-        sd, start = self.subspace.residual_sd, np.zeros(self.points.n)
+        """Near the pose that was fitted to the first frame, else the mean pose with the deviations of the samples."""
+        left, sd, mean = self.subspace.residual_sd, np.zeros(self.points.n), np.zeros(self.points.n)
         shape, g, e, g_rate, e_rate = self.parts
-        start[shape], start[g], start[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
-        start[e], start[e_rate], start[self.slip] = sd, self.residual_rate_hz * sd, np.repeat(self.slip_sd, 3)
-        return Gaussian(np.zeros(len(start)), np.diag(start))
+        sd[shape], sd[g], sd[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
+        sd[e], sd[e_rate], sd[self.slip] = left, self.residual_rate_hz * left, np.repeat(self.slip_sd, 3)
+        if self.start.any():
+            mean[shape], mean[e] = np.split(self.start, [shape.stop])
+            sd[shape] *= NEAR
+        return Gaussian(mean, np.diag(sd))
 
     def advance(self, states: Array, dt_s: float) -> Array:
         """As a pose; slip is forgotten."""

@@ -15,6 +15,10 @@ from filters.ensemble import Gaussian, condition, default_points, scale, spread,
 from mocap.arrays import Array
 
 
+FARTHEST = 3.0
+"""A potential moves a state by at most so many of its deviations: further off it was not linearised."""
+
+
 @dataclass(frozen=True, eq=False)
 class Term:
     """What one potential says of a state, linearised: rows that are 0, and a pull.
@@ -76,7 +80,9 @@ def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
     columns = posterior.factor[:, :k]
     inner = dtrsm(1.0, state.factor[:k, :k], columns[:k], lower=1)  # posterior factor in the prior one's units
     pull = np.sum([term.pull for term in terms], axis=0)
-    return Gaussian(posterior.mean + columns @ (inner.T @ pull), posterior.factor)
+    move = inner.T @ pull
+    move *= min(1.0, FARTHEST / max(float(np.linalg.norm(move)), FARTHEST))
+    return Gaussian(posterior.mean + columns @ move, posterior.factor)
 
 
 def informed(state: Gaussian, known: Gaussian) -> Gaussian:

@@ -258,17 +258,13 @@ def lasting_cov(prepared: Prepared) -> Array:
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
     (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
-    seen, that of its median sample.
+    seen, that of the sample of median variance.
     """
     if prepared.filmed is None:
         return np.zeros_like(prepared.cov_m2)
     usual = prepared.jitter_px * (np.ones(len(prepared.names)) if prepared.noise is None else prepared.noise.marker)
     cov = prepared.cov_m2 * lasting_share(prepared.persistent_px, usual, removed_px=prepared.bias_px)[:, None, None]
-    for marker in range(cov.shape[1]):
-        seen = np.isfinite(cov[:, marker, 0, 0])
-        if seen.any():
-            cov[~seen, marker] = np.median(cov[seen, marker], axis=0)
-    return cov if prepared.lens_cov_m2 is None else cov + filled(prepared.lens_cov_m2)
+    return filled(cov) if prepared.lens_cov_m2 is None else filled(cov) + filled(prepared.lens_cov_m2)
 
 
 def validate(

@@ -99,7 +99,7 @@ class Tree:
         A coordinate turns all that its joint carries about R_parent J_l(v) axis, J_l the left Jacobian of the joint's
         rotation vector v (Chirikjian 2011, section 10.8).
         """
-        about = posed.rotation[:, self.parent[self.joint]] @ _left_jacobian(self.turns(angles))[:, self.joint]
+        about = posed.rotation[:, self.parent[self.joint]] @ left_jacobian(self.turns(angles))[:, self.joint]
         axis = (about @ self.axes[..., None])[..., 0]
         arm = markers[:, :, None] - posed.origin[:, None, self.joint + 1]
         moved = np.where(self.carries.T[..., None], np.cross(axis[:, None], arm), 0.0)
@@ -113,7 +113,7 @@ def skew(v: Array) -> Array:
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
 
 
-def _left_jacobian(v: Array) -> Array:
+def left_jacobian(v: Array) -> Array:
     """(..., 3, 3) of rotation vectors: exp(v + d) = exp(J d) exp(v) to first order."""
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     small = angle < 1e-3

@@ -261,7 +261,6 @@ def learn_articulated(
         **known
         | {
             "name": "articulated",
-            "linear": False,
             "subspace": subspace,
             "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
             "tree": tree,
@@ -338,11 +337,11 @@ def _slip(tree: Tree, fitted: FittedPoses, body: Array) -> Array:
 def _skin(left: Sequence[Array], noise: Sequence[Array], tree: Tree) -> Array:
     """(M,) standard deviation of a marker's slip: what fits leave, with the freedoms that they took, less the noise.
 
-    Half of it is what all markers leave: fits through few markers leave little of each.
+    Half of it is what most markers leave: fits through few markers leave little of each.
     """
     squares = _mean(np.concatenate(left) ** 2).mean(axis=1)
     taken = 3 * len(squares) / max(3 * len(squares) - len(tree.axes) - 6, len(squares))
-    variance = taken * 0.5 * (squares + squares.mean())
+    variance = taken * 0.5 * (squares + np.median(squares))
     measured = np.nan_to_num(np.nanmedian(np.concatenate(noise))) ** 2
     return np.sqrt(np.maximum(variance - measured, 0.05 * variance) + 1e-14)
 

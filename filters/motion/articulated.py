@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian, default_points, each_marker, ensemble, scale, spread
+from filters.ensemble import Gaussian, default_points
 from filters.motion.pose import PoseMotion
-from filters.tree import Posed, Tree, skew
+from filters.tree import Posed, Tree, left_jacobian, skew
 from mocap.arrays import Array
 
 
@@ -47,7 +47,6 @@ class ArticulatedMotion(PoseMotion):
     length_m: Array
     length_sd_m: Array
     name: str = "articulated"
-    linear: bool = False
     slip: slice = field(init=False)
 
     def __post_init__(self) -> None:
@@ -115,16 +114,14 @@ class ArticulatedMotion(PoseMotion):
         return self._inside(states)[1] @ np.swapaxes(turn, 1, 2) + position[:, None]
 
     def deviations(self, state: Gaussian, frame: int) -> tuple[Array, Array]:
-        """By sigma points of all but the slip, which moves a marker as its segment is turned."""
-        c, gamma = scale(self.points)
-        points = spread(state, c, columns=self.slip.start, rows=self.reads)
-        mean, rows = ensemble(self.markers(points, frame).reshape(len(points), -1), c, gamma, linear=self.linear)
-        turn = self._root(points[:1], frame)[0] @ self.tree.pose(self.angles(points[:1])).rotation[0, self.tree.segment]
-        own = state.factor[self.slip, self.slip].T.reshape(-1, len(turn), 3)
-        slipped = each_marker(own, np.swapaxes(turn, 1, 2)).reshape(len(own), -1)
-        first = self.slip.start
-        rows = np.concatenate([rows[:first], slipped, rows[first:]])
-        return mean.reshape(-1, 3), rows.reshape(len(rows), -1, 3)
+        """As ``markers`` has them, linearised in closed form."""
+        g, factor = self.parts[1], state.factor[:, : self.reads]
+        inside, slopes = self._slopes(state.mean[None])
+        turn, position = self._root(state.mean[None], frame)
+        about = inside[0] @ turn[0].T
+        turned = self.path.frames.rotation[frame] @ left_jacobian(state.mean[g][3:]) @ factor[g][3:]
+        rows = turn[0] @ (slopes[0] @ factor) - skew(about) @ turned + factor[g][:3]
+        return about + position[0], np.ascontiguousarray(np.moveaxis(rows, 2, 0))
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
         """Velocities of the markers; as ``PoseMotion.rates`` with u of the joint angles.

@@ -12,7 +12,6 @@ from filters.motion.pose import PoseMotion
 from filters.tree import Posed, Tree, left_jacobian, skew
 from mocap.arrays import Array
 
-
 NEAR = 0.2
 """A pose that was fitted is known by so much better than the motion: what it says is not counted again."""
 

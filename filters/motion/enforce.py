@@ -14,7 +14,6 @@ from scipy.linalg.blas import dtrsm, dtrsv  # type: ignore[attr-defined]  # made
 from filters.ensemble import Gaussian, condition, default_points, scale, triangular
 from mocap.arrays import Array
 
-
 FARTHEST = 3.0
 """A potential moves a state by at most so many of its deviations: further off it was not linearised."""
 

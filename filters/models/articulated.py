@@ -27,6 +27,8 @@ KNOWN = 0.97
 """An angle is a sample where a frame leaves less than 3 % of the variance of a radian: 10 degrees."""
 SKIN = 0.03
 """Markers slip by about that share of a segment, before it is known by how much."""
+MOST = 0.8
+"""A frame that shows a larger share of the angles is what a filter starts at."""
 LEAST_FRAMES = 20
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
 ANGLES = PoseSettings(ranks=(8,), regression=0.0, bones=0.0, body=1.0)
@@ -261,6 +263,7 @@ def learn_articulated(
         **known
         | {
             "name": "articulated",
+            "farthest": ArticulatedMotion.farthest,
             "subspace": subspace,
             "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
             "tree": tree,
@@ -276,10 +279,10 @@ def learn_articulated(
 
 
 def _start(shapes: Shapes, columns: NDArray[np.int64]) -> Array:
-    """(2r + F,) z, zdot and e of the last trial's first frame; zeros where it shows less than most of the pose."""
-    z, rate, left = shapes.z[-1][0], shapes.rate[-1][0], np.nan_to_num(shapes.residual[-1][0, columns])
-    start = np.concatenate([z, rate, left])
-    return start if shapes.known[-1][0] > KNOWN else np.zeros_like(start)
+    """(2r + F,) z, zdot and e of the last trial's first frame; zeros where it shows less than most of the angles."""
+    left = shapes.residual[-1][0, columns]
+    start = np.concatenate([shapes.z[-1][0], shapes.rate[-1][0], np.nan_to_num(left)])
+    return start if np.isfinite(left).mean() > MOST else np.zeros_like(start)
 
 
 def _with_riders(

@@ -46,6 +46,7 @@ class ArticulatedMotion(PoseMotion):
     length_m: Array
     length_sd_m: Array
     name: str = "articulated"
+    farthest: float = 3.0
     slip: slice = field(init=False)
 
     def __post_init__(self) -> None:

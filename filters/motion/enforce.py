@@ -14,9 +14,6 @@ from scipy.linalg.blas import dtrsm, dtrsv  # type: ignore[attr-defined]  # made
 from filters.ensemble import Gaussian, condition, default_points, scale, triangular
 from mocap.arrays import Array
 
-FARTHEST = 3.0
-"""A potential moves a state by at most so many of its deviations: further off it was not linearised."""
-
 
 @dataclass(frozen=True, eq=False)
 class Term:
@@ -77,11 +74,16 @@ def potential_term(
     return Term(unit @ root, np.zeros(p), unit @ target)
 
 
-def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
+def enforce(state: Gaussian, terms: Sequence[Term], *, farthest: float = np.inf) -> Gaussian:
     """Minimise 1/2 |x - x_pred|^2 in the metric P^-1 plus potentials, all at once.
 
     The result reads as a measurement update with information equal to the sum of the Hessians: it contracts the
     covariance, needs no substeps and is stable at any stiffness.
+
+    Args:
+        state: Predicted state.
+        terms: Potentials.
+        farthest: Forces move the state by at most so many of its deviations: no further than they were linearised for.
     """
     if not terms:
         return state
@@ -92,7 +94,9 @@ def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
     inner = dtrsm(1.0, state.factor[:k, :k], columns[:k], lower=1)  # posterior factor in the prior one's units
     pull = np.sum([term.pull for term in terms], axis=0)
     move = inner.T @ pull
-    move *= min(1.0, FARTHEST / max(float(np.linalg.norm(move)), FARTHEST))
+    size = float(np.linalg.norm(move))
+    if size > farthest:
+        move *= farthest / size
     return Gaussian(posterior.mean + columns @ move, posterior.factor)
 
 

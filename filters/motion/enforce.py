@@ -91,9 +91,8 @@ def enforce(state: Gaussian, terms: Sequence[Term], *, farthest: float = np.inf)
     k = len(rows)
     posterior, _, _ = condition(state, rows, np.concatenate([term.away for term in terms]), k)
     columns = posterior.factor[:, :k]
-    inner = dtrsm(1.0, state.factor[:k, :k], columns[:k], lower=1)  # posterior factor in the prior one's units
-    pull = np.sum([term.pull for term in terms], axis=0)
-    move = inner.T @ pull
+    pull = dtrsv(state.factor[:k, :k], np.sum([term.pull for term in terms], axis=0), lower=1, trans=1)
+    move = columns[:k].T @ pull  # in deviations of the posterior
     size = float(np.linalg.norm(move))
     if size > farthest:
         move *= farthest / size

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from filters.anatomy import anatomy_of
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
-from filters.model import LearnedModel, track_alone, track_with
+from filters.mixture import Mixture
+from filters.model import LearnedModel, MixedTrack, track_alone, track_with
 from filters.models.articulated import ArticulatedSettings
 from filters.models.base import FittedMotion, TrialSet, shares
 from filters.models.constant_velocity import MarkerSettings
@@ -128,22 +129,11 @@ def track_mixed(
     *,
     settings: PoseSettings,
     hidden: Mask | None = None,
+    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
-) -> Estimate | None:
+) -> MixedTrack | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
-    found = _track_alone(prepared, part, settings, hidden, asked, progress)
-    return None if found is None else found[0]
-
-
-def _track_alone(
-    prepared: Prepared,
-    part: Part,
-    settings: PoseSettings,
-    hidden: Mask | None,
-    asked: Asked | None,
-    progress: Progress | None,
-) -> tuple[Estimate, Estimate] | None:
     names, skeleton = part_names(prepared, part), prepared.skeleton
     return track_alone(
         names,
@@ -152,6 +142,7 @@ def _track_alone(
         prepared.observations(part.frames, part.markers, hidden=hidden),
         settings,
         bones=skeleton.rigid,
+        mixture=mixture,
         asked=None if asked is None else asked_of(names, asked),
         progress=progress,
     )
@@ -163,15 +154,16 @@ def track_learned(
     learned: LearnedModel,
     *,
     hidden: Mask | None = None,
+    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
-) -> Estimate:
+) -> MixedTrack:
     """Filter and smooth the seen part with a model that was learned from other trials."""
     names = part_names(prepared, part)
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
     own = marker_trial(prepared, part, hidden=hidden)
     points = None if asked is None else asked_of(names, asked)
-    return track_with(learned, names, own, observations, asked=points, progress=progress)
+    return track_with(learned, names, own, observations, mixture=mixture, asked=points, progress=progress)
 
 
 def track(
@@ -275,10 +267,14 @@ def validate(
     methods: Mapping[str, bool],
     rng: np.random.Generator,
     learned: LearnedModel | None = None,
+    mixture: Mixture | None = None,
     most_frames: int = 300,
     progress: Progress | None = None,
 ) -> tuple[dict[str, dict[str, float | None]], int]:
     """Hide samples that were measured, learn without them, fill them, and compare.
+
+    Models are learned without the hidden samples. How they are mixed, a weight and a width a model and length of gap,
+    is that of the track itself: learned from other gaps, in which some of the same samples were hidden.
 
     Args:
         prepared: The recording.
@@ -287,6 +283,7 @@ def validate(
         methods: Models to measure (``mixture``, ``eal``, ``articulated``, ``constant_velocity``); False leaves one out.
         rng: Where to hide.
         learned: A model of other trials to measure as well, as ``learned``.
+        mixture: How models are mixed in this recording.
         most_frames: At most so many frames, where most is seen.
         progress: Called with the share done.
 
@@ -313,16 +310,18 @@ def validate(
     wanted = [name for name in (*ALONE, "mixture") if methods.get(name, False) and (posed or name not in _OF_POSES)]
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     found: dict[str, Estimate] = {}
-    if "mixture" in wanted:
-        both = _track_alone(prepared, part, settings, hidden, None, steps["mixture"])
+    if "mixture" in wanted and mixture is not None:
+        both = track_mixed(prepared, part, settings=settings, hidden=hidden, mixture=mixture, progress=steps["mixture"])
         if both is not None:
-            found["mixture"], found["eal"] = both
+            found["mixture"], found["eal"] = both.markers, both.eal
     for name in ALONE:
         if name in wanted and name not in found:
             model = learn_motion(prepared, part, name, settings=settings, hidden=hidden)
             found[name] = track(prepared, part, model, hidden=hidden, progress=steps["rest"])
     if learned is not None:
-        found["learned"] = track_learned(prepared, part, learned, hidden=hidden, progress=steps["learned"])
+        tell = steps["learned"]
+        both = track_learned(prepared, part, learned, hidden=hidden, mixture=mixture, progress=tell)
+        found["learned"] = both.markers
     for name in (*wanted, "learned"):
         if name in found:
             cov = found[name].cov_m2 + _jitter(prepared, part)

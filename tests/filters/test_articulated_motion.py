@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from docs.tools.columns import undocumented
 from filters.anatomy import Anatomy
 from filters.ensemble import Gaussian
 from filters.models.articulated import ArticulatedSettings, learn_articulated, rooted
@@ -16,15 +18,22 @@ from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
 from filters.tree import Tree, fit_poses
 from mocap.errors import MocapError
-from tests.mocap.test_articulated import LENGTHS, arm
+from mocap.joint_angles import PARTS
+from mocap.pipeline.job import run_job
+from mocap.pipeline.prepare import prepare_tracks
+from mocap.records import MarkerTracks, Status
+from mocap.results.stored import read_run
+from mocap.results.tables import write_run
+from mocap.skeleton import skeleton_text
+from tests.mocap.test_articulated import LENGTHS, NAMES, SKELETON, arm
 
 ARM = Anatomy(trunk=(0, 1, 2, 3), bones=((3, 4), (4, 5), (5, 6)))
 DT_S, NOISE_M = 0.01, 2e-4
 
 
-def arm_trial(hidden=None, seed=0):
+def arm_trial(hidden=None, frames=240):
     """An arm of a ball, a hinge and a wrist of two angles; its forearm is hidden in some frames."""
-    xyz, _ = arm(wrist=(30.0, 25.0), elbow_deg=60.0, n=240, seed=seed)
+    xyz, _ = arm(wrist=(30.0, 25.0), elbow_deg=60.0, n=frames)
     shown = xyz.copy()
     if hidden is not None:
         shown[hidden, 5] = np.nan
@@ -159,3 +168,25 @@ def test_a_potential_moves_a_state_no_further_than_it_was_linearised_for():
     for force, expected in ((1e6, 3.0), (1.0, 1.0)):
         term = Term(np.zeros((2, 1)), np.zeros(1), np.array([force, 0.0]))
         np.testing.assert_allclose(enforce(state, [term], farthest=3.0).mean, [2 * expected, 0.0])
+
+
+def test_angles_are_written_and_read(tmp_path):
+    """``model="articulated"``: the report names it, the table has angles in degrees, what is read is the same."""
+    _, trial = arm_trial(frames=60)
+    cov = np.tile(NOISE_M**2 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1))
+    status = np.full(trial.xyz_m.shape[:2], Status.MEASURED)
+    tracks = MarkerTracks(names=NAMES, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, status=status)
+    run, _ = run_job(prepare_tracks(tracks, SKELETON, name="arm"), model="articulated", validated=False)
+    assert run.report["model"]["name"] == "articulated"
+    assert run.angles is not None
+    assert run.angles.segments == ("shoulder to elbow", "elbow to wrist", "wrist to tip")
+    write_run(run, tmp_path, write_recording=None)
+    (tmp_path / "skeleton.toml").write_text(skeleton_text(SKELETON), encoding="utf-8")
+    table = pd.read_csv(tmp_path / "joint_angles.csv")
+    np.testing.assert_allclose(table["elbow_wrist_bend_deg"], np.degrees(run.angles.angle_rad[:, 3]), atol=1e-3)
+    again = read_run(tmp_path).angles
+    assert again is not None
+    assert again.names == run.angles.names
+    np.testing.assert_array_equal(again.sd_rad, run.angles.sd_rad)
+    words = {"joint": NAMES, "end": NAMES, "part": PARTS[1] + PARTS[3]}
+    assert not undocumented(table.columns, "joint_angles.csv", words)

@@ -119,6 +119,26 @@ def rmse(found: Array, truth: Array, where: np.ndarray) -> float:
     return float(np.sqrt(np.mean((found - truth)[where] ** 2)))
 
 
+def velocity_errors(name: str, *, n_frames: int, noise_m: float, seed: int = 0) -> dict[str, float]:
+    """Root mean square error of measured velocities by method: the smoother's state first, then the tuned filters."""
+    recording = (make_bat if name == "bat" else make_lizard)(seed=seed, n_frames=n_frames)
+    t_s, skeleton, true = recording.truth.t_s, recording.skeleton, recording.truth.xyz_m
+    seen = recording.pixels.seen.sum(axis=0) >= 2
+    noise = noise_m * np.random.default_rng(seed).normal(size=true.shape)
+    xyz = np.where(seen[..., None], true + noise, np.nan)
+    _, motion = tracked(xyz, t_s, skeleton, noise_m)
+    scene = bat_motion(seed) if name == "bat" else lizard_motion(seed)
+    exact = true_motion(scene, motion, skeleton).velocity_m_s[:, : true.shape[1]]
+    seen[:EDGE], seen[-EDGE:] = False, False
+    out = {"state of the smoother": rmse(motion.velocity_m_s[:, : true.shape[1]], exact, seen)}
+    base = np.where(np.isfinite(xyz), xyz, interpolated(xyz, t_s, kind="cubic"))
+    base = np.where(np.isfinite(base), base, true)
+    for label, (method, settings) in METHODS.items():
+        errors = [rmse(method(base, t_s, float(s))[0], exact, seen) for s in settings]
+        out[label] = float(np.nanmin(errors))
+    return out
+
+
 def sweep(name: str, n_frames: int, noises_mm: Iterable[float], seed: int = 0) -> None:
     """Print a table a noise level."""
     recording = (make_bat if name == "bat" else make_lizard)(seed=seed, n_frames=n_frames)

@@ -32,9 +32,11 @@ from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.moving import Motion
+from mocap.pipeline.demo import measured_demo
 from mocap.pipeline.moving import motion_of
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, ends_among
+from mocap.stages import Stages
 
 EDGE = 10
 """Frames at both ends that are not scored."""
@@ -179,6 +181,19 @@ def sweep(name: str, n_frames: int, noises_mm: Iterable[float], seed: int = 0) -
         print(coverage(found, exact))
 
 
+def product(name: str, seed: int) -> None:
+    """Print what ``mocap demo`` states of a whole twin, filmed and clicked, beside its truth: errors, and coverage.
+
+    The mixture as users run it.
+    """
+    run, _, true = measured_demo("bat" if name == "bat" else "lizard", stages=Stages(), seed=seed)
+    scene = bat_motion(seed) if name == "bat" else lizard_motion(seed)
+    truth = true_motion(scene, run.motion, run.skeleton)
+    found, exact = kinematics(run.motion, run.skeleton), kinematics(truth, run.skeleton)
+    print(f"\n{name}, seed {seed}, {len(true)} frames, by mocap demo: errors and share inside 95 % intervals")
+    print(coverage(found, exact), flush=True)
+
+
 def best(tried: list[tuple[Array, Array]], which: int, truth: Array, *masks: np.ndarray) -> tuple[Array, ...]:
     """What is best in each mask, by the truth."""
     return tuple(
@@ -240,9 +255,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--noise-mm", type=float, nargs="+", default=[0.05, 0.2, 0.5, 1.0, 2.0])
+    parser.add_argument(
+        "--product", type=int, metavar="SEEDS", help="mocap demo of so many seeds, no sweep"
+    )
     parser.add_argument("--twins", nargs="+", default=["bat", "lizard"])
     given = parser.parse_args()
     for twin in given.twins:
+        for seed in range(given.product or 0):
+            product(twin, seed)
+        if given.product:
+            continue
         sweep(twin, given.frames, given.noise_mm)
 
 

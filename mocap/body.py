@@ -34,7 +34,7 @@ class BodyFrames:
 
     def to_body(self, xyz_m: Array) -> Array:
         """World points (T, M, 3) in body coordinates (T, M, 3), metres."""
-        return np.einsum("tji,tmj->tmi", self.rotation, xyz_m - self.position_m[:, None])
+        return (xyz_m - self.position_m[:, None]) @ self.rotation
 
 
 def smooth_series(y: Array, weight: Array, *, dt_s: float, cutoff_hz: float) -> Array:

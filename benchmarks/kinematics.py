@@ -255,9 +255,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--noise-mm", type=float, nargs="+", default=[0.05, 0.2, 0.5, 1.0, 2.0])
-    parser.add_argument(
-        "--product", type=int, metavar="SEEDS", help="mocap demo of so many seeds, no sweep"
-    )
+    parser.add_argument("--product", type=int, metavar="SEEDS", help="mocap demo of so many seeds, no sweep")
     parser.add_argument("--twins", nargs="+", default=["bat", "lizard"])
     given = parser.parse_args()
     for twin in given.twins:

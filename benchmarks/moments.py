@@ -10,6 +10,7 @@ where it is installed, has its own inverse dynamics of two links that turn about
 
 import argparse
 import importlib
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -33,7 +34,7 @@ from mocap.pipeline.recording import Recording
 from mocap.skeleton import Bone, Joint, Skeleton
 
 
-def row(name: str, found: Kinematics, exact: dict[str, Array], ending: str) -> str:
+def row(name: str, found: Kinematics, exact: Mapping[str, Array], ending: str) -> str:
     """Error and coverage, measured and filled apart, of all quantities with such an end."""
     cells = []
     for rests in (Rests.MEASURED, Rests.FILLED):

@@ -32,6 +32,8 @@ from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
 from mocap.results.mjcf import FILE, write_mjcf
+from mocap.results.osim import FILE as OSIM_FILE
+from mocap.results.osim import write_osim
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
@@ -252,7 +254,7 @@ class Tracked:
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
             exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well; ``mjcf``: the
-                fitted animal as ``skeleton.mjcf.xml``.
+                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
         """
@@ -262,6 +264,8 @@ class Tracked:
             for kind in exports:
                 if kind == "mjcf":
                     write_mjcf(self.run, folder / FILE)
+                elif kind == "osim":
+                    write_osim(self.run, folder / OSIM_FILE)
                 else:
                     EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
             if not pictures:

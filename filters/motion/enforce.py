@@ -86,9 +86,8 @@ def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
     k = len(rows)
     posterior, _, _ = condition(state, rows, np.concatenate([term.away for term in terms]), k)
     columns = posterior.factor[:, :k]
-    inner = dtrsm(1.0, state.factor[:k, :k], columns[:k], lower=1)  # posterior factor in the prior one's units
-    pull = np.sum([term.pull for term in terms], axis=0)
-    return Gaussian(posterior.mean + columns @ (inner.T @ pull), posterior.factor)
+    pull = dtrsv(state.factor[:k, :k], np.sum([term.pull for term in terms], axis=0), lower=1, trans=1)
+    return Gaussian(posterior.mean + columns @ (columns[:k].T @ pull), posterior.factor)
 
 
 def informed(state: Gaussian, known: Gaussian) -> Gaussian:

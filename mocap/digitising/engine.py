@@ -19,7 +19,7 @@ from mocap.digitising.films import Films
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, positioned, predicted
 from mocap.digitising.naming import Named, seen_from, update, window_cov
-from mocap.digitising.observer import Observer
+from mocap.digitising.observer import Observer, crowding
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
 from mocap.errors import MocapError
@@ -43,6 +43,7 @@ class Tracks:
     Attributes:
         dots: Of each frame (C, K, 3): recorded column and row counted as DLTdv does, and response; NaN: fewer dots.
         ideal: The same places without distortion (C, K, 2).
+        crowding: Factors of the dots' standard deviations (C, K): ``observer.crowding``.
         dot: (C, T, M) number of the dot that is the marker's; -1: none.
         xyz_m: (T, M, 3) positions.
         cov_m2: (T, M, 3, 3) their covariances.
@@ -55,6 +56,7 @@ class Tracks:
 
     dots: list[Array]
     ideal: list[Array]
+    crowding: list[Array]
     dot: NDArray[np.int64]
     xyz_m: Array
     cov_m2: Array
@@ -99,6 +101,7 @@ class Engine:
         self.tracks = Tracks(
             dots=[np.full((n_cameras, 0, 3), np.nan)] * shape[0],
             ideal=[np.full((n_cameras, 0, 2), np.nan)] * shape[0],
+            crowding=[np.ones((n_cameras, 0))] * shape[0],
             dot=np.full((n_cameras, *shape), -1),
             xyz_m=np.full((*shape, 3), np.nan),
             cov_m2=np.full((*shape, 3, 3), np.nan),
@@ -116,6 +119,7 @@ class Engine:
         self.trunk = trunk
         ends = np.array(ends_among(self.names, self.skeleton.rigid), dtype=int).reshape(-1, 2)
         lengths = Lengths(ends, np.full(len(ends), np.nan), np.full(len(ends), np.nan))
+        self._sort_clicks()
         self.observer = Observer(self.matrices, lengths, np.zeros(len(ends), dtype=np.int64), poses=self.poses)
 
     def first_points(self) -> tuple[int, Array, Array]:
@@ -154,10 +158,15 @@ class Engine:
     def _clicked(self, frame: int) -> Array:
         """(C, M, 2) places that were clicked in a frame; NaN: none."""
         out = np.full((len(self.cameras), len(self.names), 2), np.nan)
-        for click in self.clicks:
-            if click.frame == frame:
-                out[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
+        for click in self.by_frame.get(frame, ()):
+            out[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
         return out
+
+    def _sort_clicks(self) -> None:
+        """Clicks by their frames, in their order."""
+        self.by_frame: dict[int, list[Click]] = {}
+        for click in self.clicks:
+            self.by_frame.setdefault(click.frame, []).append(click)
 
     def _ideal(self, uv_px: Array) -> Array:
         """(C, ..., 2) ideal pixels of recorded ones."""
@@ -183,6 +192,7 @@ class Engine:
     def _keep(self, frame: int, dots: Array) -> None:
         self.tracks.dots[frame] = dots.astype(np.float32)
         self.tracks.ideal[frame] = self._ideal(dots[..., :2])
+        self.tracks.crowding[frame] = crowding(self.tracks.ideal[frame], self.observer.radius_px)
 
     def _windows(self, state: State) -> "list[tuple[int, int, int, int] | None]":
         """The part of each picture in which markers are expected; None: anywhere."""
@@ -208,7 +218,8 @@ class Engine:
 
     def _observed(self, frame: int, state: State) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction; the state after it."""
-        return self.observer.observed(self.tracks.ideal[frame], self._ideal(self._clicked(frame)), state)
+        t = self.tracks
+        return self.observer.observed(t.ideal[frame], t.crowding[frame], self._ideal(self._clicked(frame)), state)
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Decode the films once: forward pass and dots; then the backward pass.
@@ -372,7 +383,7 @@ class Engine:
 
     def _deviations(self, frame: int, named: Named) -> Array:
         """(C, M) standard deviations of the places of named dots."""
-        sd = self.observer.deviations(self.tracks.ideal[frame])
+        sd = self.observer.sd_px * self.tracks.crowding[frame]
         if not sd.shape[1]:
             return np.ones(named.dot.shape)
         camera = np.arange(len(self.cameras))[:, None]
@@ -382,6 +393,7 @@ class Engine:
         """Take more clicks; only the frames about them are named again. Returns the first and last of these."""
         new = list(clicks)
         self.clicks += new
+        self._sort_clicks()
         return self._about(new, margin)
 
     def undo(self, *, margin: int = 20) -> Click | None:
@@ -389,6 +401,7 @@ class Engine:
         if not self.clicks:
             return None
         click = self.clicks.pop()
+        self._sort_clicks()
         self._about([click], margin)
         return click
 

@@ -93,7 +93,7 @@ def _read(movie: Movie, wanted: NDArray[np.int64], line: "queue.Queue[Any]", sto
                 continue
 
     try:
-        for frame in movie.frames(wanted):
+        for frame in movie.frames(wanted, threads=False):
             put(None if frame is None else grey_levels(frame))
             if stop.is_set():
                 return

@@ -95,14 +95,15 @@ def name_dots(
     at, cov = xyz_m, cov_m2
     chosen = known.copy()
     doubtful = np.zeros(n_markers, dtype=bool)
+    assigned: NDArray[np.int64] | None = None
     for _ in range(ROUNDS):
-        before = chosen
+        before = assigned
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
-        chosen, doubtful = _assigned(uv, window_cov(jacobian, cov, least), dots, known, reach_px=reach_px)
-        at, cov, chosen = _fused(matrices, dots, chosen, known, xyz_m, cov_m2, prior, sd_px, clicks)
-        if (chosen == before).all():
+        assigned, doubtful = _assigned(uv, window_cov(jacobian, cov, least), dots, known, reach_px=reach_px)
+        if before is not None and (assigned == before).all():
             break
+        at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks)
     rays = (chosen >= 0).sum(axis=0)
     if clicks is not None:
         rays = rays + np.isfinite(clicks[..., 0]).sum(axis=0)

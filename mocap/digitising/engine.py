@@ -15,6 +15,7 @@ from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click
 from mocap.digitising.dots import DotLook, Grey, find_dots, look_of
+from mocap.digitising.errors import SHARED, RayErrors, ray_errors, stated
 from mocap.digitising.films import Films
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, positioned, predicted
@@ -31,6 +32,7 @@ _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
 """Speeds that are tried at the start, in lengths of the animal a frame."""
 _TRIAL_FRAMES = 3
 _WIDE_PX = 60.0
+_PIECES, _PIECE = 10, 20
 _LEARN_AT = (30, 60, 120, 240, 480, 960)
 
 Progress = Callable[[str, float], None]
@@ -113,7 +115,7 @@ class Engine:
         )
         self.density = np.ones(shape[1])
         self.most = np.zeros(shape[1])
-        self.learned_at = 0
+        self.errors: RayErrors | None = None
         self.own_poses = self.poses is None
         trunk = [self.names.index(name) for name in self.skeleton.trunk]
         self.trunk = trunk
@@ -250,10 +252,10 @@ class Engine:
             state = self._forward(frame, state)
         # frames before the first clicks are named backward only, with the noise as it was found after these
         self.tracks.density[:start] = np.max(self.tracks.density[start : start + 30], axis=0)
-        self._estimate_sd(range(start, n))
+        self._estimate_sd(start)
         self._backward(n - 1, 0, None, progress=progress)
         # once more over the dots, with the poses of the whole film and the noise as it was found
-        self._estimate_sd(range(start, n))
+        self._estimate_sd(start)
         if self.own_poses:
             self.learn_poses()
         self.again(progress=progress)
@@ -362,13 +364,29 @@ class Engine:
             self.tracks.backward[frame] = packed(ahead)
             both = fused(unpacked(forward), ahead.turned()) if known else ahead.turned()
             named, _ = self._observed(frame, both)
-            self._take(frame, named)
             # the dots that both sides named, seen from the frames after alone
             seen = self._places(frame, named)
             prior = np.linalg.inv(ahead.cov_m2)
             sd = self._deviations(frame, named)
+            self._take(frame, named)
+            self._state(frame, named, both, seen, sd)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, prior)
             state = positioned(ahead, xyz, cov, named.rays > 0)
+
+    def _state(self, frame: int, named: Named, both: State, seen: Array, sd_px: Array) -> None:
+        """The covariances that are stated of a frame that was named from both sides."""
+        clicked = np.isfinite(self._clicked(frame)[..., 0]).any(axis=0)
+        cov = self.tracks.cov_m2[frame]
+        # a ray that no other one checks leads the filter, but may be another marker's
+        lone = (named.rays == 1) & ~clicked
+        cov[lone] = both.cov_m2[lone]
+        if self.errors is None:
+            return
+        met = named.rays >= 2
+        _, jacobian = seen_from(self.matrices, named.xyz_m)
+        used = np.where(np.isfinite(seen[..., 0])[..., None, None], jacobian, 0.0)
+        shared = SHARED * self.observer.radius_px
+        cov[met] = stated(self.errors, used, sd_px, named.cov_m2, shared_px=shared)[met]
 
     def _places(self, frame: int, named: Named) -> Array:
         """(C, M, 2) ideal pixels of named dots and clicks; NaN: none."""
@@ -470,23 +488,25 @@ class Engine:
         found = fit_poses(known, self.trunk, least_sd_m=1e-3 * self.observer.length_m)
         self.poses = self.observer.poses = found or self.poses
 
-    def _estimate_sd(self, frames: Iterable[int]) -> None:
-        """Standard deviation of a dot, from how the rays of named dots meet."""
+    def _estimate_sd(self, first: int) -> None:
+        """Standard deviation of a dot, from how the rays of named dots meet, and what of their errors lasts."""
         camera = np.arange(len(self.cameras))[:, None]
-        chosen = []
-        for frame in list(frames)[:: max(1, self.films.n_frames // 200)]:
+        n = self.films.n_frames
+        # pieces of frames that follow one another
+        begins = np.unique(np.linspace(first, max(first, n - _PIECE), _PIECES).astype(int))
+        frames = np.unique(np.minimum(begins[:, None] + np.arange(_PIECE), n - 1))
+        uv = np.full((len(self.cameras), len(frames), len(self.names), 2), np.nan)
+        for row, frame in enumerate(frames.tolist()):
             dot, ideal = self.tracks.dot[:, frame], self.tracks.ideal[frame]
             if ideal.shape[1]:
-                chosen.append(np.where((dot >= 0)[..., None], ideal[camera, np.maximum(dot, 0)], np.nan))
-        if not chosen:
-            return
-        uv = np.stack(chosen, axis=1)
+                uv[:, row] = np.where((dot >= 0)[..., None], ideal[camera, np.maximum(dot, 0)], np.nan)
         try:
             found = triangulate.apparent_sd(self.matrices, uv)
         except ValueError:
             return
         if np.isfinite(found):
             self.observer.sd_px = float(np.clip(found, 0.15, 2.0))
+            self.errors = ray_errors(self.matrices, uv, sd_px=self.observer.sd_px)
 
 
 def first_state(xyz_m: Array, cov_m2: Array, speed_m: float) -> State:

@@ -17,6 +17,8 @@ UNSEEN = GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
 _FAR = 1e6
 ROUNDS = 3
+LONE_SD_PX = 1.0
+"""Least standard deviation of a ray that no other one checks."""
 NARROW_PX = 3.0
 """A dot that only one camera shows is named in windows of less than this standard deviation."""
 
@@ -198,9 +200,9 @@ def _fused(
     """Positions and covariances with the chosen dots; dots that the other rays contradict are dropped."""
     chosen = chosen.copy()
     camera = np.arange(len(matrices))[:, None]
-    clicked = np.zeros(chosen.shape, dtype=bool) if clicks is None else np.isfinite(clicks[..., 0])
+    clicked = np.asarray(np.zeros(chosen.shape, dtype=bool) if clicks is None else np.isfinite(clicks[..., 0]))
     # one ray tells nothing of its distance, and no other ray checks it
-    alone = (known < 0).all(axis=0) & ~clicked.any(axis=0)
+    alone = np.asarray((known < 0).all(axis=0) & ~clicked.any(axis=0))
     narrow: NDArray[np.bool_] | None = None
     at, cov = xyz_m.copy(), cov_m2.copy()
     todo = np.arange(len(xyz_m))
@@ -216,6 +218,7 @@ def _fused(
             sd = np.where(has, sd_px[camera, np.maximum(dot, 0)], 1.0)
         else:
             seen, sd = np.full((*dot.shape, 2), np.nan), np.ones(dot.shape)
+        sd = np.where(alone[todo] & (has.sum(axis=0) == 1), np.maximum(sd, LONE_SD_PX), sd)
         if clicks is not None:
             seen = np.where(clicked[:, todo, None], clicks[:, todo], seen)
             sd = np.where(clicked[:, todo], 1.0, sd)

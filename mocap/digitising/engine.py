@@ -164,6 +164,16 @@ class Engine:
             out[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
         return out
 
+    def _barred(self, frame: int) -> NDArray[np.bool_] | None:
+        """(C, M) where a marker is not to be seen, as a person said; None: nowhere."""
+        clicks = self.by_frame.get(frame, ())
+        if all(click.uv_px is not None for click in clicks):
+            return None
+        out = np.zeros((len(self.cameras), len(self.names)), dtype=bool)
+        for click in clicks:
+            out[click.camera, click.marker] = click.uv_px is None
+        return out
+
     def _sort_clicks(self) -> None:
         """Clicks by their frames, in their order."""
         self.by_frame: dict[int, list[Click]] = {}
@@ -221,7 +231,8 @@ class Engine:
     def _observed(self, frame: int, state: State) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction; the state after it."""
         t = self.tracks
-        return self.observer.observed(t.ideal[frame], t.crowding[frame], self._ideal(self._clicked(frame)), state)
+        clicked, barred = self._ideal(self._clicked(frame)), self._barred(frame)
+        return self.observer.observed(t.ideal[frame], t.crowding[frame], clicked, state, barred=barred)
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Decode the films once: forward pass and dots; then the backward pass.
@@ -414,14 +425,15 @@ class Engine:
         self._sort_clicks()
         return self._about(new, margin)
 
-    def undo(self, *, margin: int = 20) -> Click | None:
-        """Take the last click back; the frames about it are named again."""
-        if not self.clicks:
-            return None
-        click = self.clicks.pop()
+    def undo(self, count: int = 1, *, margin: int = 20) -> list[Click]:
+        """Take the last clicks back; the frames about them are named again."""
+        kept = max(len(self.clicks) - count, 0)
+        taken = self.clicks[kept:]
+        del self.clicks[kept:]
         self._sort_clicks()
-        self._about([click], margin)
-        return click
+        if taken:
+            self._about(taken, margin)
+        return taken
 
     def _about(self, changed: Sequence[Click], margin: int) -> tuple[int, int]:
         """Name the frames again that clicks may change."""

@@ -71,6 +71,7 @@ def name_dots(
     reach_px: float,
     known: NDArray[np.int64] | None = None,
     clicks: Array | None = None,
+    barred: NDArray[np.bool_] | None = None,
 ) -> Named:
     """Name the dots of a frame.
 
@@ -89,6 +90,7 @@ def name_dots(
         reach_px: Markers that are predicted closer to each other in a picture than this may be one dot there.
         known: (C, M) dots whose marker is known, by a click; -1: not.
         clicks: (C, M, 2) places that a person clicked where there is no dot; NaN: none.
+        barred: (C, M) True where a person said that the marker is not to be seen.
     """
     n_cameras, n_markers = len(matrices), len(xyz_m)
     known = np.full((n_cameras, n_markers), -1) if known is None else known
@@ -102,7 +104,7 @@ def name_dots(
         before = assigned
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
-        assigned, doubtful = _assigned(uv, window_cov(jacobian, cov, least), dots, known, reach_px=reach_px)
+        assigned, doubtful = _assigned(uv, window_cov(jacobian, cov, least), dots, known, barred, reach_px=reach_px)
         if before is not None and (assigned == before).all():
             break
         at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks)
@@ -127,7 +129,13 @@ def away2(s: Array, dots: Array, uv: Array) -> tuple[Array, Array]:
 
 
 def _assigned(
-    uv: Array, s: Array, dots: Array, known: NDArray[np.int64], *, reach_px: float
+    uv: Array,
+    s: Array,
+    dots: Array,
+    known: NDArray[np.int64],
+    barred: NDArray[np.bool_] | None,
+    *,
+    reach_px: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Sure names (C, M), and markers with a dot in their window that is not sure.
 
@@ -138,6 +146,8 @@ def _assigned(
         return np.full(uv.shape[:2], -1, dtype=np.int64), np.zeros(n_markers, dtype=bool)
     d2, log_det = away2(s, dots, uv)
     cost = np.where(d2 < GATE, d2 + log_det[..., None], _FAR)  # NaN compares false
+    if barred is not None:
+        cost[barred] = _FAR
     fixed = known >= 0
     if fixed.any():
         camera, marker = np.nonzero(fixed)

@@ -38,7 +38,9 @@ class Observer:
     radius_px: float = 3.0
     poses: PoseGaussian | None = None
 
-    def observed(self, ideal: Array, crowding: Array, clicked: Array, state: State) -> tuple[Named, State]:
+    def observed(
+        self, ideal: Array, crowding: Array, clicked: Array, state: State, *, barred: NDArray[np.bool_] | None = None
+    ) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction.
 
         Args:
@@ -46,13 +48,16 @@ class Observer:
             crowding: (C, K) of ``crowding``.
             clicked: (C, M, 2) ideal pixels of its clicks; NaN: none.
             state: Prediction.
+            barred: (C, M) True where a person said that the marker is not to be seen; None: nowhere.
 
         Returns:
             What it shows, and the state after it.
         """
         known, clicks = self.known(ideal, clicked)
         sd_px = self.sd_px * crowding
-        naming = partial(name_dots, self.matrices, ideal, sd_px=sd_px, reach_px=2.2 * self.radius_px, clicks=clicks)
+        naming = partial(
+            name_dots, self.matrices, ideal, sd_px=sd_px, reach_px=2.2 * self.radius_px, clicks=clicks, barred=barred
+        )
         named = naming(state.xyz_m, state.cov_m2, known=known)
         named = self._by_bones(named, state)
         guess = None
@@ -68,6 +73,8 @@ class Observer:
         if (named.rays < 2).any():
             found = self._meeting(ideal, state, named)
             if found is not None:
+                if barred is not None:
+                    found[barred] = -1
                 known = np.where(known >= 0, known, found)
                 named = naming(state.xyz_m, state.cov_m2, known=known)
                 named = self._by_bones(named, state)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"}
 """Endings of the files that make a folder a movie."""
-FILMS = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".webm", ".wmv"}
+FILMS = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".webm", ".wmv", ".cine"}
 """Endings of films that are looked for in a folder."""
 FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel, as DLTdv counts them."""

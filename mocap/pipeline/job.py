@@ -104,38 +104,46 @@ def _run_job(
             prepared = without_contradicted(prepared, part, settings, learned)
             part = seen_part(prepared)
     asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
+    posed = reason is None and model != "constant_velocity"
+    if watch is not None:
+        with stages.stage("filter live"):
+            alone = "eal" if posed else "constant_velocity"
+            watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
+    mixed = None
+    if learned is not None:
+        with stages.stage("track") as progress:
+            mixed = track_learned(prepared, part, learned, asked=asked, progress=progress)
+    elif posed and model != "eal":
+        with stages.stage("track with a mixture of models") as progress:
+            mixed = track_mixed(prepared, part, settings=settings, asked=asked, progress=progress)
     scores, hidden = {}, 0
     if validated:
         with stages.stage("validate on hidden samples") as progress:
-            methods = {
-                "mixture": model in ("auto", "mixture") and learned is None,
-                "eal": model != "constant_velocity",
-                "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
-            }
-            rng = np.random.default_rng(seed)
             scores, hidden = validate(
-                prepared, part, settings=settings, methods=methods, learned=learned, rng=rng, progress=progress
+                prepared,
+                part,
+                settings=settings,
+                methods={
+                    "mixture": mixed is not None and learned is None,
+                    "eal": model != "constant_velocity",
+                    "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
+                },
+                learned=learned,
+                mixture=None if mixed is None else mixed.mixture,
+                rng=np.random.default_rng(seed),
+                progress=progress,
             )
+    chosen, why = _choose(model, reason, scores)
     if learned is not None:
-        name, why = "learned", _learned_from(learned, prepared, part)
-        with stages.stage("track") as progress:
-            smoothed = track_learned(prepared, part, learned, asked=asked, progress=progress)
+        why = _learned_from(learned, prepared, part)
+    if mixed is not None and (learned is not None or chosen == "mixture"):
+        name, smoothed = "mixture" if learned is None else "learned", mixed.markers
     else:
-        chosen, why = _choose(model, reason, scores)
-        alone = "eal" if chosen == "mixture" else chosen
-        if watch is not None:
-            with stages.stage("filter live"):
-                watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
-        name, smoothed = chosen, None
-        if chosen == "mixture":
-            with stages.stage("track with a mixture of models") as progress:
-                smoothed = track_mixed(prepared, part, settings=settings, asked=asked, progress=progress)
-        if smoothed is None:
-            with stages.stage("learn"):
-                own = learn_motion(prepared, part, alone, settings=settings)
-            name = own.motion.name
-            with stages.stage("track") as progress:
-                smoothed = track(prepared, part, own, asked=asked, progress=progress)
+        with stages.stage("learn"):
+            own = learn_motion(prepared, part, "eal" if chosen == "mixture" else chosen, settings=settings)
+        name = own.motion.name
+        with stages.stage("track") as progress:
+            smoothed = track(prepared, part, own, asked=asked, progress=progress)
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
         axes = whole_frames(prepared, JOINT_HZ)

@@ -74,11 +74,16 @@ def potential_term(
     return Term(unit @ root, np.zeros(p), unit @ target)
 
 
-def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
+def enforce(state: Gaussian, terms: Sequence[Term], *, farthest: float = np.inf) -> Gaussian:
     """Minimise 1/2 |x - x_pred|^2 in the metric P^-1 plus potentials, all at once.
 
     The result reads as a measurement update with information equal to the sum of the Hessians: it contracts the
     covariance, needs no substeps and is stable at any stiffness.
+
+    Args:
+        state: Predicted state.
+        terms: Potentials.
+        farthest: Forces move the state by at most so many of its deviations: no further than they were linearised for.
     """
     if not terms:
         return state
@@ -86,9 +91,12 @@ def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
     k = len(rows)
     posterior, _, _ = condition(state, rows, np.concatenate([term.away for term in terms]), k)
     columns = posterior.factor[:, :k]
-    inner = dtrsm(1.0, state.factor[:k, :k], columns[:k], lower=1)  # posterior factor in the prior one's units
-    pull = np.sum([term.pull for term in terms], axis=0)
-    return Gaussian(posterior.mean + columns @ (inner.T @ pull), posterior.factor)
+    pull = dtrsv(state.factor[:k, :k], np.sum([term.pull for term in terms], axis=0), lower=1, trans=1)
+    move = columns[:k].T @ pull  # in deviations of the posterior
+    size = float(np.linalg.norm(move))
+    if size > farthest:
+        move *= farthest / size
+    return Gaussian(posterior.mean + columns @ move, posterior.factor)
 
 
 def informed(state: Gaussian, known: Gaussian) -> Gaussian:

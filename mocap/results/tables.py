@@ -86,9 +86,7 @@ def write_kinematics(found: Kinematics, folder: Path) -> None:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(as_cells(header))
         writer.writerows(zip(*[c.tolist() for c in columns], strict=True))
-    dataset = found.to_dataset()
-    packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("value", "sd", "status")}
-    (folder / "kinematics.nc").write_bytes(as_netcdf(dataset, encoding=packed))
+    (folder / "kinematics.nc").write_bytes(as_netcdf(found.to_dataset(), packed=True))
 
 
 def write_cycles(rows: Sequence[Cycle], path: Path) -> None:

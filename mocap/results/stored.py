@@ -233,18 +233,18 @@ def read_run(folder: Path) -> Run:
     )
 
 
+def _samples(rest: xr.Dataset, kind: str, found: Mapping[str, Mapping[str, Any]]) -> list[Array]:
+    """The samples of each potential, which are stored one after the other."""
+    ends = np.cumsum([one["samples"] for one in found.values()])
+    return np.split(rest[f"{kind}_samples_m"].values, ends[:-1]) if found else []
+
+
 def _angles(rest: xr.Dataset, header: dict | None) -> JointAngles | None:
     """The joint angles of a run, if it has any."""
     if header is None:
         return None
     parts = {part: rest[f"angle_{part}"].values for part in ("angle_rad", "sd_rad", "length_m", "length_sd_m")}
     return JointAngles(names=tuple(header["names"]), segments=tuple(header["segments"]), **parts)
-
-
-def _samples(rest: xr.Dataset, kind: str, found: Mapping[str, Mapping[str, Any]]) -> list[Array]:
-    """The samples of each potential, which are stored one after the other."""
-    ends = np.cumsum([one["samples"] for one in found.values()])
-    return np.split(rest[f"{kind}_samples_m"].values, ends[:-1]) if found else []
 
 
 def _opened(path: Path) -> tuple[xr.Dataset, dict]:

@@ -245,7 +245,12 @@ def learn_articulated(
     arms, columns = _arms(tree), build.columns
     paths = [_path(trial.frames, fitted, trial.dt_s) for trial, fitted in zip(poses, found, strict=True)]
     turned = [
-        PoseTrial(t_s=trial.t_s, frames=path, y=_samples(fitted, arms, columns, 3 * len(build.child)))
+        PoseTrial(
+            t_s=trial.t_s,
+            frames=path,
+            y=_samples(fitted, arms, columns, 3 * len(build.child)),
+            sd_m=np.zeros((len(path.rotation), len(build.child))),
+        )
         for trial, path, fitted in zip(poses, paths, found, strict=True)
     ]
     shapes = shapes_of(turned, ranks=pose.ranks)

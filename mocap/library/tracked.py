@@ -436,8 +436,9 @@ def track(
 
     Args:
         recording: As ``mocap.read`` gives it.
-        model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``constant_velocity``; ``auto``: which
-            of these fills hidden samples of the recording best.
+        model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``articulated`` (the skeleton's
+            segments and joints), ``constant_velocity``; ``auto``: the mixture, unless constant velocity fills hidden
+            samples of the recording better.
         validate: Whether to hide samples and measure how they are filled.
         seed: Which samples are hidden.
         progress: Called with the name of a stage and the share of it that is done.

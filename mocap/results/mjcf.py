@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from filters.joint_types import Articulation, articulation
 from mocap.arrays import Array
 from mocap.body import body_frames
 from mocap.errors import MocapError
 from mocap.measures import AXES
-from mocap.pipeline.articulated import Articulation, articulation
 from mocap.pipeline.limb_mechanics import UNKNOWN_KG, rod_masses
 from mocap.pipeline.run import Run
 from mocap.records import Status
@@ -32,7 +32,7 @@ def write_mjcf(run: Run, path: Path) -> None:
     """Write the animal in its mean pose: the trunk with a free joint, segments as capsules, joints, markers as sites.
 
     Segments of constant (median) length hang on each other by the joints that the samples need
-    (``mocap.pipeline.articulated``); masses are those that the skeleton states, else of uniform rods.
+    (``filters.joint_types``); masses are those that the skeleton states, else of uniform rods.
 
     Args:
         run: A tracked recording.

@@ -30,6 +30,9 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
     write_arrays(run, folder)
     write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
+    if run.angles is not None:
+        table = run.angles.to_frame(run.tracked.markers.t_s)
+        table.to_csv(folder / "joint_angles.csv", index=False, float_format="%.6g", lineterminator="\n")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")
     if write_recording is not None:

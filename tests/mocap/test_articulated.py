@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from filters.joint_types import articulation, undetermined
 from filters.records import TrackedMotion
 from mocap.errors import MocapError
 from mocap.moving import without_rates
-from mocap.pipeline.articulated import articulation, undetermined
 from mocap.pipeline.run import Run
 from mocap.records import marker_tracks
 from mocap.results.mjcf import mjcf_text

@@ -105,16 +105,17 @@ def in_one_process(twins: Path, out: Path) -> list[str]:
     return [sys.executable, "-c", script, str(twins), str(out)]
 
 
-def speed(twins: Path, folder: Path, count: int) -> list[str]:
-    """Two processes over one, and beside no engine and a shell loop."""
+def speed(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
+    """Two processes over one, and beside no engine; ``beside``: with pictures and beside a shell loop, too."""
     took: dict[str, Spent] = {}
     commands: dict[str, Callable[[Path], list[str]]] = {
         "mocap batch, 1 process": lambda out: batch(twins, out, jobs=1),
         "mocap batch, 2 processes": lambda out: batch(twins, out, jobs=2),
         "no engine, 1 process": lambda out: in_one_process(twins, out),
-        "mocap batch --pictures, 2 processes": lambda out: batch(twins, out, "--pictures", jobs=2),
-        "xargs -P 2 mocap track": lambda out: loop(twins, out),
     }
+    if beside:
+        commands["mocap batch --pictures, 2 processes"] = lambda out: batch(twins, out, "--pictures", jobs=2)
+        commands["xargs -P 2 mocap track"] = lambda out: loop(twins, out)
     for name, command in commands.items():
         out = folder / f"speed{len(took)}"
         shutil.rmtree(out, ignore_errors=True)
@@ -130,18 +131,32 @@ def speed(twins: Path, folder: Path, count: int) -> list[str]:
     ]
     for name, one in took.items():
         lines.append(f"| {name} | {one.wall_s:.1f} | {one.cpu_s:.1f} | {one.cpu_s / count:.2f} |")
-    alone, two, bare, pictures, shell = took.values()
+    alone, two, bare, *others = took.values()
     lines += [
         "",
         f"- speedup of 2 processes over 1: {alone.wall_s / two.wall_s:.2f} by the clock, start included",
         f"- beside the same trials without an engine: {100 * (alone.cpu_s / bare.cpu_s - 1):+.1f} % processor time, "
         "start of the worker included",
-        f"- the shell loop takes {shell.wall_s / pictures.wall_s:.2f} times as long as mocap batch --pictures, which "
-        f"writes the same files, and {shell.cpu_s / pictures.cpu_s:.2f} times the processor time",
         f"- a second run, which has nothing to do: {again.wall_s:.1f} s",
         f"- 1 and 2 processes write the same bytes: {same}",
     ]
-    return lines
+    if beside:
+        pictures, shell = others
+        lines.append(
+            f"- the shell loop takes {shell.wall_s / pictures.wall_s:.2f} times as long as mocap batch --pictures, "
+            f"which writes the same files, and {shell.cpu_s / pictures.cpu_s:.2f} times the processor time"
+        )
+    return [*lines, *stored(folder / "speed0", count)]
+
+
+def stored(out: Path, count: int) -> list[str]:
+    """What a file system must take: files, folders and bytes a trial."""
+    files = [path for path in out.rglob("*") if path.is_file()]
+    folders = sum(path.is_dir() for path in out.rglob("*"))
+    size = sum(path.stat().st_size for path in files)
+    return [
+        f"- a trial is {len(files) / count:.1f} files in {folders / count:.1f} folders, {size / count / 1e6:.2f} MB"
+    ]
 
 
 def engine(twins: Path, folder: Path, count: int) -> list[str]:
@@ -279,6 +294,7 @@ def main() -> None:
     parser.add_argument(
         "--parts", default="speed,engine,kills,memory,simulated", help="which of them, separated by commas"
     )
+    parser.add_argument("--no-loop", action="store_true", help="speed without pictures and without the shell loop")
     parser.add_argument("--out", type=Path, required=True, help="folder for twins and results")
     given = parser.parse_args()
     count = given.count or (12 if given.quick else 60)
@@ -290,7 +306,7 @@ def main() -> None:
     lines = [f"load when it began: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores", ""]
     for part in given.parts.split(","):
         if part == "speed":
-            lines += speed(twins, given.out, count)
+            lines += speed(twins, given.out, count, beside=not given.no_loop)
         elif part == "engine":
             lines += engine(twins, given.out, count)
         elif part == "kills":

@@ -86,13 +86,20 @@ class Covariance:
 
     def __call__(self, a: Rows, b: Rows) -> Array:
         """(n, m) covariances between rows, without noise."""
-        inner = a.x @ b.x.T
-        bent = np.exp(-self.sharp * _square(a, b, inner))
-        out = self.linear * inner + self.curved * bent
+        out = a.x @ b.x.T
+        bent = _square(a, b, out)
+        bent *= -self.sharp
+        np.exp(bent, out=bent)
+        out *= self.linear
+        out += self.curved * bent
         for trial in np.intersect1d(a.trial, b.trial):
-            both = np.ix_(a.trial == trial, b.trial == trial)
-            u = np.sqrt(3) / self.memory * np.abs(a.t[both[0]] - b.t[both[1]])
-            out[both] += self.trial + self.slow * (1 + u) * np.exp(-u) + self.own * bent[both]
+            here, there = a.trial == trial, b.trial == trial
+            both = (slice(None), slice(None)) if here.all() and there.all() else np.ix_(here, there)
+            u = np.abs((np.sqrt(3) / self.memory) * (a.t[here][:, None] - b.t[there]))
+            more = self.own * bent[both]
+            more += self.trial
+            more += self.slow * (1 + u) * np.exp(-u)
+            out[both] += more
         return out
 
     def parts(self, apart: "Apart") -> tuple[Array, ...]:

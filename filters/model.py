@@ -121,6 +121,21 @@ def _learned(
     )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MixedTrack:
+    """A recording tracked by several models.
+
+    Attributes:
+        markers: Those that were not seen are of the mixture; all else is of the pose model.
+        eal: What the pose model alone says.
+        mixture: How they were mixed.
+    """
+
+    markers: Estimate
+    eal: Estimate
+    mixture: Mixture
+
+
 def track_alone(
     names: Sequence[str],
     trunk: Sequence[str],
@@ -129,9 +144,10 @@ def track_alone(
     settings: PoseSettings,
     *,
     bones: Sequence[tuple[str, str]] = (),
+    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
-) -> tuple[Estimate, Estimate] | None:
+) -> MixedTrack | None:
     """Track a recording by models that are learned from it; how they are mixed, on gaps hidden in it.
 
     Args:
@@ -141,20 +157,24 @@ def track_alone(
         observations: What each frame shows.
         settings: Of the EAL model.
         bones: Markers of the skeleton's rigid bones.
+        mixture: How they are mixed, where that is known; None: it is learned.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
 
     Returns:
-        What ``track_with`` returns, and what the EAL model says alone; None: no gap could be hidden.
+        None: no gap could be hidden.
     """
     trials = TrialSet([recording], anatomy_of(names, trunk, bones))
-    effort = Effort(most_frames=300, times=2)
-    gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
-    if not gaps.hidden:
-        return None
+    gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=())
+    if mixture is None:
+        effort = Effort(most_frames=300, times=2)
+        gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
+        if not gaps.hidden:
+            return None
     models = EACH_MARKER, settings.tuned(trials)
     found, residuals = _estimates(models, trials, observations, gaps, asked, progress)
-    return _mix(learn_mixture(residuals), found, recording), found[-1]
+    mixture = learn_mixture(residuals) if mixture is None else mixture
+    return MixedTrack(markers=_mix(mixture, found, recording), eal=found[-1], mixture=mixture)
 
 
 def check_rates(trials: Sequence[MarkerTrial]) -> None:
@@ -269,9 +289,10 @@ def track_with(
     recording: MarkerTrial,
     observations: Observations,
     *,
+    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
-) -> Estimate:
+) -> MixedTrack:
     """Track a recording by all models of a learned one, and mix what they say.
 
     The mixture's intervals are widened or narrowed until they hold in gaps that are hidden in the recording itself.
@@ -281,16 +302,16 @@ def track_with(
         names: Markers of the recording.
         recording: Its markers as triangulated.
         observations: What each frame shows.
+        mixture: How they are mixed in this recording, where that is known.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
-
-    Returns:
-        Markers that were not seen are those of the mixture; all else is that of the last model, the pose model.
     """
     trials = trials_for(learned, names, recording)
-    gaps = own_gaps(trials)
+    gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=()) if mixture else own_gaps(trials)
     found, residuals = _estimates(learned.models, trials, observations, gaps, asked, progress)
-    return _mix(learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture, found, recording)
+    if mixture is None:
+        mixture = learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture
+    return MixedTrack(markers=_mix(mixture, found, recording), eal=found[-1], mixture=mixture)
 
 
 def _estimates(

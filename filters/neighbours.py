@@ -55,8 +55,8 @@ class Neighbours:
     def frames(self, poses: Array) -> BodyFrames:
         """Frames of poses (n, M, 3): the origin is the weighted mean, the axes are those of the mean shape."""
         points = poses[:, self.which]
-        centre = np.einsum("k,nki->ni", self.weight, points)
-        covariance = np.einsum("k,nki,kj->nij", self.weight, points - centre[:, None], self.shape)
+        centre = self.weight @ points
+        covariance = np.swapaxes(points - centre[:, None], 1, 2) @ (self.weight[:, None] * self.shape)
         extent = self.weight @ np.sum(self.shape**2, axis=1)
         return BodyFrames(rotation=nearest_rotation(covariance + FIRM / 3 * extent * np.eye(3)), position_m=centre)
 

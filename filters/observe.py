@@ -97,8 +97,11 @@ def observe(
     weight = used.astype(float)
     heavy = used & np.isfinite(sights.dof) & (rounds > 0)
     freedom = sights.dof[heavy] + sights.size[heavy]
-    for _ in range(rounds if heavy.any() else 0):
-        shift, left = _posterior_markers(*_information(white, y, weight, marker, len(cov)), deviations)
+    rounds = rounds if heavy.any() else 0
+    flat = deviations.reshape(len(deviations), -1)
+    together = flat.T @ flat if rounds else np.zeros((0, 0))
+    for _ in range(rounds):
+        shift, left = _posterior_markers(*_information(white, y, weight, marker, len(cov)), together)
         miss = y - np.einsum("gri,gi->gr", white, shift[marker])
         spread = np.einsum("gri,gij,grj->gr", white, left[marker], white)
         squared = np.sum(miss**2 + spread, axis=1)
@@ -146,13 +149,26 @@ def _information(
     return information, pull
 
 
-def _posterior_markers(information: Array, pull: Array, deviations: Array) -> tuple[Array, Array]:
-    """Shift (M, 3) and covariance (M, 3, 3) of the markers given J (M, 3, 3) and W^T y (M, 3) of each."""
-    k = len(deviations)
-    flat = deviations.reshape(k, -1)
-    c = np.asfortranarray(np.tril(each_marker(deviations, information).reshape(k, -1) @ flat.T))
-    c[np.diag_indices(k)] += 1
-    both = np.asfortranarray(np.column_stack([flat @ pull.ravel(), flat]))
-    solved = dtrsm(1.0, cholesky(c), both, lower=1, overwrite_b=1)
-    rows = np.ascontiguousarray(solved[:, 1:]).reshape(deviations.shape)
-    return np.einsum("kmi,k->mi", rows, solved[:, 0]), marker_covariances(rows)
+def _posterior_markers(information: Array, pull: Array, together: Array) -> tuple[Array, Array]:
+    """Shift (M, 3) and covariance (M, 3, 3) of the markers given J (M, 3, 3) and j = W^T y (M, 3) of each.
+
+    With J = R R^T and the covariance C of all markers together, (C^-1 + J)^-1 = C - C R (1 + R^T C R)^-1 R^T C.
+
+    Args:
+        information: J.
+        pull: j.
+        together: C, (3M, 3M).
+    """
+    count = len(information)
+    values, vectors = np.linalg.eigh(information)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    half = (np.swapaxes(root, 1, 2) @ together.reshape(count, 3, -1)).reshape(3 * count, -1)  # R^T C
+    c = (half.reshape(-1, count, 3).swapaxes(0, 1) @ root).swapaxes(0, 1).reshape(3 * count, -1)
+    c[np.diag_indices(3 * count)] += 1
+    solved = dtrsm(1.0, cholesky(np.asfortranarray(np.tril(c))), half, lower=1)
+    j = pull.ravel()
+    shift = together @ j - solved.T @ (solved @ j)
+    each = np.arange(count)
+    own = together.reshape(count, 3, count, 3)[each, :, each]
+    rows = solved.reshape(-1, count, 3).swapaxes(0, 1)
+    return shift.reshape(count, 3), own - np.swapaxes(rows, 1, 2) @ rows

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,14 +93,21 @@ class Motion:
             raise MocapError(f"there is no marker {name!r}: the markers are {', '.join(self.names)}")
         return self.names.index(name)
 
+    @cached_property
+    def _where(self) -> dict[tuple[int, int], int]:
+        return {(a, b): i for i, (a, b) in enumerate(self.pairs.tolist())}
+
+    def knows(self, points: Sequence[int]) -> bool:
+        """Whether the covariance of each pair of points is known."""
+        return all(a == b or (a, b) in self._where or (b, a) in self._where for a, b in combinations(points, 2))
+
     def joint(self, points: Sequence[int]) -> tuple[Array, bool]:
         """Covariance of [position, velocity] of k points together.
 
         Returns:
             (T, 6k, 6k), and whether the covariance of each pair is known; where it is not, it is taken for zero.
         """
-        k, known = len(points), True
-        where = {(int(a), int(b)): i for i, (a, b) in enumerate(self.pairs)}
+        k, where = len(points), self._where
         out = np.zeros((len(self.t_s), k, 6, k, 6))
         for i, a in enumerate(points):
             out[:, i, :, i] = self.own[:, a]
@@ -110,10 +119,9 @@ class Motion:
                 elif (b, a) in where:
                     block = np.swapaxes(self.cross[:, where[b, a]], 1, 2).astype(float)
                 else:
-                    known = False
                     continue
                 out[:, i, :, j], out[:, j, :, i] = block, np.swapaxes(block, 1, 2)
-        return out.reshape(len(self.t_s), 6 * k, 6 * k), known
+        return out.reshape(len(self.t_s), 6 * k, 6 * k), self.knows(points)
 
 
 def without_rates(names: Sequence[str], t_s: Array, xyz_m: Array, cov_m2: Array, measured: NDArray[np.bool_]) -> Motion:

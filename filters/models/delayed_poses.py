@@ -191,7 +191,9 @@ class Delayed:
             start = int(rng.integers(max(len(shown) - 60, 1)))
             frames = self._frames(hidden[0], shown[start : start + 60 : 2], rows=250, own=60)
             if len(frames) > 20:
-                tasks += [self._task(view, frames)[:2] for view in self._views(hidden[0], others, frames)]
+                for view in self._views(hidden[0], others, frames):
+                    task = self._task(view, frames, frames[:0])
+                    tasks.append((task.rows, task.values))
         return fitted(tasks)
 
     def fill(self, gaps: Sequence[Gap], covariance: Covariance, y: Array, spread: Array) -> None:
@@ -205,14 +207,14 @@ class Delayed:
         asked = np.column_stack([np.full(len(inside), self._last), inside])
         means, covs = [], []
         for view in self._views(marker, others, frames):
-            rows, values, centre, wanted = self._task(view, frames, asked)
+            task = self._task(view, frames, asked)
             if others.any():
-                mean, left = predict(covariance, rows, values, wanted)
+                mean, left = predict(covariance, task.rows, task.values, task.wanted)
             else:  # nothing to look at: the mean, as wide as the motion
-                mean, left = np.zeros((len(inside), 3)), np.tile(values.var(axis=0), (len(inside), 1))
-            at = view.frames(self._at(asked))
-            means.append(np.einsum("nij,nj->ni", at.rotation, mean + centre) + at.position_m)
-            covs.append(np.einsum("nij,nj,nkj->nik", at.rotation, left, at.rotation))
+                mean, left = np.zeros((len(inside), 3)), np.tile(task.values.var(axis=0), (len(inside), 1))
+            turn = task.seen_from.rotation
+            means.append((turn @ (mean + task.centre)[..., None])[..., 0] + task.seen_from.position_m)
+            covs.append((turn * left[:, None]) @ np.swapaxes(turn, 1, 2))
         y[inside, marker], spread[inside, marker] = averaged(np.array(means), np.array(covs))
 
     def _at(self, frames: NDArray[np.int64]) -> Array:
@@ -235,33 +237,57 @@ class Delayed:
         near = replace(body, near=Neighbours.of(others, self._at(frames), body.apart))
         return [body, near] if "body" in self.settings.views else [near]
 
-    def _task(
-        self, view: "View", frames: NDArray[np.int64], asked: NDArray[np.int64] | None = None
-    ) -> tuple[Rows, Array, Array, Rows]:
-        """Known rows, their centred positions of a marker, the mean of these, and the rows that are asked for."""
-        x = self._regressors(view, frames)
-        mean = x.mean(axis=0)
-        scale = max(float(np.sqrt(np.mean(np.sum((x - mean) ** 2, axis=1)))), 1e-12)
+    def _task(self, view: "View", frames: NDArray[np.int64], asked: NDArray[np.int64]) -> "Task":
+        """What is known of a marker in some frames, and what is asked of it in others."""
+        both = np.concatenate([frames, asked])
+        poses = self._at(both)
+        seen_from = view.frames(poses)
+        x, n = self._regressors(view, both, seen_from), len(frames)
+        mean = x[:n].mean(axis=0)
+        x -= mean
+        x /= max(float(np.sqrt(np.mean(np.sum(x[:n] ** 2, axis=1)))), 1e-12)
 
-        def rows(x: Array, at: NDArray[np.int64]) -> Rows:
-            return Rows(x=(x - mean) / scale, trial=at[:, 0], t=at[:, 1] / self.tau)
+        def rows(part: slice) -> Rows:
+            return Rows(x=x[part], trial=both[part, 0], t=both[part, 1] / self.tau)
 
-        poses = self._at(frames)
-        values = view.frames(poses).to_body(poses[:, [view.marker]])[:, 0]
+        values = _part(seen_from, slice(n)).to_body(poses[:n, [view.marker]])[:, 0]
         centre = values.mean(axis=0)
-        known = rows(x, frames)
-        wanted = known if asked is None else rows(self._regressors(view, asked), asked)
-        return known, values - centre, centre, wanted
+        return Task(
+            rows=rows(slice(n)),
+            values=values - centre,
+            centre=centre,
+            wanted=rows(slice(n, None)),
+            seen_from=_part(seen_from, slice(n, None)),
+        )
 
-    def _regressors(self, view: "View", frames: NDArray[np.int64]) -> Array:
+    def _regressors(self, view: "View", frames: NDArray[np.int64], seen_from: BodyFrames) -> Array:
         """(n, D) delayed positions of the others; those that move with the marker weigh more. The ends are held."""
         typical = max(float(np.median(view.apart)) if len(view.apart) else 1.0, 1e-12)
         weight = 1 / (view.apart / typical + 0.1)
         at = np.clip(frames[:, 1][:, None] + self._lags, 0, self._length[frames[:, 0]][:, None] - 1)
         points = self.poses[(self._start[frames[:, 0]][:, None] + at)[:, :, None], np.flatnonzero(view.others)]
-        seen_from = view.frames(self._at(frames))
-        local = seen_from.to_body(points.reshape(len(frames), -1, 3)).reshape(points.shape)
-        return (local * weight[:, None]).reshape(len(frames), -1)
+        if view.near is not None:
+            points = seen_from.to_body(points.reshape(len(frames), -1, 3)).reshape(points.shape)
+        return (points * weight[:, None]).reshape(len(frames), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A regression.
+
+    Attributes:
+        rows: What is looked at in n frames.
+        values: (n, 3) centred positions of the marker in them.
+        centre: (3,) what was taken off them.
+        wanted: What is looked at in the frames that are asked for.
+        seen_from: The frames of reference of these.
+    """
+
+    rows: Rows
+    values: Array
+    centre: Array
+    wanted: Rows
+    seen_from: BodyFrames
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,6 +336,10 @@ def completed(trials: Sequence[PoseTrial], shapes: Shapes) -> list[Array]:
         np.where(np.isfinite(trial.y), trial.y, subspace.mean + offset + z @ subspace.basis.T)
         for trial, z, offset in zip(trials, shapes.z, shapes.offset, strict=True)
     ]
+
+
+def _part(frames: BodyFrames, part: slice) -> BodyFrames:
+    return BodyFrames(rotation=frames.rotation[part], position_m=frames.position_m[part])
 
 
 def _apart(poses: Array) -> Array:

@@ -1,8 +1,9 @@
 """Motion of the whole pose: a subspace of shapes, a body that moves, a potential that holds the shape."""
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,9 @@ from filters.motion.shape import ShapeMechanics
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 from mocap.body import BodyFrames
+
+LEAST_SD = 0.05
+"""Potentials do not look along directions of a pose that are known better than to this share of what was recorded."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,8 +95,15 @@ class Regression:
     def at(self, frame: int) -> tuple[NDArray[np.int64], Array, Array]:
         """The m markers that it has in a frame, (m, 3) where, and (m, 3, 3) what whitens their errors."""
         which = np.flatnonzero(np.isfinite(self.xyz_m[frame, :, 0]))
-        whitening = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, which]))
-        return which, self.xyz_m[frame, which], whitening
+        return which, self.xyz_m[frame, which], self._whitening[frame, which]
+
+    @cached_property
+    def _whitening(self) -> Array:
+        """(T, M, 3, 3)."""
+        known = np.isfinite(self.xyz_m[..., 0])
+        out = np.full_like(self.cov_m2, np.nan)
+        out[known] = np.linalg.inv(np.linalg.cholesky(self.cov_m2[known]))
+        return out
 
 
 class Reference(NamedTuple):
@@ -133,6 +144,7 @@ class PoseMotion(MotionModel):
         bones: Distances that markers keep; None: none are known.
         bone_stiffness: Factor on their potential V_b, a second.
         name: For reports.
+        farthest: Potentials move a state by at most so many of its deviations.
     """
 
     path: BodyPath
@@ -149,6 +161,7 @@ class PoseMotion(MotionModel):
     potentials: tuple[PosePotential, ...] = ()
     name: str = "eal"
     linear: bool = True
+    farthest: float = np.inf
     reads: int = field(init=False)
     points: SigmaPoints = field(init=False)
     rank: int = field(init=False)
@@ -251,6 +264,22 @@ class PoseMotion(MotionModel):
         position = frames.position_m[frame] + states[:, g][:, :3]
         return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
+    def deviations(self, state: Gaussian, frame: int) -> tuple[Array, Array]:
+        """As ``markers`` has them, linearised in closed form: d exp(w) u = (J(w) dw) x exp(w) u."""
+        _, g, _, _, _ = self.parts
+        pose, rows = self._pose(state)
+        w = state.mean[g][3:]
+        rotation = self.path.frames.rotation[frame]
+        turn = rotation @ Rotation.from_rotvec(w).as_matrix()
+        body = pose @ turn.T
+        moved = state.factor[g, : self.reads]
+        turned = rotation @ _left_jacobian(w) @ moved[3:]
+        lever = _skew(body).reshape(-1, 3)  # x cross u = -skew(u) x
+        out = (rows.reshape(-1, 3) @ turn.T).reshape(rows.shape)
+        out -= (turned.T @ lever.T).reshape(out.shape)
+        out += moved[:3].T[:, None]
+        return body + self.path.frames.position_m[frame] + state.mean[g][:3], out
+
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
         """Velocities of the markers, in closed form.
 
@@ -304,11 +333,12 @@ class PoseMotion(MotionModel):
         for i, held in enumerate(self.potentials):
             at = None if about is None else about.held[i]
             coordinates = held.coordinates(state, self.parts[2], self.reads)
-            terms.append(potential_term(lambda q, pull=held.gradient: dt_s * pull(q), coordinates, about=at))
+            pull = partial(_scaled, held.gradient, dt_s)
+            terms.append(potential_term(pull, coordinates, about=at, least_sd=LEAST_SD))
         if self.bones is not None:
             ends = None if about is None else about.bones
             terms.append(bones_term(self.bones, *self._pose(state), dt_s * self.bone_stiffness, about=ends))
-        return enforce(state, terms)
+        return enforce(state, terms, farthest=self.farthest)
 
     def reference(self, state: Gaussian) -> "Reference | None":
         """What the potentials read, and the differences of the ends of bones."""
@@ -329,6 +359,19 @@ class PoseMotion(MotionModel):
     def informed(self, state: Gaussian) -> Gaussian:
         """The shape and its velocity are some that were recorded."""
         return state if self.usual is None else informed(state, self.usual)
+
+
+def _scaled(gradient: Callable[[Array], Array], factor: float, q: Array) -> Array:
+    return factor * gradient(q)
+
+
+def _left_jacobian(w: Array) -> Array:
+    """J (3, 3) of a rotation vector: exp(w + dw) = exp(J dw) exp(w) to first order."""
+    angle = float(np.linalg.norm(w))
+    if angle < 1e-4:
+        return np.eye(3) + 0.5 * _skew(w)
+    k = _skew(w / angle)
+    return np.eye(3) + (1 - np.cos(angle)) / angle * k + (1 - np.sin(angle) / angle) * (k @ k)
 
 
 def _skew(v: Array) -> Array:

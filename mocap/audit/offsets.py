@@ -59,14 +59,18 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
         The offsets; None where fewer than 50 pixels of moving markers are seen by two cameras, or rays give no points.
     """
     ideal = _window(ideal_px, most_frames)
+    often = np.isfinite(ideal[..., 0]).sum(axis=1, keepdims=True) >= 4  # as a cubic needs
+    ideal = np.where(often[..., None], ideal, np.nan)
     n_cameras = len(ideal)
     delay = np.zeros(n_cameras)
-    splines = _splines(ideal)
+    splines = None
     step = sd = np.zeros(n_cameras)
     before = after = 0.0
     samples = 0
     for turn in range(rounds):
-        shifted = _shifted(ideal, splines, -delay)
+        if turn == 1:
+            splines = _splines(ideal)
+        shifted = ideal if splines is None else _shifted(ideal, splines, -delay)
         system = _system(matrices, shifted)
         if system is None:
             return None
@@ -194,8 +198,8 @@ def _system(matrices: Array, uv: Array) -> tuple[Array, Array, NDArray[np.int64]
         return None
     problem = linearise(matrices, uv[:, moving], xyz[moving])
     n_cameras, n_points = problem.seen.shape
-    drift = np.einsum("ckij,kj->cki", problem.jacobian, speed[moving])  # image velocity, px a frame
-    own = np.moveaxis(problem.jacobian, 0, 1).reshape(n_points, 2 * n_cameras, 3)
+    drift = np.einsum("crik,ki->ckr", problem.slope, speed[moving])  # image velocity, px a frame
+    own = np.moveaxis(problem.slope, -1, 0).reshape(n_points, 2 * n_cameras, 3)
     normal = np.swapaxes(own, 1, 2) @ own
     normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     hat = own @ np.linalg.solve(normal, np.swapaxes(own, 1, 2))
@@ -205,7 +209,7 @@ def _system(matrices: Array, uv: Array) -> tuple[Array, Array, NDArray[np.int64]
         columns[:, 2 * c : 2 * c + 2, c] = drift[c]
         columns[:, 2 * c, n_cameras + 2 * c] = columns[:, 2 * c + 1, n_cameras + 2 * c + 1] = problem.seen[c]
     rows = columns - hat @ columns
-    error = np.moveaxis(problem.error, 0, 1).reshape(n_points, 2 * n_cameras)
+    error = problem.error.reshape(2 * n_cameras, n_points).T
     error = error - (hat @ error[..., None])[..., 0]
     block = np.repeat(np.arange(n_points) * BLOCKS // n_points, 2 * n_cameras)
     miss = np.sqrt(np.sum(error**2, axis=1))

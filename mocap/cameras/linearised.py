@@ -5,6 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.cameras.normal_equations import (
+    factor,
+    in_blocks,
+    normal_equations,
+    points_last,
+    projected,
+    solve,
+    squared_length,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -12,14 +21,24 @@ class Linearised:
     """How the pixels of K points differ from their projections, and how these move with the points.
 
     Attributes:
-        error: (C, K, 2) pixels less projections; 0 where not seen.
-        jacobian: (C, K, 2, 3) pixels a metre; 0 where not seen.
+        error: (C, 2, K) pixels less projections; 0 where not seen.
+        slope: (C, 2, 3, K) pixels a metre; 0 where not seen.
         seen: (C, K) 1.0 where seen, else 0.0.
     """
 
     error: Array
-    jacobian: Array
+    slope: Array
     seen: Array
+
+    @property
+    def jacobian(self) -> Array:
+        """(C, K, 2, 3) the slopes by ray."""
+        return np.moveaxis(self.slope, -1, 1)
+
+    @property
+    def squares(self) -> Array:
+        """(C, K) squared errors."""
+        return np.sum(self.error**2, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +60,10 @@ class Fit:
 def linearise(matrices: Array, uv_px: Array, xyz_m: Array) -> Linearised:
     """About (K, 3) points, from (C, K, 2) pixels, NaN where not seen."""
     seen = np.isfinite(uv_px[..., 0]) & np.isfinite(xyz_m[:, 0])
-    homogeneous = np.einsum("cij,kj->cki", matrices[:, :, :3], np.nan_to_num(xyz_m)) + matrices[:, None, :, 3]
-    at = homogeneous[..., :2] / homogeneous[..., 2:]
-    jacobian = (matrices[:, None, :2, :3] - at[..., None] * matrices[:, None, 2:, :3]) / homogeneous[..., 2:, None]
+    at, slope = projected(matrices, np.nan_to_num(xyz_m).T)
     return Linearised(
-        error=np.where(seen[..., None], np.nan_to_num(uv_px) - at, 0.0),
-        jacobian=np.where(seen[..., None, None], jacobian, 0.0),
+        error=np.where(seen[:, None], points_last(uv_px) - at, 0.0),
+        slope=np.where(seen[:, None, None], slope, 0.0),
         seen=seen.astype(float),
     )
 
@@ -54,16 +71,18 @@ def linearise(matrices: Array, uv_px: Array, xyz_m: Array) -> Linearised:
 def fit(problem: Linearised, weight: Array) -> Fit:
     """Least squares with (C, K) weights; a point with one ray lies on it, and one with none stays."""
     weight = weight * problem.seen
-    n_cameras, n_points = weight.shape
-    rows = np.moveaxis(problem.jacobian, 0, 1).reshape(n_points, 2 * n_cameras, 3)
-    error = np.moveaxis(problem.error, 0, 1).reshape(n_points, 2 * n_cameras, 1)
-    heavy = rows * np.repeat(weight.T, 2, axis=1)[..., None]
-    transposed = np.swapaxes(heavy, 1, 2)
-    normal = transposed @ rows
-    size = np.trace(normal, axis1=1, axis2=2)
-    normal += (1e-12 * size + (size == 0))[:, None, None] * np.eye(3)
-    cov = np.linalg.inv(normal)
-    step = cov @ (transposed @ error)
-    residual = np.moveaxis((error - rows @ step).reshape(n_points, n_cameras, 2), 1, 0)
-    taken = np.sum((heavy @ cov) * rows, axis=-1).reshape(n_points, n_cameras, 2).sum(axis=-1).T
-    return Fit(step[..., 0], residual, np.maximum(2.0 - taken, 0.0) * problem.seen)
+    slope, error = problem.slope, problem.error
+    step, residual = np.empty((error.shape[-1], 3)), np.empty((*weight.shape, 2))
+    redundancy = np.empty_like(weight)
+    for block in in_blocks(*weight.shape):
+        rows, heavy = slope[..., block], weight[:, block]
+        normal, right = normal_equations(rows, heavy, error[..., block])
+        size = normal[0] + normal[3] + normal[5]
+        normal[[0, 3, 5]] += 1e-12 * size + (size == 0)
+        factored = factor(normal)
+        moved = solve(factored, right)
+        left = error[..., block] - np.einsum("crik,ik->crk", rows, moved)
+        taken = squared_length(factored, rows).sum(axis=1) * heavy
+        step[block], residual[:, block] = moved.T, np.moveaxis(left, 1, 2)
+        redundancy[:, block] = np.maximum(2.0 - taken, 0.0) * problem.seen[:, block]
+    return Fit(step, residual, redundancy)

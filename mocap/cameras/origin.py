@@ -7,6 +7,7 @@ tens of pixels; one whose lens is applied upside down by a few.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -165,15 +166,21 @@ def decide_origin(
     heights = [height_px] if height_px is not None else _heights(cameras)
     tried: list[tuple[float, PixelCorner, PixelCorner, float | None, Array]] = []
     matrices = stacked(cameras)
+
+    @cache
+    def straight(pixels: PixelCorner, height: float | None) -> Array:
+        return undistorted(cameras, flipped(uv, height) if pixels == "lower-left" else uv)
+
     for pixels in BOTH:
         for calibrated in BOTH:
             flips = pixels != calibrated or (lens and pixels == "lower-left")
             for height in heights if flips else [None]:
                 if flips and height is None:
                     continue
-                ideal = ideal_pixels(
-                    cameras, uv, pixels=pixels, coefficients=calibrated, height_px=height, iterations=None
-                )
+                ideal = uv
+                if flips or lens:
+                    ideal = straight(pixels, height if pixels == "lower-left" else None)
+                    ideal = flipped(ideal, height) if calibrated == "lower-left" else ideal
                 residual = residual_px(matrices, ideal, linear(matrices, ideal))
                 median = float(np.nanmedian(residual)) if np.isfinite(residual).any() else np.inf
                 tried.append((median, pixels, calibrated, height, ideal))

@@ -10,6 +10,16 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array
 from mocap.cameras.camera import project
+from mocap.cameras.normal_equations import (
+    factor,
+    in_blocks,
+    inverse,
+    normal_equations,
+    points_last,
+    projected,
+    solve,
+    towards,
+)
 
 
 def linear(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> Array:
@@ -28,35 +38,26 @@ def linear(matrices: Array, uv_px: Array, *, relative: Array | None = None) -> A
     Returns:
         (..., 3) points in metres; NaN where fewer than two cameras see it, or all from one side.
     """
-    shape = uv_px.shape[1:-1]
-    uv = uv_px.reshape(len(uv_px), -1, 2)
-    seen = np.isfinite(uv).all(axis=-1)
+    shape, n_cameras = uv_px.shape[1:-1], len(uv_px)
+    seen = np.isfinite(uv_px).all(axis=-1).reshape(n_cameras, -1)
     known = np.flatnonzero(np.count_nonzero(seen, axis=0) >= 2)
-    uv, seen = uv[:, known], np.asarray(seen)[:, known]
     last, depth = matrices[:, 2:, 3:], np.linalg.norm(matrices[:, 2:, :3], axis=-1, keepdims=True)
     scaled = matrices / np.where(np.abs(last) > 1e-9 * depth, last, depth)
-    rows = scaled[:, None, :2, :] - uv[..., None] * scaled[:, None, 2:, :]  # (C, K, 2, 4)
-    rows = np.where(seen[..., None, None], rows, 0.0)
-    if relative is not None:
-        rows /= np.broadcast_to(relative, uv_px.shape[:-1]).reshape(len(uv_px), -1)[:, known, None, None]
-    rows = np.moveaxis(rows, 0, 1).reshape(len(known), 2 * len(matrices), 4)
-    a, b = rows[..., :3], -rows[..., 3]
-    transposed = np.swapaxes(a, 1, 2)
-    normal = transposed @ a
-    x = _solve(normal, transposed @ b[..., None])
-    x = x + _solve(normal, transposed @ (b[..., None] - a @ x))
-    out = np.full((int(np.prod(shape)), 3), np.nan)
-    out[known] = x[..., 0]
+    flat = uv_px.reshape(n_cameras, -1, 2)
+    scale = None if relative is None else np.broadcast_to(relative, uv_px.shape[:-1]).reshape(n_cameras, -1)
+    out = np.full((seen.shape[1], 3), np.nan)
+    for block in in_blocks(n_cameras, len(known)):
+        some = known[block]
+        there = seen[:, some]
+        uv = np.where(there[:, None], points_last(flat[:, some]), 0.0)
+        weight = there.astype(float) if scale is None else there / scale[:, some] ** 2
+        rows = scaled[:, :2, :, None] - uv[:, :, None] * scaled[:, 2:, :, None]  # (C, 2, 4, K)
+        normal, right = normal_equations(rows[:, :, :3], weight, -rows[:, :, 3])
+        factored = factor(normal)
+        x = solve(factored, right)
+        left = rows[:, :, 3] + np.einsum("crik,ik->crk", rows[:, :, :3], x)
+        out[some] = (x - solve(factored, towards(rows[:, :, :3], weight, left))).T
     return out.reshape(*shape, 3)
-
-
-def _solve(normal: Array, right: Array) -> Array:
-    """Solve batches of 3 x 3 systems; NaN where singular to rounding (two cameras on one ray)."""
-    singular = ~(np.linalg.det(normal) > 1e-13 * np.trace(normal, axis1=-2, axis2=-1) ** 3)
-    if singular.any():
-        normal = normal.copy()
-        normal[singular] = np.nan
-    return np.linalg.solve(normal, right)
 
 
 def residual_px(matrices: Array, uv_px: Array, xyz_m: Array, *, relative: Array | None = None) -> Array:
@@ -96,46 +97,51 @@ def refine(
     Returns:
         (..., 3) points and their (..., 3, 3) covariance (J^T J / sd^2)^-1 in square metres, NaN without a point.
     """
-    shape = xyz_m.shape[:-1]
-    x_all = xyz_m.reshape(-1, 3)
-    known = np.flatnonzero(np.isfinite(x_all[:, 0]))
-    uv = uv_px.reshape(len(uv_px), -1, 2)[:, known]
-    sd = np.broadcast_to(np.asarray(sd_px, dtype=float), uv_px.shape[:-1]).reshape(len(uv_px), -1)[:, known]
-    weight = np.where(np.isfinite(uv[..., 0]), 1 / sd, 0.0)[..., None]
-    uv = np.nan_to_num(uv)
-    x = x_all[known]
-    active = np.arange(len(known))
-    best, error, jacobian = x.copy(), *_linearise(matrices, uv, weight, x)
-    cost = np.sum(error**2, axis=(0, 2))
-    for _ in range(iterations):
-        if not len(active):
-            break
-        jt = np.moveaxis(jacobian[:, active], 0, 1).reshape(len(active), 2 * len(matrices), 3)
-        e = np.moveaxis(error[:, active], 0, 1).reshape(len(active), 2 * len(matrices), 1)
-        step = _solve(np.swapaxes(jt, 1, 2) @ jt, np.swapaxes(jt, 1, 2) @ e)[..., 0]
-        trial = best[active] + step
-        new_error, new_jacobian = _linearise(matrices, uv[:, active], weight[:, active], trial)
-        new_cost = np.sum(new_error**2, axis=(0, 2))
-        better = new_cost < cost[active]
-        moved = active[better]
-        best[moved], cost[moved] = trial[better], new_cost[better]
-        error[:, moved], jacobian[:, moved] = new_error[:, better], new_jacobian[:, better]
-        scale = np.abs(best[moved]).max(axis=1) + 1e-3
-        active = moved[np.abs(step[better]).max(axis=1) > 1e-12 * scale]
-    stacked_rows = np.moveaxis(jacobian, 0, 1).reshape(len(known), 2 * len(matrices), 3)
-    information = np.swapaxes(stacked_rows, 1, 2) @ stacked_rows
-    points, cov = np.full_like(x_all, np.nan), np.full((len(x_all), 3, 3), np.nan)
-    cov[known] = _solve(information, np.broadcast_to(np.eye(3), information.shape))
-    points[known] = np.where(np.isfinite(cov[known, :, 0]), best, np.nan)
+    shape, n_cameras = xyz_m.shape[:-1], len(uv_px)
+    start = xyz_m.reshape(-1, 3)
+    known = np.flatnonzero(np.isfinite(start[:, 0]))
+    flat = uv_px.reshape(n_cameras, -1, 2)
+    sd = np.broadcast_to(np.asarray(sd_px, dtype=float), uv_px.shape[:-1]).reshape(n_cameras, -1)
+    points, cov = np.full_like(start, np.nan), np.full((len(start), 3, 3), np.nan)
+    for block in in_blocks(n_cameras, len(known)):
+        some = known[block]
+        uv = points_last(flat[:, some])
+        weight = np.where(np.isfinite(uv[:, 0]), 1 / sd[:, some] ** 2, 0.0)
+        x, normal = _descended(matrices, np.nan_to_num(uv), weight, start[some].T.copy(), iterations)
+        cov[some] = inverse(factor(normal))
+        points[some] = np.where(np.isfinite(cov[some, :, 0]), x.T, np.nan)
     return points.reshape(*shape, 3), cov.reshape(*shape, 3, 3)
 
 
-def _linearise(matrices: Array, uv: Array, weight: Array, x: Array) -> tuple[Array, Array]:
-    """Weighted residuals (C, K, 2) and Jacobian of the projection (C, K, 2, 3)."""
-    h = np.einsum("cij,kj->cki", matrices[:, :, :3], x) + matrices[:, None, :, 3]
-    uv_x = h[..., :2] / h[..., 2:]
-    jacobian = (matrices[:, None, :2, :3] - uv_x[..., None] * matrices[:, None, 2:, :3]) / h[..., 2:, None]
-    return (uv - uv_x) * weight, jacobian * weight[..., None]
+def _descended(matrices: Array, uv: Array, weight: Array, x: Array, iterations: int) -> tuple[Array, Array]:
+    """Points (3, K) after Gauss-Newton steps, and the normal equations (6, K) there."""
+
+    def at(x: Array, which: slice | NDArray[np.int64]) -> tuple[Array, Array, Array]:
+        there, slope = projected(matrices, x)
+        error = uv[:, :, which] - there
+        cost = np.einsum("crk,ck->k", error**2, weight[:, which])
+        return cost, *normal_equations(slope, weight[:, which], error)
+
+    cost, normal, right = at(x, slice(None))
+    active = np.arange(x.shape[1])
+    for _ in range(iterations):
+        if not len(active):
+            break
+        every = len(active) == x.shape[1]
+        which = slice(None) if every else active
+        step = solve(factor(normal[:, which]), right[:, which])
+        trial = x[:, which] + step
+        new_cost, new_normal, new_right = at(trial, which)
+        better = new_cost < cost[which]
+        moved = active[better]
+        if every and len(moved) == len(active):
+            x, cost, normal, right = trial, new_cost, new_normal, new_right
+        else:
+            x[:, moved], cost[moved] = trial[:, better], new_cost[better]
+            normal[:, moved], right[:, moved] = new_normal[:, better], new_right[:, better]
+        scale = np.abs(x[:, moved]).max(axis=0, initial=0.0) + 1e-3
+        active = moved[np.abs(step[:, better]).max(axis=0, initial=0.0) > 1e-12 * scale]
+    return x, normal
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -234,7 +240,8 @@ def robust(
         trial = uv[:, t, m]  # (C, K, 2)
         count = np.isfinite(trial[..., 0]).sum(axis=0)
         drop_all = count <= 2
-        uv[:, t[drop_all], m[drop_all]] = np.nan
+        lost = t[drop_all], m[drop_all]
+        uv[:, *lost], xyz[lost], residual[lost] = np.nan, np.nan, np.nan
         t, m, trial = t[~drop_all], m[~drop_all], trial[:, ~drop_all]
         without = np.repeat(trial[None], len(matrices), axis=0)  # (dropped camera, C, K, 2)
         without[np.arange(len(matrices)), np.arange(len(matrices))] = np.nan
@@ -245,8 +252,8 @@ def robust(
         squares[~np.isfinite(trial[..., 0])] = np.inf
         worst = np.argmin(squares, axis=0)
         uv[worst, t, m] = np.nan
-        xyz = linear(matrices, uv, relative=scale)
-        residual = residual_px(matrices, uv, xyz, relative=scale)
+        xyz[t, m] = linear(matrices, uv[:, t, m], relative=scale[:, t, m])
+        residual[t, m] = residual_px(matrices, uv[:, t, m], xyz[t, m], relative=scale[:, t, m])
     refined, cov = refine(matrices, uv, xyz, sd_px=sd * scale)
     return Triangulation(
         xyz_m=refined,

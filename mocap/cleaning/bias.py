@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap.arrays import Array
-from mocap.body import smooth_series
+from mocap.body import smoother
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import linear, pixel_sd, refine, residual_px
 
@@ -64,19 +64,19 @@ def ray_bias(
     if len(xyz) < 3:
         return RayBias(bias_px=none, sd_px=0.0, jitter_px=total)
     redundant = count >= 2
+    weight = np.where(seen & redundant, 1 / spread**2, 0.0).swapaxes(1, 2)  # (C, M, T)
+    many = np.count_nonzero(weight, axis=-1) >= 3
+    smooth = smoother(weight[many], dt_s=dt_s, cutoff_hz=cutoff_hz) if many.any() else None
     bias = none
     for _ in range(iterations):
         corrected = uv_px - bias
         xyz, _ = refine(matrices, corrected, linear(matrices, corrected, relative=spread), sd_px=spread, iterations=3)
-        residual = uv_px - project(matrices, xyz)
-        bias = none.copy()
-        for camera in range(len(matrices)):
-            for marker in range(uv_px.shape[2]):
-                weight = (seen[camera, :, marker] & redundant[:, marker]) / spread[camera, :, marker] ** 2
-                if np.count_nonzero(weight) >= 3:
-                    series = residual[camera, :, marker]
-                    smooth = smooth_series(series, weight, dt_s=dt_s, cutoff_hz=cutoff_hz)
-                    bias[camera, :, marker] = np.where(seen[camera, :, marker, None], smooth, 0.0)
+        if smooth is None:
+            break
+        residual = np.nan_to_num(np.swapaxes(uv_px - project(matrices, xyz), 1, 2))  # (C, M, T, 2)
+        slow = np.zeros_like(residual)
+        slow[many] = smooth(residual[many])
+        bias = np.where(seen[..., None], slow.swapaxes(1, 2), 0.0)
     corrected = uv_px - bias
     good = seen & redundant & (spread <= 1.0)  # a camera that went bad is no measure of the others
     if (good.sum(axis=0) >= 2).any():

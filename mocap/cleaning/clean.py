@@ -139,17 +139,15 @@ def duplicates(xyz_m: Array, sd_m: Array) -> Mask:
     out = np.zeros(xyz_m.shape[:2], dtype=bool)
     away = off_course(xyz_m)
     sd = np.nan_to_num(sd_m)
-    for a in range(xyz_m.shape[1]):
-        for b in range(a + 1, xyz_m.shape[1]):
-            distance = np.linalg.norm(xyz_m[:, a] - xyz_m[:, b], axis=1)
-            known = np.isfinite(distance)
-            if not known.any():
-                continue
-            same = known & (distance <= np.minimum(0.05 * np.median(distance[known]), np.hypot(sd[:, a], sd[:, b])))
-            if same.any():
-                worse_a = away[:, a] >= away[:, b]
-                out[:, a] |= same & worse_a
-                out[:, b] |= same & ~worse_a
+    for a in range(xyz_m.shape[1] - 1):
+        distance = np.linalg.norm(xyz_m[:, a + 1 :] - xyz_m[:, a, None], axis=-1)
+        near = distance <= np.hypot(sd[:, a + 1 :], sd[:, a, None])
+        for other in np.flatnonzero(near.any(axis=0)):
+            apart, b = distance[:, other], a + 1 + other
+            same = near[:, other] & (apart <= 0.05 * np.median(apart[np.isfinite(apart)]))
+            worse_a = away[:, a] >= away[:, b]
+            out[:, a] |= same & worse_a
+            out[:, b] |= same & ~worse_a
     return out
 
 

@@ -123,8 +123,10 @@ def _shrunk(factor: Array, squares: Array, redundancy: Array) -> Array:
 def _most_likely_dof(distance: Array) -> float:
     """The most likely degrees of freedom of squared distances, from a coarse grid and then between its points."""
     nu = DOFS
+    fours = np.concatenate([distance, np.zeros(-len(distance) % 4)]).reshape(4, -1, 1)
     for _ in range(2):
-        likelihood = -0.5 * (nu + 2) * np.log1p(distance[:, None] / nu).sum(axis=0)
+        grown = 1 + fours / nu
+        likelihood = -0.5 * (nu + 2) * np.log(grown[0] * grown[1] * grown[2] * grown[3]).sum(axis=0)
         likelihood -= 0.5 * (np.log(nu / USUAL_DOF) / SURE) ** 2
         best = float(nu[np.argmax(likelihood)])
         nu = np.geomspace(max(best / 1.2, DOFS[0]), best * 1.2, 21)

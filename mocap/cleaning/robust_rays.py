@@ -4,6 +4,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.cameras.linearised import linearise
+from mocap.cameras.normal_equations import PAIRS
 from mocap.cameras.triangulate import refine
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 
@@ -84,6 +85,9 @@ def _misses(matrices: Array, uv_px: Array, xyz_m: Array, cov_m2: Array) -> tuple
     """
     shape = uv_px.shape[:-1]
     problem = linearise(matrices, uv_px.reshape(len(uv_px), -1, 2), xyz_m.reshape(-1, 3))
-    cov = np.nan_to_num(cov_m2.reshape(-1, 3, 3))
-    variance = np.einsum("ckri,kij,ckrj->ck", problem.jacobian, cov, problem.jacobian, optimize=True)
-    return np.sum(problem.error**2, axis=-1).reshape(shape), variance.reshape(shape)
+    cov = np.moveaxis(np.nan_to_num(cov_m2.reshape(-1, 3, 3)), 0, -1)
+    variance = np.zeros(problem.seen.shape)
+    for i, j in PAIRS:
+        both = np.einsum("crk,crk->ck", problem.slope[:, :, i], problem.slope[:, :, j])
+        variance += (1 if i == j else 2) * cov[i, j] * both
+    return problem.squares.reshape(shape), variance.reshape(shape)

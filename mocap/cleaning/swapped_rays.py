@@ -5,7 +5,7 @@ a run of exchanged names is found by dynamic programming, as for positions (``mo
 cameras a run in one is a run in the other with the points exchanged as well: which it was is for the positions to tell.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -63,12 +63,8 @@ def _clearest(rays: "_Rays") -> list[Swap]:
     camera, frame, a, b = rays.suspected_pairs()
     for c, t, i, j, value in zip(camera, frame, a, b, rays.gains(camera, frame, a, b), strict=True):
         gain.setdefault((int(c), int(i), int(j)), {})[int(t)] = float(value)
-    runs = [
-        run
-        for key, known in gain.items()
-        if sum(value for value in known.values() if value > 0) > CHANGE + MARGIN
-        for run in _runs(key, rays.completed(key, known), rays.seen[key[0]])
-    ]
+    clear = {key: known for key, known in gain.items() if sum(v for v in known.values() if v > 0) > CHANGE + MARGIN}
+    runs = [run for key, all_of in rays.completed(clear).items() for run in _runs(key, all_of, rays.seen[key[0]])]
     taken = np.zeros(rays.seen.shape[1:], dtype=bool)
     out = []
     for run in sorted(runs, key=lambda run: -run.gain):
@@ -169,8 +165,24 @@ class _Rays:
     def _scale(self) -> float:
         return self.sd * float(np.sqrt((DOF - 2) / DOF))
 
-    def completed(self, key: Key, known: dict[int, float]) -> Array:
-        """(T,) gains of one pair in one camera; in frames that were not suspected what the exchange would spoil."""
+    def completed(self, gains: Mapping[Key, dict[int, float]]) -> dict[Key, Array]:
+        """(T,) gains of each pair in its camera; in frames that were not suspected what the exchange would spoil."""
+        out, todo = {}, {}
+        for key, known in gains.items():
+            out[key], near = self._spoiled(key)
+            near[list(known)] = False
+            todo[key] = np.flatnonzero(near)
+        rows = [np.full((len(frames), 4), (c, 0, a, b)) for (c, a, b), frames in todo.items()]
+        camera, frame, a, b = np.concatenate([*rows, np.zeros((0, 4), dtype=np.int64)]).T
+        frame[:] = np.concatenate([*todo.values(), np.zeros(0, dtype=np.int64)])
+        found = self.gains(camera, frame, a, b)
+        for key, values in zip(todo, np.split(found, np.cumsum([len(f) for f in todo.values()])), strict=False):
+            out[key][todo[key]] = values
+            out[key][list(gains[key])] = list(gains[key].values())
+        return out
+
+    def _spoiled(self, key: Key) -> tuple[Array, Mask]:
+        """(T,) what an exchange would spoil by how far apart the rays are, and where that is to be looked at closer."""
         camera, a, b = key
         uv, at = self.uv[camera], self.at[camera]
         seen_a, seen_b = self.seen[camera, :, a], self.seen[camera, :, b]
@@ -179,13 +191,9 @@ class _Rays:
         apart = np.where(seen_b & ~seen_a, np.linalg.norm(uv[:, b] - at[:, a], axis=-1), apart)
         most = 2 * self.detail - np.log(OUTLIERS)
         spoiled = np.minimum(-student_log((np.nan_to_num(apart) / self._scale) ** 2, 2), most)
-        gain = -spoiled * (seen_a.astype(int) + seen_b)
         either = self.suspect[camera, :, a] | self.suspect[camera, :, b]
         near = np.nan_to_num(apart, nan=np.inf) < NEAR * self.sd
-        todo = np.array([t for t in np.flatnonzero(either | near) if t not in known], dtype=np.int64)
-        gain[todo] = self.gains(*(np.full(len(todo), camera), todo, np.full(len(todo), a), np.full(len(todo), b)))
-        gain[list(known)] = list(known.values())
-        return gain
+        return -spoiled * (seen_a.astype(int) + seen_b), either | near
 
 
 def extent_px(uv_px: Array) -> float:

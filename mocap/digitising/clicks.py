@@ -1,5 +1,6 @@
 """What a person clicked: places of markers in pictures, kept in DLTdv's format too."""
 
+import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,6 +94,30 @@ def write_clicks(
 ) -> None:
     """Write clicks as DLTdv's ``xypts.csv``, of all frames."""
     write_pixels(path, pixels_of(clicks, names=names, cameras=cameras, n_frames=n_frames, fps=fps))
+
+
+def write_unseen(path: Path, clicks: Iterable[Click]) -> None:
+    """Write what DLTdv's table cannot say: where a person said that a marker is not to be seen; counted from 1."""
+    last = {(click.camera, click.frame, click.marker): click.uv_px for click in clicks}
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(["camera", "frame", "marker"])
+        table.writerows([n + 1 for n in place] for place, uv_px in last.items() if uv_px is None)
+
+
+def read_unseen(path: Path) -> list[Click]:
+    """Read what ``write_unseen`` wrote.
+
+    Raises:
+        FormatError: it is another file.
+    """
+    with path.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.reader(stream))
+    try:
+        numbers = [[int(text) - 1 for text in row] for row in rows[1:]]
+        return [Click(camera=c, frame=t, marker=m, uv_px=None) for c, t, m in numbers]
+    except ValueError:
+        raise FormatError(f"{path.name}: expected a table of camera, frame and marker: delete it to go on") from None
 
 
 def places(clicks: Iterable[Click], shape: tuple[int, int, int]) -> Array:

@@ -64,7 +64,8 @@ def find_dots(grey: Grey, look: DotLook, *, corner: tuple[int, int] = (0, 0), mo
     found = response(grey, look.radius_px, bright=look.bright)
     size = 2 * max(1, round(0.6 * look.radius_px)) + 1
     top = cv2.dilate(found, np.ones((size, size), np.uint8))
-    v, u = np.nonzero((found >= top) & (found > look.least))
+    # many times faster than np.nonzero of a picture
+    v, u = np.divmod(np.flatnonzero((found >= top) & (found > look.least)), grey.shape[1])
     inside = (u > 0) & (v > 0) & (u < grey.shape[1] - 1) & (v < grey.shape[0] - 1)
     u, v = u[inside], v[inside]
     strength = found[v, u]

@@ -15,11 +15,12 @@ from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click
 from mocap.digitising.dots import DotLook, Grey, find_dots, look_of
+from mocap.digitising.errors import SHARED, RayErrors, ray_errors, stated
 from mocap.digitising.films import Films
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, positioned, predicted
 from mocap.digitising.naming import Named, seen_from, update, window_cov
-from mocap.digitising.observer import Observer
+from mocap.digitising.observer import Observer, crowding
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
 from mocap.errors import MocapError
@@ -31,6 +32,7 @@ _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
 """Speeds that are tried at the start, in lengths of the animal a frame."""
 _TRIAL_FRAMES = 3
 _WIDE_PX = 60.0
+_PIECES, _PIECE = 10, 20
 _LEARN_AT = (30, 60, 120, 240, 480, 960)
 
 Progress = Callable[[str, float], None]
@@ -43,6 +45,7 @@ class Tracks:
     Attributes:
         dots: Of each frame (C, K, 3): recorded column and row counted as DLTdv does, and response; NaN: fewer dots.
         ideal: The same places without distortion (C, K, 2).
+        crowding: Factors of the dots' standard deviations (C, K): ``observer.crowding``.
         dot: (C, T, M) number of the dot that is the marker's; -1: none.
         xyz_m: (T, M, 3) positions.
         cov_m2: (T, M, 3, 3) their covariances.
@@ -55,6 +58,7 @@ class Tracks:
 
     dots: list[Array]
     ideal: list[Array]
+    crowding: list[Array]
     dot: NDArray[np.int64]
     xyz_m: Array
     cov_m2: Array
@@ -99,6 +103,7 @@ class Engine:
         self.tracks = Tracks(
             dots=[np.full((n_cameras, 0, 3), np.nan)] * shape[0],
             ideal=[np.full((n_cameras, 0, 2), np.nan)] * shape[0],
+            crowding=[np.ones((n_cameras, 0))] * shape[0],
             dot=np.full((n_cameras, *shape), -1),
             xyz_m=np.full((*shape, 3), np.nan),
             cov_m2=np.full((*shape, 3, 3), np.nan),
@@ -110,12 +115,13 @@ class Engine:
         )
         self.density = np.ones(shape[1])
         self.most = np.zeros(shape[1])
-        self.learned_at = 0
+        self.errors: RayErrors | None = None
         self.own_poses = self.poses is None
         trunk = [self.names.index(name) for name in self.skeleton.trunk]
         self.trunk = trunk
         ends = np.array(ends_among(self.names, self.skeleton.rigid), dtype=int).reshape(-1, 2)
         lengths = Lengths(ends, np.full(len(ends), np.nan), np.full(len(ends), np.nan))
+        self._sort_clicks()
         self.observer = Observer(self.matrices, lengths, np.zeros(len(ends), dtype=np.int64), poses=self.poses)
 
     def first_points(self) -> tuple[int, Array, Array]:
@@ -154,10 +160,25 @@ class Engine:
     def _clicked(self, frame: int) -> Array:
         """(C, M, 2) places that were clicked in a frame; NaN: none."""
         out = np.full((len(self.cameras), len(self.names), 2), np.nan)
-        for click in self.clicks:
-            if click.frame == frame:
-                out[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
+        for click in self.by_frame.get(frame, ()):
+            out[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
         return out
+
+    def _barred(self, frame: int) -> NDArray[np.bool_] | None:
+        """(C, M) where a marker is not to be seen, as a person said; None: nowhere."""
+        clicks = self.by_frame.get(frame, ())
+        if all(click.uv_px is not None for click in clicks):
+            return None
+        out = np.zeros((len(self.cameras), len(self.names)), dtype=bool)
+        for click in clicks:
+            out[click.camera, click.marker] = click.uv_px is None
+        return out
+
+    def _sort_clicks(self) -> None:
+        """Clicks by their frames, in their order."""
+        self.by_frame: dict[int, list[Click]] = {}
+        for click in self.clicks:
+            self.by_frame.setdefault(click.frame, []).append(click)
 
     def _ideal(self, uv_px: Array) -> Array:
         """(C, ..., 2) ideal pixels of recorded ones."""
@@ -183,6 +204,7 @@ class Engine:
     def _keep(self, frame: int, dots: Array) -> None:
         self.tracks.dots[frame] = dots.astype(np.float32)
         self.tracks.ideal[frame] = self._ideal(dots[..., :2])
+        self.tracks.crowding[frame] = crowding(self.tracks.ideal[frame], self.observer.radius_px)
 
     def _windows(self, state: State) -> "list[tuple[int, int, int, int] | None]":
         """The part of each picture in which markers are expected; None: anywhere."""
@@ -208,7 +230,9 @@ class Engine:
 
     def _observed(self, frame: int, state: State) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction; the state after it."""
-        return self.observer.observed(self.tracks.ideal[frame], self._ideal(self._clicked(frame)), state)
+        t = self.tracks
+        clicked, barred = self._ideal(self._clicked(frame)), self._barred(frame)
+        return self.observer.observed(t.ideal[frame], t.crowding[frame], clicked, state, barred=barred)
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Decode the films once: forward pass and dots; then the backward pass.
@@ -239,10 +263,10 @@ class Engine:
             state = self._forward(frame, state)
         # frames before the first clicks are named backward only, with the noise as it was found after these
         self.tracks.density[:start] = np.max(self.tracks.density[start : start + 30], axis=0)
-        self._estimate_sd(range(start, n))
+        self._estimate_sd(start)
         self._backward(n - 1, 0, None, progress=progress)
         # once more over the dots, with the poses of the whole film and the noise as it was found
-        self._estimate_sd(range(start, n))
+        self._estimate_sd(start)
         if self.own_poses:
             self.learn_poses()
         self.again(progress=progress)
@@ -351,13 +375,29 @@ class Engine:
             self.tracks.backward[frame] = packed(ahead)
             both = fused(unpacked(forward), ahead.turned()) if known else ahead.turned()
             named, _ = self._observed(frame, both)
-            self._take(frame, named)
             # the dots that both sides named, seen from the frames after alone
             seen = self._places(frame, named)
             prior = np.linalg.inv(ahead.cov_m2)
             sd = self._deviations(frame, named)
+            self._take(frame, named)
+            self._state(frame, named, both, seen, sd)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, prior)
             state = positioned(ahead, xyz, cov, named.rays > 0)
+
+    def _state(self, frame: int, named: Named, both: State, seen: Array, sd_px: Array) -> None:
+        """The covariances that are stated of a frame that was named from both sides."""
+        clicked = np.isfinite(self._clicked(frame)[..., 0]).any(axis=0)
+        cov = self.tracks.cov_m2[frame]
+        # a ray that no other one checks leads the filter, but may be another marker's
+        lone = (named.rays == 1) & ~clicked
+        cov[lone] = both.cov_m2[lone]
+        if self.errors is None:
+            return
+        met = named.rays >= 2
+        _, jacobian = seen_from(self.matrices, named.xyz_m)
+        used = np.where(np.isfinite(seen[..., 0])[..., None, None], jacobian, 0.0)
+        shared = SHARED * self.observer.radius_px
+        cov[met] = stated(self.errors, used, sd_px, named.cov_m2, shared_px=shared)[met]
 
     def _places(self, frame: int, named: Named) -> Array:
         """(C, M, 2) ideal pixels of named dots and clicks; NaN: none."""
@@ -372,7 +412,7 @@ class Engine:
 
     def _deviations(self, frame: int, named: Named) -> Array:
         """(C, M) standard deviations of the places of named dots."""
-        sd = self.observer.deviations(self.tracks.ideal[frame])
+        sd = self.observer.sd_px * self.tracks.crowding[frame]
         if not sd.shape[1]:
             return np.ones(named.dot.shape)
         camera = np.arange(len(self.cameras))[:, None]
@@ -382,15 +422,18 @@ class Engine:
         """Take more clicks; only the frames about them are named again. Returns the first and last of these."""
         new = list(clicks)
         self.clicks += new
+        self._sort_clicks()
         return self._about(new, margin)
 
-    def undo(self, *, margin: int = 20) -> Click | None:
-        """Take the last click back; the frames about it are named again."""
-        if not self.clicks:
-            return None
-        click = self.clicks.pop()
-        self._about([click], margin)
-        return click
+    def undo(self, count: int = 1, *, margin: int = 20) -> list[Click]:
+        """Take the last clicks back; the frames about them are named again."""
+        kept = max(len(self.clicks) - count, 0)
+        taken = self.clicks[kept:]
+        del self.clicks[kept:]
+        self._sort_clicks()
+        if taken:
+            self._about(taken, margin)
+        return taken
 
     def _about(self, changed: Sequence[Click], margin: int) -> tuple[int, int]:
         """Name the frames again that clicks may change."""
@@ -457,23 +500,25 @@ class Engine:
         found = fit_poses(known, self.trunk, least_sd_m=1e-3 * self.observer.length_m)
         self.poses = self.observer.poses = found or self.poses
 
-    def _estimate_sd(self, frames: Iterable[int]) -> None:
-        """Standard deviation of a dot, from how the rays of named dots meet."""
+    def _estimate_sd(self, first: int) -> None:
+        """Standard deviation of a dot, from how the rays of named dots meet, and what of their errors lasts."""
         camera = np.arange(len(self.cameras))[:, None]
-        chosen = []
-        for frame in list(frames)[:: max(1, self.films.n_frames // 200)]:
+        n = self.films.n_frames
+        # pieces of frames that follow one another
+        begins = np.unique(np.linspace(first, max(first, n - _PIECE), _PIECES).astype(int))
+        frames = np.unique(np.minimum(begins[:, None] + np.arange(_PIECE), n - 1))
+        uv = np.full((len(self.cameras), len(frames), len(self.names), 2), np.nan)
+        for row, frame in enumerate(frames.tolist()):
             dot, ideal = self.tracks.dot[:, frame], self.tracks.ideal[frame]
             if ideal.shape[1]:
-                chosen.append(np.where((dot >= 0)[..., None], ideal[camera, np.maximum(dot, 0)], np.nan))
-        if not chosen:
-            return
-        uv = np.stack(chosen, axis=1)
+                uv[:, row] = np.where((dot >= 0)[..., None], ideal[camera, np.maximum(dot, 0)], np.nan)
         try:
             found = triangulate.apparent_sd(self.matrices, uv)
         except ValueError:
             return
         if np.isfinite(found):
             self.observer.sd_px = float(np.clip(found, 0.15, 2.0))
+            self.errors = ray_errors(self.matrices, uv, sd_px=self.observer.sd_px)
 
 
 def first_state(xyz_m: Array, cov_m2: Array, speed_m: float) -> State:

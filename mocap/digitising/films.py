@@ -93,7 +93,7 @@ def _read(movie: Movie, wanted: NDArray[np.int64], line: "queue.Queue[Any]", sto
                 continue
 
     try:
-        for frame in movie.frames(wanted):
+        for frame in movie.frames(wanted, threads=False):
             put(None if frame is None else grey_levels(frame))
             if stop.is_set():
                 return
@@ -107,6 +107,8 @@ def grey_levels(frame: Any) -> Grey:
     deep = frame.format.components[0].bits > 8
     if not deep and (kind.startswith(("yuv", "gray", "nv")) and "p" in kind + "p"):
         plane = frame.planes[0]
+        if plane.line_size < 0:  # rows from the bottom, as in cine
+            return np.asarray(frame.to_ndarray(format="gray"))
         rows = np.frombuffer(plane, dtype=np.uint8).reshape(-1, plane.line_size)
         return rows[: frame.height, : frame.width].copy()
     if kind.startswith("rgb") or kind.startswith("bgr") or kind.startswith("gbr"):

@@ -1,7 +1,6 @@
 """Where rays of dots that have no name yet meet in space, and which markers these points are."""
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ class Lengths:
 def meetings(matrices: Array, dots: Array, free: NDArray[np.bool_], *, sd_px: float) -> tuple[Array, NDArray[np.int64]]:
     """Points at which rays of free dots meet.
 
-    Two rays that pass each other closely make a point; the dots of all other cameras that lie where it projects belong
+    Two rays make a point where they pass each other; the dots of all other cameras that lie where it projects belong
     to it. Points of the same dots are one; a point of two dots counts only if both are in no point of three.
 
     Args:
@@ -47,61 +46,49 @@ def meetings(matrices: Array, dots: Array, free: NDArray[np.bool_], *, sd_px: fl
         (N, 3) points, and the dots that make them (N, C), -1 for none.
     """
     n_cameras = len(matrices)
+    nothing = np.zeros((0, 3)), np.zeros((0, n_cameras), dtype=np.int64)
+    # dots are sorted by their response: the strongest
+    camera, dot = np.nonzero(free & (np.cumsum(free, axis=1) <= MOST_RAYS))
+    if not len(camera) or camera[0] == camera[-1]:
+        return nothing
     inverse = np.linalg.inv(matrices[:, :, :3])
-    eyes = -np.einsum("cij,cj->ci", inverse, matrices[:, :, 3])
-    where = [np.flatnonzero(row)[:MOST_RAYS] for row in free]
-    rays = []
-    for c, k in enumerate(where):
-        d = np.column_stack([dots[c, k], np.ones(len(k))]) @ inverse[c].T
-        rays.append(d / np.linalg.norm(d, axis=1, keepdims=True))
-    points = []
-    for a, b in combinations(range(n_cameras), 2):
-        if not len(where[a]) or not len(where[b]):
-            continue
-        da, db, base = rays[a][:, None], rays[b][None], eyes[b] - eyes[a]
-        cos = np.sum(da * db, axis=-1)
-        bottom = np.maximum(1 - cos**2, 1e-9)
-        along_a, along_b = np.sum(da * base, axis=-1), np.sum(db * base, axis=-1)
-        s = (along_a - cos * along_b) / bottom
-        t = (cos * along_a - along_b) / bottom
-        points.append((0.5 * (eyes[a] + s[..., None] * da + eyes[b] + t[..., None] * db)).reshape(-1, 3))
-    if not points:
-        return np.zeros((0, 3)), np.zeros((0, n_cameras), dtype=np.int64)
-    xyz = np.concatenate(points)
+    eyes = -(inverse @ matrices[:, :, 3:])[..., 0]
+    ray = (inverse[camera] @ np.append(dots[camera, dot], np.ones((len(dot), 1)), axis=1)[..., None])[..., 0]
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    a, b = np.nonzero(camera[:, None] < camera)
+    base = eyes[camera[b]] - eyes[camera[a]]
+    cos, along_a, along_b = (np.sum(x * y, axis=1) for x, y in ((ray[a], ray[b]), (ray[a], base), (ray[b], base)))
+    bottom = np.maximum(1 - cos**2, 1e-9)
+    s, t = (along_a - cos * along_b) / bottom, (cos * along_a - along_b) / bottom
+    xyz = 0.5 * (eyes[camera[a]] + s[:, None] * ray[a] + eyes[camera[b]] + t[:, None] * ray[b])
     uv, _ = seen_from(matrices, xyz)
     made = np.full((len(xyz), n_cameras), -1)
-    for c, k in enumerate(where):
-        if len(k):
-            away = np.linalg.norm(uv[c][:, None] - dots[c, k], axis=-1)
-            best = np.argmin(np.nan_to_num(away, nan=np.inf), axis=1)
-            close = away[np.arange(len(xyz)), best] < 3.5 * max(sd_px, 0.3)
-            made[close, c] = k[best[close]]
-    count = (made >= 0).sum(axis=1)
-    made = np.unique(made[count >= 2], axis=0)
+    for c in np.unique(camera):
+        k = dot[camera == c]
+        gap = uv[c][:, None] - dots[c, k]
+        away2 = np.nan_to_num(gap[..., 0] ** 2 + gap[..., 1] ** 2, nan=np.inf)
+        best = away2.argmin(axis=1)
+        close = away2[np.arange(len(xyz)), best] < (3.5 * max(sd_px, 0.3)) ** 2
+        made[close, c] = k[best[close]]
+    made = made[(made >= 0).sum(axis=1) >= 2]
+    if not len(made):
+        return nothing
+    made = np.unique(made, axis=0)
     count = (made >= 0).sum(axis=1)
     # a subset of another point's dots is that point
     keep = np.ones(len(made), dtype=bool)
-    for i in np.flatnonzero(count < count.max(initial=0)):
+    for i in np.flatnonzero(count < count.max()):
         has = made[i] >= 0
         inside = (made[:, has] == made[i, has]).all(axis=1)
         keep[i] = not (inside & (count > count[i])).any()
     made = made[keep]
-    return _solved(matrices, eyes, rays, where, made), made
-
-
-def _solved(
-    matrices: Array, eyes: Array, rays: list[Array], where: list[NDArray[np.int64]], made: NDArray[np.int64]
-) -> Array:
-    """(N, 3) points nearest to their rays."""
-    normal, right = np.zeros((len(made), 3, 3)), np.zeros((len(made), 3))
-    for c in range(len(matrices)):
-        has = np.flatnonzero(made[:, c] >= 0)
-        if len(has):
-            d = rays[c][np.searchsorted(where[c], made[has, c])]
-            across = np.eye(3) - d[:, :, None] * d[:, None, :]
-            normal[has] += across
-            right[has] += across @ eyes[c]
-    return np.linalg.solve(normal + 1e-12 * np.eye(3), right[..., None])[..., 0] if len(made) else np.zeros((0, 3))
+    number = np.zeros(free.shape, dtype=np.int64)
+    number[camera, dot] = np.arange(len(dot))
+    has = made >= 0
+    direction = ray[number[np.arange(n_cameras), np.maximum(made, 0)]]
+    across = (np.eye(3) - direction[..., :, None] * direction[..., None, :]) * has[..., None, None]
+    normal, right = across.sum(axis=1), (across @ eyes[..., None]).sum(axis=1)
+    return np.linalg.solve(normal + 1e-12 * np.eye(3), right)[..., 0], made
 
 
 def name_points(

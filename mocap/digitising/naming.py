@@ -17,6 +17,8 @@ UNSEEN = GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
 _FAR = 1e6
 ROUNDS = 3
+LONE_SD_PX = 1.0
+"""Least standard deviation of a ray that no other one checks."""
 NARROW_PX = 3.0
 """A dot that only one camera shows is named in windows of less than this standard deviation."""
 
@@ -44,7 +46,7 @@ class Named:
 
 def seen_from(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
     """Ideal pixels (C, M, 2) of points, and their derivatives (C, M, 2, 3); NaN behind a camera."""
-    h = np.einsum("cij,mj->cmi", matrices[:, :, :3], xyz_m) + matrices[:, None, :, 3]
+    h = xyz_m @ np.swapaxes(matrices[:, :, :3], 1, 2) + matrices[:, None, :, 3]
     depth = np.where(h[..., 2:] > 1e-6, h[..., 2:], np.nan)
     uv = h[..., :2] / depth
     jacobian = (matrices[:, None, :2, :3] - uv[..., None] * matrices[:, None, 2:, :3]) / depth[..., None]
@@ -69,6 +71,7 @@ def name_dots(
     reach_px: float,
     known: NDArray[np.int64] | None = None,
     clicks: Array | None = None,
+    barred: NDArray[np.bool_] | None = None,
 ) -> Named:
     """Name the dots of a frame.
 
@@ -87,6 +90,7 @@ def name_dots(
         reach_px: Markers that are predicted closer to each other in a picture than this may be one dot there.
         known: (C, M) dots whose marker is known, by a click; -1: not.
         clicks: (C, M, 2) places that a person clicked where there is no dot; NaN: none.
+        barred: (C, M) True where a person said that the marker is not to be seen.
     """
     n_cameras, n_markers = len(matrices), len(xyz_m)
     known = np.full((n_cameras, n_markers), -1) if known is None else known
@@ -95,15 +99,15 @@ def name_dots(
     at, cov = xyz_m, cov_m2
     chosen = known.copy()
     doubtful = np.zeros(n_markers, dtype=bool)
+    assigned: NDArray[np.int64] | None = None
     for _ in range(ROUNDS):
-        before = chosen
+        before = assigned
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
-        white = np.linalg.inv(window_cov(jacobian, cov, least))
-        chosen, doubtful = _assigned(uv, white, dots, known, reach_px=reach_px)
-        at, cov, chosen = _fused(matrices, dots, chosen, known, xyz_m, cov_m2, prior, sd_px, clicks)
-        if (chosen == before).all():
+        assigned, doubtful = _assigned(uv, window_cov(jacobian, cov, least), dots, known, barred, reach_px=reach_px)
+        if before is not None and (assigned == before).all():
             break
+        at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks)
     rays = (chosen >= 0).sum(axis=0)
     if clicks is not None:
         rays = rays + np.isfinite(clicks[..., 0]).sum(axis=0)
@@ -115,58 +119,81 @@ def name_dots(
     return Named(chosen, at, cov, doubtful & (rays < 2), np.where(rays >= 2, surprise, np.nan), rays)
 
 
+def away2(s: Array, dots: Array, uv: Array) -> tuple[Array, Array]:
+    """Squared Mahalanobis distances (C, M, K) of dots (C, K, 2) from (C, M, 2), and log det (C, M) of (C, M, 2, 2)."""
+    du = dots[:, None, :, 0] - uv[:, :, None, 0]
+    dv = dots[:, None, :, 1] - uv[:, :, None, 1]
+    det = s[..., 0, 0] * s[..., 1, 1] - s[..., 0, 1] ** 2
+    uu, uw, ww = (np.asarray(x / det)[..., None] for x in (s[..., 1, 1], -2 * s[..., 0, 1], s[..., 0, 0]))
+    return (uu * du + uw * dv) * du + ww * dv**2, np.log(det)
+
+
 def _assigned(
-    uv: Array, white: Array, dots: Array, known: NDArray[np.int64], *, reach_px: float
+    uv: Array,
+    s: Array,
+    dots: Array,
+    known: NDArray[np.int64],
+    barred: NDArray[np.bool_] | None,
+    *,
+    reach_px: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Sure names (C, M), and markers with a dot in their window that is not sure."""
-    n_cameras, n_markers = uv.shape[:2]
-    out = np.full((n_cameras, n_markers), -1, dtype=np.int64)
-    doubtful = np.zeros(n_markers, dtype=bool)
-    if not dots.shape[1]:
-        return out, doubtful
-    away = dots[:, None] - uv[:, :, None]
-    d2 = np.einsum("cmki,cmij,cmkj->cmk", away, white, away)
-    with np.errstate(invalid="ignore"):
-        width = -np.log(np.linalg.det(white))[..., None]
-        cost = np.where(d2 < GATE, d2 + width, _FAR)  # NaN compares false
-    near = np.linalg.norm(uv[:, :, None] - uv[:, None], axis=-1) < reach_px
-    for c in range(n_cameras):
-        fixed = known[c] >= 0
-        table = cost[c].copy()
-        table[:, known[c][fixed]] = _FAR
-        table[fixed] = _FAR
-        rows, columns = np.nonzero(table < _FAR)
-        if not len(rows):
-            out[c] = known[c]
-            continue
-        markers, some = np.unique(rows), np.unique(columns)
-        small = table[np.ix_(markers, some)]
-        # a marker may have no dot, at the cost of the gate
-        padded = np.concatenate([small, np.full((len(markers), len(markers)), UNSEEN)], axis=1)
-        m, k = linear_sum_assignment(padded)
-        real = k < len(some)
-        m, k = m[real], k[real]
-        mine = small[m, k]
-        good = mine < UNSEEN
-        m, k, mine = m[good], k[good], mine[good]
-        # exchange of two markers, another dot for this marker, another marker for this dot
-        exchange = small[m][:, k] + small[m][:, k].T - mine[:, None] - mine[None, :]
-        np.fill_diagonal(exchange, np.inf)
-        free = np.ones(len(some), dtype=bool)
-        free[k] = False
-        other_dot = small[m][:, free].min(axis=1, initial=_FAR) - mine
-        idle = np.ones(len(markers), dtype=bool)
-        idle[m] = False
-        other_marker = small[idle][:, k].min(axis=0, initial=_FAR) - mine
-        sure = (exchange.min(axis=1, initial=_FAR) > MARGIN) & (other_dot > MARGIN) & (other_marker > MARGIN)
-        # two markers so close that their dots are one: the dot of one is no place of either
-        lone = ~np.isin(np.arange(n_markers), markers[m])
-        merged = (near[c][markers[m]] & lone & ~fixed).any(axis=1)
-        sure &= ~merged
-        out[c, markers[m][sure]] = some[k[sure]]
-        out[c, fixed] = known[c, fixed]
-        doubtful[markers[m][~sure]] = True
-    return out, doubtful
+    """Sure names (C, M), and markers with a dot in their window that is not sure.
+
+    Where no two markers of a camera are nearest to the same dot, these dots are the assignment of least cost.
+    """
+    n_markers, n_dots = uv.shape[1], dots.shape[1]
+    if not n_dots:
+        return np.full(uv.shape[:2], -1, dtype=np.int64), np.zeros(n_markers, dtype=bool)
+    d2, log_det = away2(s, dots, uv)
+    cost = np.where(d2 < GATE, d2 + log_det[..., None], _FAR)  # NaN compares false
+    if barred is not None:
+        cost[barred] = _FAR
+    fixed = known >= 0
+    if fixed.any():
+        camera, marker = np.nonzero(fixed)
+        cost[camera, :, known[camera, marker]] = _FAR
+        cost[fixed] = _FAR
+    pick = cost.argmin(axis=2)
+    mine = np.take_along_axis(cost, pick[..., None], axis=2)[..., 0]
+    pick = np.where(mine < UNSEEN, pick, -1)
+    for c, row in enumerate(pick):
+        taken = row[row >= 0]
+        if np.bincount(taken, minlength=1).max() > 1:
+            pick[c] = _least_cost(cost[c])
+    has = pick >= 0
+    # [c, m, n]: cost of the dot of n for m
+    of_others = np.take_along_axis(cost, np.broadcast_to(np.maximum(pick, 0)[:, None], (*pick.shape, n_markers)), 2)
+    mine = np.where(has, np.einsum("cmm->cm", of_others), _FAR)
+    # exchange of two markers, another dot for this marker, another marker for this dot
+    total = mine[:, :, None] + mine[:, None]
+    exchange = np.where(has[:, None], of_others + np.swapaxes(of_others, 1, 2) - total, np.inf)
+    i = np.arange(n_markers)
+    exchange[:, i, i] = np.inf
+    used = np.zeros((len(uv), n_dots), dtype=bool)
+    used[np.nonzero(has)[0], pick[has]] = True
+    other_dot = np.where(used[:, None], _FAR, cost).min(axis=2)
+    other_marker = np.where(has[:, :, None], _FAR, of_others).min(axis=1)
+    rival = np.minimum(exchange.min(axis=2), np.minimum(other_dot, other_marker) - mine)
+    sure = has & (rival > MARGIN)
+    # two markers so close that their dots are one: the dot of one is no place of either
+    lone = ~has & ~fixed
+    if lone.any():
+        gap = uv[:, :, None] - uv[:, None]
+        near = np.asarray(gap[..., 0] ** 2 + gap[..., 1] ** 2 < reach_px**2)
+        sure &= ~(near & lone[:, None]).any(axis=2)
+    return np.where(fixed, known, np.where(sure, pick, -1)), (has & ~sure).any(axis=0)
+
+
+def _least_cost(cost: Array) -> NDArray[np.int64]:
+    """(M,) dots of the assignment of least cost (Hungarian method); -1: none, at the cost ``UNSEEN``."""
+    out = np.full(len(cost), -1)
+    rows, columns = np.flatnonzero((cost < _FAR).any(axis=1)), np.flatnonzero((cost < _FAR).any(axis=0))
+    small = cost[np.ix_(rows, columns)]
+    padded = np.concatenate([small, np.full((len(rows), len(rows)), UNSEEN)], axis=1)
+    m, k = linear_sum_assignment(padded)
+    real = (k < len(columns)) & (padded[m, k] < UNSEEN)
+    out[rows[m[real]]] = columns[k[real]]
+    return out
 
 
 def _fused(
@@ -183,37 +210,43 @@ def _fused(
     """Positions and covariances with the chosen dots; dots that the other rays contradict are dropped."""
     chosen = chosen.copy()
     camera = np.arange(len(matrices))[:, None]
-    narrow = _narrow(matrices, xyz_m, cov_m2)
+    clicked = np.asarray(np.zeros(chosen.shape, dtype=bool) if clicks is None else np.isfinite(clicks[..., 0]))
+    # one ray tells nothing of its distance, and no other ray checks it
+    alone = np.asarray((known < 0).all(axis=0) & ~clicked.any(axis=0))
+    narrow: NDArray[np.bool_] | None = None
+    at, cov = xyz_m.copy(), cov_m2.copy()
+    todo = np.arange(len(xyz_m))
     for attempt in range(4):
-        # one ray tells nothing of its distance, and no other ray checks it
-        alone = ((chosen >= 0).sum(axis=0) == 1) & (known < 0).all(axis=0)
+        single = alone[todo] & ((chosen[:, todo] >= 0).sum(axis=0) == 1)
+        if single.any():
+            narrow = _narrow(matrices, xyz_m, cov_m2) if narrow is None else narrow
+            chosen[:, todo] = np.where(single & ~narrow[:, todo], -1, chosen[:, todo])
+        dot = chosen[:, todo]
+        has = dot >= 0
+        if dots.shape[1]:
+            seen = np.where(has[..., None], dots[camera, np.maximum(dot, 0)], np.nan)
+            sd = np.where(has, sd_px[camera, np.maximum(dot, 0)], 1.0)
+        else:
+            seen, sd = np.full((*dot.shape, 2), np.nan), np.ones(dot.shape)
+        sd = np.where(alone[todo] & (has.sum(axis=0) == 1), np.maximum(sd, LONE_SD_PX), sd)
         if clicks is not None:
-            alone &= ~np.isfinite(clicks[..., 0]).any(axis=0)
-        chosen = np.where(alone & ~narrow, -1, chosen)
-        has = chosen >= 0
-        seen = (
-            np.where(has[..., None], dots[camera, np.maximum(chosen, 0)], np.nan)
-            if dots.shape[1]
-            else np.full((*chosen.shape, 2), np.nan)
-        )
-        sd = np.where(has, sd_px[camera, np.maximum(chosen, 0)], 1.0) if dots.shape[1] else np.ones(chosen.shape)
-        if clicks is not None:
-            clicked = np.isfinite(clicks[..., 0])
-            seen, sd = np.where(clicked[..., None], clicks, seen), np.where(clicked, 1.0, sd)
-        at, cov = update(matrices, seen, sd, xyz_m, cov_m2, prior)
+            seen = np.where(clicked[:, todo, None], clicks[:, todo], seen)
+            sd = np.where(clicked[:, todo], 1.0, sd)
+        at[todo], cov[todo] = update(matrices, seen, sd, xyz_m[todo], cov_m2[todo], prior[todo])
         if attempt == 3:
             break
-        uv, _ = seen_from(matrices, at)
+        uv, _ = seen_from(matrices, at[todo])
         miss = np.where(has[..., None], seen - uv, 0.0)
-        left = np.sum(miss**2, axis=-1) / sd**2
-        worst = np.where(known >= 0, 0.0, left)
-        m = np.flatnonzero(worst.max(axis=0) > RAY_GATE)
-        if not len(m):
+        left = (miss[..., 0] ** 2 + miss[..., 1] ** 2) / sd**2
+        worst = np.where(known[:, todo] >= 0, 0.0, left)
+        bad = worst.max(axis=0) > RAY_GATE
+        if not bad.any():
             break
-        pair = has[:, m].sum(axis=0) == 2
-        chosen[worst[:, m].argmax(axis=0), m] = -1
+        m, pair = todo[bad], has[:, bad].sum(axis=0) == 2
+        chosen[worst[:, bad].argmax(axis=0), m] = -1
         both = m[pair]
         chosen[:, both] = known[:, both]
+        todo = m
     return at, cov, chosen
 
 
@@ -246,17 +279,21 @@ def update(
     at, cov = xyz_m.copy(), cov_m2.copy()
     if not len(some):
         return at, cov
-    weight = (has / sd_px**2)[:, some]
+    has, prior = has[:, some], prior[some]
+    weight = np.where(has, 1 / sd_px[:, some] ** 2, 0.0)[..., None]
     pixel = np.nan_to_num(seen[:, some])
-    here = xyz_m[some]
+    first = here = xyz_m[some]
+    left = cov[some]
     for _ in range(2):
         uv, jacobian = seen_from(matrices, here)
-        jacobian = np.where(has[:, some][..., None, None], jacobian, 0.0)
-        heavy = jacobian * weight[..., None, None]
-        information = prior[some] + np.einsum("cmij,cmik->mjk", heavy, jacobian)
-        miss = np.where(has[:, some][..., None], pixel - uv, 0.0)
-        pull = np.einsum("cmij,cmi->mj", heavy, miss) + np.einsum("mij,mj->mi", prior[some], xyz_m[some] - here)
-        left = np.linalg.inv(information)
-        here = here + np.einsum("mij,mj->mi", left, pull)
+        # (M, 2 C, 3) rows of all cameras
+        rows = np.where(has[..., None, None], jacobian, 0.0)
+        miss = np.where(has[..., None], pixel - uv, 0.0) * weight
+        rows = np.moveaxis(rows, 0, 1).reshape(len(some), -1, 3)
+        heavy = rows * np.moveaxis(np.broadcast_to(weight, miss.shape), 0, 1).reshape(len(some), -1, 1)
+        across = np.swapaxes(rows, 1, 2)
+        left = np.linalg.inv(prior + across @ heavy)
+        pull = across @ np.moveaxis(miss, 0, 1).reshape(len(some), -1, 1) + prior @ (first - here)[..., None]
+        here = here + (left @ pull)[..., 0]
     at[some], cov[some] = here, left
     return at, cov

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.digitising.meeting import Lengths, meetings, name_points, violated
 from mocap.digitising.motion import State, positioned
-from mocap.digitising.naming import GATE, Named, name_dots, seen_from, window_cov
+from mocap.digitising.naming import GATE, Named, away2, name_dots, seen_from, window_cov
 from mocap.digitising.pose import PoseGaussian
 
 _POSE_COUNTS = 1 / 6
@@ -38,20 +38,26 @@ class Observer:
     radius_px: float = 3.0
     poses: PoseGaussian | None = None
 
-    def observed(self, ideal: Array, clicked: Array, state: State) -> tuple[Named, State]:
+    def observed(
+        self, ideal: Array, crowding: Array, clicked: Array, state: State, *, barred: NDArray[np.bool_] | None = None
+    ) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction.
 
         Args:
             ideal: (C, K, 2) ideal pixels of its dots; NaN: fewer.
+            crowding: (C, K) of ``crowding``.
             clicked: (C, M, 2) ideal pixels of its clicks; NaN: none.
             state: Prediction.
+            barred: (C, M) True where a person said that the marker is not to be seen; None: nowhere.
 
         Returns:
             What it shows, and the state after it.
         """
         known, clicks = self.known(ideal, clicked)
-        sd_px = self.deviations(ideal)
-        naming = partial(name_dots, self.matrices, ideal, sd_px=sd_px, reach_px=2.2 * self.radius_px, clicks=clicks)
+        sd_px = self.sd_px * crowding
+        naming = partial(
+            name_dots, self.matrices, ideal, sd_px=sd_px, reach_px=2.2 * self.radius_px, clicks=clicks, barred=barred
+        )
         named = naming(state.xyz_m, state.cov_m2, known=known)
         named = self._by_bones(named, state)
         guess = None
@@ -67,22 +73,12 @@ class Observer:
         if (named.rays < 2).any():
             found = self._meeting(ideal, state, named)
             if found is not None:
+                if barred is not None:
+                    found[barred] = -1
                 known = np.where(known >= 0, known, found)
                 named = naming(state.xyz_m, state.cov_m2, known=known)
                 named = self._by_bones(named, state)
         return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
-
-    def deviations(self, ideal: Array) -> Array:
-        """(C, K) standard deviation of a coordinate of each dot: dots near each other pull each other."""
-        if not ideal.shape[1]:
-            return np.zeros(ideal.shape[:2])
-        away = np.linalg.norm(ideal[:, :, None] - ideal[:, None], axis=-1)
-        i = np.arange(ideal.shape[1])
-        away[:, i, i] = np.inf
-        nearest = np.nan_to_num(away, nan=np.inf).min(axis=2)
-        return self.sd_px * np.where(
-            nearest < 3 * self.radius_px, 3.0, np.where(nearest < 4 * self.radius_px, 2.0, 1.0)
-        )
 
     def _meeting(self, ideal: Array, state: State, named: Named) -> NDArray[np.int64] | None:
         """(C, M) dots of markers that were found where rays of unnamed dots meet; None: there are none."""
@@ -92,19 +88,17 @@ class Observer:
             dots = named.dot[c][named.rays >= 2]
             free[c, dots[dots >= 0]] = False
         uv, jacobian = seen_from(self.matrices, state.xyz_m[wanted])
-        s = window_cov(jacobian, state.cov_m2[wanted], self.sd_px)
-        away = ideal[:, :, None] - uv[:, None]
+        d2, _ = away2(window_cov(jacobian, state.cov_m2[wanted], self.sd_px), ideal, uv)
         with np.errstate(invalid="ignore"):
-            near = np.einsum("ckmi,cmij,ckmj->ckm", away, np.linalg.inv(s), away) < GATE
-        free &= near.any(axis=2)
-        # a dot where a marker is that is known belongs to that one, though it may be unsure in this camera
-        others = np.flatnonzero(named.rays >= 2)
-        taken, _ = seen_from(self.matrices, named.xyz_m[others])
-        with np.errstate(invalid="ignore"):
-            free &= ~(np.linalg.norm(ideal[:, :, None] - taken[:, None], axis=-1) < max(2.0, 5 * self.sd_px)).any(
-                axis=2
-            )
+            free &= (d2 < GATE).any(axis=1)
+            # a dot where a marker is that is known belongs to that one, though it may be unsure in this camera
+            taken, _ = seen_from(self.matrices, named.xyz_m[named.rays >= 2])
+            gap = ideal[:, :, None] - taken[:, None]
+            reach = max(2.0, 5 * self.sd_px)
+            free &= ~(gap[..., 0] ** 2 + gap[..., 1] ** 2 < reach**2).any(axis=2)
         points, made = meetings(self.matrices, ideal, free, sd_px=self.sd_px)
+        if not len(points):
+            return None
         error_m = self.sd_px / float(np.nanmedian(np.linalg.norm(jacobian, axis=(-2, -1))) / np.sqrt(2))
         pairs = name_points(
             points, made, wanted, state.xyz_m, state.cov_m2, named.rays >= 2, self.lengths, error_m=error_m
@@ -182,6 +176,18 @@ class Observer:
                     known[c, m] = k
                     at[c, m] = np.nan
         return known, at
+
+
+def crowding(ideal: Array, radius_px: float) -> Array:
+    """(C, K) factors of the standard deviations of dots (C, K, 2): those near each other pull each other."""
+    if ideal.shape[1] < 2:
+        return np.ones(ideal.shape[:2])
+    gap = ideal[:, :, None] - ideal[:, None]
+    away2 = np.nan_to_num(gap[..., 0] ** 2 + gap[..., 1] ** 2, nan=np.inf)
+    i = np.arange(ideal.shape[1])
+    away2[:, i, i] = np.inf
+    nearest = away2.min(axis=2) / radius_px**2
+    return np.where(nearest < 9, 3.0, np.where(nearest < 16, 2.0, 1.0))
 
 
 def _weighted(a: Array, a_cov: Array, b: Array, b_cov: Array, which: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -48,21 +48,30 @@ class PoseGaussian:
         """
         if seen.sum() < LEAST:
             return None
-        rank = self.loading.shape[2]
-        w, y = self.loading[seen].reshape(-1, rank), xyz_m[seen]
-        information = np.eye(rank) + w.T @ w / self.noise_m2
-        spread = np.linalg.inv(information)
-        shape = self.mean
-        use = seen & self.trunk if (seen & self.trunk).sum() >= LEAST else seen
-        rotation, shift = np.eye(3), np.zeros(3)
+        xyz, cov = self.given_each(xyz_m[None], seen[None])
+        return xyz[0], cov[0]
+
+    def given_each(self, xyz_m: Array, seen: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """The same of N frames: of (N, M, 3) and (N, M), of which each has enough, (N, M, 3) and (N, M, 3, 3)."""
+        n, rank = len(xyz_m), self.loading.shape[2]
+        y = np.where(seen[..., None], xyz_m, 0.0)
+        flat = self.loading.reshape(-1, rank)
+        w = flat * np.repeat(seen, 3, axis=1)[..., None]
+        spread = np.linalg.inv(np.eye(rank) + flat.T @ w / self.noise_m2)
+        pull = spread @ np.swapaxes(w, 1, 2) / self.noise_m2
+        body = seen & self.trunk
+        use = np.where((body.sum(axis=1) >= LEAST)[:, None], body, seen)
+        shape = np.broadcast_to(self.mean, y.shape)
+        rotation, shift = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 1, 3))
         for turn in range(3):
-            rotation, shift = rigid(shape[use], xyz_m[use])
-            body = (y - shift) @ rotation
-            z = spread @ (w.T @ (body - self.mean[seen]).ravel()) / self.noise_m2
-            shape = self.mean + self.loading @ z
+            rotation, shift = _rigid_each(shape, y, use)
+            back = (y - shift) @ rotation
+            z = pull @ (back - self.mean).reshape(n, -1, 1)
+            shape = self.mean + (flat @ z).reshape(n, -1, 3)
             use = seen if turn == 0 else use
-        cov = self.loading @ spread @ np.swapaxes(self.loading, 1, 2) + self.left_m2[:, None, None] * np.eye(3)
-        return shape @ rotation.T + shift, rotation @ cov @ rotation.T
+        turned = rotation[:, None] @ self.loading
+        cov = turned @ spread[:, None] @ np.swapaxes(turned, -1, -2) + self.left_m2[:, None, None] * np.eye(3)
+        return shape @ np.swapaxes(rotation, 1, 2) + shift, cov
 
 
 def rigid(a: Array, b: Array) -> tuple[Array, Array]:
@@ -70,6 +79,14 @@ def rigid(a: Array, b: Array) -> tuple[Array, Array]:
     ma, mb = a.mean(axis=0), b.mean(axis=0)
     rotation = nearest_rotation(((b - mb).T @ (a - ma))[None])[0]
     return rotation, mb - rotation @ ma
+
+
+def _rigid_each(a: Array, b: Array, use: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """``rigid`` of (N, M, 3) points of which ``use`` (N, M) count: rotations (N, 3, 3) and shifts (N, 1, 3)."""
+    share = (use / use.sum(axis=1, keepdims=True))[..., None]
+    ma, mb = (np.sum(share * x, axis=1, keepdims=True) for x in (a, b))
+    rotation = nearest_rotation(np.swapaxes(share * (b - mb), 1, 2) @ (a - ma))
+    return rotation, mb - ma @ np.swapaxes(rotation, 1, 2)
 
 
 def fit_poses(
@@ -100,12 +117,12 @@ def fit_poses(
     # each marker of later poses is hidden in turn: what has not been seen before is missed by more
     squares = np.full((len(points) - end, points.shape[1]), np.nan)
     later = points[end:][:: max(1, (len(points) - end) // 12)]
-    for row, pose in enumerate(later):
-        there = np.isfinite(pose[:, 0])
-        for m in np.flatnonzero(there):
-            found = first.given(pose, there & (np.arange(len(pose)) != m))
-            if found is not None:
-                squares[row, m] = np.mean((found[0][m] - pose[m]) ** 2)
+    there = np.isfinite(later[..., 0])
+    row, m = np.nonzero(there & (there.sum(axis=1, keepdims=True) > LEAST))
+    if len(row):
+        hidden = there[row] & (np.arange(there.shape[1]) != m[:, None])
+        found, _ = first.given_each(later[row], hidden)
+        squares[row, m] = np.mean((found[np.arange(len(row)), m] - later[row, m]) ** 2, axis=1)
     whole = _fitted(points, body, rank, least_sd_m)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of markers that no later pose shows

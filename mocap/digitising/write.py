@@ -145,9 +145,15 @@ def write_digitised(
 
 
 def _write_origin(path: Path, engine: Engine, pixels: PixelTracks, points: MarkerTracks) -> None:
-    """Where each sample is from: ``click`` (by hand), ``dot`` or nothing for each camera, and the status in space."""
-    clicked = np.isfinite(places(engine.clicks, engine.tracks.dot.shape)[..., 0])
-    origin = np.where(clicked, "click", np.where(pixels.seen, "dot", ""))
+    """Where each sample is from, for each camera, and the standard deviation in space.
+
+    By hand: ``click`` (clicked, dragged, or given another name) and ``deleted``; else ``dot`` or nothing.
+    """
+    shape = engine.tracks.dot.shape
+    clicked, deleted = np.isfinite(places(engine.clicks, shape)[..., 0]), np.zeros(shape, dtype=bool)
+    for click in engine.clicks:
+        deleted[click.camera, click.frame, click.marker] = click.uv_px is None
+    origin = np.where(clicked, "click", np.where(deleted, "deleted", np.where(pixels.seen, "dot", "")))
     n_cameras, n_frames, n_markers = origin.shape
     with path.open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)

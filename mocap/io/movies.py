@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".webp"}
 """Endings of the files that make a folder a movie."""
-FILMS = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".webm", ".wmv"}
+FILMS = {".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".mts", ".webm", ".wmv", ".cine"}
 """Endings of films that are looked for in a folder."""
 FIRST_PIXEL = 1.0
 """Coordinates of the centre of the first pixel, as DLTdv counts them."""
@@ -52,17 +52,19 @@ class Movie:
         """Number of frames."""
         return len(self.pictures) or len(self.pts)
 
-    def frames(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame | None]":
+    def frames(self, wanted: NDArray[np.int64], *, threads: bool = True) -> "Iterator[av.VideoFrame | None]":
         """Frames one after the other, decoded when they are asked for; whoever stops early decodes no more.
 
         Args:
             wanted: (T,) numbers of frames from 0, not decreasing where they are in the movie; others give None.
+            threads: Decode with several threads: sooner, but more work in all, so that it does not pay where several
+                movies are decoded at once.
 
         Raises:
             FormatError: a frame cannot be decoded.
         """
         inside = (wanted >= 0) & (wanted < self.n_frames)
-        source = self._pictures(wanted[inside]) if self.pictures else self._decoded(wanted[inside])
+        source = self._pictures(wanted[inside]) if self.pictures else self._decoded(wanted[inside], threads)
         for there in inside:
             yield next(source) if there else None
 
@@ -78,12 +80,12 @@ class Movie:
                 )
             yield frame
 
-    def _decoded(self, wanted: NDArray[np.int64]) -> "Iterator[av.VideoFrame]":
+    def _decoded(self, wanted: NDArray[np.int64], threads: bool) -> "Iterator[av.VideoFrame]":
         if not len(wanted):
             return
         with _opened(self.path) as container:
             stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
+            stream.thread_type = "AUTO" if threads else "NONE"
             if wanted[0] > 0:
                 container.seek(int(self.pts[wanted[0]]), stream=stream)
             number, last = -1, None

@@ -1,23 +1,88 @@
-"""Datasets as NetCDF, made in memory: a full disk ends the HDF5 library with a segmentation fault."""
+"""Datasets as NetCDF, made in memory: a full disk ends the HDF5 library with a segmentation fault.
 
-import sys
+Written with h5py itself, by the rules that NetCDF-4 lays down for HDF5 files (NetCDF User's Guide, "File format
+specifications: NetCDF-4"): h5netcdf, which xarray writes with, takes 8 ms for each variable and its dimensions, and so
+a quarter of the time of a short trial.
+"""
+
 from collections.abc import Mapping
-from contextlib import nullcontext
+from io import BytesIO
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from xarray.conventions import cf_encoder, encode_dataset_coordinates
+
+PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10}"
+"""Name of the dimension scale of a dimension without coordinates."""
+_DIMENSION, _DIMENSIONS = "_Netcdf4Dimid", "_Netcdf4Coordinates"
 
 
-def as_netcdf(dataset: xr.Dataset, *, encoding: Mapping[str, Any] | None = None) -> bytes:
+def as_netcdf(dataset: xr.Dataset, *, packed: bool = False) -> bytes:
     """The bytes of a NetCDF file.
-
-    Where a Dask client is connected xarray asks its cluster for a lock by the name of the file, of which there is none:
-    it is told that nothing is distributed.
 
     Args:
         dataset: What to write.
-        encoding: Of each variable, as xarray takes it.
+        packed: Whether its variables are compressed; coordinates and text are not.
     """
-    dask = sys.modules.get("dask")
-    with nullcontext() if dask is None else dask.config.set(scheduler="synchronous"):
-        return bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
+    import h5py
+
+    variables, attributes = cf_encoder(*encode_dataset_coordinates(dataset))
+    numbers = {str(name): i for i, name in enumerate(dataset.sizes)}
+    written = BytesIO()
+    with h5py.File(written, "w", track_order=True) as file:
+        scales, others = {}, []
+        for name in sorted(map(str, variables), key=lambda name: name not in numbers):  # coordinates first
+            one = variables[name]
+            pack = PACKED if packed and name in dataset.data_vars and one.size and one.ndim else {}
+            data = _write(file, name, one, pack)
+            data.attrs.create(_DIMENSIONS, np.array([numbers[str(dim)] for dim in one.dims], dtype=np.int32))
+            if name in numbers:
+                scales[name] = _scale(data, name, numbers[name])
+            else:
+                others.append((data, one.dims))
+        for name, number in numbers.items():
+            if name not in scales:
+                size = dataset.sizes[name]
+                data = file.create_dataset(name, (size,), ">f4", maxshape=None if size else (None,), track_order=True)
+                scales[name] = _scale(data, NO_VARIABLE.format(size), number)
+        for data, dims in others:
+            for axis, dim in enumerate(dims):
+                data.dims[axis].attach_scale(scales[str(dim)])
+        _attributes(file, attributes)
+    return written.getvalue()
+
+
+def _write(file, name: str, variable: xr.Variable, pack: Mapping[str, Any]):
+    """A variable as a dataset of the file; a dimension without entries may grow, as NetCDF has no other."""
+    import h5py
+
+    attributes = dict(variable.attrs)
+    values = np.asarray(variable.values)
+    text = values.dtype.kind in "UO"
+    data = file.create_dataset(
+        name,
+        values.shape,
+        h5py.string_dtype() if text else values.dtype,
+        values.astype(object) if text else values,
+        maxshape=None if values.size else tuple(size or None for size in values.shape),
+        fillvalue=attributes.get("_FillValue"),
+        track_order=True,
+        **({} if text else pack),
+    )
+    if "_FillValue" in attributes:
+        attributes["_FillValue"] = values.dtype.type(attributes["_FillValue"])
+    _attributes(data, attributes)
+    return data
+
+
+def _scale(data, title: str, number: int):
+    data.attrs.create(_DIMENSION, np.int32(number))
+    data.make_scale(title)
+    return data
+
+
+def _attributes(place, attributes: Mapping[Any, Any]) -> None:
+    for name, value in attributes.items():
+        place.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)

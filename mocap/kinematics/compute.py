@@ -64,7 +64,11 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
 
 def _notes(motion: Motion, skeleton: Skeleton) -> Iterator[str]:
     measures = skeleton.measures
-    apart = [j.name for j in skeleton.joints if not Points.of(motion, (j.parent, j.centre, j.child)).known]
+    apart = [
+        j.name
+        for j in skeleton.joints
+        if not motion.knows([motion.index(name) for name in (j.parent, j.centre, j.child)])
+    ]
     if apart:
         yield (
             f"covariances between the markers of {', '.join(apart)} were not kept: these markers are taken for "
@@ -84,11 +88,16 @@ def _joints(motion: Motion, skeleton: Skeleton) -> Iterator[Quantity]:
         three = Points.of(motion, (joint.parent, joint.centre, joint.child))
         what = f"angle between {joint.parent}, {joint.centre}, {joint.child}; 180 where they lie in line"
         naming = Naming(name=f"{joint.name}_angle", unit="deg", what=what, kind="joint")
-        yield from with_rates(three, angles.included, naming, rates=False)
+        flexed = Naming(
+            name=f"{joint.name}_flexion",
+            unit="deg",
+            what=f"flexion of {joint.name}: 180 degrees less the angle of its three markers",
+            kind="joint",
+        )
+        flexion, *rates = with_rates(three, angles.flexion, flexed, rates=axes is None)
+        yield called(naming, three.names, 180 - flexion.value, flexion.sd, flexion.rests)
         if axes is None:
-            what = f"flexion of {joint.name}: 180 degrees less the angle of its three markers"
-            naming = Naming(name=f"{joint.name}_flexion", unit="deg", what=what, kind="joint")
-            yield from with_rates(three, angles.flexion, naming)
+            yield from (flexion, *rates)
         else:
             yield from _three_angles(motion, joint, axes.parent, axes.child)
 

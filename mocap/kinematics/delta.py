@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class Points:
         cov, known = motion.joint(index)
         return cls(motion, tuple(names), motion.xyz_m[:, index], motion.velocity_m_s[:, index], cov, known)
 
-    @property
+    @cached_property
     def rests(self) -> NDArray[np.int8]:
         """(T,) what values of these points rest on."""
         index = [self.motion.index(name) for name in self.names]
@@ -49,7 +50,7 @@ class Points:
         measured = self.motion.measured[:, index].all(axis=1)
         return np.where(there, np.where(measured, Rests.MEASURED, Rests.FILLED), Rests.MISSING).astype(np.int8)
 
-    @property
+    @cached_property
     def kept(self) -> Array:
         """(T,) share of the variances of neighbouring velocities that they do not have in common."""
         index = [self.motion.index(name) for name in self.names]
@@ -81,9 +82,10 @@ def slopes(function: Function, x: Array, step: float, *, angle: bool) -> Array:
     if count > at_once:
         parts = [slopes(function, x[i : i + at_once], step, angle=angle) for i in range(0, count, at_once)]
         return np.concatenate(parts)
-    shift = (step * np.eye(size)).reshape(size, 1, points, 3)
-    both = np.concatenate([x + shift, x - shift]).reshape(-1, points, 3)
-    value = function(both).reshape(2, size, count)
+    shift = (step * np.eye(size)).reshape(points, 3, size, 1)
+    middle = np.ascontiguousarray(np.moveaxis(x, 0, -1))[:, :, None]
+    both = np.stack([middle + shift, middle - shift], axis=2)  # frames last: long runs of memory
+    value = function(np.moveaxis(both.reshape(points, 3, -1), -1, 0)).reshape(2, size, count)
     return (_apart(value[0], value[1], angle=angle) / (2 * step)).T
 
 

@@ -17,16 +17,18 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.digitising.clicks import Click, read_clicks, write_clicks
+from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.films import Films, open_films
 from mocap.digitising.naming import seen_from
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
-from mocap.library.digitised import Digitised, cameras_of, digitise
+from mocap.library.digitised import Digitised, cameras_of, check_clicks, digitise
 from mocap.skeleton import Skeleton, read_skeleton
 
 SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
+UNSEEN = "saved_not_seen.csv"
+"""Where markers are not to be seen, beside it."""
 _REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
 
 
@@ -42,6 +44,7 @@ class Session:
         track: Digitises with the clicks that there are.
         folder: Where clicks are saved.
         clicks: All clicks so far.
+        steps: How many clicks each step of this session made, which ``undo`` takes back together.
         found: What was digitised; None: nothing yet.
     """
 
@@ -52,6 +55,7 @@ class Session:
     track: Callable[[list[Click]], Digitised]
     folder: Path
     clicks: list[Click] = field(default_factory=list)
+    steps: list[int] = field(default_factory=list)
     found: Digitised | None = None
     lock: Any = field(default_factory=threading.RLock)
 
@@ -76,24 +80,47 @@ class Session:
                 n_frames=self.films.n_frames,
                 fps=self.fps,
             )
+            write_unseen(draft / UNSEEN, self.clicks)
 
-    def click(self, click: Click) -> str:
-        """Take a click; it is on the disk before anything is named again."""
-        self.clicks.append(click)
+    def click(self, *clicks: Click, within: bool = False) -> str:
+        """Take clicks; they are on the disk before anything is named again."""
+        if not clicks:
+            return "there is nothing to change"
+        self.clicks += clicks
+        self.steps.append(len(clicks))
         self.save()
         if self.found is None:
             return f"{len(self.clicks)} clicks"
-        first, last = self.found.click([click]) or (click.frame, click.frame)
+        first, last = self.found.click(clicks, within=within) or (clicks[0].frame, clicks[-1].frame)
         return f"{len(self.clicks)} clicks; frames {first + 1} to {last + 1} were named again"
 
+    def swap(self, a: int, b: int, first: int, last: int) -> str:
+        """Exchange the names of two markers in a range of frames."""
+        return self.click(*self._tracked().swapped(self._name(a), self._name(b), first, last), within=True)
+
+    def delete(self, marker: int, first: int, last: int) -> str:
+        """A marker is not to be seen in a range of frames."""
+        return self.click(*self._tracked().deleted(self._name(marker), first, last), within=True)
+
+    def _name(self, marker: int) -> str:
+        if marker < 0:
+            raise IndexError(marker)
+        return self.skeleton.markers[marker]
+
+    def _tracked(self) -> Digitised:
+        if self.found is None:
+            raise MocapError("nothing is named yet: find and name first (Enter)")
+        return self.found
+
     def undo(self) -> str:
-        """Take the last click back."""
+        """Take the last step back."""
         if not self.clicks:
             return "there is no click to take back"
-        self.clicks.pop()
+        count = self.steps.pop() if self.steps else 1
+        del self.clicks[-count:]
         self.save()
         if self.found is not None and self.found.engine.clicks:
-            self.found.undo()
+            self.found.undo(count)
         return f"{len(self.clicks)} clicks"
 
     def run(self) -> str:
@@ -221,6 +248,9 @@ def open_session(
         )
     earlier = start or (saved if saved.is_file() else None)
     clicks = [] if earlier is None else read_clicks(earlier, known, n_cameras=len(cameras), n_frames=opened.n_frames)
+    if earlier is not None and (unseen := earlier.parent / UNSEEN).is_file():
+        clicks += read_unseen(unseen)
+        check_clicks(clicks, (len(cameras), opened.n_frames, len(known.markers)), empty=True)
     rate = fps or opened.movies[0].fps
     if rate is None:
         raise MocapError("the frame rate is in no film: give `fps`")
@@ -301,6 +331,10 @@ def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
                 with session.lock:
                     if self.path == "/click":
                         said = session.click(_click(given, session))
+                    elif self.path == "/swap":
+                        said = session.swap(*(int(given[key]) for key in ("marker", "other", "first", "last")))
+                    elif self.path == "/delete":
+                        said = session.delete(*(int(given[key]) for key in ("marker", "first", "last")))
                     elif self.path == "/undo":
                         said = session.undo()
                     elif self.path == "/track":
@@ -311,7 +345,7 @@ def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
                 self._json({"said": said})
             except MocapError as error:
                 self._json({"said": str(error), "error": True})
-            except (KeyError, ValueError, TypeError):
+            except (KeyError, ValueError, TypeError, IndexError):
                 self.send_error(HTTPStatus.BAD_REQUEST)
 
         def _from_here(self) -> bool:

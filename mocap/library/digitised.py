@@ -78,19 +78,65 @@ class Digitised:
         """The next clicks to make, the most useful first."""
         return questions(self.engine, error_px=self.error_px, most=most, refused=frozenset(self.refused))
 
-    def click(self, clicks: Sequence[Click]) -> tuple[int, int] | None:
-        """Take clicks, also corrections; only the frames about them are named again, and are returned (from 0)."""
+    def click(self, clicks: Sequence[Click], *, within: bool = False) -> tuple[int, int] | None:
+        """Take clicks, also corrections; only the frames about them are named again, and are returned (from 0).
+
+        ``within``: only the frames of the clicks, from the first to the last; the names of others stay as they are.
+        """
         for click in clicks:
             if click.uv_px is None:
                 self.refused.add((click.camera, click.frame, click.marker))
-        return self.engine.rerun(clicks) if clicks else None
+        if not clicks:
+            return None
+        return self.engine.rerun(clicks, margin=0) if within else self.engine.rerun(clicks)
 
-    def undo(self) -> Click | None:
-        """Take the last click back."""
-        click = self.engine.undo()
-        if click is not None and click.uv_px is None:
-            self.refused.discard((click.camera, click.frame, click.marker))
-        return click
+    def undo(self, count: int = 1) -> list[Click]:
+        """Take the last clicks back."""
+        taken = self.engine.undo(count)
+        for click in taken:
+            if click.uv_px is None:
+                self.refused.discard((click.camera, click.frame, click.marker))
+        return taken
+
+    def swapped(self, a: str, b: str, first: int, last: int) -> list[Click]:
+        """Clicks that exchange the names of two markers in all films, from frame ``first`` to ``last`` (from 0).
+
+        Give them to ``click(..., within=True)``: what was named ``a`` is ``b`` then, and the other way round, as if
+        clicked by hand.
+
+        Raises:
+            MocapError: there are no such markers or frames.
+        """
+        pair = (self._marker(a), self._marker(b))
+        uv_px = self.pixels.uv_px
+        return [
+            _by_hand(camera, frame, marker, uv_px[camera, frame, other])
+            for frame in self._range(first, last)
+            for camera in range(len(uv_px))
+            for marker, other in (pair, pair[::-1])
+            if np.isfinite(uv_px[camera, frame, list(pair), 0]).any()
+        ]
+
+    def deleted(self, marker: str, first: int, last: int, *, camera: int | None = None) -> list[Click]:
+        """Clicks that say of a range of frames that a marker is not to be seen; ``camera`` None: in no film.
+
+        Raises:
+            MocapError: there are no such marker or frames.
+        """
+        which = range(len(self.engine.cameras)) if camera is None else (camera,)
+        m = self._marker(marker)
+        return [Click(camera=c, frame=t, marker=m, uv_px=None) for t in self._range(first, last) for c in which]
+
+    def _marker(self, name: str) -> int:
+        if name not in self.engine.names:
+            raise MocapError(f"there is no marker {name!r}: the skeleton has {', '.join(self.engine.names)}")
+        return self.engine.names.index(name)
+
+    def _range(self, first: int, last: int) -> range:
+        n = self.engine.films.n_frames
+        if not 0 <= first <= last < n:
+            raise MocapError(f"frames {first + 1} to {last + 1} are not a range of the films' {n} frames")
+        return range(first, last + 1)
 
     def ask(self, answer: Callable[[Question], tuple[float, float] | None], *, budget: int) -> int:
         """Ask for clicks until all is known well enough, or the budget is used up; how many were made.
@@ -120,6 +166,11 @@ class Digitised:
     def write(self, folder: Path, *, most: int = 40) -> None:
         """Write the files of ``save`` into a folder that ``mocap.io.output.result_folder`` gives."""
         write_digitised(folder, self.engine, self.pixels, self.points, self.report, self.questions(most))
+
+
+def _by_hand(camera: int, frame: int, marker: int, uv_px: Array) -> Click:
+    place = (float(uv_px[0]), float(uv_px[1])) if np.isfinite(uv_px).all() else None
+    return Click(camera=camera, frame=frame, marker=marker, uv_px=place)
 
 
 def digitise(
@@ -182,13 +233,13 @@ def digitise(
     return Digitised(engine, float(rate), error_px, refused)
 
 
-def check_clicks(clicks: Sequence[Click], shape: tuple[int, int, int]) -> None:
-    """Refuse clicks outside of cameras, frames and markers.
+def check_clicks(clicks: Sequence[Click], shape: tuple[int, int, int], *, empty: bool = False) -> None:
+    """Refuse clicks outside of cameras, frames and markers; ``empty``: there may be none.
 
     Raises:
         MocapError: one is, or there are none.
     """
-    if not clicks:
+    if not clicks and not empty:
         raise MocapError("`start`: there are no clicks: click each marker in two or more films of one frame")
     for click in clicks:
         place = (click.camera, click.frame, click.marker)

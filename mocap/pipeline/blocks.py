@@ -209,7 +209,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
     part = seen_part(prepared)
     learned = known.learned
     if learned is not None and why_no_pose(prepared, part) is None:
-        name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked)
+        name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked).markers
     else:
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
     tracked = tracked_motion(prepared, part, name, smoothed)

@@ -49,9 +49,11 @@ def _bent(filmed: Filmed, camera: int, uv_px: Array) -> Array:
 
 
 def filled(cov_m2: Array) -> Array:
-    """A covariance (T, M, 3, 3) with that of a marker's median sample where it is NaN; 0 of markers without any."""
+    """A covariance (T, M, 3, 3) with that of a marker's sample of median variance where it is NaN; 0 without any."""
     out = cov_m2.copy()
+    variance = np.trace(out, axis1=-2, axis2=-1)
     for marker in range(out.shape[1]):
-        seen = np.isfinite(out[:, marker, 0, 0])
-        out[~seen, marker] = np.median(out[seen, marker], axis=0) if seen.any() else 0.0
+        seen = np.flatnonzero(np.isfinite(variance[:, marker]))
+        order = seen[np.argsort(variance[seen, marker])]  # a median of each entry need not be a covariance
+        out[np.isnan(variance[:, marker]), marker] = out[order[len(order) // 2], marker] if len(order) else 0.0
     return out

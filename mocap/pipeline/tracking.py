@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from filters.anatomy import anatomy_of
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
-from filters.model import LearnedModel, track_alone, track_with
+from filters.mixture import Mixture
+from filters.model import LearnedModel, MixedTrack, track_alone, track_with
+from filters.models.articulated import ArticulatedSettings
 from filters.models.base import FittedMotion, TrialSet, shares
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
@@ -33,9 +35,10 @@ from mocap.skeleton import Skeleton, ends_among
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
-ALONE: tuple[Literal["constant_velocity", "eal"], ...] = ("constant_velocity", "eal")
+Alone = Literal["constant_velocity", "eal", "articulated"]
+ALONE: tuple[Alone, ...] = ("constant_velocity", "eal", "articulated")
 """Models that are filtered by themselves."""
-_OF_POSES = ("eal", "mixture")
+_OF_POSES = ("eal", "mixture", "articulated")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,15 +94,16 @@ def _visible(prepared: Prepared, part: Part, hidden: Mask | None, markers: NDArr
 def learn_motion(
     prepared: Prepared,
     part: Part,
-    name: Literal["eal", "constant_velocity"],
+    name: Alone,
     *,
     settings: PoseSettings,
     hidden: Mask | None = None,
 ) -> FittedMotion:
-    """A motion model of a recording alone: of its poses, held by V_z, or constant velocity of each marker."""
+    """A motion model of a recording alone: of its poses or joints, held by V_z, or constant velocity of each marker."""
     names = part_names(prepared, part)
     anatomy = anatomy_of(names, prepared.skeleton.trunk, prepared.skeleton.rigid)
-    model = settings if name == "eal" else MarkerSettings()
+    models = {"eal": settings, "articulated": ArticulatedSettings(), "constant_velocity": MarkerSettings()}
+    model = models[name]
     return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
 
 
@@ -125,22 +129,11 @@ def track_mixed(
     *,
     settings: PoseSettings,
     hidden: Mask | None = None,
+    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
-) -> Estimate | None:
+) -> MixedTrack | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
-    found = _track_alone(prepared, part, settings, hidden, asked, progress)
-    return None if found is None else found[0]
-
-
-def _track_alone(
-    prepared: Prepared,
-    part: Part,
-    settings: PoseSettings,
-    hidden: Mask | None,
-    asked: Asked | None,
-    progress: Progress | None,
-) -> tuple[Estimate, Estimate] | None:
     names, skeleton = part_names(prepared, part), prepared.skeleton
     return track_alone(
         names,
@@ -149,6 +142,7 @@ def _track_alone(
         prepared.observations(part.frames, part.markers, hidden=hidden),
         settings,
         bones=skeleton.rigid,
+        mixture=mixture,
         asked=None if asked is None else asked_of(names, asked),
         progress=progress,
     )
@@ -160,15 +154,16 @@ def track_learned(
     learned: LearnedModel,
     *,
     hidden: Mask | None = None,
+    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
-) -> Estimate:
+) -> MixedTrack:
     """Filter and smooth the seen part with a model that was learned from other trials."""
     names = part_names(prepared, part)
     observations = prepared.observations(part.frames, part.markers, hidden=hidden)
     own = marker_trial(prepared, part, hidden=hidden)
     points = None if asked is None else asked_of(names, asked)
-    return track_with(learned, names, own, observations, asked=points, progress=progress)
+    return track_with(learned, names, own, observations, mixture=mixture, asked=points, progress=progress)
 
 
 def track(
@@ -255,17 +250,13 @@ def lasting_cov(prepared: Prepared) -> Array:
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
     (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
-    seen, that of its median sample.
+    seen, that of the sample of median variance.
     """
     if prepared.filmed is None:
         return np.zeros_like(prepared.cov_m2)
     usual = prepared.jitter_px * (np.ones(len(prepared.names)) if prepared.noise is None else prepared.noise.marker)
     cov = prepared.cov_m2 * lasting_share(prepared.persistent_px, usual, removed_px=prepared.bias_px)[:, None, None]
-    for marker in range(cov.shape[1]):
-        seen = np.isfinite(cov[:, marker, 0, 0])
-        if seen.any():
-            cov[~seen, marker] = np.median(cov[seen, marker], axis=0)
-    return cov if prepared.lens_cov_m2 is None else cov + filled(prepared.lens_cov_m2)
+    return filled(cov) if prepared.lens_cov_m2 is None else filled(cov) + filled(prepared.lens_cov_m2)
 
 
 def validate(
@@ -276,18 +267,23 @@ def validate(
     methods: Mapping[str, bool],
     rng: np.random.Generator,
     learned: LearnedModel | None = None,
+    mixture: Mixture | None = None,
     most_frames: int = 300,
     progress: Progress | None = None,
 ) -> tuple[dict[str, dict[str, float | None]], int]:
     """Hide samples that were measured, learn without them, fill them, and compare.
 
+    Models are learned without the hidden samples. How they are mixed, a weight and a width a model and length of gap,
+    is that of the track itself: learned from other gaps, in which some of the same samples were hidden.
+
     Args:
         prepared: The recording.
         part: Its seen part.
         settings: Choices of the pose model.
-        methods: Models to measure (``mixture``, ``eal``, ``constant_velocity``); False leaves one out.
+        methods: Models to measure (``mixture``, ``eal``, ``articulated``, ``constant_velocity``); False leaves one out.
         rng: Where to hide.
         learned: A model of other trials to measure as well, as ``learned``.
+        mixture: How models are mixed in this recording.
         most_frames: At most so many frames, where most is seen.
         progress: Called with the share done.
 
@@ -314,16 +310,18 @@ def validate(
     wanted = [name for name in (*ALONE, "mixture") if methods.get(name, False) and (posed or name not in _OF_POSES)]
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     found: dict[str, Estimate] = {}
-    if "mixture" in wanted:
-        both = _track_alone(prepared, part, settings, hidden, None, steps["mixture"])
+    if "mixture" in wanted and mixture is not None:
+        both = track_mixed(prepared, part, settings=settings, hidden=hidden, mixture=mixture, progress=steps["mixture"])
         if both is not None:
-            found["mixture"], found["eal"] = both
+            found["mixture"], found["eal"] = both.markers, both.eal
     for name in ALONE:
         if name in wanted and name not in found:
             model = learn_motion(prepared, part, name, settings=settings, hidden=hidden)
             found[name] = track(prepared, part, model, hidden=hidden, progress=steps["rest"])
     if learned is not None:
-        found["learned"] = track_learned(prepared, part, learned, hidden=hidden, progress=steps["learned"])
+        tell = steps["learned"]
+        both = track_learned(prepared, part, learned, hidden=hidden, mixture=mixture, progress=tell)
+        found["learned"] = both.markers
     for name in (*wanted, "learned"):
         if name in found:
             cov = found[name].cov_m2 + _jitter(prepared, part)

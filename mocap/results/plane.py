@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from mocap.io.netcdf import as_netcdf
 from mocap.io.tables import REPAIRED, WORDS
 from mocap.pipeline.plane import in_units
 from mocap.pipeline.run import Run
@@ -43,7 +44,6 @@ def write_plane(run: Run, folder: Path) -> None:
         columns += [column_text(value, sd[:, i]) for value in (xy[:, i, 0], xy[:, i, 1], sd[:, i])]
         columns.append(words[:, i])
     write_columns(folder / "markers.csv", header, columns)
-    packed = {name: {"zlib": True, "complevel": 1, "shuffle": True} for name in ("position", "covariance")}
-    (folder / "markers.nc").write_bytes(plane_dataset(run).to_netcdf(engine="h5netcdf", encoding=packed))
+    (folder / "markers.nc").write_bytes(as_netcdf(plane_dataset(run), packed=True))
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")

@@ -3,27 +3,29 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from eal import load_potential
 from filters.records import TrackedMotion
+from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
 from mocap.held import HeldLimb
 from mocap.io.netcdf import as_netcdf
+from mocap.joint_angles import JointAngles
 from mocap.moving import Motion
 from mocap.pipeline.run import JointPotential, Run
 from mocap.records import JointTracks, MarkerTracks, PixelTracks
 from mocap.results.dataset import INDIVIDUAL, markers_dataset
 from mocap.skeleton import read_skeleton, write_skeleton
 
-FORMAT = "eal-mocap run 1"
+FORMAT = "eal-mocap run 2"
 MARKERS, REST, MOTION, SKELETON = "markers.nc", "run.nc", "motion.nc", "skeleton.toml"
 PLANAR, SPATIAL = "potentials", "spatial_potentials"
 """Folders of potentials in the planes of limbs, and in the three coordinates of the body."""
-_PACKED = {"zlib": True, "complevel": 1, "shuffle": True}
 
 
 def write_arrays(run: Run, folder: Path) -> None:
@@ -35,8 +37,8 @@ def write_arrays(run: Run, folder: Path) -> None:
         run: What to write.
         folder: Where to, as ``mocap.io.output.result_folder`` gives it.
     """
-    _write(markers_dataset(run.tracked, run.repaired), folder / MARKERS)
-    _write(_rest(run), folder / REST)
+    (folder / MARKERS).write_bytes(as_netcdf(markers_dataset(run.tracked, run.repaired), packed=True))
+    (folder / REST).write_bytes(as_netcdf(_rest(run), packed=True))
     (folder / MOTION).write_bytes(as_netcdf(_motion(run.motion)))
     write_skeleton(folder / SKELETON, run.skeleton)
     for kind, potentials in _potentials(run).items():
@@ -47,11 +49,6 @@ def write_arrays(run: Run, folder: Path) -> None:
 
 def _potentials(run: Run) -> dict[str, Mapping[str, JointPotential]]:
     return {PLANAR: run.potentials, SPATIAL: run.spatial_potentials}
-
-
-def _write(dataset: xr.Dataset, path: Path) -> None:
-    packed = {str(name): _PACKED for name, found in dataset.data_vars.items() if found.ndim and found.size}
-    path.write_bytes(as_netcdf(dataset, encoding=packed))
 
 
 def _motion(motion: Motion) -> xr.Dataset:
@@ -110,9 +107,9 @@ def _rest(run: Run) -> xr.Dataset:
         table[f"joint_{frame}_m"] = (("time", "joint", f"axis_{joints.q_m.shape[2]}"), joints.q_m)
         table[f"joint_{frame}_sd_m"] = (("time", "joint"), joints.sd_m)
     for kind, potentials in _potentials(run).items():
-        for i, potential in enumerate(potentials.values()):
-            dims = (f"{kind}_sample_{i}", f"axis_{potential.samples_m.shape[1]}")
-            table[f"{kind}_samples_{i}_m"] = (dims, potential.samples_m)
+        if potentials:
+            samples = np.concatenate([p.samples_m for p in potentials.values()])
+            table[f"{kind}_samples_m"] = ((f"{kind}_sample", f"axis_{samples.shape[1]}"), samples)
     for i, limb in enumerate(run.limbs):
         table |= {
             f"limb_{i}_x": (f"limb_{i}_x", limb.x),
@@ -124,8 +121,12 @@ def _rest(run: Run) -> xr.Dataset:
             f"limb_{i}_at_state": ("time", limb.at_state),
             f"limb_{i}_pull": (("time", f"limb_{i}_marker", "axis_3"), limb.pull.astype(np.float32)),
         }
+    if run.angles is not None:
+        table |= {f"angle_{part}": (("time", "angle"), getattr(run.angles, part)) for part in ("angle_rad", "sd_rad")}
+        table |= {f"angle_{part}": ("segment", getattr(run.angles, part)) for part in ("length_m", "length_sd_m")}
     header = {
         "format": FORMAT,
+        "angles": None if run.angles is None else {"names": run.angles.names, "segments": run.angles.segments},
         "limbs": [{"name": limb.name, "markers": limb.markers} for limb in run.limbs],
         "name": run.name,
         "model": tracked.model,
@@ -134,7 +135,10 @@ def _rest(run: Run) -> xr.Dataset:
         "frames": list(run.joints),
         "joints": [joint.name for joint in run.skeleton.joints],
         "potentials": {
-            kind: {name: {"frame": p.frame, "scale_m": p.scale_m} for name, p in potentials.items()}
+            kind: {
+                name: {"frame": p.frame, "scale_m": p.scale_m, "samples": len(p.samples_m)}
+                for name, p in potentials.items()
+            }
             for kind, potentials in _potentials(run).items()
         },
     }
@@ -191,11 +195,12 @@ def read_run(folder: Path) -> Run:
         kind: {
             name: JointPotential(
                 joint=name,
-                samples_m=rest[f"{kind}_samples_{i}_m"].values,
+                frame=one["frame"],
+                scale_m=one["scale_m"],
+                samples_m=samples,
                 potential=load_potential(folder / kind / f"{name}.npz"),
-                **settings,
             )
-            for i, (name, settings) in enumerate(found.items())
+            for (name, one), samples in zip(found.items(), _samples(rest, kind, found), strict=True)
         }
         for kind, found in header["potentials"].items()
     }
@@ -222,9 +227,24 @@ def read_run(folder: Path) -> Run:
             )
             for i, limb in enumerate(header.get("limbs", ()))
         ),
+        angles=_angles(rest, header.get("angles")),
         report=json.loads((folder / "report.json").read_text(encoding="utf-8")),
         report_text=(folder / "report.md").read_text(encoding="utf-8"),
     )
+
+
+def _samples(rest: xr.Dataset, kind: str, found: Mapping[str, Mapping[str, Any]]) -> list[Array]:
+    """The samples of each potential, which are stored one after the other."""
+    ends = np.cumsum([one["samples"] for one in found.values()])
+    return np.split(rest[f"{kind}_samples_m"].values, ends[:-1]) if found else []
+
+
+def _angles(rest: xr.Dataset, header: dict | None) -> JointAngles | None:
+    """The joint angles of a run, if it has any."""
+    if header is None:
+        return None
+    parts = {part: rest[f"angle_{part}"].values for part in ("angle_rad", "sd_rad", "length_m", "length_sd_m")}
+    return JointAngles(names=tuple(header["names"]), segments=tuple(header["segments"]), **parts)
 
 
 def _opened(path: Path) -> tuple[xr.Dataset, dict]:

@@ -149,7 +149,8 @@ def test_regressors_are_delayed_poses_whose_ends_are_held():
     others = np.isin(np.arange(8), (1, 4, 6))
     whole = completed(poses, shapes)
     for view in known._views(5, others, frames):
-        found = known._regressors(view, frames).reshape(3, len(known._lags), 3, 3)
+        seen_from = view.frames(known._at(frames))
+        found = known._regressors(view, frames, seen_from).reshape(3, len(known._lags), 3, 3)
         for row, (k, frame) in enumerate(frames):
             pose = whole[k].reshape(-1, 8, 3)
             at = view.frames(pose[[frame]])

@@ -64,7 +64,7 @@ def filled(learned, flights):
     for (trial, truth), (start, wing) in zip(flights[2:], places, strict=True):
         hole = slice(start, start + 50)
         shown = without(trial, range(start, start + 50), [NAMES[m] for m in wing])
-        own = track_with(learned, NAMES, shown, positions(shown))
+        own = track_with(learned, NAMES, shown, positions(shown)).markers
         plain = smooth(learn_constant_velocity(shown.xyz_m, dt_s=shown.dt_s), positions(shown), shown.t_s)
         miss = [(found.xyz_m - truth)[hole][:, wing] for found in (own, plain)]
         parts.append((*miss, np.sqrt(np.diagonal(own.cov_m2, axis1=-2, axis2=-1))[hole][:, wing], own, shown))
@@ -121,7 +121,7 @@ def test_a_model_is_kept_to_the_last_bit(learned, filled, tmp_path):
         assert same(getattr(learned, field.name), getattr(again, field.name)), field.name
     assert [p.name for p in tmp_path.iterdir()] == ["bat.npz"]
     *_, own, shown = filled[0]
-    other = track_with(again, NAMES, shown, positions(shown))
+    other = track_with(again, NAMES, shown, positions(shown)).markers
     np.testing.assert_array_equal(own.xyz_m, other.xyz_m)
     np.testing.assert_array_equal(own.cov_m2, other.cov_m2)
 
@@ -169,9 +169,9 @@ def test_markers_may_come_in_any_order_be_missing_or_more(learned, flights):
     trial, truth = flights[2]
     shown = without(trial, range(40, 65), ["wrist_r"])
     hole, wrist = slice(40, 65), NAMES.index("wrist_r")
-    base = track_with(learned, NAMES, shown, positions(shown))
+    base = track_with(learned, NAMES, shown, positions(shown)).markers
     turned = replace(shown, xyz_m=shown.xyz_m[:, ::-1], sd_m=shown.sd_m[:, ::-1])
-    other = track_with(learned, NAMES[::-1], turned, positions(turned))
+    other = track_with(learned, NAMES[::-1], turned, positions(turned)).markers
     sd = np.sqrt(np.diagonal(base.cov_m2, axis1=-2, axis2=-1))
     ratio = np.abs(other.xyz_m[:, ::-1] - base.xyz_m) / sd
     assert np.quantile(ratio, 0.95) < 0.6, ratio.max()
@@ -184,7 +184,7 @@ def test_markers_may_come_in_any_order_be_missing_or_more(learned, flights):
         xyz_m=np.concatenate([shown.xyz_m[:, 1:], extra], axis=1),
         sd_m=np.full((N_FRAMES, len(names)), SD_M),
     )
-    found = track_with(learned, names, more, positions(more))
+    found = track_with(learned, names, more, positions(more)).markers
     assert np.isfinite(found.cov_m2).all()
     miss = [
         np.linalg.norm((f.xyz_m[:, m] - truth[:, wrist])[hole], axis=1) for f, m in ((base, wrist), (found, wrist - 1))

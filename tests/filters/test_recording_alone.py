@@ -31,7 +31,7 @@ def test_a_lost_wing_is_found_by_the_mixture():
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     both = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
     assert both is not None
-    found, _ = both
+    found = both.markers
     plain = estimate(MarkerSettings(), TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
     miss, plainly = (f.xyz_m[gap, 5] - trial_of(3).xyz_m[gap, 5] for f in (found, plain))
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < min(2e-3, np.sqrt(np.mean(np.sum(plainly**2, axis=1))))
@@ -45,11 +45,24 @@ def test_what_is_seen_is_the_filter_s_own():
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     both = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
     assert both is not None
-    found, alone = both
+    found, alone = both.markers, both.eal
     own = estimate(SETTINGS, TrialSet([trial], Anatomy((0, 1, 2, 3))), seen)
     np.testing.assert_allclose(alone.xyz_m, own.xyz_m, atol=1e-12)
     np.testing.assert_array_equal(found.xyz_m[trial.seen], alone.xyz_m[trial.seen])
     np.testing.assert_array_equal(found.cov_m2[trial.seen], alone.cov_m2[trial.seen])
+
+
+def test_a_known_mixture_is_used_as_it_is():
+    """Tracked with the mixture that a track has found, a recording is the same; nothing more is hidden."""
+    trial = lost_wing(slice(40, 70))
+    seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+    first = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
+    assert first is not None
+    again = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS, mixture=first.mixture)
+    assert again is not None
+    assert again.mixture is first.mixture
+    np.testing.assert_array_equal(again.markers.xyz_m, first.markers.xyz_m)
+    np.testing.assert_array_equal(again.markers.cov_m2, first.markers.cov_m2)
 
 
 def test_a_recording_too_short_to_hide_anything_teaches_nothing():

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from mocap.body import BodyFrames, body_frames, smooth_series, trunk_shape
+from mocap.body import BodyFrames, body_frames, smooth_series, smoother, trunk_shape
 
 DT_S = 0.01
 
@@ -246,3 +246,13 @@ def test_the_mean_shape_is_the_trunks():
     np.testing.assert_allclose(apart, expected, atol=1e-6)
     with pytest.raises(ValueError, match="no trunk marker is ever seen"):
         trunk_shape(np.full((5, 3, 3), np.nan))
+
+
+def test_many_series_at_once_are_each_smoothed_alone():
+    """The equations of different series do not touch, whatever their weights and gaps."""
+    rng = np.random.default_rng(3)
+    y, weight = rng.normal(size=(5, 40, 2)), rng.uniform(0.5, 2, (5, 40)) * (rng.random((5, 40)) < 0.8)
+    y[weight == 0] = np.nan
+    found = smoother(weight, dt_s=DT_S, cutoff_hz=5.0)(y)
+    for one, of, w in zip(found, y, weight, strict=True):
+        np.testing.assert_allclose(one, smooth_series(of, w, dt_s=DT_S, cutoff_hz=5.0), rtol=1e-9, atol=1e-9)

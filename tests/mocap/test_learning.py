@@ -305,7 +305,7 @@ def test_real_flights_teach_a_third():
         shown = hidden.shown
         seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
         plain = smooth(learn_constant_velocity(shown.xyz_m, dt_s=shown.dt_s), seen, shown.t_s)
-        found = track_with(learned, names, shown, seen)
+        found = track_with(learned, names, shown, seen).markers
         fills.append([residuals_of(hidden, by.xyz_m, by.cov_m2) for by in (found, plain)])
     learned_fill, plain_fill = (joined(list(parts)) for parts in zip(*fills, strict=True))
     squared, plain_squared = (np.sum(fill.error_m**2, axis=1) for fill in (learned_fill, plain_fill))

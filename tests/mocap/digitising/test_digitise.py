@@ -114,6 +114,35 @@ def test_not_to_be_seen_is_an_answer(result):
     assert len(set(asked)) == len(asked) == 2
 
 
+def test_names_are_swapped_and_ranges_deleted_by_hand(result, tmp_path):
+    """Left is where right was in frames 10 to 20 alone; a deleted range stays empty; both are marked; undo restores."""
+    result = deepcopy(result)
+    left, right, back = (NAMES.index(name) for name in ("left", "right", "back"))
+    before = result.pixels.uv_px.copy()
+    clicks = result.swapped("left", "right", 10, 20)
+    result.click(clicks, within=True)
+    after = result.pixels.uv_px
+    np.testing.assert_allclose(after[:, 10:21, left], before[:, 10:21, right], atol=1e-4)
+    np.testing.assert_allclose(after[:, 10:21, right], before[:, 10:21, left], atol=1e-4)
+    far = [*range(10), *range(21, 40)]
+    np.testing.assert_array_equal(after[:, far], before[:, far])
+    gone = result.deleted("back", 30, 33)
+    result.click(gone, within=True)
+    assert np.isnan(result.pixels.uv_px[:, 30:34, back]).all()
+    assert np.isfinite(result.pixels.uv_px[:, [29, 34], back]).any()
+    result.save(tmp_path / "out")
+    origin = pd.read_csv(tmp_path / "out" / "origin.csv")
+    assert (origin["back_cam1"].iloc[30:34] == "deleted").all()
+    assert (origin["left_cam1"].iloc[10:21] == "click").all()
+    assert result.undo(len(gone)) == gone
+    assert result.undo(len(clicks)) == clicks
+    np.testing.assert_allclose(result.pixels.uv_px[:, 8:38, back], before[:, 8:38, back], atol=1e-4)
+    with pytest.raises(MocapError, match="no marker 'wing'"):
+        result.deleted("wing", 0, 1)
+    with pytest.raises(MocapError, match="frames 39 to 41 are not a range"):
+        result.deleted("back", 38, 40)
+
+
 def test_clicks_in_dltdv_format_come_back(scene, tmp_path):
     """Written and read again, to the sixth decimal."""
     clicks = scene.clicks(3)

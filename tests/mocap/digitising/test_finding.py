@@ -1,5 +1,7 @@
 """Dots to a fraction of a pixel, their look from clicks, and lenses by a table."""
 
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from mocap.digitising.dots import DotLook, find_dots, look_of
 from mocap.digitising.films import grey_levels
 from mocap.digitising.straight import straightening_of
 from mocap.io.film import pyav
+from mocap.io.movies import open_movie
 from tests.mocap.digitising.filmed import drawn
 
 
@@ -84,6 +87,62 @@ def test_grey_levels_of_every_film(kind):
     scale = 256 if deep else 1
     assert 0.8 * scale < slope < 1.2 * scale
     assert np.abs(got - slope * ramp - offset).max() < 2 * scale
+
+
+def cine(path, pictures):
+    """Write a cine of 8 bits as Vision Research's Cine File Format describes it: the rows from the bottom up."""
+    height, width = pictures[0].shape
+    n, size, setup = len(pictures), height * width, 0x2000
+    table = 44 + 40 + setup
+    parts = [struct.pack("<2sHHHiIiIIIIQ", b"CI", 44, 0, 1, 0, n, 0, n, 44, 84, table, 0)]
+    parts.append(struct.pack("<IiiHHIIiiII", 40, width, height, 1, 8, 0, size, 0, 0, 0, 0))
+    settings = bytearray(setup)
+    struct.pack_into("<2sH", settings, 140, b"ST", setup)
+    struct.pack_into("<I", settings, 768, 1000)
+    struct.pack_into("<I", settings, 896, 8)
+    parts.append(bytes(settings))
+    parts += [struct.pack("<q", table + 8 * n + k * (size + 8)) for k in range(n)]
+    parts += [struct.pack("<II", 8, size) + picture[::-1].tobytes() for picture in pictures]
+    path.write_bytes(b"".join(parts))
+
+
+def test_cine_is_read(tmp_path):
+    """Grey levels and order as they were written, the upper row first."""
+    rng = np.random.default_rng(0)
+    pictures = rng.integers(0, 255, (4, 24, 32), dtype=np.uint8)
+    cine(tmp_path / "a.cine", pictures)
+    movie = open_movie(tmp_path / "a.cine")
+    assert movie.size_px == (32, 24)
+    got = [grey_levels(frame) for frame in movie.frames(np.arange(4), threads=False)]
+    np.testing.assert_array_equal(got, pictures)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "kind"),
+    [("a.avi", "mjpeg", "yuvj420p"), ("b.mp4", "libx264", "yuv420p"), ("c.mkv", "ffv1", "gray16le")],
+)
+def test_films_as_cameras_write_them(tmp_path, name, codec, kind):
+    """A ramp that moves comes back in its order, linear within 2 levels of 255 on average (codecs round)."""
+    ramp = np.tile(np.linspace(20, 200, 160), (48, 1))
+    deep, library = "16" in kind, pyav()
+    with library.open(str(tmp_path / name), "w") as container:
+        stream = container.add_stream(codec, rate=100)
+        stream.width, stream.height, stream.pix_fmt = 160, 48, kind
+        for k in range(6):
+            picture = ((ramp + 5 * k) * (257 if deep else 1)).astype(np.uint16 if deep else np.uint8)
+            frame = library.VideoFrame.from_ndarray(picture, format="gray16le" if deep else "gray")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    movie = open_movie(tmp_path / name)
+    got = [grey_levels(frame).astype(float) for frame in movie.frames(np.arange(6), threads=False)]
+    assert len(got) == movie.n_frames == 6
+    for k, grey in enumerate(got):
+        grey = grey / (257 if deep else 1)
+        slope, offset = np.polyfit((ramp + 5 * k).ravel(), grey.ravel(), 1)
+        assert 0.8 < slope < 1.2
+        assert np.abs(grey - slope * (ramp + 5 * k) - offset).mean() < 2
+    means = [grey.mean() for grey in got]
+    assert (np.diff(means) > 0).all()
 
 
 def test_response_is_cv2_blurs():

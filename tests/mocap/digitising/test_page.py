@@ -89,6 +89,86 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
         assert len([url for url in asked if "/picture" in url]) >= 6
 
 
+def test_a_track_is_corrected_in_a_browser(scene, tmp_path):
+    """A mark that is dragged is a click where it is let go; names are swapped, a range deleted, each is one undo."""
+    session = session_of(scene, tmp_path / "out")
+    session.clicks += scene.clicks()
+    session.run()
+    nose, tail = NAMES.index("nose"), NAMES.index("tail")
+    before = session.found.pixels.uv_px.copy()
+
+    with served(session) as address, chromium() as driver:
+        driver.get(address)
+        until(driver, "document.body.dataset.ready === '1'")
+        body = driver.find_element("tag name", "body")
+        body.send_keys(Keys.ARROW_RIGHT)
+        until(driver, "document.body.dataset.frame === '1'")
+        canvas = driver.find_element("id", "film0")
+        size = canvas.size
+        scale = min(size["width"] / SIZE[0], size["height"] / SIZE[1])
+        u, v = ((before[0, 1, tail] - 0.5 - np.array(SIZE) / 2) * scale).round().astype(int).tolist()
+        drag = ActionChains(driver).move_to_element_with_offset(canvas, u, v).click_and_hold()
+        drag.move_by_offset(20, 12).release().perform()
+        until(driver, "document.body.dataset.clicks === '1'")
+        dragged = session.clicks[-1]
+        assert (dragged.camera, dragged.frame, dragged.marker) == (0, 1, tail)
+        # pixels of the screen: half of one is rounded here, up to one cut off by the driver
+        off = np.subtract(dragged.uv_px, before[0, 1, tail]) - np.array([20, 12]) / scale
+        assert np.abs(off).max() < 1.6 / scale
+        body.send_keys(Keys.BACKSPACE)
+        until(driver, "document.body.dataset.undone === '1'")
+        body.send_keys("abcdefg"[nose])
+        for name, value in (("first", "4"), ("last", "6")):
+            driver.find_element("id", name).send_keys(value)
+        driver.execute_script(f"document.getElementById('other').value = '{tail}'")
+        driver.find_element("id", "swap").click()
+        until(driver, "document.body.dataset.changed === '1'")
+        np.testing.assert_allclose(session.found.pixels.uv_px[:, 3:6, nose], before[:, 3:6, tail], atol=1e-4)
+        driver.find_element("id", "delete").click()
+        until(driver, "document.body.dataset.changed === '2'")
+        assert np.isnan(session.found.pixels.uv_px[:, 3:6, nose]).all()
+        again = session_of(scene, tmp_path / "out")
+        gone = {(c.camera, c.frame) for c in again.clicks if c.marker == nose and c.uv_px is None}
+        assert gone == {(camera, frame) for camera in range(3) for frame in (3, 4, 5)}
+        for _ in range(2):
+            driver.find_element("id", "undo").click()
+        until(driver, "document.getElementById('said').textContent === '14 clicks'")
+    assert session.clicks == scene.clicks()
+    assert np.nanmax(np.linalg.norm(session.found.pixels.uv_px - before, axis=-1)) < 0.1
+
+
+def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
+    """Refused before anything is named, and of markers and frames that there are not; saved, and one undo each."""
+    session = session_of(scene, tmp_path / "out")
+    session.clicks += scene.clicks()
+
+    def asked(address, path, **given):
+        with urlopen(Request(address + path, data=json.dumps(given).encode()), timeout=60) as answer:
+            return json.load(answer)["said"]
+
+    with served(session) as address:
+        span = {"first": 3, "last": 5}
+        assert "nothing is named yet" in asked(address, "delete", marker=0, **span)
+        session.run()
+        before = session.found.pixels.uv_px.copy()
+        assert "frames 4 to 6 were named again" in asked(address, "swap", marker=0, other=6, **span)
+        np.testing.assert_allclose(session.found.pixels.uv_px[:, 3:6, 0], before[:, 3:6, 6], atol=1e-4)
+        asked(address, "delete", marker=0, **span)
+        assert np.isnan(session.found.pixels.uv_px[:, 3:6, 0]).all()
+        again = session_of(scene, tmp_path / "out")
+        gone = {(c.camera, c.frame) for c in again.clicks if c.marker == 0 and c.uv_px is None}
+        assert gone == {(camera, frame) for camera in range(3) for frame in (3, 4, 5)}
+        for wrong in ({"marker": -1, **span}, {"marker": 99, **span}, {"marker": 0}):
+            with pytest.raises(HTTPError) as refused:
+                asked(address, "delete", **wrong)
+            refused.value.close()
+        assert "not a range" in asked(address, "delete", marker=0, first=5, last=99)
+        asked(address, "undo")
+        assert asked(address, "undo") == "14 clicks"
+    assert session.clicks == scene.clicks()
+    assert np.nanmax(np.linalg.norm(session.found.pixels.uv_px - before, axis=-1)) < 0.1
+
+
 def test_a_killed_session_goes_on(scene, tmp_path):
     """Another session on the same folder has all clicks; one that is not to be seen is no click of DLTdv."""
     first = session_of(scene, tmp_path / "out")

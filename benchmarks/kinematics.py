@@ -32,9 +32,11 @@ from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.moving import Motion
+from mocap.pipeline.demo import measured_demo
 from mocap.pipeline.moving import motion_of
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton, ends_among
+from mocap.stages import Stages
 
 EDGE = 10
 """Frames at both ends that are not scored."""
@@ -119,6 +121,26 @@ def rmse(found: Array, truth: Array, where: np.ndarray) -> float:
     return float(np.sqrt(np.mean((found - truth)[where] ** 2)))
 
 
+def velocity_errors(name: str, *, n_frames: int, noise_m: float, seed: int = 0) -> dict[str, float]:
+    """Root mean square error of measured velocities by method: the smoother's state first, then the tuned filters."""
+    recording = (make_bat if name == "bat" else make_lizard)(seed=seed, n_frames=n_frames)
+    t_s, skeleton, true = recording.truth.t_s, recording.skeleton, recording.truth.xyz_m
+    seen = recording.pixels.seen.sum(axis=0) >= 2
+    noise = noise_m * np.random.default_rng(seed).normal(size=true.shape)
+    xyz = np.where(seen[..., None], true + noise, np.nan)
+    _, motion = tracked(xyz, t_s, skeleton, noise_m)
+    scene = bat_motion(seed) if name == "bat" else lizard_motion(seed)
+    exact = true_motion(scene, motion, skeleton).velocity_m_s[:, : true.shape[1]]
+    seen[:EDGE], seen[-EDGE:] = False, False
+    out = {"state of the smoother": rmse(motion.velocity_m_s[:, : true.shape[1]], exact, seen)}
+    base = np.where(np.isfinite(xyz), xyz, interpolated(xyz, t_s, kind="cubic"))
+    base = np.where(np.isfinite(base), base, true)
+    for label, (method, settings) in METHODS.items():
+        errors = [rmse(method(base, t_s, float(s))[0], exact, seen) for s in settings]
+        out[label] = float(np.nanmin(errors))
+    return out
+
+
 def sweep(name: str, n_frames: int, noises_mm: Iterable[float], seed: int = 0) -> None:
     """Print a table a noise level."""
     recording = (make_bat if name == "bat" else make_lizard)(seed=seed, n_frames=n_frames)
@@ -157,6 +179,19 @@ def sweep(name: str, n_frames: int, noises_mm: Iterable[float], seed: int = 0) -
             numbers += [rmse(a[0], acceleration, seen & inner), rmse(a[1], acceleration, ~seen & inner)]
             print(f"  {label:28} {numbers[0]:8.4f} {numbers[1]:8.4f}   {numbers[2]:8.2f} {numbers[3]:8.2f}")
         print(coverage(found, exact))
+
+
+def product(name: str, seed: int) -> None:
+    """Print what ``mocap demo`` states of a whole twin, filmed and clicked, beside its truth: errors, and coverage.
+
+    The mixture as users run it.
+    """
+    run, _, true = measured_demo("bat" if name == "bat" else "lizard", stages=Stages(), seed=seed)
+    scene = bat_motion(seed) if name == "bat" else lizard_motion(seed)
+    truth = true_motion(scene, run.motion, run.skeleton)
+    found, exact = kinematics(run.motion, run.skeleton), kinematics(truth, run.skeleton)
+    print(f"\n{name}, seed {seed}, {len(true)} frames, by mocap demo: errors and share inside 95 % intervals")
+    print(coverage(found, exact), flush=True)
 
 
 def best(tried: list[tuple[Array, Array]], which: int, truth: Array, *masks: np.ndarray) -> tuple[Array, ...]:
@@ -220,9 +255,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--noise-mm", type=float, nargs="+", default=[0.05, 0.2, 0.5, 1.0, 2.0])
+    parser.add_argument("--product", type=int, metavar="SEEDS", help="mocap demo of so many seeds, no sweep")
     parser.add_argument("--twins", nargs="+", default=["bat", "lizard"])
     given = parser.parse_args()
     for twin in given.twins:
+        for seed in range(given.product or 0):
+            product(twin, seed)
+        if given.product:
+            continue
         sweep(twin, given.frames, given.noise_mm)
 
 

@@ -14,6 +14,7 @@ from datasets.scene import Scene, frame_times
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import BrownLens
+from mocap.measures import Measures, Segment
 from mocap.skeleton import Bone, Joint, Skeleton
 
 STAND_M = {"top": (0.0, 0.0, 0.4), "front": (0.35, 0.0, 0.15), "side": (0.0, 0.35, 0.15), "pivot": (0.0, 0.0, 0.0)}
@@ -69,13 +70,14 @@ def make_pendulum_film(
 
 
 def pendulum_skeleton() -> Skeleton:
-    """A stand that is the trunk, and one joint."""
+    """A stand that is the trunk, one joint, and a mass."""
     return Skeleton(
         name="pendulum",
         markers=(*STAND_M, "bob"),
         bones=(Bone(a="top", b="pivot"), Bone(a="front", b="pivot"), Bone(a="side", b="pivot")),
         joints=(Joint(name="pivot", parent="top", centre="pivot", child="bob"),),
         trunk=tuple(STAND_M),
+        measures=Measures(segments={"bob": Segment(start="bob", end="bob", mass_g=1000.0)}),
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.subspace import PoseSubspace, fit_subspace
+from filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
 from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames, smooth_series, trunk_shape
 
@@ -46,11 +46,13 @@ class PoseTrial:
         t_s: (T,) times, evenly spaced.
         frames: Body frame of every frame.
         y: (T, 3M) markers in the body frame, metres; NaN where not seen.
+        sd_m: (T, M) standard deviation of a measured coordinate.
     """
 
     t_s: Array
     frames: BodyFrames
     y: Array
+    sd_m: Array
 
     @property
     def dt_s(self) -> float:
@@ -58,9 +60,10 @@ class PoseTrial:
         return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
 
 
-def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames) -> PoseTrial:
-    """Markers (T, M, 3) of the world as poses."""
-    return PoseTrial(t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1))
+def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames, sd_m: Array | None = None) -> PoseTrial:
+    """Markers (T, M, 3) of the world as poses; their deviations (T, M), 0 where none are given."""
+    sd_m = np.zeros(xyz_m.shape[:2]) if sd_m is None else sd_m
+    return PoseTrial(t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1), sd_m=sd_m)
 
 
 def poses_of(
@@ -81,7 +84,7 @@ def poses_of(
     out = []
     for trial in trials:
         options = {"dt_s": trial.dt_s, "cutoff_hz": body_hz, "shape": shape, "turns": rotating}
-        out.append(pose_trial(trial.t_s, trial.xyz_m, body_frames(trial.xyz_m[:, chosen], **options)))
+        out.append(pose_trial(trial.t_s, trial.xyz_m, body_frames(trial.xyz_m[:, chosen], **options), trial.sd_m))
     return out
 
 
@@ -124,7 +127,8 @@ def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int], cutoff_hz: f
     member = np.repeat(np.arange(len(trials)), lengths)
     y = np.concatenate([trial.y for trial in trials])
     block = max(3, round(0.05 / dt_s))
-    subspace, found, z = fit_subspace(y, ranks=ranks, block=block, rng=np.random.default_rng(0), trial=member)
+    sd = np.concatenate([trial.sd_m for trial in trials])
+    subspace, found, z = fit_subspace(y, ranks=ranks, block=block, rng=np.random.default_rng(0), trial=member, sd=sd)
     cuts = np.cumsum(lengths)[:-1]
     smooth = [smooth_series(part, np.ones(len(part)), dt_s=dt_s, cutoff_hz=cutoff) for part in np.split(z, cuts)]
     rate = [_derivative(part, dt_s) for part in smooth]
@@ -147,28 +151,29 @@ def _derivative(series: Array, dt_s: float) -> Array:
     return np.gradient(series, dt_s, axis=0) if len(series) > 1 else np.zeros_like(series)
 
 
-def residual_rate(residual: Sequence[Array], dt_s: float) -> float:
+def residual_rate(residual: Sequence[Array], dt_s: float, turn_s: float) -> float:
     """Rate a of a Matern-3/2 process, 1/s, that loses its memory as residuals do.
 
     Its structure function is E (e(t + s) - e(t))^2 = 2 var (1 - (1 + a s) exp(-a s)): half of 2 var at a s = 1.678.
-    It begins as a parabola: what remains of two lags at s = 0 is twice the variance of measurement noise.
+    It begins as a parabola: what remains of two lags at s = 0 is twice the variance of measurement noise. Where noise
+    hides the residual (less than two standard errors of that are left), it is taken to change four times as fast as the
+    motion turns.
 
     Args:
         residual: (T, 3M) residuals of each trial; NaN where not seen.
         dt_s: Time step.
+        turn_s: Time in which the motion turns by a radian (``radian``).
     """
-
-    def structure(lag: int) -> float:
-        steps = np.concatenate([(part[lag:] - part[:-lag]).ravel() for part in residual])
-        known = steps[np.isfinite(steps)]
-        return float(np.mean(known**2)) if len(known) else np.nan
-
-    variance = float(np.nanmean(np.concatenate(residual) ** 2))
-    noise = float(np.clip(np.nan_to_num((4 * structure(1) - structure(2)) / 3), 0.0, 1.8 * variance))
+    series, trial = np.concatenate(residual), np.repeat(np.arange(len(residual)), [len(part) for part in residual])
+    variance, count = float(np.nanmean(series**2)), np.count_nonzero(np.isfinite(series))
+    noise = white_variance(series, trial)
+    left = variance - noise
+    if left <= 4 * variance * np.sqrt(2 / count):
+        return 4 / turn_s
     longest = max(2, max(len(part) for part in residual) // 2)
     lags = np.unique(np.geomspace(1, longest, 40).astype(int))
     for lag in lags:
-        if structure(int(lag)) - noise >= variance - 0.5 * noise:
+        if structure(series, int(lag), trial) - 2 * noise >= left:
             return 1.678 / (lag * dt_s)
     return 1.678 / (float(lags[-1]) * dt_s)
 

@@ -22,6 +22,7 @@ class Estimate:
         cov_m2: (T, M, 3, 3) their covariance.
         observed: What a filter saw in each frame, and how it was believed; empty where nothing was filtered.
         rates: Velocities and joint covariances of what was asked for; None: nothing was, or the model has none.
+        angles: (2, T, F) joint angles that are the model's state, and their standard deviations; None: it has none.
         held: What its potentials of limbs said, where velocities were asked for.
     """
 
@@ -30,6 +31,7 @@ class Estimate:
     observed: Sequence[Observed] = ()
     rates: Rates | None = None
     held: tuple[HeldLimb, ...] = ()
+    angles: Array | None = None
 
     @property
     def log_likelihood(self) -> Array:

@@ -186,7 +186,13 @@ def hide_blocks(seen: NDArray[np.bool_], rng: np.random.Generator, *, share: flo
 
 
 def fit_subspace(
-    y: Array, *, ranks: Sequence[int], block: int, rng: np.random.Generator, trial: NDArray[np.int64] | None = None
+    y: Array,
+    *,
+    ranks: Sequence[int],
+    block: int,
+    rng: np.random.Generator,
+    trial: NDArray[np.int64] | None = None,
+    sd: Array | None = None,
 ) -> tuple[PoseSubspace, Components, Array]:
     """The subspace of poses, of the smallest rank that predicts hidden samples within 5 % of the best.
 
@@ -196,6 +202,7 @@ def fit_subspace(
         block: Frames that a marker is hidden for.
         rng: Where to hide.
         trial: (N,) trial of each pose; None: all are of one.
+        sd: (N, M) standard deviation of a measured coordinate, whose share is taken out of ``residual_sd``; None: 0.
 
     Returns:
         The subspace, the components that it rests on, and the shapes z (N, r).
@@ -216,8 +223,47 @@ def fit_subspace(
     best = next(i for i, value in enumerate(misfit) if value <= 1.05 * min(misfit))
     found = principal_components(y, candidates[best], trial=trial)
     basis, _, _ = np.linalg.svd(found.loading @ _root(found.scores), full_matrices=False)
-    subspace = PoseSubspace(mean=found.mean, basis=basis, residual_sd=np.repeat(_marker_sd(errors[best]), 3))
+    missed = errors[best].reshape(y.shape)
+    lasting = np.sqrt(1 - noise_share(missed, np.zeros(1) if sd is None else np.where(hidden, sd, np.nan), trial))
+    subspace = PoseSubspace(mean=found.mean, basis=basis, residual_sd=lasting * np.repeat(_marker_sd(errors[best]), 3))
     return subspace, found, found.scores @ found.loading.T @ basis
+
+
+def structure(series: Array, lag: int, trial: NDArray[np.int64] | None = None) -> float:
+    """Mean square of the change of series (N, D) over some frames of one trial; NaN where none is known.
+
+    Of an error e with white measurement noise of variance s^2 it is 2 s^2 + E (e(t + lag) - e(t))^2.
+    """
+    change = series[lag:] - series[:-lag]
+    if trial is not None:
+        change = change[trial[lag:] == trial[:-lag]]
+    known = change[np.isfinite(change)]
+    return float(np.mean(known**2)) if len(known) else np.nan
+
+
+def white_variance(series: Array, trial: NDArray[np.int64] | None = None) -> float:
+    """Variance of white noise in series (N, D), by two lags of a structure function that begins as a parabola.
+
+    The nugget of geostatistics (Cressie 1993); 0 where no two lags are known.
+    """
+    return max(float(np.nan_to_num((4 * structure(series, 1, trial) - structure(series, 2, trial)) / 6)), 0.0)
+
+
+def noise_share(missed: Array, sd: Array, trial: NDArray[np.int64] | None = None) -> float:
+    """Share of measurement noise in the mean square of what hidden samples were missed by; at most 0.95.
+
+    What changes at random from frame to frame, but no more than what the measurements' deviations account for: in
+    films of few frames a second an animal moves as much as noise does.
+
+    Args:
+        missed: (N, D) errors; NaN where nothing was hidden.
+        sd: (...) standard deviations of the coordinates that were hidden; NaN elsewhere.
+        trial: (N,) trial of each pose; None: all are of one.
+    """
+    if not np.isfinite(missed).any() or not np.isfinite(sd).any():
+        return 0.0
+    white = min(white_variance(missed, trial), float(np.nanmean(sd**2)))
+    return min(white / max(float(np.nanmean(missed**2)), 1e-30), 0.95)
 
 
 def _root(scores: Array) -> Array:

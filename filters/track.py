@@ -252,7 +252,7 @@ def _pass(
             )
             before.append(filtered.last)
             observed.extend(filtered.observed)
-        xyz, cov, references = [], [], []
+        xyz, cov, references, angles = [], [], [], []
         state, ahead = before[-1], None
         keeper = None if asked is None else RateKeeper(model, asked)
         holder = None if asked is None else HeldKeeper.of(model)
@@ -270,6 +270,7 @@ def _pass(
                     keeper.take(frame, here, after, shown)
                 if holder is not None:
                     holder.take(frame, shown)
+                angles.append(model.angles_of(shown))
                 xyz.append(mean)
                 cov.append(covariance)
                 if not last:
@@ -282,6 +283,7 @@ def _pass(
         cov_m2=np.array(cov[::-1]),
         observed=observed,
         rates=rates,
+        angles=None if angles[0] is None else np.moveaxis(np.array(angles[::-1]), 1, 0),
         held=() if holder is None or asked is None else holder.held(asked.names),
     )
     return found, references[::-1]

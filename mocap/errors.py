@@ -5,7 +5,7 @@ class MocapError(Exception):
     """Any trouble with a recording that its user can mend.
 
     Attributes:
-        page: The page of ``docs/`` that says more, where the message is not all there is to say.
+        page: The page of ``docs/`` that says more; None: the command line names that of the command.
     """
 
     page: str | None = None

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mocap.arrays import unique
-from mocap.errors import SkeletonError
+from mocap.encoding import decoded
+from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
 
 
@@ -127,10 +128,9 @@ def read_skeleton(path: Path) -> Skeleton:
         SkeletonError: the file cannot be read as that.
     """
     try:
-        data = path.read_bytes()  # of PowerShell's > the encoding is UTF-16
-        text = data.decode("utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig")
+        text, _ = decoded(path, path.read_bytes())  # > of PowerShell writes UTF-16, that of cmd Windows-1252
         table = tomllib.loads(text.replace("\r\n", "\n"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, FormatError, tomllib.TOMLDecodeError) as error:
         raise SkeletonError(f"{path}: not a readable TOML file: {error}") from None
     unknown = set(table) - _KEYS
     if unknown:

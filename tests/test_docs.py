@@ -15,7 +15,8 @@ from filters.anatomy import Anatomy
 from filters.models.base import TrialSet, estimate
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
-from mocap.cli.main import INSTALLING
+from mocap.cli.main import COMMANDS, INSTALLING
+from mocap.cli.main import PAGES as COMMAND_PAGES
 from mocap.errors import FormatError, MocapError
 from mocap.io.format import Hints
 from mocap.io.head import head
@@ -106,7 +107,7 @@ def kinds(error: type[MocapError]) -> list[type[MocapError]]:
 
 
 def test_errors_name_pages_that_are_there(mocap, tmp_path):
-    """Each kind of error; the command line says the page at the end of the one line, and none where there is none."""
+    """The command line says the page at the end of the one line: of the kind of error, else of the command."""
     for name in ("cli.main", "cameras.arrangement", "joint_design.material", "rerun.viewer", "rerun.stored", "io.film"):
         import_module(f"mocap.{name}")
     pages = {kind.page for kind in kinds(MocapError) if kind.page is not None}
@@ -117,7 +118,11 @@ def test_errors_name_pages_that_are_there(mocap, tmp_path):
     assert code == 1
     assert err.strip().endswith("; see docs: howto/your_files.md")
     assert len(err.strip().splitlines()) == 1
-    assert "see docs" not in mocap("kinematics", tmp_path, "--export", "pdf")[2]
+    code, _, err = mocap("kinematics", tmp_path, "--export", "pdf")
+    assert code == 1
+    assert err.strip().endswith("; see docs: reference/kinematics.md")
+    assert {command.__name__.replace("_", "-") for command in COMMANDS} | {"data", "calibrate"} == COMMAND_PAGES.keys()
+    assert not [page for page in COMMAND_PAGES.values() if not (ROOT / "docs" / page).is_file()]
 
 
 def test_mocap_alone_says_what_to_do_next(mocap):

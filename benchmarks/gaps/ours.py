@@ -12,6 +12,7 @@ from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
 from filters.hidden_gaps import MODELS, Effort
+from filters.models.articulated import ArticulatedSettings
 from filters.models.base import TrajectoryModel
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
@@ -59,6 +60,13 @@ def ours() -> list[Method]:
 
 
 def alone() -> list[Method]:
-    """Parts of the product: the EAL model not mixed, with its regression and without."""
-    eal = MODELS[-1]
-    return [Ours("EAL alone", (eal,)), Ours("EAL alone, no regression", (replace(eal, regression=0.0),))]
+    """Parts of the product: the EAL model not mixed, with its regression and without; of joint angles; all mixed."""
+    eal, joints = MODELS[-1], ArticulatedSettings()
+    both = replace(joints, pose=replace(joints.pose, regression=1.0))
+    return [
+        Ours("EAL alone", (eal,)),
+        Ours("EAL alone, no regression", (replace(eal, regression=0.0),)),
+        Ours("articulated", (joints,)),
+        Ours("articulated, with regression", (both,)),
+        Ours("EAL with articulated", (*MODELS[:-1], joints, eal)),
+    ]

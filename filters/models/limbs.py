@@ -1,6 +1,7 @@
 """Potentials of limbs, learned from trials."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,49 +41,71 @@ def limb_potentials(
         tau_s: Makes velocities as large as positions.
         learn: (N, d) samples of unit size to the gradient of their potential, a second.
     """
-    known = known_shapes(shapes, least_known)
-    poses, rates = [], []
-    for z, rate, offset, residual, keep in zip(
-        shapes.z, shapes.rate, shapes.offset, shapes.residual, known, strict=True
-    ):
-        pose = shapes.subspace.mean + offset + z @ shapes.subspace.basis.T + np.nan_to_num(residual)
-        poses.append(pose[keep])
-        rates.append(rate[keep] @ shapes.subspace.basis.T)
-    pose, rate = np.concatenate(poses), np.concatenate(rates)
-    turn = _sides(shapes.subspace.mean, anatomy)
+    pose, rate = known_poses(shapes, least_known)
+    turn = sides(shapes.subspace.mean, anatomy)
     out = []
     for limb in anatomy.limbs:
         maps = [limb.map(len(own.mean) // 3)]
         other = anatomy.mirrored(limb)
         if turn is not None and other is not None:
             maps.append(other.map(len(own.mean) // 3, turn))
-        q = np.concatenate([pose @ each.T for each in maps])
-        unit = max(float(np.sqrt(q.var(axis=0).mean())), 1e-9)
-        samples, mean, on_residual = q / unit, maps[0] @ own.mean / unit, maps[0] / unit
-        of_shape = on_residual @ own.basis
-        on_shape = np.hstack([of_shape, np.zeros_like(of_shape)])
-        if velocities:  # of the directions in which the subspace moves the limb
-            along = _range(of_shape)
-            moving = np.concatenate([rate @ each.T for each in maps]) @ along * (tau_s / unit)
-            samples = np.hstack([samples, moving])
-            mean = np.concatenate([mean, np.zeros(along.shape[1])])
-            on_residual = np.vstack([on_residual, np.zeros((along.shape[1], on_residual.shape[1]))])
-            turning = tau_s * along.T @ of_shape
-            on_shape = np.vstack([on_shape, np.hstack([np.zeros_like(turning), turning])])
-        gradient = learn(samples)
-        out.append(
-            PosePotential(
-                mean=mean,
-                on_shape=on_shape,
-                on_residual=on_residual,
-                samples=samples,
-                gradient=gradient,
-                potential=gradient.potential if isinstance(gradient, Pull) else None,
-                root=limb.parents[0],
-                children=limb.children,
-            )
-        )
+        held = held_together(maps, pose, rate, own, tau_s=tau_s if velocities else None, learn=learn)
+        out.append(replace(held, root=limb.parents[0], children=limb.children))
     return tuple(out)
+
+
+def known_poses(shapes: Shapes, least_known: float) -> tuple[Array, Array]:
+    """(N, D) poses of all trials that are known better than that, and their velocities."""
+    poses, rates = [], []
+    for z, rate, offset, residual, keep in zip(
+        shapes.z,
+        shapes.rate,
+        shapes.offset,
+        shapes.residual,
+        known_shapes(shapes, least_known),
+        strict=True,
+    ):
+        pose = shapes.subspace.mean + offset + z @ shapes.subspace.basis.T + np.nan_to_num(residual)
+        poses.append(pose[keep])
+        rates.append(rate[keep] @ shapes.subspace.basis.T)
+    return np.concatenate(poses), np.concatenate(rates)
+
+
+def held_together(
+    maps: Sequence[Array], pose: Array, rate: Array, own: PoseSubspace, *, tau_s: float | None, learn: Learn
+) -> PosePotential:
+    """The potential of linear coordinates q of a pose, or of [q, tau qdot].
+
+    Args:
+        maps: (d, D) from a pose to q; of further ones the same samples are another side's.
+        pose: (N, D) poses.
+        rate: (N, D) their velocities.
+        own: Subspace of the trial that is to be tracked.
+        tau_s: Makes velocities as large as positions; None: q alone.
+        learn: As ``limb_potentials``.
+    """
+    q = np.concatenate([pose @ each.T for each in maps])
+    unit = max(float(np.sqrt(q.var(axis=0).mean())), 1e-9)
+    samples, mean, on_residual = q / unit, maps[0] @ own.mean / unit, maps[0] / unit
+    of_shape = on_residual @ own.basis
+    on_shape = np.hstack([of_shape, np.zeros_like(of_shape)])
+    if tau_s is not None:  # of the directions in which the subspace moves the limb
+        along = _range(of_shape)
+        moving = np.concatenate([rate @ each.T for each in maps]) @ along * (tau_s / unit)
+        samples = np.hstack([samples, moving])
+        mean = np.concatenate([mean, np.zeros(along.shape[1])])
+        on_residual = np.vstack([on_residual, np.zeros((along.shape[1], on_residual.shape[1]))])
+        turning = tau_s * along.T @ of_shape
+        on_shape = np.vstack([on_shape, np.hstack([np.zeros_like(turning), turning])])
+    gradient = learn(samples)
+    return PosePotential(
+        mean=mean,
+        on_shape=on_shape,
+        on_residual=on_residual,
+        samples=samples,
+        gradient=gradient,
+        potential=gradient.potential if isinstance(gradient, Pull) else None,
+    )
 
 
 def _range(a: Array) -> Array:
@@ -91,7 +114,7 @@ def _range(a: Array) -> Array:
     return u[:, s > 1e-6 * s[0]]
 
 
-def _sides(mean_pose: Array, anatomy: Anatomy) -> Array | None:
+def sides(mean_pose: Array, anatomy: Anatomy) -> Array | None:
     """The reflection that takes one side to the other; None where sides are not known, or not alike."""
     if not anatomy.mirror or all(i == m for i, m in enumerate(anatomy.mirror)):
         return None

@@ -108,11 +108,16 @@ class PoseSettings(TrajectoryModel):
         """Learn subspace, mechanics and potential from all trials, for the last one."""
         poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
         model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
-        if self.regression:
-            found = self._regression.fit(trials).fill()
-            lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
-            model = replace(model, regression=Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3))))
-        return FittedMotion(model, trials.trials[-1].t_s, self.passes)
+        return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s, self.passes)
+
+    def regressed(self, trials: TrialSet) -> Regression | None:
+        """What a regression on the other markers has where markers of the last trial are not seen."""
+        if not self.regression:
+            return None
+        _, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        found = self._regression.fit(trials).fill()
+        lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
+        return Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3)))
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping where its mechanics are linear; bones."""
@@ -203,7 +208,7 @@ def learn_pose(
         body_density=settings.body * density,
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
-        residual_rate_hz=settings.residual_rate * residual_rate(shapes.residual, trial.dt_s),
+        residual_rate_hz=settings.residual_rate * residual_rate(shapes.residual, trial.dt_s, radian(shapes)),
         usual=usual_motion(motion),
         bones=bones if bones is not None and len(bones.ends) and settings.bones else None,
         bone_stiffness=settings.bones / motion.tau_s,

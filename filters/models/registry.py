@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
+from filters.models.articulated import ArticulatedSettings
 from filters.models.base import TrajectoryModel
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.delayed_poses import DelaySettings
@@ -11,6 +12,7 @@ from filters.models.pose import PoseSettings
 from filters.models.singer import LastingSettings
 
 MODELS: dict[str, type[TrajectoryModel]] = {
+    "articulated": ArticulatedSettings,
     "constant velocity": MarkerSettings,
     "delayed poses": DelaySettings,
     "lasting acceleration": LastingSettings,

@@ -101,6 +101,10 @@ class MotionModel(ABC):
         """
         return None
 
+    def angles_of(self, state: Gaussian) -> tuple[Array, Array] | None:  # noqa: ARG002
+        """Mean and standard deviation of the joint angles of a state; None: it has none, here."""
+        return None
+
     def informed(self, state: Gaussian) -> Gaussian:
         """A smoothed state of a frame in which nothing is seen, with what is known of any frame; here nothing."""
         return state

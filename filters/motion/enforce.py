@@ -74,11 +74,16 @@ def potential_term(
     return Term(unit @ root, np.zeros(p), unit @ target)
 
 
-def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
+def enforce(state: Gaussian, terms: Sequence[Term], *, farthest: float = np.inf) -> Gaussian:
     """Minimise 1/2 |x - x_pred|^2 in the metric P^-1 plus potentials, all at once.
 
     The result reads as a measurement update with information equal to the sum of the Hessians: it contracts the
     covariance, needs no substeps and is stable at any stiffness.
+
+    Args:
+        state: Predicted state.
+        terms: Potentials.
+        farthest: Forces move the state by at most so many of its deviations: no further than they were linearised for.
     """
     if not terms:
         return state
@@ -87,7 +92,11 @@ def enforce(state: Gaussian, terms: Sequence[Term]) -> Gaussian:
     posterior, _, _ = condition(state, rows, np.concatenate([term.away for term in terms]), k)
     columns = posterior.factor[:, :k]
     pull = dtrsv(state.factor[:k, :k], np.sum([term.pull for term in terms], axis=0), lower=1, trans=1)
-    return Gaussian(posterior.mean + columns @ (columns[:k].T @ pull), posterior.factor)
+    move = columns[:k].T @ pull  # in deviations of the posterior
+    size = float(np.linalg.norm(move))
+    if size > farthest:
+        move *= farthest / size
+    return Gaussian(posterior.mean + columns @ move, posterior.factor)
 
 
 def informed(state: Gaussian, known: Gaussian) -> Gaussian:

@@ -144,6 +144,7 @@ class PoseMotion(MotionModel):
         bones: Distances that markers keep; None: none are known.
         bone_stiffness: Factor on their potential V_b, a second.
         name: For reports.
+        farthest: Potentials move a state by at most so many of its deviations.
     """
 
     path: BodyPath
@@ -160,6 +161,7 @@ class PoseMotion(MotionModel):
     potentials: tuple[PosePotential, ...] = ()
     name: str = "eal"
     linear: bool = True
+    farthest: float = np.inf
     reads: int = field(init=False)
     points: SigmaPoints = field(init=False)
     rank: int = field(init=False)
@@ -336,7 +338,7 @@ class PoseMotion(MotionModel):
         if self.bones is not None:
             ends = None if about is None else about.bones
             terms.append(bones_term(self.bones, *self._pose(state), dt_s * self.bone_stiffness, about=ends))
-        return enforce(state, terms)
+        return enforce(state, terms, farthest=self.farthest)
 
     def reference(self, state: Gaussian) -> "Reference | None":
         """What the potentials read, and the differences of the ends of bones."""

@@ -21,10 +21,18 @@ def kinematics(
     export: Annotated[
         list[str] | None,
         typer.Option(
-            help="Also for another program: xlsx, mat, mot, sto, bvh, or mjcf (the animal for MuJoCo); give the "
-            "option once for each."
+            help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim); "
+            "give the option once for each."
         ),
     ] = None,
+    moments: Annotated[
+        bool,
+        typer.Option(
+            "--moments",
+            help="Also net joint forces and moments by inverse dynamics (moments.csv, .nc), of joints beyond which all "
+            "masses are stated and no unknown force acts.",
+        ),
+    ] = False,
     mechanics: Annotated[
         bool,
         typer.Option(
@@ -42,7 +50,7 @@ def kinematics(
     from mocap.results.exports import EXPORTS
     from mocap.skeleton import read_skeleton
 
-    kinds = [*EXPORTS, "mjcf"]
+    kinds = [*EXPORTS, "mjcf", "osim"]
     unknown = sorted(set(export or ()) - set(kinds))
     if unknown:
         raise MocapError(f"--export {unknown[0]}: give {', '.join(kinds)}")
@@ -53,9 +61,11 @@ def kinematics(
     inputs = [run, *([skeleton] if skeleton is not None else [])]
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
         result.write_kinematics(folder, exports=export or (), progress=tell)
+        if moments:
+            result.write_moments(folder)
         if mechanics:
             limbs = result.write_limb_mechanics(folder)
             say("limbs followed by their own mechanics: " + ", ".join(limb.name for limb in limbs))
-    for note in result.kinematics.notes:
+    for note in (*result.kinematics.notes, *(result.moments.notes if moments else ())):
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")

@@ -35,6 +35,26 @@ TROUBLE, FAULT, STOPPED = 1, 70, 130
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), and Ctrl-C."""
 INSTALLING = "howto/installing.md"
 """The page for what is not installed, or not as it should be."""
+PAGES = {
+    "info": "howto/your_files.md",
+    "convert": "howto/your_files.md",
+    "triangulate": "howto/your_files.md",
+    "digitise": "howto/digitising.md",
+    "label": "howto/digitising.md",
+    "track": "howto/your_files.md",
+    "batch": "howto/batch.md",
+    "kinematics": "reference/kinematics.md",
+    "learn": "howto/several_recordings.md",
+    "skeleton": "howto/skeleton.md",
+    "demo": "tutorials/first_bat.md",
+    "view": "howto/looking.md",
+    "share": "howto/looking.md",
+    "reproduce": "explanation/errata.md",
+    "design-joint": "howto/mechanism.md",
+    "data": "howto/truth.md",
+    "calibrate": "howto/calibration.md",
+}
+"""The page of each command, for errors whose kind has none of its own."""
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -50,6 +70,9 @@ class _Commands(TyperGroup):
             return super().invoke(ctx)
         except KeyboardInterrupt as error:
             raise _Stopped from error
+        except MocapError as error:
+            error.page = error.page or PAGES.get(ctx.invoked_subcommand)
+            raise
         except Exception as error:
             if hasattr(error, "format_message") and hasattr(error, "message"):  # wrong usage
                 error.message = visible(str(error.message))  # type: ignore[attr-defined]

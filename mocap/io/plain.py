@@ -21,7 +21,8 @@ _UNIT = re.compile(rf"(?P<title>.*[xyzXYZ])(?:\s*[\[(]\s*(?P<a>{_UNITS})\s*[\])]
 _TITLE = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>[xyzXYZ])")
 LIKELY = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>likelihood|confidence|conf|score|prob(ability)?)", re.IGNORECASE)
 """Titles of likelihoods: as a marker's third column they make the first two pixels."""
-TIMES = ("t_s", "time_s", "time", "t", "seconds", "time (s)", "time [s]", "t (s)", "t [s]")
+TIMES = re.compile(r"seconds|(t|time|zeit|temps|tiempo|tempo)(_s|\s*[\[(]s[\])])?", re.IGNORECASE)
+"""Titles of times in seconds, in the languages that spreadsheets are often written in."""
 FRAMES = ("frame", "frame#", "frames", "fnum", "")
 
 
@@ -83,7 +84,7 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
             found.setdefault(likely["name"] or "point", {})["likelihood"] = title
             continue
         match = _TITLE.fullmatch(title)
-        if title.lower() in TIMES:
+        if TIMES.fullmatch(title):
             special["time"] = (title,)
         elif title.lower() in FRAMES:
             special["frame"] = (title,)

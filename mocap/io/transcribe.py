@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mocap.encoding import decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
-from mocap.io.encoding import decoded, is_utf8, is_utf16
 from mocap.io.head import LENGTH, Head
 from mocap.io.lines import one_kind
 from mocap.io.workbook import is_workbook, sheet_text

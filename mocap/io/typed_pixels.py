@@ -40,7 +40,7 @@ def columns_of(titles: tuple[str, ...]) -> dict[Column, int]:
         found: dict[Column, int] = {}
         spelt: dict[str, str] = {}
         for place, title in enumerate(titles):
-            if title.lower() in (*FRAMES, *TIMES):
+            if title.lower() in FRAMES or TIMES.fullmatch(title):
                 continue
             plain = _SPACES.sub(" ", _PIXELS.sub("", title)).strip()
             match = next(filter(None, (pattern.fullmatch(plain) for pattern in _TITLES)), None)
@@ -74,7 +74,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     uv = np.where(np.isnan(uv).any(axis=-1, keepdims=True), np.nan, uv)
     plain = [title.lower() for title in header]
     frame = next((values[:, plain.index(title)] for title in FRAMES if title in plain), None)
-    time = next((values[:, plain.index(title)] for title in TIMES if title in plain), None)
+    time = next((values[:, c] for c, title in enumerate(plain) if TIMES.fullmatch(title)), None)
     frames = None if frame is None else frame_numbers(path, frame, first_line=2)
     fps, told = (None, ["the file does not state the frame rate"]) if time is None else rate_of_times(path, time)
     first = next(iter(where))

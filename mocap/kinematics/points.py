@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from itertools import combinations
 
+from mocap.kinematics.distal import distal_sets
 from mocap.measures import Segment
 from mocap.moving import Asked
 from mocap.skeleton import Skeleton
@@ -27,7 +28,7 @@ def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Ask
         weights.append(mass_weights(names, list(skeleton.measures.segments.values())))
         means.append(MASS)
     index = {name: i for i, name in enumerate((*names, *means))}
-    needed = [[(j.parent, j.centre, j.child) for j in skeleton.joints], measured_sets(skeleton)]
+    needed = [[(j.parent, j.centre, j.child) for j in skeleton.joints], measured_sets(skeleton), distal_sets(skeleton)]
     pairs: list[tuple[int, int]] = []
     for sets in needed:
         found = {

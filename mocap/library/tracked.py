@@ -17,6 +17,7 @@ from mocap.io.movies import Movie
 from mocap.io.output import result_file, result_folder
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, footfalls
+from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.library.learning import Model, load_model
@@ -31,6 +32,8 @@ from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
 from mocap.results.mjcf import FILE, write_mjcf
+from mocap.results.osim import FILE as OSIM_FILE
+from mocap.results.osim import write_osim
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
@@ -148,6 +151,19 @@ class Tracked:
         self._in_space("kinematics")
         return kinematics(self.run.motion, self.run.skeleton, recording=self.run.name)
 
+    @cached_property
+    def moments(self) -> Kinematics:
+        """Net joint forces (N) and moments (N m) by inverse dynamics, each with its standard deviation.
+
+        Of joints beyond which every part has a mass (``[measures.segments]``) and no unknown force acts: not of wings,
+        nor while a foot stands; ``notes`` says which joints were left out and why (``mocap.kinematics.moments``).
+
+        Raises:
+            MocapError: the recording is one film, in the plane of its picture.
+        """
+        self._in_space("moments")
+        return moments(self.run.motion, self.run.skeleton, steps=self.footfalls, recording=self.run.name)
+
     def _in_space(self, what: str) -> None:
         if self.run.plane is not None:
             raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
@@ -238,7 +254,7 @@ class Tracked:
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
             exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well; ``mjcf``: the
-                fitted animal as ``skeleton.mjcf.xml``.
+                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
         """
@@ -248,6 +264,8 @@ class Tracked:
             for kind in exports:
                 if kind == "mjcf":
                     write_mjcf(self.run, folder / FILE)
+                elif kind == "osim":
+                    write_osim(self.run, folder / OSIM_FILE)
                 else:
                     EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
             if not pictures:
@@ -258,6 +276,16 @@ class Tracked:
             shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
+
+    def write_moments(self, folder: Path) -> None:
+        """Write ``moments.csv`` and ``moments.nc``.
+
+        Raises:
+            MocapError: there is no joint of which they can be known; the message says why.
+        """
+        if not len(self.moments):
+            raise MocapError(f"{self.name}: no joint moment can be known: " + "; ".join(self.moments.notes))
+        write_kinematics(self.moments, folder, stem="moments")
 
     def limb_mechanics(self) -> "list[LimbMechanics]":
         """Each limb (its longest chain of rigid bones) tracked once more by its own Lagrangian; minutes.
@@ -408,8 +436,9 @@ def track(
 
     Args:
         recording: As ``mocap.read`` gives it.
-        model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``constant_velocity``; ``auto``: which
-            of these fills hidden samples of the recording best.
+        model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``articulated`` (the skeleton's
+            segments and joints), ``constant_velocity``; ``auto``: the mixture, unless constant velocity fills hidden
+            samples of the recording better.
         validate: Whether to hide samples and measure how they are filled.
         seed: Which samples are hidden.
         progress: Called with the name of a stage and the share of it that is done.

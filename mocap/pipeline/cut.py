@@ -25,6 +25,7 @@ def cut(run: Run, frames: slice) -> Run:
         footage=tuple(replace(f, frames=f.frames[frames]) for f in run.footage),
         motion=cut_motion(run.motion, frames),
         limbs=tuple(limb.cut(frames) for limb in run.limbs),
+        angles=None if run.angles is None else run.angles.along(np.arange(len(run.angles.angle_rad))[frames]),
         joints={
             name: replace(joints, t_s=t_s, q_m=joints.q_m[frames], sd_m=joints.sd_m[frames])
             for name, joints in run.joints.items()
@@ -74,6 +75,7 @@ def joined(runs: Sequence[Run]) -> Run:
     return replace(
         first,
         limbs=(),
+        angles=None,
         ideal_px=None
         if first.ideal_px is None
         else replace(first.ideal_px, t_s=t_s, uv_px=along(lambda run: run.ideal_px.uv_px, 1)),

@@ -4,18 +4,23 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from filters.joint_types import articulation
 from filters.model import LearnedModel, for_recording, renamed
+from filters.models.base import FittedMotion
 from filters.models.pose import PoseSettings
+from filters.motion.articulated import ArticulatedMotion
 from filters.motion.base import MotionModel
 from filters.size import size_factor
+from mocap.arrays import Array
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.held import HeldLimb
+from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.articulated import articulation
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials
@@ -41,7 +46,7 @@ from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.records import PixelTracks
 from mocap.stages import Stages
 
-Model = Literal["auto", "mixture", "eal", "constant_velocity"]
+Model = Literal["auto", "mixture", "eal", "articulated", "constant_velocity"]
 Watch = Callable[[Prepared, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
 JOINT_HZ = 30.0
@@ -63,8 +68,9 @@ def run_job(
 
     Args:
         source: Its files, or what was prepared of them.
-        model: ``constant_velocity``, ``eal``, a ``mixture`` of both and a regression, or (``auto``) the mixture, unless
-            constant velocity fills hidden samples of this recording better.
+        model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), a ``mixture`` of
+            ``eal`` and constant velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of
+            this recording better.
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         settings: Choices of the pose model.
@@ -97,7 +103,7 @@ def _run_job(
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
         learned = None if learned is None else renamed(learned, prepared.skeleton)
-    if model in ("eal", "mixture") and reason is not None:
+    if model in ("eal", "mixture", "articulated") and reason is not None:
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
     if reason is None and model != "constant_velocity" and worth_checking(prepared):
         with stages.stage("check points of two rays"):
@@ -107,13 +113,13 @@ def _run_job(
     posed = reason is None and model != "constant_velocity"
     if watch is not None:
         with stages.stage("filter live"):
-            alone = "eal" if posed else "constant_velocity"
+            alone = "articulated" if model == "articulated" else "eal" if posed else "constant_velocity"
             watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
     mixed = None
     if learned is not None:
         with stages.stage("track") as progress:
             mixed = track_learned(prepared, part, learned, asked=asked, progress=progress)
-    elif posed and model != "eal":
+    elif posed and model not in ("eal", "articulated"):
         with stages.stage("track with a mixture of models") as progress:
             mixed = track_mixed(prepared, part, settings=settings, asked=asked, progress=progress)
     scores, hidden = {}, 0
@@ -126,6 +132,7 @@ def _run_job(
                 methods={
                     "mixture": mixed is not None and learned is None,
                     "eal": model != "constant_velocity",
+                    "articulated": model == "articulated",
                     "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
                 },
                 learned=learned,
@@ -137,7 +144,7 @@ def _run_job(
     if learned is not None:
         why = _learned_from(learned, prepared, part)
     if mixed is not None and (learned is not None or chosen == "mixture"):
-        name, smoothed = "mixture" if learned is None else "learned", mixed.markers
+        name, smoothed, own = "mixture" if learned is None else "learned", mixed.markers, None
     else:
         with stages.stage("learn"):
             own = learn_motion(prepared, part, "eal" if chosen == "mixture" else chosen, settings=settings)
@@ -186,16 +193,40 @@ def _run_job(
         report=report,
         report_text=readable(report, title=prepared.name),
         file=source.tracks if isinstance(source, Recording) else None,
+        angles=_angles(smoothed.angles, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
     return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
 
 
-def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldLimb, ...]:
-    """Limbs over all frames of the recording."""
+def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
+    """Frames of the tracked part for all frames of the recording; -1 outside of it."""
     index = np.arange(n_frames) - part.frames.start
     index[(index < 0) | (index >= part.frames.stop - part.frames.start)] = -1
-    return tuple(limb.along(index) for limb in limbs)
+    return index
+
+
+def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldLimb, ...]:
+    """Limbs over all frames of the recording."""
+    return tuple(limb.along(_frames_of(n_frames, part)) for limb in limbs)
+
+
+def _angles(found: Array | None, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
+    """Joint angles over all frames of the recording, where they are the state."""
+    if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
+        return None
+    motion, names = model.motion, part_names(prepared, part)
+    ends = [(names[a], names[b]) for a, b in motion.ends]
+    freedoms = np.bincount(motion.tree.joint, minlength=len(ends)).tolist()
+    angles = JointAngles(
+        names=angle_names(ends, freedoms),
+        angle_rad=found[0],
+        sd_rad=found[1],
+        segments=tuple(f"{a} to {b}" for a, b in ends),
+        length_m=motion.length_m,
+        length_sd_m=motion.length_sd_m,
+    )
+    return angles.along(_frames_of(len(prepared.t_s), part))
 
 
 def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
@@ -219,7 +250,7 @@ def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
 
 def _choose(
     model: Model, reason: str | None, scores: dict
-) -> tuple[Literal["mixture", "eal", "constant_velocity"], str]:
+) -> tuple[Literal["mixture", "eal", "articulated", "constant_velocity"], str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"

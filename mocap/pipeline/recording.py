@@ -1,5 +1,6 @@
 """The files of a recording, read and converted to ideal (undistorted) pixels."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -189,7 +190,7 @@ class Recording:
     def name(self) -> str:
         """Name of the recording, from that of the file."""
         stem = as_text(self.tracks.stem)
-        return stem.removesuffix("xypts").removesuffix("xyzpts").rstrip("_-. ") or stem
+        return re.sub(r"xyz?pts$", "", stem, flags=re.IGNORECASE).rstrip("_-. ") or stem
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -426,11 +427,12 @@ def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float =
 
 def stored_points(source: Recording) -> Path | None:
     """The xyzpts file to audit: the one given, or the sibling of the xypts file, if it is not our own refined one."""
-    if source.stored_points is not None or "xypts" not in source.tracks.name:
+    named = re.sub(r"xypts(?!.*xypts)", "xyzpts", source.tracks.name, flags=re.IGNORECASE)
+    if source.stored_points is not None or named == source.tracks.name:
         return source.stored_points
-    head, _, tail = source.tracks.name.rpartition("xypts")
-    sibling = source.tracks.with_name(f"{head}xyzpts{tail}")
-    return sibling if sibling.is_file() and not dltdv.holds_deviations(sibling) else None
+    alike = sorted(path for path in source.tracks.parent.iterdir() if path.name.lower() == named.lower())
+    there = (path for path in (source.tracks.with_name(named), *alike) if path.is_file())
+    return next((path for path in there if not dltdv.holds_deviations(path)), None)
 
 
 def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:

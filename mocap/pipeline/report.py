@@ -7,12 +7,12 @@ from typing import cast
 import numpy as np
 from scipy.special import chdtri
 
+from filters.joint_types import Articulation, undetermined
 from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.markdown import plain
-from mocap.pipeline.articulated import Articulation, undetermined
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
@@ -402,6 +402,7 @@ _METHODS = {
     "cubic": "cubic splines",
     "constant_velocity": "Kalman smoother of each marker alone",
     "eal": "Kalman smoother of the whole pose with its empirical potential",
+    "articulated": "Kalman smoother of joint angles, segments of constant length",
     "mixture": "weighted mean of several models, by each model's predicted variance",
 }
 """What the methods of the tables are."""

@@ -15,6 +15,7 @@ from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.held import HeldLimb
 from mocap.io.movies import Movie
+from mocap.joint_angles import JointAngles
 from mocap.moving import Motion
 from mocap.records import JointTracks, PixelTracks
 from mocap.skeleton import Skeleton
@@ -129,6 +130,7 @@ class Run:
         footage: The movie of each camera; empty where none were given.
         file: The file of the tracks; None: not known.
         limbs: Potentials of limbs that held the pose while it was tracked.
+        angles: Joint angles where they were the filter's state; None: they were not.
         plane: The picture in which the markers move, third coordinates being 0; None: they move in space.
     """
 
@@ -148,4 +150,5 @@ class Run:
     footage: tuple[Footage, ...] = ()
     file: Path | None = None
     limbs: tuple[HeldLimb, ...] = ()
+    angles: JointAngles | None = None
     plane: Plane | None = None

@@ -12,6 +12,7 @@ from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
 from filters.mixture import Mixture
 from filters.model import LearnedModel, MixedTrack, track_alone, track_with
+from filters.models.articulated import ArticulatedSettings
 from filters.models.base import FittedMotion, TrialSet, shares
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
@@ -34,9 +35,10 @@ from mocap.skeleton import Skeleton, ends_among
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
-ALONE: tuple[Literal["constant_velocity", "eal"], ...] = ("constant_velocity", "eal")
+Alone = Literal["constant_velocity", "eal", "articulated"]
+ALONE: tuple[Alone, ...] = ("constant_velocity", "eal", "articulated")
 """Models that are filtered by themselves."""
-_OF_POSES = ("eal", "mixture")
+_OF_POSES = ("eal", "mixture", "articulated")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -92,15 +94,16 @@ def _visible(prepared: Prepared, part: Part, hidden: Mask | None, markers: NDArr
 def learn_motion(
     prepared: Prepared,
     part: Part,
-    name: Literal["eal", "constant_velocity"],
+    name: Alone,
     *,
     settings: PoseSettings,
     hidden: Mask | None = None,
 ) -> FittedMotion:
-    """A motion model of a recording alone: of its poses, held by V_z, or constant velocity of each marker."""
+    """A motion model of a recording alone: of its poses or joints, held by V_z, or constant velocity of each marker."""
     names = part_names(prepared, part)
     anatomy = anatomy_of(names, prepared.skeleton.trunk, prepared.skeleton.rigid)
-    model = settings if name == "eal" else MarkerSettings()
+    models = {"eal": settings, "articulated": ArticulatedSettings(), "constant_velocity": MarkerSettings()}
+    model = models[name]
     return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
 
 
@@ -277,7 +280,7 @@ def validate(
         prepared: The recording.
         part: Its seen part.
         settings: Choices of the pose model.
-        methods: Models to measure (``mixture``, ``eal``, ``constant_velocity``); False leaves one out.
+        methods: Models to measure (``mixture``, ``eal``, ``articulated``, ``constant_velocity``); False leaves one out.
         rng: Where to hide.
         learned: A model of other trials to measure as well, as ``learned``.
         mixture: How models are mixed in this recording.

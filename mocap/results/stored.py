@@ -15,6 +15,7 @@ from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
 from mocap.held import HeldLimb
 from mocap.io.netcdf import as_netcdf
+from mocap.joint_angles import JointAngles
 from mocap.moving import Motion
 from mocap.pipeline.run import JointPotential, Run
 from mocap.records import JointTracks, MarkerTracks, PixelTracks
@@ -120,8 +121,12 @@ def _rest(run: Run) -> xr.Dataset:
             f"limb_{i}_at_state": ("time", limb.at_state),
             f"limb_{i}_pull": (("time", f"limb_{i}_marker", "axis_3"), limb.pull.astype(np.float32)),
         }
+    if run.angles is not None:
+        table |= {f"angle_{part}": (("time", "angle"), getattr(run.angles, part)) for part in ("angle_rad", "sd_rad")}
+        table |= {f"angle_{part}": ("segment", getattr(run.angles, part)) for part in ("length_m", "length_sd_m")}
     header = {
         "format": FORMAT,
+        "angles": None if run.angles is None else {"names": run.angles.names, "segments": run.angles.segments},
         "limbs": [{"name": limb.name, "markers": limb.markers} for limb in run.limbs],
         "name": run.name,
         "model": tracked.model,
@@ -222,6 +227,7 @@ def read_run(folder: Path) -> Run:
             )
             for i, limb in enumerate(header.get("limbs", ()))
         ),
+        angles=_angles(rest, header.get("angles")),
         report=json.loads((folder / "report.json").read_text(encoding="utf-8")),
         report_text=(folder / "report.md").read_text(encoding="utf-8"),
     )
@@ -231,6 +237,14 @@ def _samples(rest: xr.Dataset, kind: str, found: Mapping[str, Mapping[str, Any]]
     """The samples of each potential, which are stored one after the other."""
     ends = np.cumsum([one["samples"] for one in found.values()])
     return np.split(rest[f"{kind}_samples_m"].values, ends[:-1]) if found else []
+
+
+def _angles(rest: xr.Dataset, header: dict | None) -> JointAngles | None:
+    """The joint angles of a run, if it has any."""
+    if header is None:
+        return None
+    parts = {part: rest[f"angle_{part}"].values for part in ("angle_rad", "sd_rad", "length_m", "length_sd_m")}
+    return JointAngles(names=tuple(header["names"]), segments=tuple(header["segments"]), **parts)
 
 
 def _opened(path: Path) -> tuple[xr.Dataset, dict]:

@@ -30,6 +30,9 @@ def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], 
     write_arrays(run, folder)
     write_markers(run.tracked.markers, run.repaired, folder / "markers.csv")
     write_joints(run, folder / "joints.csv")
+    if run.angles is not None:
+        table = run.angles.to_frame(run.tracked.markers.t_s)
+        table.to_csv(folder / "joint_angles.csv", index=False, float_format="%.6g", lineterminator="\n")
     (folder / "report.json").write_text(json.dumps(run.report, indent=1, allow_nan=False), encoding="utf-8")
     (folder / "report.md").write_text(run.report_text, encoding="utf-8")
     if write_recording is not None:
@@ -68,8 +71,8 @@ def write_joints(run: Run, path: Path) -> None:
     write_columns(path, header, columns)
 
 
-def write_kinematics(found: Kinematics, folder: Path) -> None:
-    """``kinematics.csv``, a row a frame with ``<quantity>_<unit>``, ``..._sd`` and ``..._status``; ``kinematics.nc``.
+def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics") -> None:
+    """``<stem>.csv``, a row a frame with ``<quantity>_<unit>``, ``..._sd`` and ``..._status``; ``<stem>.nc``.
 
     Values have as many digits as their smallest standard deviation is worth, two of it.
     """
@@ -79,11 +82,11 @@ def write_kinematics(found: Kinematics, folder: Path) -> None:
     for one in found.quantities:
         header += [one.name, f"{one.name}_sd", f"{one.name}_status"]
         columns += [*_with_sd(one.value, one.sd), words[one.rests]]
-    with (folder / "kinematics.csv").open("w", encoding="utf-8", newline="") as stream:
+    with (folder / f"{stem}.csv").open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(as_cells(header))
         writer.writerows(zip(*[c.tolist() for c in columns], strict=True))
-    (folder / "kinematics.nc").write_bytes(as_netcdf(found.to_dataset(), packed=True))
+    (folder / f"{stem}.nc").write_bytes(as_netcdf(found.to_dataset(), packed=True))
 
 
 def write_cycles(rows: Sequence[Cycle], path: Path) -> None:

@@ -108,12 +108,18 @@ def test_the_residuals_rate_is_told_from_its_noise(rate_hz, noise):
         residual.append(state[0] + noise * rng.normal(size=24))
     residual = np.array(residual)
     residual[rng.random(residual.shape) < 0.2] = np.nan
-    assert residual_rate([residual[:800], residual[800:]], DT_S) == pytest.approx(rate_hz, rel=0.35)
+    assert residual_rate([residual[:800], residual[800:]], DT_S, 1.0) == pytest.approx(rate_hz, rel=0.35)
+
+
+def test_where_noise_hides_the_residual_it_follows_the_motion():
+    """White noise alone shows no rate: four times that of the motion; not the fastest that frames can show."""
+    noise = np.random.default_rng(6).normal(size=(120, 72))
+    assert residual_rate([noise], DT_S, 0.04) == pytest.approx(100.0)
 
 
 @pytest.mark.parametrize("n_frames", [1, 2, 3])
 def test_residuals_of_few_frames_have_a_rate(n_frames):
     """A positive number, whatever is seen."""
     rng = np.random.default_rng(5)
-    assert 0 < residual_rate([rng.normal(size=(n_frames, 6))], DT_S) < np.inf
-    assert 0 < residual_rate([np.zeros((n_frames, 6))], DT_S) < np.inf
+    assert 0 < residual_rate([rng.normal(size=(n_frames, 6))], DT_S, 1.0) < np.inf
+    assert 0 < residual_rate([np.zeros((n_frames, 6))], DT_S, 1.0) < np.inf

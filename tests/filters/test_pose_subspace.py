@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from filters.subspace import bridge, fit_subspace, hide_blocks, principal_components
+from filters.subspace import bridge, fit_subspace, hide_blocks, noise_share, principal_components, white_variance
 
 
 def low_rank(rng, *, n_frames=300, n_markers=8, rank=3, noise=1e-3, amplitudes=None):
@@ -92,6 +92,35 @@ def test_the_residual_is_what_hidden_markers_miss():
     np.testing.assert_array_equal(sd, np.repeat(sd[:, :1], 3, axis=1))
     assert (sd > 1.5e-3).all()
     assert (sd < 4e-3).all()
+
+
+def test_white_noise_is_told_from_what_lasts():
+    """Sinusoids of 40 frames a period beside noise of half their variance: the parabola is off by (2 pi / 40)^4 of it.
+
+    The standard error of two lags with 3000 frames of 12 columns is 2 % of the noise.
+    """
+    rng = np.random.default_rng(21)
+    t = np.arange(3000)[:, None]
+    lasts = np.sqrt(2) * np.sin(2 * np.pi * (t / 40 + rng.random(12)))
+    series = lasts + np.sqrt(0.5) * rng.normal(size=lasts.shape)
+    series[rng.random(series.shape) < 0.3] = np.nan
+    assert white_variance(series) == pytest.approx(0.5, rel=0.08)
+    assert noise_share(series, np.full(3, 1.0)) == pytest.approx(0.5 / 1.5, rel=0.08)
+    assert noise_share(series, np.full(3, 0.3)) == pytest.approx(0.09 / 1.5, rel=0.02)  # no more than was stated
+    assert noise_share(series, np.full(3, np.nan)) == 0.0
+
+
+def test_the_residual_is_without_the_noise_of_the_measurements():
+    """A residual that lasts, each column at its own period, beside noise of 2 mm: the square of that is taken out."""
+    rng = np.random.default_rng(22)
+    y, _, _ = low_rank(rng, noise=2e-3)
+    t, period = np.arange(len(y))[:, None], rng.uniform(40, 90, y.shape[1])
+    y = y + 2e-3 * np.sqrt(2) * np.sin(2 * np.pi * (t / period + rng.random(y.shape[1])))
+    with_noise, without = (
+        fit_subspace(y, ranks=(3,), block=10, rng=np.random.default_rng(1), sd=np.full((len(y), 8), sd))[0].residual_sd
+        for sd in (0.0, 2e-3)
+    )
+    assert np.mean(with_noise**2) - np.mean(without**2) == pytest.approx(2e-3**2, rel=0.15)  # white: 1000s of samples
 
 
 def test_hidden_blocks_are_blocks_of_what_was_seen():

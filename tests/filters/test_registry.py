@@ -8,6 +8,7 @@ import pytest
 
 from filters.anatomy import Anatomy
 from filters.hidden_gaps import Effort, hidden_gaps, mixed
+from filters.models.articulated import ArticulatedSettings
 from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.delayed_poses import DelaySettings
@@ -19,6 +20,7 @@ from tests.filters.test_gaps_in_trials import trial_of
 
 POSE = PoseSettings(ranks=(2,), mechanics="linear", weight=1 / 3)
 EXAMPLES = {
+    "articulated": ArticulatedSettings(pose=POSE),
     "constant velocity": MarkerSettings(acceleration=0.1),
     "delayed poses": DelaySettings(ranks=(2,), views=("body",)),
     "lasting acceleration": LastingSettings(memory=2.0),
@@ -49,7 +51,7 @@ def test_every_model_fills_what_is_missing(name):
     shown = replace(trial, xyz_m=xyz)
     observations = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
     shares = []
-    trials = TrialSet([trial_of(1), shown], Anatomy((0, 1, 2, 3)))
+    trials = TrialSet([trial_of(1), shown], Anatomy((0, 1, 2, 3), ((3, 4), (4, 5), (3, 6), (6, 7))))
     found = estimate(EXAMPLES[name], trials, observations, progress=shares.append)
     assert np.isfinite(found.xyz_m[40:60, 5]).all()
     assert (np.linalg.eigvalsh(found.cov_m2[40:60, 5]) > 0).all()

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from filters.joint_types import articulation, undetermined
 from filters.records import TrackedMotion
 from mocap.errors import MocapError
 from mocap.moving import without_rates
-from mocap.pipeline.articulated import articulation, undetermined
 from mocap.pipeline.run import Run
 from mocap.records import marker_tracks
 from mocap.results.mjcf import mjcf_text
+from mocap.results.osim import osim_text
 from mocap.skeleton import Bone, Skeleton
 
 NAMES = ("a", "b", "c", "shoulder", "elbow", "wrist", "tip")
@@ -174,3 +175,42 @@ def tracked_arm():
         report={},
         report_text="",
     )
+
+
+def test_the_opensim_model_is_the_animal_of_the_mjcf_file(tracked_arm):
+    """Markers in the pose at rest, masses and kinds of joints are those of the other file; frames are orthonormal."""
+    model = ElementTree.fromstring(osim_text(tracked_arm)).find("Model")
+    other = ElementTree.fromstring(mjcf_text(tracked_arm))
+    frames = {f.get("name"): f for f in model.iter("PhysicalOffsetFrame")}
+    rest = {"/bodyset/trunk": np.zeros(3)}
+    for joint in model.find("JointSet/objects"):
+        ends = [frames[joint.findtext(f"socket_{end}_frame")] for end in ("parent", "child")]
+        if joint.tag == "FreeJoint":
+            continue
+        assert ends[0].findtext("orientation") == ends[1].findtext("orientation")  # at rest nothing is turned
+        at = np.array(ends[0].findtext("translation").split(), dtype=float)
+        rest[ends[1].findtext("socket_parent")] = rest[ends[0].findtext("socket_parent")] + at
+    places = {
+        m.get("name"): rest[m.findtext("socket_parent_frame")] + np.array(m.findtext("location").split(), dtype=float)
+        for m in model.iter("Marker")
+    }
+    expected = {}
+
+    def walk(body, start):
+        here = start + np.array(body.get("pos").split(), dtype=float)
+        for site in body.findall("site"):
+            expected[site.get("name")] = here + np.array(site.get("pos").split(), dtype=float)
+        for inner in body.findall("body"):
+            walk(inner, here)
+
+    walk(other.find("worldbody/body"), np.zeros(3))
+    assert set(places) == set(expected)
+    for name, at in places.items():
+        np.testing.assert_allclose(at, expected[name], atol=1e-7)
+    masses = {b.get("name"): float(b.findtext("mass")) for b in model.iter("Body")}
+    assert masses == {g.get("name"): float(g.get("mass")) for g in other.iter("geom")}
+    kinds = {"ball": "BallJoint", "hinge": "PinJoint"}
+    for body in other.iter("body"):
+        turns = [joint.get("type") for joint in body.findall("joint")]
+        if len(turns) == 1:
+            assert model.find(f"JointSet/objects/*[@name='{body.get('name')}_joint']").tag == kinds[turns[0]]

@@ -53,6 +53,18 @@ def test_encodings(tmp_path, encoding, end):
     assert any("Windows-1252" in finding for finding in recording.findings) == (encoding == "cp1252")
 
 
+@pytest.mark.parametrize("title", ["time (s)", "Zeit (s)", "Zeit [s]", "t_s", "temps", "Tiempo", "tempo"])
+@pytest.mark.parametrize("titles", ["Hüfte X,Hüfte Y,Hüfte Z", "Hüfte cam1 X,Hüfte cam1 Y"])
+def test_times_in_other_languages(tmp_path, titles, title):
+    """A column of seconds at 1/250 s is 250 frames a second under each title, and no marker."""
+    path = tmp_path / "Übersicht.csv"
+    columns = 1 + titles.count(",")
+    rows = [",".join([f"{k / 250}", *("1" * columns)]) for k in range(3)]
+    path.write_text("\n".join([f"{title},{titles}", *rows, ""]), encoding="utf-8")
+    assert read(path).fps == pytest.approx(250)
+    assert read(path).names == ("Hüfte",)
+
+
 def test_a_letter_far_down_is_seen(tmp_path):
     """A table that is ASCII for a megabyte, then Windows-1252."""
     path = tmp_path / "x.csv"

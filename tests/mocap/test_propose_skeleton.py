@@ -115,7 +115,8 @@ def test_the_file_is_the_skeleton(tmp_path):
     files = write_recording(recording, tmp_path, others=True)
     found = propose_skeleton(prepare(Recording(tracks=files["points"], fps=recording.fps)))
     path = tmp_path / "found.toml"
-    for text, encoding in ((found.text, "utf-8"), (skeleton_text(found.skeleton), "utf-8"), (found.text, "utf-16")):
+    written = [(found.text, "utf-8"), (skeleton_text(found.skeleton), "utf-8"), (found.text, "utf-16")]
+    for text, encoding in (*written, ("# Flügel\n" + found.text, "cp1252")):  # > of PowerShell and of cmd on Windows
         path.write_bytes(text.replace("\n", "\r\n").encode(encoding))
         assert read_skeleton(path) == found.skeleton
     for word in ("mm, varies by", "bends from", "read it, correct it"):

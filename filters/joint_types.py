@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from filters.anatomy import anatomy_of
+from filters.anatomy import Limb, anatomy_of
 from mocap.arrays import Array
 from mocap.skeleton import Skeleton
 
@@ -79,12 +79,16 @@ def articulation(
         skeleton: Rigid bones and trunk.
         rotation: (T, 3, 3) axes of the trunk in the world.
     """
-    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid)
     if not skeleton.trunk:
         return []
     body = np.einsum("tji,tmj->tmi", rotation, xyz_m)
+    return joints_of(names, body, sd_m, anatomy_of(names, skeleton.trunk, skeleton.rigid).limbs)
+
+
+def joints_of(names: Sequence[str], body: Array, sd_m: Array, limbs: Sequence[Limb]) -> list[Articulation]:
+    """The joints of limbs, from markers (T, M, 3) in the axes of the trunk."""
     out = []
-    for limb in anatomy.limbs:
+    for limb in limbs:
         inner = dict(zip(limb.children, limb.parents, strict=True))
         for child, centre in zip(limb.children, limb.parents, strict=True):
             found = _joint(names, body, sd_m, inner, child, centre)

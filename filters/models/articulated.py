@@ -1,0 +1,409 @@
+"""What the articulated model learns from trials: segments and joints, and how joint angles move."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from filters.anatomy import Anatomy, Limb
+from filters.joint_types import Articulation, joints_of
+from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from filters.models.limbs import held_together, known_poses, sides
+from filters.models.pose import PoseSettings, held_by, learn_pose, recorded_motion
+from filters.motion.articulated import ArticulatedMotion
+from filters.motion.pose import PoseMotion
+from filters.motion.potential import PosePotential
+from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, residual_rate, shapes_of
+from filters.subspace import PoseSubspace
+from filters.tree import FittedPoses, Tree, fit_poses
+from mocap.arrays import Array
+from mocap.body import BodyFrames, smooth_series
+from mocap.errors import MocapError
+
+KNOWN = 0.97
+"""An angle is a sample where a frame leaves less than 3 % of the variance of a radian: 10 degrees."""
+SKIN = 0.03
+"""Markers slip by about that share of a segment, before it is known by how much."""
+MOST = 0.8
+"""A frame that shows a larger share of the angles is what a filter starts at."""
+LEAST_FRAMES = 20
+FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
+ANGLES = PoseSettings(ranks=(8,), regression=0.0, bones=0.0, body=1.0)
+"""How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
+OF_OU = np.log(2) / 1.678
+"""Rates of processes that lose half of their memory in the same time: of the first order over Matern-3/2."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArticulatedSettings(TrajectoryModel):
+    """Choices of the articulated model.
+
+    Attributes:
+        pose: How joint angles move, as the pose model's settings for marker coordinates; without bones, whose length
+            the segments keep, and without the regression on other markers.
+        slip: Factor on the deviation of markers' places on their segments.
+    """
+
+    pose: PoseSettings = ANGLES
+    slip: float = 1.0
+
+    @property
+    def description(self) -> str:
+        """Segments and joints, and what holds them."""
+        return f"articulated segments, {self.pose.description.replace('limbs', 'joint angles')}"
+
+    def tuned(self, trials: TrialSet) -> "ArticulatedSettings":
+        """With the covariance of a regression, if there is one."""
+        return replace(self, pose=self.pose.tuned(trials))
+
+    def fit(self, trials: TrialSet) -> FittedMotion:
+        """Find joints and lengths, fit the angles of each frame, learn how they move.
+
+        Raises:
+            MocapError: no bones are known by which segments could hang on each other.
+        """
+        model = learn_articulated(trials.trials, trials.anatomy, self)
+        model = replace(model, regression=self.pose.regressed(trials))
+        return FittedMotion(model, trials.trials[-1].t_s, self.pose.passes)
+
+
+@dataclass(frozen=True, eq=False)
+class Build:
+    """Which segment hangs where, the same in all trials.
+
+    Attributes:
+        root: Markers of the root.
+        limbs: Segments that hang on it, from it outward.
+        child: (J,) marker at the outer end of each segment.
+        centre: (J,) marker at its joint.
+        rest: (J, 3) direction of each segment at rest, in the axes of the root.
+        axes: Axes (k, 3) of each joint.
+        mirrored: Whether joints of one side have the mirrored axes of the other's.
+    """
+
+    root: tuple[int, ...]
+    limbs: list[Limb]
+    child: NDArray[np.int64]
+    centre: NDArray[np.int64]
+    rest: Array
+    axes: list[Array]
+    mirrored: bool
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        """(F,) coordinates among three a joint."""
+        return np.concatenate([3 * j + np.arange(len(axes)) for j, axes in enumerate(self.axes)])
+
+
+def rooted(anatomy: Anatomy) -> Anatomy:
+    """An animal without a trunk, a chain, hangs on the marker in its middle: nearest to the farthest along the bones.
+
+    Raises:
+        MocapError: there are no bones.
+    """
+    if anatomy.limbs:
+        return anatomy
+    if not anatomy.bones:
+        raise MocapError(
+            "the articulated model needs rigid bones that hang on the trunk, and the skeleton states none: add them, "
+            "or let `mocap skeleton` propose them"
+        )
+    ends = sorted({end for bone in anatomy.bones for end in bone})
+    chains = [replace(anatomy, trunk=(end,)).limbs for end in ends]
+    reached = [sum(len(limb.children) for limb in limbs) for limbs in chains]
+    deepest = [max(_depths(limbs)) if limbs else 0 for limbs in chains]
+    middle = min(range(len(ends)), key=lambda i: (-reached[i], deepest[i]))
+    return replace(anatomy, trunk=(ends[middle],))
+
+
+def _depths(limbs: Sequence[Limb]) -> list[int]:
+    out = [0]
+    for limb in limbs:
+        depth: dict[int, int] = {}
+        for child, parent in zip(limb.children, limb.parents, strict=True):
+            depth[child] = depth.get(parent, 0) + 1
+        out += depth.values()
+    return out
+
+
+def find_build(body: Array, sd_m: Array, anatomy: Anatomy, chain: bool) -> Build:
+    """Joints and their axes, from markers (N, M, 3) of all trials in axes of the body."""
+    limbs = anatomy.limbs
+    child = np.array([c for limb in limbs for c in limb.children])
+    centre = np.array([p for limb in limbs for p in limb.parents])
+    bones = body[:, child] - body[:, centre]
+    size = np.linalg.norm(bones, axis=-1, keepdims=True)
+    unit = np.where(np.isfinite(size) & (size > 0), bones / np.where(size > 0, size, 1.0), np.nan)
+    count = np.isfinite(unit[..., 0]).sum(axis=0)
+    rest = np.nansum(unit, axis=0)
+    rest[count == 0] = (1.0, 0.0, 0.0)
+    rest /= np.maximum(np.linalg.norm(rest, axis=1, keepdims=True), 1e-9)
+    names = [str(m) for m in range(body.shape[1])]
+    found = {int(joint.child): joint for joint in joints_of(names, body, sd_m, limbs)}
+    kinds = {int(c): "universal" if chain or int(c) not in found else found[int(c)].kind for c in child}
+    index = {int(c): j for j, c in enumerate(child)}
+    mirror = _mirror(body, anatomy)
+    other = {c: index[anatomy.mirror[c]] for c in index if mirror is not None and anatomy.mirror[c] in index}
+    axes: list[Array] = [np.zeros((0, 3))] * len(child)
+    for c, j in index.items():
+        twin = other.get(c, j)
+        if twin < j and mirror is not None:
+            rest[j], axes[j] = mirror @ rest[twin], -axes[twin] @ mirror.T
+            continue
+        kind = kinds[c]
+        if twin != j and mirror is not None:
+            rest[j] += mirror @ rest[twin]
+            rest[j] /= np.linalg.norm(rest[j])
+            kind = max(kind, kinds[int(child[twin])], key=FREE.__getitem__)
+        axes[j] = _axes(kind, rest[j], rest[index[int(centre[j])]] if int(centre[j]) in index else None, found.get(c))
+    return Build(anatomy.trunk, limbs, child, centre, rest, axes, mirror is not None)
+
+
+def _mirror(body: Array, anatomy: Anatomy) -> Array | None:
+    """(3, 3) reflection of the root's axes that takes one side to the other; None: not known, or sides not alike."""
+    seen = np.isfinite(body[..., 0]).any(axis=0)
+    if not anatomy.mirror or not seen.all():
+        return None
+    turn = sides(np.nanmean(body, axis=0).ravel(), anatomy)
+    return None if turn is None else turn.T
+
+
+def _axes(kind: str, rest: Array, before: Array | None, found: Articulation | None) -> Array:
+    """(k, 3) axes of a joint: across the segment at rest, of a ball along it as well, of a hinge across both."""
+    if kind == "hinge" and found is not None:
+        normal = found.axis if before is None else np.cross(before, rest)
+        if np.linalg.norm(normal) < 0.1:
+            normal = found.axis
+        normal = normal - (normal @ rest) * rest
+        return (normal / np.linalg.norm(normal))[None]
+    first = np.cross(rest, np.eye(3)[np.argmin(np.abs(rest))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(rest, first), rest])[: FREE[kind]]
+
+
+def tree_of(build: Build, body: Array, sd_m: Array, usual: Array) -> Tree:
+    """The animal of one trial, with its own lengths and places of the root's markers.
+
+    A length is the root of the mean squared distance less what the noise of both ends adds to that.
+
+    Args:
+        build: Its joints.
+        body: (T, M, 3) markers in axes of the body.
+        sd_m: (T, M) their noise.
+        usual: (J,) lengths for segments that are hardly seen.
+    """
+    length, _ = lengths(build, body, sd_m)
+    length = np.where(np.isfinite(length), length, usual)
+    place = np.zeros((body.shape[1], 3))
+    seen = np.isfinite(body[..., 0]).any(axis=0)
+    place[seen] = np.nanmean(body[:, seen], axis=0)
+    segment = np.zeros(body.shape[1], dtype=np.int64)
+    segment[build.child] = np.arange(len(build.child)) + 1
+    place[build.child] = length[:, None] * build.rest
+    joint = np.concatenate([np.full(len(axes), j) for j, axes in enumerate(build.axes)]).astype(np.int64)
+    return Tree(
+        parent=segment[build.centre],
+        joint_m=place[build.centre],
+        axes=np.concatenate(build.axes),
+        joint=joint,
+        segment=segment,
+        place_m=place,
+    )
+
+
+def lengths(build: Build, body: Array, sd_m: Array) -> tuple[Array, Array]:
+    """(J,) lengths of the segments, NaN where hardly seen, and standard errors: neighbouring frames err alike."""
+    away = body[:, build.child] - body[:, build.centre]
+    squared = np.sum(away**2, axis=-1) - 3 * (sd_m[:, build.child] ** 2 + sd_m[:, build.centre] ** 2)
+    count = np.isfinite(squared).sum(axis=0)
+    mean = np.where(count > 0, np.nansum(squared, axis=0) / np.maximum(count, 1), np.nan)
+    spread = np.sqrt(np.nansum((squared - mean) ** 2, axis=0) / np.maximum(0.1 * count**2, 1))
+    length = np.sqrt(np.where((count >= LEAST_FRAMES) & (mean > 0), mean, np.nan))
+    return length, spread / (2 * length)
+
+
+def learn_articulated(
+    trials: Sequence[MarkerTrial], anatomy: Anatomy, settings: ArticulatedSettings
+) -> ArticulatedMotion:
+    """Learn the model from trials, for tracking the last one."""
+    pose, tree_anatomy = settings.pose, rooted(anatomy)
+    poses = poses_of(trials, anatomy.trunk, body_hz=pose.body_hz, rotating=pose.rotating)
+    body = [trial.y.reshape(len(trial.y), -1, 3) for trial in poses]
+    noise = [trial.sd_m for trial in trials]
+    build = find_build(np.concatenate(body), np.concatenate(noise), tree_anatomy, chain=not anatomy.limbs)
+    usual, _ = lengths(build, np.concatenate(body), np.concatenate(noise))
+    usual = np.where(np.isfinite(usual), usual, np.nanmedian(usual))
+    skin = SKIN * float(np.median(usual))
+    build, trees, found = _with_riders(build, usual, body, noise, skin)
+    slipped = [_slip(*parts) for parts in zip(trees, found, body, strict=True)]
+    places = [_mean(one) for one in slipped]
+    tree = replace(trees[-1], place_m=trees[-1].place_m + places[-1])
+    left = [one - place for one, place in zip(slipped, places, strict=True)]
+    arms, columns = _arms(tree), build.columns
+    paths = [_path(trial.frames, fitted, trial.dt_s) for trial, fitted in zip(poses, found, strict=True)]
+    turned = [
+        PoseTrial(t_s=trial.t_s, frames=path, y=_samples(fitted, arms, columns, 3 * len(build.child)))
+        for trial, path, fitted in zip(poses, paths, found, strict=True)
+    ]
+    shapes = shapes_of(turned, ranks=pose.ranks)
+    wide = learn_pose(turned, replace(pose, potential="none"), shapes=shapes)
+    held = _potentials(build, tree_anatomy, wide, turned, shapes, pose)
+    sd, own = _skin(left, noise, tree), wide.subspace
+    counts = np.repeat([len(axes) for axes in build.axes], [len(axes) for axes in build.axes])
+    subspace = PoseSubspace(
+        mean=own.mean[columns],
+        basis=own.basis[columns],
+        residual_sd=own.residual_sd[columns] * np.sqrt(3 / counts),  # of three columns a joint some are empty
+    )
+    known = {f.name: getattr(wide, f.name) for f in fields(PoseMotion) if f.init}
+    return ArticulatedMotion(
+        **known
+        | {
+            "name": "articulated",
+            "farthest": ArticulatedMotion.farthest,
+            "subspace": subspace,
+            "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
+            "tree": tree,
+            "arm_m": arms,
+            "start": _start(shapes, columns),
+            "ends": np.stack([build.centre, build.child], axis=1),
+            "length_m": np.linalg.norm(trees[-1].place_m[build.child], axis=1),
+            "length_sd_m": lengths(build, body[-1], noise[-1])[1],
+            "slip_sd": settings.slip * sd,
+            "slip_rate_hz": OF_OU * residual_rate([one.reshape(len(one), -1) for one in left], poses[-1].dt_s),
+        }
+    )
+
+
+def _start(shapes: Shapes, columns: NDArray[np.int64]) -> Array:
+    """(2r + F,) z, zdot and e of the last trial's first frame; zeros where it shows less than most of the angles."""
+    left = shapes.residual[-1][0, columns]
+    start = np.concatenate([shapes.z[-1][0], shapes.rate[-1][0], np.nan_to_num(left)])
+    return start if np.isfinite(left).mean() > MOST else np.zeros_like(start)
+
+
+def _with_riders(
+    build: Build, usual: Array, body: Sequence[Array], noise: Sequence[Array], skin_m: float
+) -> tuple[Build, list[Tree], list[FittedPoses]]:
+    """Trees with all markers, and the poses that fit; those that no bone joins ride on the segment they keep place on.
+
+    A segment that carries one turns about its own axis as well.
+    """
+    trees = [tree_of(build, y, sd, usual) for y, sd in zip(body, noise, strict=True)]
+    riders = np.setdiff1d(np.arange(body[0].shape[1]), [*build.root, *build.child])
+    shown = [np.where(np.isin(np.arange(y.shape[1]), riders)[:, None], np.nan, y) for y in body]
+    found = [fit_poses(t, y, np.hypot(sd, skin_m)) for t, y, sd in zip(trees, shown, noise, strict=True)]
+    if not len(riders):
+        return build, trees, found
+    local = [_carried(*parts, riders) for parts in zip(trees, found, body, strict=True)]
+    spread = np.nansum([np.nansum((one - _mean(one)) ** 2, axis=(0, 3)) for one in local], axis=0)  # (riders, J + 1)
+    on = np.argmin(spread, axis=1)
+    axes = [np.vstack([of, build.rest[j]]) if len(of) == 2 and j + 1 in on else of for j, of in enumerate(build.axes)]
+    build = replace(build, axes=axes)
+    trees = [tree_of(build, y, sd, usual) for y, sd in zip(body, noise, strict=True)]
+    every = np.arange(len(riders))
+    usually = _mean(np.concatenate(local))[every, on]
+    for tree, one in zip(trees, local, strict=True):
+        seen = np.asarray(np.isfinite(one[:, every, on, 0]).any(axis=0))
+        tree.segment[riders], tree.place_m[riders] = on, np.where(seen[:, None], _mean(one)[every, on], usually)
+    return build, trees, [fit_poses(t, y, np.hypot(sd, skin_m)) for t, y, sd in zip(trees, body, noise, strict=True)]
+
+
+def _mean(values: Array) -> Array:
+    """Over frames, the first axis; 0 where nothing is seen."""
+    seen = np.isfinite(values)
+    return np.where(seen, values, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+
+
+def _inside(fitted: FittedPoses, body: Array) -> Array:
+    """(T, M, 3) markers in axes of the root."""
+    return (body - fitted.shift_m[:, None]) @ fitted.rotation
+
+
+def _carried(tree: Tree, fitted: FittedPoses, body: Array, markers: NDArray[np.int64]) -> Array:
+    """(T, m, J + 1, 3) where on each segment some markers are."""
+    posed = tree.pose(fitted.angles)
+    away = _inside(fitted, body)[:, markers, None] - posed.origin[:, None]
+    return np.einsum("tsji,tmsj->tmsi", posed.rotation, away)
+
+
+def _slip(tree: Tree, fitted: FittedPoses, body: Array) -> Array:
+    """(T, M, 3) how far each marker is from its place, in axes of its segment."""
+    posed = tree.pose(fitted.angles)
+    away = _inside(fitted, body) - tree.markers(posed)
+    return np.einsum("tmji,tmj->tmi", posed.rotation[:, tree.segment], away)
+
+
+def _skin(left: Sequence[Array], noise: Sequence[Array], tree: Tree) -> Array:
+    """(M,) standard deviation of a marker's slip: what fits leave, with the freedoms that they took, less the noise.
+
+    Half of it is what most markers leave: fits through few markers leave little of each.
+    """
+    squares = _mean(np.concatenate(left) ** 2).mean(axis=1)
+    taken = 3 * len(squares) / max(3 * len(squares) - len(tree.axes) - 6, len(squares))
+    variance = taken * 0.5 * (squares + np.median(squares))
+    measured = np.nan_to_num(np.nanmedian(np.concatenate(noise))) ** 2
+    return np.sqrt(np.maximum(variance - measured, 0.05 * variance) + 1e-14)
+
+
+def _arms(tree: Tree) -> Array:
+    """(F,) root mean square distance of the markers that a coordinate carries from its joint."""
+    posed = tree.pose(np.zeros((1, len(tree.axes))))
+    away = tree.markers(posed)[0] - posed.origin[0, tree.joint + 1][:, None]
+    squares = np.sum(away**2, axis=-1) * tree.carries
+    return np.sqrt(np.maximum(squares.sum(axis=1) / np.maximum(tree.carries.sum(axis=1), 1), 1e-12))
+
+
+def _samples(fitted: FittedPoses, arms: Array, columns: NDArray[np.int64], width: int) -> Array:
+    """(T, 3J) angles in arc length, NaN where not known; three columns a joint, of which it may leave some at 0."""
+    out = np.zeros((len(fitted.angles), width))
+    out[:, columns] = np.where(fitted.known[:, 6:] > KNOWN, fitted.angles * arms, np.nan)
+    return out
+
+
+def _path(frames: BodyFrames, fitted: FittedPoses, dt_s: float) -> BodyFrames:
+    """Frames of the root: of the body, and what fitted poses add to that, smoothed."""
+    known = (fitted.known[:, 3:6].min(axis=1) > KNOWN).astype(float)
+    if known.sum() < LEAST_FRAMES:
+        return frames
+    away = np.hstack([fitted.shift_m, Rotation.from_matrix(fitted.rotation).as_rotvec()])
+    away = smooth_series(away, known, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
+    return BodyFrames(
+        rotation=frames.rotation @ Rotation.from_rotvec(away[:, 3:]).as_matrix(),
+        position_m=frames.position_m + (frames.rotation @ away[:, :3, None])[..., 0],
+    )
+
+
+def _potentials(
+    build: Build,
+    anatomy: Anatomy,
+    model: PoseMotion,
+    trials: Sequence[PoseTrial],
+    shapes: Shapes,
+    settings: PoseSettings,
+) -> list[PosePotential]:
+    """A potential of the joint angles of each limb, or of these and their velocities; of both sides alike."""
+    if settings.potential == "none":
+        return []
+    motion = recorded_motion(trials, shapes, least_known=settings.least_known)
+    pose, rate = known_poses(shapes, settings.least_known)
+    joint = {int(c): j for j, c in enumerate(build.child)}
+
+    def chosen(limb: Limb) -> Array:
+        columns = [3 * joint[c] + k for c in limb.children for k in range(len(build.axes[joint[c]]))]
+        return np.eye(pose.shape[1])[columns]
+
+    out = []
+    for limb in build.limbs:
+        maps, other = [chosen(limb)], anatomy.mirrored(limb) if build.mirrored else None
+        if not len(maps[0]):
+            continue
+        if other is not None and all(c in joint for c in other.children) and len(chosen(other)) == len(maps[0]):
+            maps.append(chosen(other))
+        tau_s = motion.tau_s if "motion" in settings.potential else None
+        learn = partial(held_by, settings=settings, rate=settings.weight / motion.tau_s)
+        out.append(held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn))
+    return out

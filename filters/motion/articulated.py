@@ -1,0 +1,169 @@
+"""Motion of an animal of rigid segments: joint angles in place of marker positions are the state."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from filters.ensemble import Gaussian, default_points
+from filters.motion.pose import PoseMotion
+from filters.tree import Posed, Tree, left_jacobian, skew
+from mocap.arrays import Array
+
+NEAR = 0.2
+"""A pose that was fitted is known by so much better than the motion: what it says is not counted again."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArticulatedMotion(PoseMotion):
+    """State [z (r), zdot (r), g (6), e (F), s (3M), gdot (6), edot (F)].
+
+    What ``PoseMotion`` says of marker coordinates holds of the F joint angles, each in arc length: angle * arm =
+    mean + basis z + e. So z is what joints do together, with mechanics that were learned, and e what each does by
+    itself, a Matern-3/2 process of its own variance. The root moves near its path as the body does. Segments keep their
+    length; each marker slips on its own by s, a stationary process of the first order (Ornstein & Uhlenbeck 1930).
+    V_z is of angles and their velocities. It is kinematic: no masses, no energy.
+
+    Attributes:
+        tree: Segments and joints.
+        arm_m: (F,) what brings angles to arc length.
+        slip_sd: (M,) standard deviation of a marker's place on its segment.
+        slip_rate_hz: Rate at which it forgets, 1/s.
+        start: (2r + F,) z, zdot and e of the pose that was fitted to the first frame; zeros: it shows too little.
+        ends: (J, 2) markers at the joint and at the outer end of each segment.
+        length_m: (J,) lengths of the segments.
+        length_sd_m: (J,) their standard errors; NaN where a segment was hardly seen.
+    """
+
+    tree: Tree
+    arm_m: Array
+    slip_sd: Array
+    slip_rate_hz: float
+    start: Array
+    ends: NDArray[np.int64]
+    length_m: Array
+    length_sd_m: Array
+    name: str = "articulated"
+    farthest: float = 3.0
+    slip: slice = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Sizes: as of a pose, with the slip after what moves the markers."""
+        super().__post_init__()
+        start = self.reads
+        object.__setattr__(self, "slip", slice(start, start + 3 * len(self.slip_sd)))
+        object.__setattr__(self, "reads", self.slip.stop)
+        size = self.points.n + 3 * len(self.slip_sd)
+        object.__setattr__(self, "points", default_points(size))
+
+    @cached_property
+    def parts(self) -> tuple[slice, slice, slice, slice, slice]:
+        """Where [z, zdot], g, e, gdot and edot are."""
+        r, d, end = 2 * self.rank, len(self.subspace.mean), self.slip.stop
+        return slice(0, r), slice(r, r + 6), slice(r + 6, r + 6 + d), slice(end, end + 6), slice(end + 6, end + 6 + d)
+
+    def initial(self) -> Gaussian:
+        """Near the pose that was fitted to the first frame, else the mean pose with the deviations of the samples."""
+        left, sd, mean = self.subspace.residual_sd, np.zeros(self.points.n), np.zeros(self.points.n)
+        shape, g, e, g_rate, e_rate = self.parts
+        sd[shape], sd[g], sd[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
+        sd[e], sd[e_rate], sd[self.slip] = left, self.residual_rate_hz * left, np.repeat(self.slip_sd, 3)
+        if self.start.any():
+            mean[shape], mean[e] = np.split(self.start, [shape.stop])
+            sd[shape] *= NEAR
+        return Gaussian(mean, np.diag(sd))
+
+    def advance(self, states: Array, dt_s: float) -> Array:
+        """As a pose; slip is forgotten."""
+        out = super().advance(states, dt_s)
+        out[:, self.slip] *= np.exp(-self.slip_rate_hz * dt_s)
+        return out
+
+    def noise(self, dt_s: float) -> Array:
+        """As of a pose; of slip what keeps its variance."""
+        factor, index = super().noise(dt_s), np.arange(self.slip.start, self.slip.stop)
+        forgotten = np.sqrt(-np.expm1(-2 * self.slip_rate_hz * dt_s))
+        factor[index, index] = forgotten * np.repeat(self.slip_sd, 3)
+        return factor
+
+    def angles(self, states: Array) -> Array:
+        """(S, F) joint angles in radians."""
+        bent = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T + states[:, self.parts[2]]
+        return bent / self.arm_m
+
+    def angles_of(self, state: Gaussian) -> tuple[Array, Array]:
+        """Mean (F,) and standard deviation (F,) of the joint angles of a state."""
+        rows = self.subspace.basis @ state.factor[: self.rank] + state.factor[self.parts[2]]
+        return self.angles(state.mean[None])[0], np.linalg.norm(rows, axis=1) / self.arm_m
+
+    def _root(self, states: Array, frame: int) -> tuple[Array, Array]:
+        """(S, 3, 3) axes of the root in the world, and (S, 3) its position."""
+        g, frames = states[:, self.parts[1]], self.path.frames
+        return frames.rotation[frame] @ Rotation.from_rotvec(g[:, 3:]).as_matrix(), frames.position_m[frame] + g[:, :3]
+
+    def _inside(self, states: Array) -> tuple[Posed, Array]:
+        """Segments, and (S, M, 3) markers, in axes of the root."""
+        posed = self.tree.pose(self.angles(states))
+        return posed, self.tree.markers(posed, states[:, self.slip].reshape(len(states), -1, 3))
+
+    def markers(self, states: Array, frame: int) -> Array:
+        """Joint angles and slip, then to the world."""
+        turn, position = self._root(states, frame)
+        return self._inside(states)[1] @ np.swapaxes(turn, 1, 2) + position[:, None]
+
+    def deviations(self, state: Gaussian, frame: int) -> tuple[Array, Array]:
+        """As ``markers`` has them, linearised in closed form."""
+        g, factor = self.parts[1], state.factor[:, : self.reads]
+        inside, slopes = self._slopes(state.mean[None])
+        turn, position = self._root(state.mean[None], frame)
+        about = inside[0] @ turn[0].T
+        turned = self.path.frames.rotation[frame] @ left_jacobian(state.mean[g][3:]) @ factor[g][3:]
+        rows = turn[0] @ (slopes[0] @ factor) - skew(about) @ turned + factor[g][:3]
+        return about + position[0], np.ascontiguousarray(np.moveaxis(rows, 2, 0))
+
+    def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
+        """Velocities of the markers; as ``PoseMotion.rates`` with u of the joint angles.
+
+        u' = J q', J the derivative of u by q = (z, e, s); as second derivatives commute, du'/dq is the derivative of J
+        in the direction of q', here by central differences.
+        """
+        _, g, e, g_rate, e_rate = self.parts
+        r, path, n = self.rank, self.path, len(mean)
+        moving = np.zeros(n)
+        moving[:r], moving[e], moving[self.slip] = mean[r : 2 * r], mean[e_rate], -self.slip_rate_hz * mean[self.slip]
+        size = float(np.abs(moving).max())
+        step = 1e-6 / max(size, 1e-12)
+        pose, slopes = self._slopes(mean + step * np.array([[0.0], [1.0], [-1.0]]) * moving)
+        slope, bent = slopes[0], (slopes[1] - slopes[2]) / (2 * step)
+        turned = Rotation.from_rotvec(mean[g][3:]).as_matrix()
+        rotation = path.frames.rotation[frame]
+        whole, omega = rotation @ turned, path.rate_rad_s[frame] + mean[g_rate][3:]
+        pose_rate = slope @ moving @ turned.T
+        pose = pose[0] @ turned.T
+        velocity = (pose_rate + np.cross(omega, pose)) @ rotation.T + path.velocity_m_s[frame] + mean[g_rate][:3]
+        out = np.zeros((len(pose), 6, n))
+        position, speed = out[:, :3], out[:, 3:]
+        carried = rotation @ skew(omega) @ turned
+        position[:], speed[:] = whole @ slope, carried @ slope + whole @ bent
+        speed[:, :, r : 2 * r] = position[:, :, :r]
+        speed[:, :, e_rate] = position[:, :, e]
+        speed[:, :, self.slip] -= self.slip_rate_hz * position[:, :, self.slip]
+        here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
+        lever = skew(pose)
+        position[:, :, here] = speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
+        position[:, :, there] = speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
+        speed[:, :, there] = -rotation @ (skew(pose_rate) + skew(omega) @ lever)
+        return velocity, out
+
+    def _slopes(self, states: Array) -> tuple[Array, Array]:
+        """(S, M, 3) markers in axes of the root, and (S, M, 3, n) their derivative by z, e and s."""
+        posed, inside = self._inside(states)
+        out = np.zeros((*inside.shape, states.shape[1]))
+        by_arc = self.tree.jacobian(self.angles(states), posed, inside) / self.arm_m
+        out[..., : self.rank], out[..., self.parts[2]] = by_arc @ self.subspace.basis, by_arc
+        each = np.arange(inside.shape[1])
+        for column in range(3):
+            out[:, each, :, self.slip.start + 3 * each + column] = posed.rotation[:, self.tree.segment, :, column]
+        return inside, out

@@ -1,0 +1,189 @@
+"""An animal as a tree of rigid segments: where joint angles put its markers, and which angles fit markers best."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from mocap.arrays import Array
+
+AT_ONCE = 200
+"""Frames that are fitted at once."""
+
+
+class Posed(NamedTuple):
+    """Segments of S poses, in axes of the root.
+
+    Attributes:
+        rotation: (S, J + 1, 3, 3) axes of each segment; the root's are 1.
+        origin: (S, J + 1, 3) the joint that it hangs on.
+    """
+
+    rotation: Array
+    origin: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tree:
+    """Segment 0 is the root, segment j + 1 hangs by joint j on one before it. At rest all have the root's axes.
+
+    A joint turns its segment by the rotation vector sum angle * axis over its coordinates: three axes are a ball, two a
+    universal joint, one a hinge, none is fixed. Mirrored axes make mirrored motion the same angles.
+
+    Attributes:
+        parent: (J,) segment that each joint is on.
+        joint_m: (J, 3) where on it.
+        axes: (F, 3) orthonormal axes of each joint's coordinates, in the axes of the segment it is on.
+        joint: (F,) joint of each coordinate.
+        segment: (M,) segment that carries each marker.
+        place_m: (M, 3) where on it; from its joint, of the root from its origin.
+    """
+
+    parent: NDArray[np.int64]
+    joint_m: Array
+    axes: Array
+    joint: NDArray[np.int64]
+    segment: NDArray[np.int64]
+    place_m: Array
+
+    @cached_property
+    def carries(self) -> NDArray[np.bool_]:
+        """(F, M) whether a coordinate moves a marker."""
+        above = np.eye(len(self.parent) + 1, dtype=bool)  # a segment by itself or one that it hangs on
+        for joint, on in enumerate(self.parent):
+            above[joint + 1] |= above[on]
+        return above[self.segment][:, self.joint + 1].T
+
+    @cached_property
+    def _levels(self) -> list[NDArray[np.int64]]:
+        """Joints by how many others they hang on."""
+        depth = np.zeros(len(self.parent) + 1, dtype=np.int64)
+        for joint, on in enumerate(self.parent):
+            depth[joint + 1] = depth[on] + 1
+        return [np.flatnonzero(depth[1:] == level) for level in range(1, int(depth.max()) + 1)]
+
+    @cached_property
+    def _vectors(self) -> Array:
+        """(F, J, 3) the rotation vector that a unit of each coordinate adds to its joint."""
+        out = np.zeros((len(self.axes), len(self.parent), 3))
+        out[np.arange(len(self.axes)), self.joint] = self.axes
+        return out
+
+    def turns(self, angles: Array) -> Array:
+        """(S, J, 3) rotation vectors of the joints."""
+        return (angles @ self._vectors.reshape(len(self.axes), -1)).reshape(len(angles), -1, 3)
+
+    def pose(self, angles: Array) -> Posed:
+        """Segments where (S, F) angles have them."""
+        count, joints = len(angles), len(self.parent)
+        local = Rotation.from_rotvec(self.turns(angles).reshape(-1, 3)).as_matrix().reshape(count, joints, 3, 3)
+        rotation, origin = np.zeros((count, joints + 1, 3, 3)), np.zeros((count, joints + 1, 3))
+        rotation[:, 0] = np.eye(3)
+        for level in self._levels:
+            on = rotation[:, self.parent[level]]
+            rotation[:, level + 1] = on @ local[:, level]
+            origin[:, level + 1] = origin[:, self.parent[level]] + (on @ self.joint_m[level][..., None])[..., 0]
+        return Posed(rotation, origin)
+
+    def markers(self, posed: Posed, slip_m: Array | float = 0.0) -> Array:
+        """(S, M, 3) markers in axes of the root; ``slip_m`` (S, M, 3) is added to their places."""
+        place = np.broadcast_to(self.place_m + slip_m, (len(posed.origin), *self.place_m.shape))
+        return posed.origin[:, self.segment] + (posed.rotation[:, self.segment] @ place[..., None])[..., 0]
+
+    def jacobian(self, angles: Array, posed: Posed, markers: Array) -> Array:
+        """(S, M, 3, F) derivative of the markers by the angles.
+
+        A coordinate turns all that its joint carries about R_parent J_l(v) axis, J_l the left Jacobian of the joint's
+        rotation vector v (Chirikjian 2011, section 10.8).
+        """
+        about = posed.rotation[:, self.parent[self.joint]] @ left_jacobian(self.turns(angles))[:, self.joint]
+        axis = (about @ self.axes[..., None])[..., 0]
+        arm = markers[:, :, None] - posed.origin[:, None, self.joint + 1]
+        moved = np.where(self.carries.T[..., None], np.cross(axis[:, None], arm), 0.0)
+        return np.swapaxes(moved, 2, 3)
+
+
+def skew(v: Array) -> Array:
+    """(..., 3, 3) matrices of the cross product with (..., 3) vectors."""
+    x, y, z = np.moveaxis(np.asarray(v), -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+
+
+def left_jacobian(v: Array) -> Array:
+    """(..., 3, 3) of rotation vectors: exp(v + d) = exp(J d) exp(v) to first order."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
+    k = skew(v)
+    return np.eye(3) + first * k + second * k @ k
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPoses:
+    """Poses that fit markers best, frame by frame.
+
+    Attributes:
+        angles: (T, F) joint angles.
+        shift_m: (T, 3) position of the root, in the axes in which the markers were given.
+        rotation: (T, 3, 3) its axes.
+        known: (T, F + 6) 1 less the share of the prior variance that is left, of shift, turn and angles.
+    """
+
+    angles: Array
+    shift_m: Array
+    rotation: Array
+    known: Array
+
+
+def fit_poses(tree: Tree, xyz_m: Array, sd_m: Array, *, range_rad: float = 1.0, rounds: int = 20) -> FittedPoses:
+    """Least squares in each frame by itself: Gauss-Newton steps of at most half a radian.
+
+    Angles are drawn to rest by a prior of deviation ``range_rad``, so that what a frame does not determine stays there.
+
+    Args:
+        tree: The animal.
+        xyz_m: (T, M, 3) markers about a point near the root's origin, in axes near the root's; NaN where not seen.
+        sd_m: (T, M) their standard deviations.
+        range_rad: See above.
+        rounds: Steps.
+    """
+    starts = range(0, len(xyz_m), AT_ONCE)
+    parts = [_fit(tree, xyz_m[i : i + AT_ONCE], sd_m[i : i + AT_ONCE], range_rad, rounds) for i in starts]
+    return FittedPoses(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+
+
+def _fit(tree: Tree, xyz: Array, sd: Array, range_rad: float, rounds: int) -> tuple[Array, Array, Array, Array]:
+    count, freedoms = len(xyz), len(tree.axes)
+    angles, shift, rotation = np.zeros((count, freedoms)), np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
+    seen = np.isfinite(xyz[..., 0])
+    weight = np.where(seen, 1 / np.where(seen, sd, 1.0), 0.0)[..., None]
+    extent = max(float(np.abs(tree.place_m).max()), 1e-9)
+    prior = np.concatenate([np.full(3, extent), np.full(3, 1.0), np.full(freedoms, range_rad)]) ** -2.0
+    normal = np.zeros((count, freedoms + 6, freedoms + 6))
+    for _ in range(rounds):
+        posed = tree.pose(angles)
+        inside = tree.markers(posed)
+        turned = inside @ np.swapaxes(rotation, 1, 2)
+        slope = np.zeros((*turned.shape, freedoms + 6))
+        slope[..., :3], slope[..., 3:6] = np.eye(3), -skew(turned)
+        slope[..., 6:] = rotation[:, None] @ tree.jacobian(angles, posed, inside)
+        away = (weight * np.where(seen[..., None], xyz - turned - shift[:, None], 0.0)).reshape(count, -1)
+        slope = (weight[..., None] * slope).reshape(count, -1, freedoms + 6)
+        normal = np.swapaxes(slope, 1, 2) @ slope + np.diag(prior)
+        pull = np.einsum("tri,tr->ti", slope, away)
+        pull[:, 6:] -= prior[6:] * angles
+        pull[:, :3] -= prior[:3] * shift
+        step = np.linalg.solve(normal, pull[..., None])[..., 0]
+        step *= np.minimum(1.0, 0.5 / np.maximum(np.abs(step[:, 3:]).max(axis=1), 1e-12))[:, None]
+        shift, angles = shift + step[:, :3], angles + step[:, 6:]
+        rotation = Rotation.from_rotvec(step[:, 3:6]).as_matrix() @ rotation
+        if np.abs(step[:, 3:]).max() < 1e-6:
+            break
+    left = np.einsum("tii->ti", np.linalg.inv(normal)) * prior
+    return angles, shift, rotation, 1 - left

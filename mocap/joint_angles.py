@@ -1,0 +1,60 @@
+"""Joint angles that were the state of a filter, and the segments that they turn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from mocap.arrays import Array, frozen
+
+PARTS = {0: (), 1: ("bend",), 2: ("across_1", "across_2"), 3: ("across_1", "across_2", "twist")}
+"""What the coordinates of a joint are called, by how many it has."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointAngles:
+    """Joint angles over time; those of a joint are components of the rotation vector that turns its segment from rest.
+
+    Attributes:
+        names: (F,) ``<joint>_<end of the segment>_<part>``.
+        angle_rad: (T, F); NaN where the animal was not tracked.
+        sd_rad: (T, F) standard deviations: large where samples do not determine an angle.
+        segments: (J,) ``<joint> to <end>``.
+        length_m: (J,) lengths of the segments.
+        length_sd_m: (J,) their standard errors; NaN where a segment was hardly seen.
+    """
+
+    names: tuple[str, ...]
+    angle_rad: Array
+    sd_rad: Array
+    segments: tuple[str, ...]
+    length_m: Array
+    length_sd_m: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        shape = (len(self.angle_rad), len(self.names))
+        sizes = {"angle_rad": shape, "sd_rad": shape}
+        sizes |= dict.fromkeys(("length_m", "length_sd_m"), (len(self.segments),))
+        for name, size in sizes.items():
+            object.__setattr__(self, name, frozen(name, getattr(self, name), size))
+
+    def along(self, index: NDArray[np.int64]) -> "JointAngles":
+        """The frames of an index; -1: nothing is known of that frame."""
+        there = (index >= 0)[:, None]
+        angle, sd = (np.where(there, part[index], np.nan) for part in (self.angle_rad, self.sd_rad))
+        return replace(self, angle_rad=angle, sd_rad=sd)
+
+    def to_frame(self, t_s: Array) -> pd.DataFrame:
+        """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_deg`` and ``<name>_deg_sd``."""
+        table = {"frame": np.arange(1, len(t_s) + 1), "t_s": t_s}
+        for name, angle, sd in zip(self.names, np.degrees(self.angle_rad).T, np.degrees(self.sd_rad).T, strict=True):
+            table |= {f"{name}_deg": angle, f"{name}_deg_sd": sd}
+        return pd.DataFrame(table)
+
+
+def angle_names(ends: Sequence[tuple[str, str]], freedoms: Sequence[int]) -> tuple[str, ...]:
+    """Names of the coordinates of joints, each with the names of its marker and of the end of its segment."""
+    return tuple(f"{a}_{b}_{part}" for (a, b), k in zip(ends, freedoms, strict=True) for part in PARTS[k])

@@ -1,0 +1,192 @@
+"""The animal as a tree of segments: kinematics against SciPy and differences, angles of a linkage that is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from docs.tools.columns import undocumented
+from filters.anatomy import Anatomy
+from filters.ensemble import Gaussian
+from filters.models.articulated import ArticulatedSettings, learn_articulated, rooted
+from filters.models.base import TrialSet, estimate
+from filters.models.pose import PoseSettings
+from filters.motion.enforce import Term, enforce
+from filters.observations import PositionObservations
+from filters.poses import MarkerTrial
+from filters.tree import Tree, fit_poses
+from mocap.errors import MocapError
+from mocap.joint_angles import PARTS
+from mocap.pipeline.job import run_job
+from mocap.pipeline.prepare import prepare_tracks
+from mocap.records import MarkerTracks, Status
+from mocap.results.stored import read_run
+from mocap.results.tables import write_run
+from mocap.skeleton import skeleton_text
+from tests.mocap.test_articulated import LENGTHS, NAMES, SKELETON, arm
+
+ARM = Anatomy(trunk=(0, 1, 2, 3), bones=((3, 4), (4, 5), (5, 6)))
+DT_S, NOISE_M = 0.01, 2e-4
+
+
+def arm_trial(hidden=None, frames=240):
+    """An arm of a ball, a hinge and a wrist of two angles; its forearm is hidden in some frames."""
+    xyz, _ = arm(wrist=(30.0, 25.0), elbow_deg=60.0, n=frames)
+    shown = xyz.copy()
+    if hidden is not None:
+        shown[hidden, 5] = np.nan
+    sd = np.full(xyz.shape[:2], NOISE_M)
+    return xyz, MarkerTrial(name="arm", t_s=DT_S * np.arange(len(xyz)), xyz_m=shown, sd_m=sd)
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return learn_articulated([arm_trial()[1]], ARM, ArticulatedSettings())
+
+
+def small_tree(rng):
+    """A ball, a hinge on it, and a universal joint beside them."""
+    axes = [Rotation.from_rotvec(rng.normal(size=3)).as_matrix()[:n] for n in (3, 1, 2)]
+    return Tree(
+        parent=np.array([0, 1, 0]),
+        joint_m=rng.normal(size=(3, 3)),
+        axes=np.concatenate(axes),
+        joint=np.array([0, 0, 0, 1, 2, 2]),
+        segment=np.array([0, 1, 2, 2, 3]),
+        place_m=rng.normal(size=(5, 3)),
+    )
+
+
+def test_markers_are_products_of_rotations():
+    """The chain of rotations about stated axes, multiplied out by SciPy."""
+    rng = np.random.default_rng(0)
+    tree, q = small_tree(rng), rng.normal(size=6)
+    found = tree.markers(tree.pose(q[None]))[0]
+    ball = Rotation.from_rotvec(q[:3] @ tree.axes[:3])
+    hinge = ball * Rotation.from_rotvec(q[3] * tree.axes[3])
+    other = Rotation.from_rotvec(q[4:] @ tree.axes[4:])
+    elbow = tree.joint_m[0] + ball.apply(tree.joint_m[1])
+    expected = [
+        tree.place_m[0],
+        tree.joint_m[0] + ball.apply(tree.place_m[1]),
+        *(elbow + hinge.apply(tree.place_m[m]) for m in (2, 3)),
+        tree.joint_m[2] + other.apply(tree.place_m[4]),
+    ]
+    np.testing.assert_allclose(found, expected, atol=1e-13)
+
+
+def test_jacobian_is_that_of_differences():
+    """Central differences of the fourth decimal agree to their square."""
+    rng = np.random.default_rng(1)
+    tree, q, step = small_tree(rng), rng.normal(size=(1, 6)), 1e-5
+    posed = tree.pose(q)
+    found = tree.jacobian(q, posed, tree.markers(posed))[0]
+    for k in range(6):
+        ahead, back = (tree.markers(tree.pose(q + sign * step * np.eye(6)[k]))[0] for sign in (1, -1))
+        np.testing.assert_allclose(found[..., k], (ahead - back) / (2 * step), atol=1e-8)
+
+
+def test_fitted_angles_are_those_of_the_pose():
+    """Markers of known angles, turned and moved as a whole: all are found back where the prior is wide."""
+    rng = np.random.default_rng(2)
+    tree, q = small_tree(rng), 0.5 * rng.normal(size=(3, 6))
+    tree = replace(tree, segment=np.repeat([0, 1, 2, 3], 4), place_m=rng.normal(size=(16, 3)))
+    turn, shift = Rotation.from_rotvec([0.2, -0.3, 0.1]).as_matrix(), np.array([0.1, 0.2, -0.3])
+    found = fit_poses(tree, tree.markers(tree.pose(q)) @ turn.T + shift, np.full((3, 16), 1e-5))
+    np.testing.assert_allclose(found.angles, q, atol=1e-6)
+    np.testing.assert_allclose(found.rotation, np.tile(turn, (3, 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(found.shift_m, np.tile(shift, (3, 1)), atol=1e-6)
+    assert (found.known > 0.999).all()
+
+
+def test_deviations_and_rates_are_derivatives(learned):
+    """Rows of the markers and their velocities against differences of ``markers`` in the state and along its flow."""
+    rng, n = np.random.default_rng(3), learned.points.n
+    mean = 0.01 * rng.normal(size=n)
+    state = Gaussian(mean, np.tril(1e-6 * rng.normal(size=(n, n))) + 1e-6 * np.eye(n))
+    at, rows = learned.deviations(state, 5)
+
+    def markers(x, frame=5):
+        return learned.markers(x[None, : learned.reads], frame)[0]
+
+    np.testing.assert_allclose(at, markers(mean), atol=1e-14)
+    for k in range(0, learned.reads, 7):
+        column = state.factor[:, k]
+        np.testing.assert_allclose(rows[k], (markers(mean + column) - markers(mean - column)) / 2, atol=1e-12)
+    velocity, jacobian = learned.rates(mean, 5)
+    for k in range(0, n, 9):
+        step = 1e-5 * np.eye(n)[k]
+        np.testing.assert_allclose(jacobian[:, :3, k], (markers(mean + step) - markers(mean - step)) / 2e-5, atol=1e-7)
+        ahead, back = (learned.rates(mean + sign * step, 5)[0] for sign in (1, -1))
+        if k not in range(*learned.parts[1].indices(n)):  # the body's own turn is of first order there
+            np.testing.assert_allclose(jacobian[:, 3:, k], (ahead - back) / 2e-5, atol=1e-4)
+    assert np.isfinite(velocity).all()
+
+
+def test_segments_have_the_lengths_and_joints_of_the_linkage(learned):
+    """Lengths to half a percent, within four of their standard errors; a ball, a hinge and a universal joint."""
+    np.testing.assert_allclose(learned.length_m, LENGTHS, rtol=0.005)
+    np.testing.assert_array_equal(np.bincount(learned.tree.joint), [3, 1, 2])
+
+
+def test_angles_come_out_with_deviations_that_hold():
+    """The bend of the elbow is the linkage's; where the wrist is hidden the length of the forearm still holds it.
+
+    It keeps that to 1 mm, and less than half as far off as a pose model without bones.
+    """
+    hidden = slice(100, 125)
+    xyz, trial = arm_trial(hidden)
+    observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+    trials = TrialSet([trial], ARM)
+    found = estimate(ArticulatedSettings(), trials, observations)
+    assert found.angles is not None
+    bend, sd = found.angles[:, :, 3]
+    true = np.radians(60.0) + 0.5 * np.sin(1.3 * np.linspace(0, 4 * np.pi, len(xyz)))
+    miss = bend - true - np.median(bend - true)  # angles are counted from the mean pose
+    assert np.abs(miss).max() < np.radians(3.0)
+    assert sd[hidden].max() > 2 * np.median(sd)
+    rest = PoseSettings(ranks=(6,), regression=0.0, bones=0.0, potential="none")
+    other = estimate(rest, trials, observations)
+    apart = [np.linalg.norm(e.xyz_m[hidden, 5] - e.xyz_m[hidden, 4], axis=1) - LENGTHS[1] for e in (found, other)]
+    assert np.abs(apart[0]).max() < 1e-3, apart
+    assert np.abs(apart[0]).max() < 0.5 * np.abs(apart[1]).max(), apart
+
+
+def test_a_chain_without_a_trunk_hangs_on_its_middle():
+    """Of nine markers in a row the fifth."""
+    chain = Anatomy(trunk=tuple(range(9)), bones=tuple((k, k + 1) for k in range(8)))
+    assert rooted(chain).trunk == (4,)
+    with pytest.raises(MocapError, match="rigid bones"):
+        rooted(Anatomy(trunk=(0, 1, 2)))
+
+
+def test_a_potential_moves_a_state_no_further_than_it_was_linearised_for():
+    """A force of a million deviations moves it by three of them; one of 1 moves it by 1."""
+    state = Gaussian(np.zeros(2), np.diag([2.0, 3.0]))
+    for force, expected in ((1e6, 3.0), (1.0, 1.0)):
+        term = Term(np.zeros((2, 1)), np.zeros(1), np.array([force, 0.0]))
+        np.testing.assert_allclose(enforce(state, [term], farthest=3.0).mean, [2 * expected, 0.0])
+
+
+def test_angles_are_written_and_read(tmp_path):
+    """``model="articulated"``: the report names it, the table has angles in degrees, what is read is the same."""
+    _, trial = arm_trial(frames=60)
+    cov = np.tile(NOISE_M**2 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1))
+    status = np.full(trial.xyz_m.shape[:2], Status.MEASURED)
+    tracks = MarkerTracks(names=NAMES, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, status=status)
+    run, _ = run_job(prepare_tracks(tracks, SKELETON, name="arm"), model="articulated", validated=False)
+    assert run.report["model"]["name"] == "articulated"
+    assert run.angles is not None
+    assert run.angles.segments == ("shoulder to elbow", "elbow to wrist", "wrist to tip")
+    write_run(run, tmp_path, write_recording=None)
+    (tmp_path / "skeleton.toml").write_text(skeleton_text(SKELETON), encoding="utf-8")
+    table = pd.read_csv(tmp_path / "joint_angles.csv")
+    np.testing.assert_allclose(table["elbow_wrist_bend_deg"], np.degrees(run.angles.angle_rad[:, 3]), atol=1e-3)
+    again = read_run(tmp_path).angles
+    assert again is not None
+    assert again.names == run.angles.names
+    np.testing.assert_array_equal(again.sd_rad, run.angles.sd_rad)
+    words = {"joint": NAMES, "end": NAMES, "part": PARTS[1] + PARTS[3]}
+    assert not undocumented(table.columns, "joint_angles.csv", words)

@@ -185,7 +185,7 @@ def test_the_example_of_a_format_reads(tmp_path):
 
 def test_the_example_of_a_motion_model_fills_a_gap():
     """A marker that goes straight on is filled on its line."""
-    model = example("RestingSettings")["RestingSettings"]()
+    model = example("class RestingSettings")["RestingSettings"]()
     t_s = np.arange(40) / 100
     truth = np.stack([t_s, 2 * t_s, 0 * t_s], axis=1)[:, None] + np.array([[0.0, 0, 0], [0.1, 0, 0]])
     shown = truth.copy()

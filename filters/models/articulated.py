@@ -16,7 +16,7 @@ from filters.models.pose import PoseSettings, held_by, learn_pose, recorded_moti
 from filters.motion.articulated import ArticulatedMotion
 from filters.motion.pose import PoseMotion
 from filters.motion.potential import PosePotential
-from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, residual_rate, shapes_of
+from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, radian, residual_rate, shapes_of
 from filters.subspace import PoseSubspace
 from filters.tree import FittedPoses, Tree, fit_poses
 from mocap.arrays import Array
@@ -245,7 +245,12 @@ def learn_articulated(
     arms, columns = _arms(tree), build.columns
     paths = [_path(trial.frames, fitted, trial.dt_s) for trial, fitted in zip(poses, found, strict=True)]
     turned = [
-        PoseTrial(t_s=trial.t_s, frames=path, y=_samples(fitted, arms, columns, 3 * len(build.child)))
+        PoseTrial(
+            t_s=trial.t_s,
+            frames=path,
+            y=_samples(fitted, arms, columns, 3 * len(build.child)),
+            sd_m=np.zeros((len(path.rotation), len(build.child))),
+        )
         for trial, path, fitted in zip(poses, paths, found, strict=True)
     ]
     shapes = shapes_of(turned, ranks=pose.ranks)
@@ -273,7 +278,8 @@ def learn_articulated(
             "length_m": np.linalg.norm(trees[-1].place_m[build.child], axis=1),
             "length_sd_m": lengths(build, body[-1], noise[-1])[1],
             "slip_sd": settings.slip * sd,
-            "slip_rate_hz": OF_OU * residual_rate([one.reshape(len(one), -1) for one in left], poses[-1].dt_s),
+            "slip_rate_hz": OF_OU
+            * residual_rate([one.reshape(len(one), -1) for one in left], poses[-1].dt_s, radian(shapes)),
         }
     )
 

@@ -51,6 +51,8 @@ def moments(motion: Motion, skeleton: Skeleton, *, steps: Footfalls | None = Non
                 found += _of_joint(motion, part, skeleton, _standing(steps, part, motion))
         if reason:
             why[str(reason)].append(name)
+    if not skeleton.joints:
+        why["the skeleton has none"].append("joints")
     notes = [f"no moments of {', '.join(names)}: {reason}" for reason, names in why.items()]
     if any(isinstance(part, Distal) and part.feet for part in distal_parts(skeleton).values()):
         notes.append("no moments while a foot beyond the joint stands: the force of the ground is not known")

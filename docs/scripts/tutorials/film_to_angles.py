@@ -34,8 +34,7 @@ print(*sorted(path.name for path in (folder / "films").iterdir()))
 # A person's clicks
 # -----------------
 # Every marker in two cameras of one frame. ``mocap digitise --web`` opens a page to make them; a table of DLTdv with
-# one frame clicked is as good. Here they are taken from what the films show in frame 16, with a hand that trembles by
-# a pixel.
+# one frame clicked will do as well. Here they are simulated from frame 16, with clicking errors of about a pixel.
 
 shown = shown_pixels(*scene, start_s=flight.start_s)
 u_v = np.full_like(shown.uv_px, np.nan)
@@ -76,7 +75,7 @@ result = mocap.track(recording, model="constant_velocity", validate=False)
 result.plot.over_time("elbow_l_flexion_deg", "elbow_r_flexion_deg")
 
 # %%
-# How near to the truth? The films are synthetic, so we know.
+# How close to the truth? The films are synthetic, so we know.
 
 error = np.linalg.norm(result.run.tracked.markers.xyz_m - flight.truth.xyz_m, axis=-1)
 print(f"markers {1e3 * np.nanmedian(error):.2f} mm off (median), 90 % within {1e3 * np.nanquantile(error, 0.9):.2f} mm")

@@ -78,7 +78,7 @@ result.kinematics.to_dataframe().iloc[:3, :6]
 # %%
 # Wing beats
 # ----------
-# A row a beat, as mixed models are fed.
+# One row per beat, ready for a mixed model.
 
 result.cycles
 

@@ -32,7 +32,7 @@ print(f"at the samples:  median {np.median(wrist.value(samples)):.4f}, largest {
 print(f"20 mm further:   {wrist.value(samples.mean(axis=0) + 0.02):.3f}")
 
 # %%
-# ``gradient`` says in which direction it gets less usual, ``hessian`` how firmly the animal keeps there.
+# ``gradient`` points to where poses become less usual; ``hessian`` says how firmly the animal stays where it is.
 
 here = samples[0]
 print("gradient in 1/m:", np.round(wrist.gradient(here), 2))
@@ -43,17 +43,17 @@ print("stiffness in 1/m^2:", np.round(stiffness), "along", np.round(directions[:
 # How much it knows
 # -----------------
 # The report gives for each joint the *effective rank*: how many independent directions the samples have, on the scale
-# of the kernel. A joint that was seen in few poses has a low one, and its map is worth little.
+# of the kernel. A joint that was seen in few poses has a low one: do not rely on its map.
 
 rank = {name: joint["effective_rank"] for name, joint in result.report["joints"].items()}
 for name in ("shoulder_l", "elbow_l", "wrist_l", "d5_mcp_l"):
     print(f"{name:12} {rank[name]:5.1f}")
 
 # %%
-# Would another half of the flight give the same map?
-# ----------------------------------------------------
-# Learn it from the first and from the second half, and compare them at all samples. Where both are far from 0 and
-# from each other, believe neither.
+# Would the other half of the flight give the same map?
+# -----------------------------------------------------
+# Learn it from the first and from the second half, and compare them at all samples. Where they
+# differ, trust neither.
 
 import eal
 

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.gaps.peers import released
 from benchmarks.gaps.peers.coordinates import World
+from benchmarks.gaps.peers.released.disk import Disk, installed
 from benchmarks.gaps.peers.released.make_env import interpreter
 from benchmarks.gaps.peers.released.tools import ToolFiller, bones, tools
 from tests.benchmarks.gaps.peer_trials import hidden, make_trial
@@ -58,3 +59,20 @@ def test_what_a_tool_says_of_wrong_options_is_passed_on():
     trial = make_trial(np.zeros((30, 6, 3)))
     with pytest.raises(ArithmeticError, match=r"pose2sim: KeyError"):
         ToolFiller("pose2sim", World(), {"filter": "none", "kind": "cubic"})(trial)
+
+
+@pytest.mark.skipif(not installed(), reason="python -m benchmarks.gaps.peers.released.make_env --disk")
+def test_disk_fills_what_its_window_holds():
+    """A gap within the window is the network's, one beyond it the straight line between its ends; the rest is kept."""
+    limbs = np.cumsum(np.random.default_rng(0).normal(0, 1e-2, (170, 6, 3)), axis=0)
+    trial = make_trial(limbs, sd_m=1e-3)
+    shown = replace(trial, xyz_m=hidden(trial, ("a",), np.arange(60, 120)))
+    shown = replace(shown, xyz_m=np.where(np.isfinite(shown.xyz_m), hidden(trial, ("b",), np.arange(75, 100)), np.nan))
+    filled = Disk("transformer", steps=1).learn([trial])(shown).xyz_m
+    seen = np.isfinite(shown.xyz_m)
+    np.testing.assert_allclose(filled[seen], trial.xyz_m[seen], atol=1e-9)
+    a, b = trial.names.index("a"), trial.names.index("b")
+    lines = {m: np.linspace(filled[i, m], filled[j, m], j - i + 1) for m, i, j in ((a, 59, 120), (b, 74, 100))}
+    np.testing.assert_allclose(filled[59:121, a], lines[a], atol=1e-6)
+    assert np.isfinite(filled).all()
+    assert np.abs(filled[75:100, b] - lines[b][1:-1]).max() > 1e-3

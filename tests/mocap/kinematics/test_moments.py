@@ -4,7 +4,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 
 from datasets.bat_skeleton import bat_skeleton
 from datasets.lizard_skeleton import lizard_skeleton
@@ -16,6 +18,7 @@ from mocap.kinematics.moments import GRAVITY_M_S2, moments
 from mocap.kinematics.records import Rests
 from mocap.measures import Measures, Segment
 from mocap.moving import Motion
+from mocap.results.tables import write_kinematics
 from mocap.skeleton import Bone, Joint, Skeleton
 
 DT_S = 1e-3
@@ -29,9 +32,9 @@ def moving(names, x, v, *, sd_m=0.0, sd_m_s=0.0, kept=1.0):
         t_s=DT_S * np.arange(len(x)),
         xyz_m=x,
         velocity_m_s=v,
-        own=np.broadcast_to(cov, (*x.shape[:2], 6, 6)),
+        own=np.broadcast_to(cov.astype(np.float32), (*x.shape[:2], 6, 6)),
         pairs=np.empty((0, 2), dtype=np.int64),
-        cross=np.empty((len(x), 0, 6, 6)),
+        cross=np.empty((len(x), 0, 6, 6), dtype=np.float32),
         kept=np.full(x.shape, kept),
         measured=np.ones(x.shape[:2], dtype=bool),
     )
@@ -135,7 +138,7 @@ def test_a_free_pendulum_needs_no_moment_and_the_force_of_its_rod(kind):
 
 
 def test_deviations_are_those_of_samples():
-    """Positions and velocities drawn anew 1000 times: their spread is the stated one (standard error 2.2 %)."""
+    """Positions and velocities drawn anew 400 times: their spread is the stated one (standard error 3.5 %)."""
     rng, t = np.random.default_rng(0), DT_S * np.arange(5)
     angle = np.stack([0.5 + 8 * t, -0.3 + 11 * t], axis=1)
     x, v = chain(angle, np.tile([8.0, 11.0], (5, 1)), [0.3, 0.2])
@@ -144,11 +147,11 @@ def test_deviations_are_those_of_samples():
     stated = moments(moving("abcd", x, v, **sd), skeleton)
     drawn = [
         moments(moving("abcd", x + 1e-3 * rng.normal(size=x.shape), v + 1e-3 * rng.normal(size=v.shape)), skeleton)
-        for _ in range(1000)
+        for _ in range(400)
     ]
     for name in ("b_moment_y_n_m", "c_flexion_moment_n_m", "b_force_z_n"):
         spread = np.std([one[name].value[2] for one in drawn])
-        assert stated[name].sd[2] == pytest.approx(spread, rel=0.08)
+        assert stated[name].sd[2] == pytest.approx(spread, rel=0.12)
 
 
 def test_there_is_no_moment_while_a_foot_stands():
@@ -194,3 +197,27 @@ def test_joints_whose_forces_cannot_be_known_are_left_out_with_the_reason():
     whole = {**parts, "shoulder_l": Segment(start="shoulder_l", end="wrist_l", mass_g=1)}
     spanned = distal_parts(replace(lizard, measures=replace(lizard.measures, segments=whole)))
     assert "spans it" in str(spanned["elbow_l"])
+
+
+def test_a_skeleton_without_joints_is_told():
+    """The one note says why nothing is there; so does the command's error."""
+    skeleton = arm([0.3], {"rod": Segment(start="b", end="c", mass_g=10)})
+    x, v = chain(np.zeros((5, 1)), np.zeros((5, 1)), [0.3])
+    found = moments(moving("abc", x, v), replace(skeleton, joints=()))
+    assert not len(found)
+    assert found.notes == ("no moments of joints: the skeleton has none",)
+
+
+def test_moments_are_written_as_kinematics_are(tmp_path):
+    """Both files hold what the object does: CSV to the digits of its deviations, NetCDF in full."""
+    t = DT_S * np.arange(20)
+    x, v = chain(0.5 * np.sin(9 * t)[:, None], 4.5 * np.cos(9 * t)[:, None], [0.3])
+    skeleton = arm([0.3], {"rod": Segment(start="b", end="c", mass_g=10)})
+    found = moments(moving("abc", x, v, sd_m=1e-4, sd_m_s=1e-3), skeleton)
+    write_kinematics(found, tmp_path, stem="moments")
+    table = pd.read_csv(tmp_path / "moments.csv")
+    one = found["b_moment_y_n_m"]
+    assert (np.abs(table[one.name] - one.value) <= 0.06 * one.sd).all()
+    assert set(table[f"{one.name}_status"]) == {"measured"}
+    with xr.open_dataset(tmp_path / "moments.nc") as stored:
+        np.testing.assert_allclose(stored["sd"].sel(quantity=one.name), one.sd, rtol=1e-6)

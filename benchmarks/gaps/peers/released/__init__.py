@@ -9,6 +9,8 @@
 | ``eks_pca`` | the same on principal components of all markers (its multi-camera form) | components |
 | ``anipose`` | aniposelib 0.8: ``optim_points`` of what virtual cameras see | smoothness and its derivative |
 
+DISK (``disk``) is trained for minutes on each set of trials: it is run by ``benchmarks.gaps.learning_curve`` alone.
+
 Everything installs with pip; pose2sim only without its dependencies, its filters do not need them. pose2sim's
 ``kalman_filter_1d`` and ``butterworth_filter_1d`` skip gaps by themselves, so it fills as its pipeline does: by
 interpolation, before. EKS wants the variance of an ensemble of networks; it is given that of the measurement, and a

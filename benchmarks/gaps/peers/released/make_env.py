@@ -2,6 +2,7 @@
 
 It lies in ``.venv-peers`` beside the project's own and is ignored by git. pose2sim is installed without its
 dependencies (pose estimation, OpenSim, Qt), of which its filters import only those that ``requirements.txt`` names.
+``--disk`` adds DISK and PyTorch (some 6 GB), for ``benchmarks.gaps.learning_curve``.
 """
 
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 
 ENV = Path(__file__).resolve().parents[4] / ".venv-peers"
 POSE2SIM = "pose2sim==0.10.49"
+DISK = ("disk-impute==1.0.1.post79", "torch==2.6.0")
 
 
 def interpreter() -> Path:
@@ -25,6 +27,8 @@ def main() -> None:
     pip = [str(interpreter()), "-m", "pip", "install", "--quiet"]
     subprocess.run([*pip, "-r", str(Path(__file__).with_name("requirements.txt"))], check=True)
     subprocess.run([*pip, "--no-deps", POSE2SIM], check=True)
+    if "--disk" in sys.argv[1:]:
+        subprocess.run([*pip, *DISK], check=True)
 
 
 if __name__ == "__main__":

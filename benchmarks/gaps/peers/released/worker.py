@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import sys
+import tempfile
 import warnings
 from contextlib import redirect_stdout
 
@@ -162,7 +163,138 @@ def anipose(xyz, sd, options):
     return out, None
 
 
-TOOLS = {"pose2sim": pose2sim, "pykalman": pykalman, "eks": eks, "anipose": anipose}
+DISK_LENGTH, DISK_STRIDE, DISK_BATCH = 60, 10, 8
+"""Frames of a window, frames between two of them, windows of a batch (DISK's default: 32)."""
+
+
+def _disk_network(name):
+    """DISK's own configuration of a network."""
+    from pathlib import Path
+
+    import DISK
+    import yaml
+
+    return yaml.safe_load((Path(DISK.__file__).parent / "conf" / "network" / f"{name}.yaml").read_text())
+
+
+def disk_train(xyz, _sd, options):
+    """``train_fillmissing`` of DISK on windows without gaps, the last of each trial for validation; its folder."""
+    from pathlib import Path
+
+    import torch
+    from DISK.create_dataset import chop_coordinates_in_timeseries
+    from DISK.create_proba_missing_files import create_uniform_proba
+    from DISK.main_fillmissing import train_fillmissing
+
+    logger, folder = logging.getLogger("disk"), Path(tempfile.mkdtemp(prefix="disk", dir=options["home"]))
+    kept = DISK_LENGTH + 2 + DISK_STRIDE
+    windows = {"train": [], "val": []}
+    for trial in np.split(xyz, np.cumsum(options["lengths"])[:-1]):
+        for part, rows in (("train", trial[:-kept]), ("val", trial[-kept:])):
+            whole = np.flatnonzero(np.isfinite(rows).all(axis=(1, 2)))
+            chopped = chop_coordinates_in_timeseries(
+                whole, rows[whole], stride=DISK_STRIDE, length=DISK_LENGTH, logger=logger
+            )
+            windows[part].extend(chopped[0])
+    if not windows["train"] or not windows["val"]:
+        raise ValueError(f"no {DISK_LENGTH} frames in which all markers are seen")
+    for part, source in (("train", "train"), ("val", "val"), ("test", "val")):
+        shape = np.array(windows[source])
+        np.savez(folder / f"{part}_dataset_w-0-nans.npz", X=shape, lengths=np.full(len(shape), DISK_LENGTH))
+    names = [f"{m:02d}" for m in range(xyz.shape[1])]
+    (folder / "constants.py").write_text(
+        f"NUM_FEATURES = {3 * len(names)}\nKEYPOINTS = {names}\nDIVIDER = 3\nSEQ_LENGTH = {DISK_LENGTH}\n"
+    )
+    lengths, markers = create_uniform_proba(1, DISK_LENGTH - 1, names)
+    lengths.to_csv(folder / "length.csv", index=False)
+    markers.to_csv(folder / "marker.csv", index=False)
+    torch.set_num_threads(1)
+    torch.autograd.set_detect_anomaly = lambda _on: None  # a check that doubles the time
+    epochs = max(1, round(options["steps"] / -(-len(windows["train"]) // DISK_BATCH)))
+    train_fillmissing(
+        project_dir=str(folder),
+        model_dir=str(folder),
+        dataset_path=str(folder),
+        skeleton_graph=None,
+        training_seed=1,
+        load_model_dir=None,
+        cfg_network=_disk_network(options["network"]),
+        training_batch_size=DISK_BATCH,
+        training_epochs=epochs,
+        learning_rate={"transformer": 1e-3, "gru": 1e-4}[options["network"]],
+        loss_type="l1",
+        loss_mask=True,
+        loss_factor=100,
+        model_scheduler_rate=0.95,
+        model_scheduler_type="lambdalr",
+        model_scheduler_steps_epoch=500,
+        n_cpus=0,
+        print_every=1 if epochs <= 10 else 2 if epochs <= 50 else 5,
+        proba_file=str(folder / "marker.csv"),
+        proba_length_file=str(folder / "length.csv"),
+        indep_keypoints=True,
+        add_missing_pad=[1, 0],
+        viewinvariant=True,
+        normalize=False,
+        normalizecube=True,
+        swap=0.5,
+        add_missing=True,
+        logger=logger,
+    )
+    return np.array(str(folder)), None
+
+
+def disk(xyz, _sd, options):
+    """Each gap of a marker by DISK's network from the window about it; gaps longer than that are interpolated."""
+    from pathlib import Path
+
+    import torch
+    from DISK.utils.dataset_utils import SupervisedDataset
+    from DISK.utils.train_fillmissing import construct_NN_model, feed_forward
+    from DISK.utils.transforms import init_transforms, reconstruct_before_normalization
+    from DISK.utils.utils import load_checkpoint
+    from torch.utils.data import DataLoader
+
+    logger, folder = logging.getLogger("disk"), Path(options["folder"])
+    network, names = _disk_network(options["network"]), [f"{m:02d}" for m in range(xyz.shape[1])]
+    model = construct_NN_model(network, names, 3, DISK_LENGTH, None, torch.device("cpu"))
+    load_checkpoint(model, None, str(next(folder.glob("model_epoch*"))), "cpu", logger)
+    out, frames, gaps = np.array(xyz), np.arange(len(xyz)), []
+    for m in range(len(names)):
+        seen = np.isfinite(xyz[:, m, 0])
+        if seen.any():
+            out[:, m] = np.stack([np.interp(frames, frames[seen], xyz[seen, m, i]) for i in range(3)], axis=-1)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], ~seen, [0]])))
+        gaps += [(m, a, b) for a, b in edges.reshape(-1, 2) if b - a <= DISK_LENGTH - 2]
+    starts = [int(np.clip((a + b - DISK_LENGTH) // 2, 0, len(xyz) - DISK_LENGTH)) for _, a, b in gaps]
+    order = sorted(set(starts))
+    if not order:
+        return out, None
+    shape = np.stack([xyz[s : s + DISK_LENGTH].reshape(DISK_LENGTH, -1) for s in order])
+    np.savez(folder / "fill.npz", X=shape, lengths=np.full(len(shape), DISK_LENGTH))
+    transforms = init_transforms(names, 3, DISK_LENGTH, str(folder), logger, add_missing=False, swap=0)
+    windows = SupervisedDataset(
+        str(folder / "fill.npz"), transform=transforms, outputdir=str(folder), keypoints=names, divider=3, logger=logger
+    )
+    found = []
+    with torch.no_grad():
+        for batch in DataLoader(windows, batch_size=32, shuffle=False):
+            mean, _ = feed_forward(batch["X"], batch["mask_holes"], 3, model, True, 1, network, logger=logger)
+            found.append(reconstruct_before_normalization(mean.numpy(), batch, transforms))
+    place = dict(zip(order, np.concatenate(found), strict=True))
+    for (m, a, b), s in zip(gaps, starts, strict=True):
+        out[a:b, m] = place[s][a - s : b - s, m]
+    return out, None
+
+
+TOOLS = {
+    "pose2sim": pose2sim,
+    "pykalman": pykalman,
+    "eks": eks,
+    "anipose": anipose,
+    "disk_train": disk_train,
+    "disk": disk,
+}
 
 
 def main():
@@ -174,7 +306,7 @@ def main():
         job = json.loads(line)
         try:
             with np.load(job["input"]) as data, redirect_stdout(sys.stderr):
-                options = dict(job["options"])
+                options = {**job["options"], "home": os.path.dirname(job["input"])}
                 if "guess" in data:
                     options["guess"] = data["guess"]
                 first, second = TOOLS[job["tool"]](data["xyz"], data["sd"], options)

@@ -3,7 +3,7 @@ Inspecting a potential
 ======================
 
 An *empirical potential* is a map: 0 where the animal was seen, 1 where it never was. This page looks at that of a
-bat's wrist, of the run that ``mocap demo bat --out out/demo`` wrote.
+bat's wrist, in the result of the demo. As a notebook: first run ``mocap demo bat --out out/demo`` in its folder.
 """
 
 import matplotlib.pyplot as plt

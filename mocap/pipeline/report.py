@@ -277,6 +277,8 @@ def readable(report: Mapping, *, title: str) -> str:
     """The report as markdown."""
     samples, rejected, noise = report["samples"], report["rejected"]["counts"], report["pixel_noise_px"]
     first, last = report["tracked_frames"]
+    inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
+    within = {origin: samples[origin] / inside for origin in ("measured", "smoothed", "predicted", "rejected")}
     lines = [
         f"# {plain(title)}",
         "",
@@ -284,13 +286,13 @@ def readable(report: Mapping, *, title: str) -> str:
         f"{len(report['cameras'])} cameras; tracked from frame {first} to {last}.",
         f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
         "",
-        "| samples | share |",
+        "| samples of the tracked frames | share |",
         "|---|---|",
-        f"| seen in 3D and accepted | {samples['measured']:.1%} |",
-        f"| filled inside gaps (smoothed) | {samples['smoothed']:.1%} |",
-        f"| before the first or after the last sighting (predicted) | {samples['predicted']:.1%} |",
-        f"| rejected | {samples['rejected']:.1%} |",
-        f"| left empty | {samples['missing']:.1%} |",
+        f"| seen in 3D and accepted | {within['measured']:.1%} |",
+        f"| filled inside gaps (smoothed) | {within['smoothed']:.1%} |",
+        f"| before the first or after the last sighting (predicted) | {within['predicted']:.1%} |",
+        f"| rejected | {within['rejected']:.1%} |",
+        f"| left empty | {max(1 - sum(within.values()), 0.0):.1%} |",
         "",
         *_gap_lines("Against the truth, inside gaps", report.get("gaps")),
         *_gap_lines("Against the truth, where markers were seen", report.get("measured")),

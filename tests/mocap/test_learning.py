@@ -210,7 +210,7 @@ def test_the_model_is_never_written_over(mocap, flights, model):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("best", "--model best: give auto, mixture, eal, articulated, constant_velocity, or a file that mocap learn wrote"),
+        ("best", "--model best: give auto, mixture, eal, articulated, constant_velocity, or a file that mocap"),
         ("nowhere.npz", "--model nowhere.npz: give auto"),
         (".", "--model .: give auto"),
     ],

@@ -17,7 +17,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -45,8 +45,19 @@ class Spent:
     cpu_s: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class Sample:
+    """A batch at a moment: processor seconds so far and resident megabytes, of the command and of its workers."""
+
+    at_s: float
+    command_s: float
+    command_mb: float
+    workers_s: Mapping[int, float]
+    worker_mb: float
+
+
 def make_twins(folder: Path, count: int, *, frames: int) -> None:
-    """Short flights of bats in nested folders, each with its calibration and skeleton."""
+    """Short flights of bats in nested folders, each with its calibration and skeleton; beside ten one whose clicks are cut off."""
     for i in range(count):
         place = folder / f"bat{i % 10:02d}" / f"t{i:04d}"
         if not place.is_dir():
@@ -54,6 +65,12 @@ def make_twins(folder: Path, count: int, *, frames: int) -> None:
             paths = write_recording(recording, place)
             paths["truth"].unlink()
             paths["card"].unlink()
+    for i in range(count // 10):
+        place = folder / "damaged" / f"d{i:04d}"
+        if not place.is_dir():
+            shutil.copytree(folder / f"bat{i % 10:02d}" / f"t{i:04d}", place)
+            (clicks,) = place.glob("*_xypts.csv")
+            clicks.write_bytes(clicks.read_bytes()[:5000] + b"\n1,2,3\n")
 
 
 def spent(command: Sequence[str]) -> Spent:
@@ -105,26 +122,60 @@ def in_one_process(twins: Path, out: Path) -> list[str]:
     return [sys.executable, "-c", script, str(twins), str(out)]
 
 
-def speed(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
-    """Two processes over one, and beside no engine; ``beside``: with pictures and beside a shell loop, too."""
+def watched(command: Sequence[str]) -> tuple[Spent, list[Sample]]:
+    """Run a batch to its end, and look at its processes twice a second."""
+    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    samples = []
+    while running.poll() is None:
+        try:
+            own = psutil.Process(running.pid)
+            workers = {process.pid: process for process in own.children(recursive=True)}
+            samples.append(
+                Sample(
+                    at_s=time.time(),
+                    command_s=sum(own.cpu_times()[:2]),
+                    command_mb=own.memory_info().rss / 1e6,
+                    workers_s={pid: sum(process.cpu_times()[:2]) for pid, process in workers.items()},
+                    worker_mb=max((process.memory_info().rss / 1e6 for process in workers.values()), default=0.0),
+                )
+            )
+        except psutil.NoSuchProcess:
+            continue
+        finally:
+            time.sleep(0.5)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Spent(wall_s=time.perf_counter() - begun, cpu_s=cpu), samples
+
+
+def trials(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
+    """One process, two, no engine, and a second run; what the engine costs; memory.
+
+    ``beside``: with pictures and beside a shell loop, too.
+    """
     took: dict[str, Spent] = {}
-    commands: dict[str, Callable[[Path], list[str]]] = {
-        "mocap batch, 1 process": lambda out: batch(twins, out, jobs=1),
-        "mocap batch, 2 processes": lambda out: batch(twins, out, jobs=2),
-        "no engine, 1 process": lambda out: in_one_process(twins, out),
-    }
+    engine, memory = [], []
+    for jobs, name in ((1, "mocap batch, 1 process"), (2, "mocap batch, 2 processes")):
+        out = folder / f"jobs{jobs}"
+        shutil.rmtree(out, ignore_errors=True)
+        took[name], samples = watched(batch(twins, out, jobs=jobs))
+        print(name, took[name], file=sys.stderr, flush=True)
+        engine.append(engine_row(out, samples, jobs=jobs))
+        memory += memory_rows(out, samples, jobs=jobs)
+    commands: dict[str, Callable[[Path], list[str]]] = {"no engine, 1 process": lambda out: in_one_process(twins, out)}
     if beside:
         commands["mocap batch --pictures, 2 processes"] = lambda out: batch(twins, out, "--pictures", jobs=2)
         commands["xargs -P 2 mocap track"] = lambda out: loop(twins, out)
     for name, command in commands.items():
-        out = folder / f"speed{len(took)}"
+        out = folder / f"beside{len(took)}"
         shutil.rmtree(out, ignore_errors=True)
         took[name] = spent(command(out))
         print(name, took[name], file=sys.stderr, flush=True)
-    again = spent(batch(twins, folder / "speed1", jobs=2))
-    same = contents(folder / "speed0") == contents(folder / "speed1")
+    again = spent(batch(twins, folder / "jobs2", jobs=2))
+    same = contents(folder / "jobs1") == contents(folder / "jobs2")
     lines = [
-        f"## Speed: {count} twins",
+        f"## Speed: {count} twins, {count // 10} damaged files",
         "",
         "| command | wall s | processor s | processor s a trial |",
         "|---|---|---|---|",
@@ -132,6 +183,7 @@ def speed(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
     for name, one in took.items():
         lines.append(f"| {name} | {one.wall_s:.1f} | {one.cpu_s:.1f} | {one.cpu_s / count:.2f} |")
     alone, two, bare, *others = took.values()
+    table = pd.read_csv(folder / "jobs2" / "summary.csv")["status"].value_counts().to_dict()
     lines += [
         "",
         f"- speedup of 2 processes over 1: {alone.wall_s / two.wall_s:.2f} by the clock, start included",
@@ -139,6 +191,7 @@ def speed(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
         "start of the worker included",
         f"- a second run, which has nothing to do: {again.wall_s:.1f} s",
         f"- 1 and 2 processes write the same bytes: {same}",
+        f"- trials: {table}",
     ]
     if beside:
         pictures, shell = others
@@ -146,7 +199,11 @@ def speed(twins: Path, folder: Path, count: int, *, beside: bool) -> list[str]:
             f"- the shell loop takes {shell.wall_s / pictures.wall_s:.2f} times as long as mocap batch --pictures, "
             f"which writes the same files, and {shell.cpu_s / pictures.cpu_s:.2f} times the processor time"
         )
-    return [*lines, *stored(folder / "speed0", count)]
+    lines += stored(folder / "jobs1", count)
+    title = ["", "## The engine, once it runs", ""]
+    lines += [*title, "| processes | workers wait | the command itself |", "|---|---|---|", *engine]
+    title = ["", "## Memory: most resident, while so many trials were done", ""]
+    return [*lines, *title, "| processes | trials | command, MB | worker, MB |", "|---|---|---|---|", *memory]
 
 
 def stored(out: Path, count: int) -> list[str]:
@@ -159,57 +216,55 @@ def stored(out: Path, count: int) -> list[str]:
     ]
 
 
-def engine(twins: Path, folder: Path, count: int) -> list[str]:
+def ended_s(out: Path) -> dict[str, float]:
+    """When each trial ended that was tracked."""
+    return {path.parent.relative_to(out).as_posix(): path.stat().st_mtime for path in out.rglob("trial.json")}
+
+
+def engine_row(out: Path, samples: Sequence[Sample], *, jobs: int) -> str:
     """What the engine costs once it runs: time in which workers wait, and processor time of the command itself.
 
     Both are shares, which a busy neighbour hardly changes: workers wait between the first trial's begin and the last
     trial's end for as long as no trial is theirs (``times.csv``).
     """
-    lines = ["## The engine, once it runs", "", "| processes | workers wait | the command itself |", "|---|---|---|"]
-    for jobs in (1, 2):
-        out = folder / f"engine{jobs}"
-        shutil.rmtree(out, ignore_errors=True)
-        running = subprocess.Popen(batch(twins, out, jobs=jobs), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        own: dict[int, float] = {}
-        workers: dict[int, float] = {}
-        while running.poll() is None:
-            done = len(list(out.rglob("trial.json")))
-            try:
-                command = psutil.Process(running.pid)
-                own[done] = sum(command.cpu_times()[:2])
-                for process in command.children(recursive=True):
-                    workers[process.pid] = sum(process.cpu_times()[:2])
-            except psutil.NoSuchProcess:
-                break
-            time.sleep(0.1)
-        seconds = read_times(out)
-        ended = {trial: (out / trial / "trial.json").stat().st_mtime for trial in seconds}
-        begun = min(when - seconds[trial] for trial, when in ended.items())
-        span = jobs * (max(ended.values()) - begun)
-        # at the end one worker has none left: the longest trial at most, of which half is expected
-        waited = 1 - (sum(seconds.values()) + (jobs - 1) * median(seconds.values()) / 2) / span
-        command_s = max(own.values()) - min(cpu for done, cpu in own.items() if done)
-        lines.append(
-            f"| {jobs} | {100 * max(waited, 0):.1f} % | {1e3 * command_s / (count - 1):.0f} ms a trial, "
-            f"{100 * command_s / (sum(workers.values()) + command_s):.1f} % of all processor time |"
-        )
-    return lines
+    ended = ended_s(out)
+    seconds = {trial: spent for trial, spent in read_times(out).items() if trial in ended}
+    begun, end = min(ended[trial] - spent for trial, spent in seconds.items()), max(ended.values())
+    # at the end one worker has none left: the longest trial at most, of which half is expected
+    waited = 1 - (sum(seconds.values()) + (jobs - 1) * median(seconds.values()) / 2) / (jobs * (end - begun))
+    running = [sample for sample in samples if begun <= sample.at_s <= end]
+    command_s = running[-1].command_s - running[0].command_s
+    workers_s = sum(running[-1].workers_s.values()) - sum(running[0].workers_s.values())
+    return (
+        f"| {jobs} | {100 * max(waited, 0):.1f} % | {1e3 * command_s / len(seconds):.0f} ms a trial, "
+        f"{100 * command_s / (workers_s + command_s):.1f} % of all processor time |"
+    )
+
+
+def memory_rows(out: Path, samples: Sequence[Sample], *, jobs: int) -> list[str]:
+    """Resident memory of the command and of its worker until so many trials were done."""
+    ended = sorted(ended_s(out).values())
+    rows = []
+    for step in sorted({max(1, round(share * len(ended))) for share in (0.05, 0.25, 0.5, 0.75, 1.0)}):
+        before = [sample for sample in samples if sample.at_s <= ended[step - 1]]
+        command, worker = max(s.command_mb for s in before), max(s.worker_mb for s in before)
+        rows.append(f"| {jobs} | {step} | {command:.0f} | {worker:.0f} |")
+    return rows
 
 
 def kills(twins: Path, folder: Path, count: int, *, times: int, seed: int) -> list[str]:
     """Killed at random moments, with all its processes or without, the same bytes as undisturbed."""
     rng = random.Random(seed)
-    whole, out = folder / "undisturbed", folder / "killed"
-    for place in (whole, out):
-        shutil.rmtree(place, ignore_errors=True)
-    plain = spent(batch(twins, whole, jobs=2))
+    whole, out = folder / "jobs2", folder / "killed"
+    shutil.rmtree(out, ignore_errors=True)
+    whole_s = sum(read_times(whole).values()) / 2
     done_before: dict[Path, int] = {}
     redone, killed = 0, []
     for kill in range(times):
         running = subprocess.Popen(
             batch(twins, out, jobs=2), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
-        at = _begun(running, out, len(done_before)) + rng.uniform(0, plain.wall_s / (times + 1))
+        at = _begun(running, out, len(done_before)) + rng.uniform(0, whole_s / (times + 1))
         while time.perf_counter() < at and running.poll() is None:
             time.sleep(0.01)
         if kill % 2:  # a worker alone: it is replaced
@@ -229,8 +284,7 @@ def kills(twins: Path, folder: Path, count: int, *, times: int, seed: int) -> li
     first, second = contents(whole), contents(out)
     differ = sum(first.get(name) != second.get(name) for name in {*first, *second})
     left = [name for name in second if ".mocap-partial" in name]
-    table = pd.read_csv(whole / "summary.csv")["status"].value_counts().to_dict()
-    bad = len(list(twins.rglob("bad*_xypts.csv")))
+    bad = count // 10
     return [
         f"## Killed {times} times: {count} twins and {bad} damaged files",
         "",
@@ -238,7 +292,6 @@ def kills(twins: Path, folder: Path, count: int, *, times: int, seed: int) -> li
         f"- finished trials that were done again: {redone}",
         f"- half-written files left: {len(left)}",
         f"- files that differ from the undisturbed run: {differ} of {len(first)}",
-        f"- undisturbed: {table}",
     ]
 
 
@@ -250,51 +303,14 @@ def _begun(running: subprocess.Popen, out: Path, before: int) -> float:
     return time.perf_counter()
 
 
-def memory(twins: Path, folder: Path, count: int) -> list[str]:
-    """Resident memory of the command and of its worker over the trials of one process."""
-    out = folder / "memory"
-    shutil.rmtree(out, ignore_errors=True)
-    running = subprocess.Popen(batch(twins, out, jobs=1), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    most: dict[int, tuple[float, float]] = {}
-    while running.poll() is None:
-        try:
-            own = psutil.Process(running.pid)
-            workers = [process.memory_info().rss for process in own.children(recursive=True)]
-            now = own.memory_info().rss / 1e6, max(workers, default=0) / 1e6
-        except psutil.NoSuchProcess:
-            break
-        done = len(list(out.rglob("trial.json")))
-        before = most.get(done, (0.0, 0.0))
-        most[done] = max(before[0], now[0]), max(before[1], now[1])
-        time.sleep(0.2)
-    title = "## Memory: most resident, while so many trials were done"
-    lines = [title, "", "| trials | command, MB | worker, MB |", "|---|---|---|"]
-    for step in sorted({max(1, round(share * count)) for share in (0.05, 0.25, 0.5, 0.75, 0.95)}):
-        at = max(done for done in most if done <= step)
-        lines.append(f"| {at} | {most[at][0]:.0f} | {most[at][1]:.0f} |")
-    return lines
-
-
-def damaged(twins: Path, count: int) -> Path:
-    """The twins with one damaged file in ten beside them, in a folder of links."""
-    folder = twins.with_name(f"{twins.name}_damaged")
-    if not folder.is_dir():
-        shutil.copytree(twins, folder)
-        for i in range(count // 10):
-            (folder / f"bad{i}_xypts.csv").write_text("tip_cam1_X,tip_cam1_Y\n1,2,3\n")
-    return folder
-
-
 def main() -> None:
     """Print the tables, and write them to the folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="12 twins instead of 60, 3 kills instead of 5")
     parser.add_argument("--count", type=int, help="so many twins")
     parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument(
-        "--parts", default="speed,engine,kills,memory,simulated", help="which of them, separated by commas"
-    )
-    parser.add_argument("--no-loop", action="store_true", help="speed without pictures and without the shell loop")
+    parser.add_argument("--parts", default="trials,kills,simulated", help="which of them, separated by commas")
+    parser.add_argument("--no-loop", action="store_true", help="without pictures and without the shell loop")
     parser.add_argument("--out", type=Path, required=True, help="folder for twins and results")
     given = parser.parse_args()
     count = given.count or (12 if given.quick else 60)
@@ -305,14 +321,10 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     lines = [f"load when it began: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores", ""]
     for part in given.parts.split(","):
-        if part == "speed":
-            lines += speed(twins, given.out, count, beside=not given.no_loop)
-        elif part == "engine":
-            lines += engine(twins, given.out, count)
+        if part == "trials":
+            lines += trials(twins, given.out, count, beside=not given.no_loop)
         elif part == "kills":
-            lines += kills(damaged(twins, count), given.out, count, times=3 if given.quick else 5, seed=0)
-        elif part == "memory":
-            lines += memory(twins, given.out, count)
+            lines += kills(twins, given.out, count, times=3 if given.quick else 5, seed=0)
         elif part == "simulated":
             from benchmarks.batch_simulated import simulated
 

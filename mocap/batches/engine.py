@@ -34,9 +34,11 @@ CONFIG = {
     "distributed.worker.profile.enabled": False,  # nobody looks at Dask's own page: what it samples costs time
     "distributed.admin.system-monitor.interval": "10s",
     "distributed.admin.tick.interval": "500ms",
-    "distributed.nanny.pre-spawn-environ.OMP_NUM_THREADS": 1,
-    "distributed.nanny.pre-spawn-environ.MKL_NUM_THREADS": 1,
-    "distributed.nanny.pre-spawn-environ.OPENBLAS_NUM_THREADS": 1,
+    "distributed.nanny.pre-spawn-environ": {  # all of it: what Dask does to malloc returns memory after each array
+        "OMP_NUM_THREADS": 1,
+        "MKL_NUM_THREADS": 1,
+        "OPENBLAS_NUM_THREADS": 1,
+    },
     "distributed.comm.timeouts.connect": "60s",
 }
 LEAST_MEMORY = 500_000_000

@@ -118,7 +118,7 @@ def hidden_gaps(
         effort: How much is hidden.
         tell: Called with a line for each trial that is filled.
     """
-    cut = [_excerpt(trial, effort.most_frames) for trial in trials]
+    cut = [best_of(trial, effort.most_frames) for trial in trials]
     order = np.argsort([-trial.seen.sum() for trial in cut], kind="stable")
     lengths = {n for trial in cut for n in lengths_for(len(trial.t_s))}
     turns, found = count(), []
@@ -131,7 +131,8 @@ def hidden_gaps(
     return HiddenGaps(trials=trials, anatomy=anatomy, hidden=hidden, tell=tell)
 
 
-def _excerpt(trial: MarkerTrial, most: int) -> MarkerTrial:
+def best_of(trial: MarkerTrial, most: int) -> MarkerTrial:
+    """The stretch of so many frames of which most is seen; all of a shorter one."""
     inside = excerpt(trial.seen, most)
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
 
@@ -143,7 +144,7 @@ def own_gaps(trials: TrialSet, *, most: int = 500) -> HiddenGaps:
         trials: Trials; the last is the recording.
         most: Gaps are hidden in the stretch of so many of its frames of which most is seen.
     """
-    own = hide_neighbours(_excerpt(trials.trials[-1], most), np.random.default_rng(0))
+    own = hide_neighbours(best_of(trials.trials[-1], most), np.random.default_rng(0))
     last = len(trials.trials) - 1
     return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, own)] if own.gaps else [])
 

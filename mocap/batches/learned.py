@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from mocap.batches.known import Options, key_of
@@ -47,26 +47,16 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
     Raises:
         MocapError: none can be read, or those that can have nothing in common.
     """
-    sources: list[Recording | Prepared] = []
-    used, left_out = [], {}
-    for trial in trials:
-        try:
-            recording = trial.recording().without_needless_calibration()
-            try:
-                sources.append(prepare(recording))
-            except OriginError:  # the others may tell which corner pixels are counted from
-                sources.append(recording)
-            used.append(trial.name)
-        except MocapError as error:
-            left_out[trial.name] = " ".join(str(error).split())
-    if not sources:
-        first = next(iter(left_out.items()))
-        raise MocapError(f"no model can be learned: no trial can be read, as {first[0]}: {first[1]}")
+    used: list[str] = []
+    left_out: dict[str, str] = {}
     try:
-        model = Model(learn_from(sources, seed=seed))
+        model = Model(learn_from(_sources(trials, used, left_out), seed=seed))
     except MocapError as error:
+        if not used:
+            first = next(iter(left_out.items()))
+            raise MocapError(f"no model can be learned: no trial can be read, as {first[0]}: {first[1]}") from None
         raise MocapError(
-            f"no model can be learned from these {len(sources)} trials together: {error}: make batches of trials that "
+            f"no model can be learned from these {len(used)} trials together: {error}: make batches of trials that "
             "are alike, or give `model` auto"
         ) from None
     told = {"key": model_key(trials, seed), "learned_from": used, "left_out": left_out, "scores": model.scores}
@@ -74,3 +64,19 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
         model.write(file)
         text = json.dumps(told, indent=1, sort_keys=True)
         file.with_name(OF).write_text(text + "\n", encoding="utf-8")
+
+
+def _sources(trials: Sequence[Trial], used: list[str], left_out: dict[str, str]) -> Iterator[Recording | Prepared]:
+    """Those that can be read, one after the other; their names are added to ``used``, reasons to ``left_out``."""
+    for trial in trials:
+        try:
+            recording = trial.recording().without_needless_calibration()
+            try:
+                source: Recording | Prepared = prepare(recording)
+            except OriginError:  # the others may tell which corner pixels are counted from
+                source = recording
+            used.append(trial.name)
+        except MocapError as error:
+            left_out[trial.name] = " ".join(str(error).split())
+            continue
+        yield source

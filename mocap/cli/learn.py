@@ -1,6 +1,7 @@
 """``mocap learn``."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +35,7 @@ def learn(
     import mocap
     from mocap.io.output import result_file
 
-    recordings = [stated.read(tracks).without_needless_calibration() for tracks in trials]
+    recordings = [replace(stated.read(tracks)) for tracks in trials]  # checked; each is read again when its turn comes
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=force, inputs=inputs, tell=say) as file:
         with mocap.processes(jobs):

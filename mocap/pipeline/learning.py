@@ -1,11 +1,11 @@
 """``mocap learn``: a model from several recordings of the same kind of animal."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort
+from filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort, best_of
 from filters.model import LearnedModel, learn_model, own_trials
 from filters.models.base import TrajectoryModel
 from filters.poses import MarkerTrial
@@ -15,17 +15,27 @@ from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.skeleton import Skeleton
+
+MOST_FRAMES = 20_000
+"""Of all recordings together: no more teaches anything that could be measured (docs/benchmarks/batch.md), and what is
+learned is read again in each recording that is tracked with it."""
+LONGEST = MOST_FRAMES // 4
+"""Frames of one recording."""
 
 
 def learn_from(
-    sources: Sequence[Recording | Prepared],
+    sources: Iterable[Recording | Prepared],
     *,
     seed: int = 0,
     effort: Effort = USUAL_EFFORT,
     models: Sequence[TrajectoryModel] = MODELS,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
-    """Prepare recordings as ``track`` does, and learn from all of them.
+    """Prepare recordings as ``track`` does, and learn from all of them, or from some of very many.
+
+    They are read one after the other. Of more than ``MOST_FRAMES`` frames, recordings are kept that are drawn by
+    chance, so that time and memory do not grow with their number.
 
     Args:
         sources: Recordings of one frame rate, or what was prepared of them; markers of the same name are the same.
@@ -37,60 +47,107 @@ def learn_from(
     Raises:
         MocapError: a recording cannot be read, or they cannot be learned from together.
     """
-    recordings = []
-    for source, one in zip(sources, _prepared(sources, tell), strict=True):
-        recordings.append(one)
-        seen = np.isfinite(recordings[-1].xyz_m[..., 0])
-        for finding in () if isinstance(source, Prepared) else source.frame_findings:
-            tell(f"{recordings[-1].name}: {finding}")
-        tell(f"{recordings[-1].name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
-    names = list(dict.fromkeys(name for recording in recordings for name in recording.names))
-    trunk = [name for name in recordings[0].skeleton.trunk if name in names]
-    trials = [_with_markers(recording, names) for recording in recordings]
+    some = _Some()
+    for number, one in _prepared(sources, tell):
+        seen = np.isfinite(one.xyz_m[..., 0])
+        tell(f"{one.name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
+        some.add(number, _Shown.of(one))
+    if not some.kept:
+        raise MocapError("there is no recording to learn from")
+    shown = some.in_order
+    if len(shown) < some.offered:
+        tell(f"learned from {len(shown)} of {some.offered} recordings, drawn by chance: {some.frames} frames")
+    names = list(dict.fromkeys(name for one in shown for name in one.names))
+    trials = [one.with_markers(names) for one in shown]
     seen = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
     if seen.sum() < 4:
         raise MocapError(f"only {seen.sum()} markers are ever seen in these recordings: a model needs at least 4")
     kept = [name for name, ever in zip(names, seen, strict=True) if ever]
     trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
-    trunk, bones = [name for name in trunk if name in kept], recordings[0].skeleton.rigid
+    skeleton = shown[0].skeleton
+    trunk = [name for name in skeleton.trunk if name in kept]
     rng = np.random.default_rng(seed)
-    return learn_model(kept, trunk, trials, rng, bones=bones, models=models, effort=effort, tell=tell)
+    return learn_model(kept, trunk, trials, rng, bones=skeleton.rigid, models=models, effort=effort, tell=tell)
 
 
-def _prepared(sources: Sequence[Recording | Prepared], tell: Callable[[str], None]) -> list[Prepared]:
-    """The recordings, prepared; where one cannot tell which corner its pixels are counted from, the others tell.
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What is kept of a recording: the seen frames of all its markers, of ``LONGEST`` those that show most."""
+
+    names: tuple[str, ...]
+    trial: MarkerTrial
+    skeleton: Skeleton
+
+    @classmethod
+    def of(cls, recording: Prepared) -> "_Shown":
+        part = replace(seen_part(recording), markers=np.arange(len(recording.names)))
+        return cls(recording.names, best_of(marker_trial(recording, part), LONGEST), recording.skeleton)
+
+    def with_markers(self, names: Sequence[str]) -> MarkerTrial:
+        """All markers of the model, in its order."""
+        xyz = np.full((len(self.trial.t_s), len(names), 3), np.nan)
+        sd = np.full(xyz.shape[:2], np.nan)
+        index = [names.index(name) for name in self.names]
+        xyz[:, index], sd[:, index] = self.trial.xyz_m, self.trial.sd_m
+        return replace(self.trial, xyz_m=xyz, sd_m=sd)
+
+
+@dataclass(eq=False)
+class _Some:
+    """Recordings of at most ``MOST_FRAMES`` frames: those with the lowest lots of all that were offered."""
+
+    kept: dict[tuple[float, int], _Shown] = field(default_factory=dict)
+    offered: int = 0
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    def add(self, number: int, shown: _Shown) -> None:
+        """Offer one; which are kept does not depend on how many follow that are not."""
+        self.offered += 1
+        self.kept[float(self.rng.random()), number] = shown
+        while self.frames > MOST_FRAMES and len(self.kept) > 1:
+            del self.kept[max(self.kept)]
+
+    @property
+    def frames(self) -> int:
+        return sum(len(shown.trial.t_s) for shown in self.kept.values())
+
+    @property
+    def in_order(self) -> list[_Shown]:
+        return [shown for (_, _), shown in sorted(self.kept.items(), key=lambda one: one[0][1])]
+
+
+def _prepared(sources: Iterable[Recording | Prepared], tell: Callable[[str], None]) -> Iterator[tuple[int, Prepared]]:
+    """The recordings, prepared, with their numbers.
+
+    Where one cannot tell which corner its pixels are counted from, the others tell, and it comes last.
 
     Raises:
         MocapError: a recording cannot be prepared; the message names its file.
     """
-    found: list[Prepared | None] = []
-    doubt: dict[int, OriginError] = {}
-    for i, source in enumerate(sources):
-        try:
-            found.append(source if isinstance(source, Prepared) else prepare(source).in_space("learning"))
-        except OriginError as error:
-            found.append(None)
-            doubt[i] = error
-    told = {(f.pixel_origin.pixels, f.pixel_origin.coefficients) for p in found if p and (f := p.filmed)}
-    for i, error in doubt.items():
-        source = sources[i]
-        if len(told) != 1 or not isinstance(source, Recording):
+    doubt: dict[int, tuple[Recording, OriginError]] = {}
+    told = set()
+    for number, source in enumerate(sources):
+        if isinstance(source, Prepared):
+            one = source
+        else:
+            fresh = replace(source).without_needless_calibration()  # what is read of it is not kept
+            try:
+                one = prepare(fresh).in_space("learning")
+            except OriginError as error:
+                doubt[number] = source, error
+                continue
+            for finding in fresh.frame_findings:
+                tell(f"{one.name}: {finding}")
+        if one.filmed:
+            told.add((one.filmed.pixel_origin.pixels, one.filmed.pixel_origin.coefficients))
+        yield number, one
+    for number, (source, error) in doubt.items():
+        if len(told) != 1:
             raise error
         (corners,) = told
-        found[i] = prepare(replace(source, pixel_origin=corners[0], calibration_origin=corners[1]))
+        fresh = replace(source, pixel_origin=corners[0], calibration_origin=corners[1])
         tell(f"{source.name}: pixel origin {corners[0]}, as in the other recordings of this session")
-    return [p for p in found if p is not None]
-
-
-def _with_markers(recording: Prepared, names: Sequence[str]) -> MarkerTrial:
-    """The seen frames of a recording, with all markers of the model in its order."""
-    part = seen_part(recording)
-    trial = marker_trial(recording, replace(part, markers=np.arange(len(recording.names))))
-    xyz = np.full((len(trial.t_s), len(names), 3), np.nan)
-    sd = np.full(xyz.shape[:2], np.nan)
-    index = [names.index(name) for name in recording.names]
-    xyz[:, index], sd[:, index] = trial.xyz_m, trial.sd_m
-    return replace(trial, xyz_m=xyz, sd_m=sd)
+        yield number, prepare(fresh.without_needless_calibration()).in_space("learning")
 
 
 def readable_scores(learned: LearnedModel) -> str:

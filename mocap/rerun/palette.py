@@ -16,6 +16,8 @@ YELLOW: Rgb = (240, 228, 66)
 BLUE: Rgb = (0, 114, 178)
 VERMILLION: Rgb = (213, 94, 0)
 PURPLE: Rgb = (204, 121, 167)
+RED: Rgb = (221, 51, 34)
+"""Near to the red of Tol 2021, "Colour schemes": nobody takes it for the orange of a side."""
 
 WHITE: Rgb = (235, 238, 242)
 GREY: Rgb = (150, 156, 166)
@@ -25,7 +27,7 @@ GROUND: Rgb = (16, 18, 23)
 SERIES: tuple[Rgb, ...] = (SKY_BLUE, ORANGE, GREEN, YELLOW, PURPLE, VERMILLION, BLUE, WHITE)
 """In the order in which lines of a plot take them; more lines start over."""
 
-ORIGIN: dict[str, Rgb] = {"measured": SKY_BLUE, "filled": YELLOW, "rejected": VERMILLION}
+ORIGIN: dict[str, Rgb] = {"measured": SKY_BLUE, "filled": YELLOW, "rejected": RED}
 """Colour of each class of samples (``paths.ORIGINS``): light, middle and dark also without hue."""
 
 DIM_ORIGIN: dict[str, Rgb] = {**ORIGIN, "measured": (38, 76, 99)}

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 import pytest
 
 from datasets import make_bat
-from filters.hidden_gaps import Effort
+from filters.hidden_gaps import EACH_MARKER, Effort
 from filters.hide import hide_neighbours
 from filters.model import learn_model, renamed, track_with
 from filters.model_file import load_model, save_model
@@ -20,8 +21,9 @@ from filters.track import smooth
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST
+from mocap.pipeline import learning
 from mocap.pipeline.learning import readable_scores
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.prepare import prepare, prepare_tracks
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
@@ -205,6 +207,33 @@ def test_the_model_is_never_written_over(mocap, flights, model):
         assert code == 1
         assert "read from" in err
     assert model.read_bytes() == before
+
+
+def test_of_very_many_recordings_some_are_kept(monkeypatch):
+    """Memory does not grow with their number: each is read when its turn comes, and most are dropped again."""
+    monkeypatch.setattr(learning, "MOST_FRAMES", 120)
+    monkeypatch.setattr(learning, "LONGEST", 30)
+    alive, most, told = weakref.WeakSet(), 0, []
+
+    def flights():
+        nonlocal most
+        for seed in range(9):
+            flight = make_bat(seed=seed, n_frames=40, n_cameras=2)
+            one = prepare_tracks(flight.truth, flight.skeleton, name=f"f{seed}")
+            alive.add(one)
+            most = max(most, len(alive))
+            yield one
+            del one
+
+    learned = learning.learn_from(
+        flights(), effort=Effort(times=1), models=(EACH_MARKER, EACH_MARKER), tell=told.append
+    )
+    assert len(learned.trials) == 4
+    assert [len(trial.t_s) for trial in learned.trials] == [30] * 4
+    names = [trial.name for trial in learned.trials]
+    assert names == sorted(names)
+    assert "learned from 4 of 9 recordings, drawn by chance: 120 frames" in told
+    assert most <= 2
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from mocap.pipeline.run import Run
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import time_columns
 from mocap.rerun.layout import Layout
+from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import NARROW, scene_view
 from mocap.rerun.series import robust_range, series_view
 from mocap.sides import by_side, side_of
@@ -31,8 +32,8 @@ def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
     for group, quantities in layout.angles.items():
         for one in quantities:
             _log_quantity(rec, group, one, t_s)
-    for (kind, of), rows in _lanes(layout.cycles).items():
-        _log_cycles(rec, paths.cycles(kind, of), rows, t_s)
+    for (kind, of), lane in _lanes(layout.cycles).items():
+        _log_cycles(rec, paths.cycles(kind, of), lane, t_s)
 
 
 def tab(layout: Layout) -> rrb.Container | None:
@@ -81,7 +82,7 @@ def _plots(group: str, quantities: Sequence[Quantity]) -> rrb.Container:
         )
         for q in quantities
     ]
-    return rrb.Grid(*views, grid_columns=1 if len(views) <= _COLUMN else 2, name=group.capitalize())
+    return rows(views, columns=1 if len(views) <= _COLUMN else 2, name=group.capitalize())
 
 
 def title(q: Quantity) -> str:

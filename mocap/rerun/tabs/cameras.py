@@ -14,13 +14,14 @@ from mocap.rerun.columns import Single, changing, segments, single, time_columns
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_video import log_video
 from mocap.rerun.log_world import SAMPLE_CLASS
+from mocap.rerun.rows import rows
 from mocap.rerun.scene import Scene, ViewCamera
 from mocap.rerun.scene_views import WHISKER_SCALE, camera_order, camera_view, rig_view
 
 _LOOKS = {  # colour, radius in points of the screen, drawn over those with a lower order
     "reprojected": (palette.GREEN, 4.0, 30.0),
     "measured": (palette.SKY_BLUE, 2.5, 40.0),
-    "rejected": (palette.VERMILLION, 5.0, 50.0),
+    "rejected": (palette.ORIGIN["rejected"], 5.0, 50.0),
 }
 
 
@@ -38,7 +39,7 @@ def tab(layout: Layout) -> rrb.Container | None:
     """Where the cameras stand, and what each of them saw."""
     if not layout.bounds_px:
         return None
-    tiles = rrb.Grid(*(camera_view(layout, name) for name in camera_order(layout)))
+    tiles = rows([camera_view(layout, name) for name in camera_order(layout)])
     return rrb.Horizontal(rig_view(layout), tiles, column_shares=[2, 3], name="Cameras")
 
 

@@ -13,6 +13,7 @@ from mocap.rerun.camera_errors import usual_limit
 from mocap.rerun.gaps import gap_lanes_view, log_gaps
 from mocap.rerun.layout import Layout
 from mocap.rerun.row_map import WIDE, amounts, log_row_map, row_map_view
+from mocap.rerun.rows import rows
 from mocap.rerun.series import log_line, robust_range, series_view
 
 BAND = (0.025, 0.975)
@@ -86,7 +87,7 @@ def tab(layout: Layout) -> rrb.Container:
         series_view(paths.ROWS, "Measured coordinates used in each frame", legend=False),
         gap_lanes_view(),
     ]
-    return rrb.Grid(*views, grid_columns=2, name="Filter health")
+    return rows(views, columns=2, name="Filter health")
 
 
 def nis_band(n_rows: NDArray[np.int64]) -> Array:

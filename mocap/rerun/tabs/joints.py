@@ -14,6 +14,7 @@ from mocap.rerun.energy import JointEnergy
 from mocap.rerun.landscape import MM_PER_M, RANGE, Landscape, normals, triangles
 from mocap.rerun.layout import Layout
 from mocap.rerun.limbs import limb_tab, log_limbs
+from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import eye, last_frames
 from mocap.rerun.series import log_line, series_view
 from mocap.rerun.volume import Block
@@ -53,7 +54,7 @@ def tab(layout: Layout) -> rrb.Container | None:
         ]
     others = [name for name in layout.joint_frames if name not in layout.landscapes]
     if others:
-        parts.append(rrb.Grid(*(coordinates_view(layout, name) for name in others), name="Other joints"))
+        parts.append(rows([coordinates_view(layout, name) for name in others], name="Other joints"))
     parts += [limb_tab(layout, limb) for limb in layout.limbs]
     return rrb.Tabs(*parts, active_tab=0, name="Joints and potentials")
 

@@ -8,6 +8,7 @@ from mocap.rerun.gaps import gap_map_view, log_gap_map
 from mocap.rerun.layout import Layout
 from mocap.rerun.log_markers import log_looks, log_markers, log_trails, log_uncertainty
 from mocap.rerun.log_world import log_axes, log_world
+from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import camera_order, camera_view, names_view, scene_view
 
 _TILES = 4
@@ -30,8 +31,8 @@ def tab(layout: Layout) -> rrb.Container:
     right: list[rrb.Container | rrb.View] = []
     if layout.bounds_px:
         names = list(layout.bounds_px)[:_TILES]
-        tiles = (camera_view(layout, name) for name in sorted(names, key=camera_order(layout).index))
-        right.append(rrb.Grid(*tiles, grid_columns=min(2, len(names))))
+        tiles = [camera_view(layout, name) for name in sorted(names, key=camera_order(layout).index)]
+        right.append(rows(tiles, columns=2))
     right.append(gap_map_view(layout.n_markers))
     return rrb.Horizontal(
         rrb.Tabs(scene_view(layout), names_view(layout), active_tab=0),

@@ -57,7 +57,10 @@ class Sample:
 
 
 def make_twins(folder: Path, count: int, *, frames: int) -> None:
-    """Short flights of bats in nested folders, each with its calibration and skeleton; beside ten one whose clicks are cut off."""
+    """Short flights of bats in nested folders, each with its calibration and skeleton.
+
+    Beside ten of them there is one whose clicks are cut off.
+    """
     for i in range(count):
         place = folder / f"bat{i % 10:02d}" / f"t{i:04d}"
         if not place.is_dir():

@@ -96,6 +96,22 @@ def test_footfalls_and_duty_are_those_of_the_walk(lizard):
     assert np.mean([s.stride_length_m for s in strides]) == pytest.approx(GAIT.stride_m, rel=0.02)
 
 
+def test_a_foot_that_never_overtakes_the_body_has_not_left_the_ground(lizard):
+    """Noise of a filled gap in the middle of a contact, slower than the body: the same contacts as without."""
+    recording, motion, _, _ = lizard
+    steps = footfalls(motion, recording.skeleton)
+    foot = motion.index(steps.feet[0])
+    start, stop = next((a, b) for a, b in true_runs(steps.stance[:, 0]) if a > 5 and b - a > 20)
+    pace = np.median(np.linalg.norm(motion.velocity_m_s[:, motion.index("body")], axis=-1))
+    found = []
+    for share in (0.7, 3.0):
+        velocity = motion.velocity_m_s.copy()
+        velocity[start + 8 : stop - 8, foot, 0] = share * pace
+        found.append(footfalls(replace(motion, velocity_m_s=velocity), recording.skeleton))
+    np.testing.assert_array_equal(found[0].stance, steps.stance)
+    assert not found[1].stance[start + 8 : stop - 8, 0].any()
+
+
 def test_a_wave_down_a_body_has_its_wavelength_and_frequency():
     """Sideways a sin(2 pi (x / lambda + f t)) on a body that moves ahead: a, lambda, f."""
     t = np.arange(300) / 100

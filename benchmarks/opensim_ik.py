@@ -26,6 +26,7 @@ from mocap.stages import Stages
 
 WORKER = """
 import sys, time, opensim as o
+o.Logger.removeFileSink()
 o.Logger.setLevelString("Error")
 folder = sys.argv[1]
 tool = o.InverseKinematicsTool()

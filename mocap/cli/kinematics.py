@@ -25,6 +25,13 @@ def kinematics(
             "give the option once for each."
         ),
     ] = None,
+    scale_osim: Annotated[
+        Path | None,
+        typer.Option(
+            help="A generic OpenSim model, to be scaled to the animal by the distances of markers that both have: "
+            "scaled.osim, and scale_factors.csv. Needs OpenSim (pip install opensim)."
+        ),
+    ] = None,
     moments: Annotated[
         bool,
         typer.Option(
@@ -58,9 +65,14 @@ def kinematics(
     if skeleton is not None:
         result = result.with_skeleton(read_skeleton(skeleton))
     place = run / "kinematics" if out is None else out
-    inputs = [run, *([skeleton] if skeleton is not None else [])]
+    inputs = [run, *(path for path in (skeleton, scale_osim) if path is not None)]
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
         result.write_kinematics(folder, exports=export or (), progress=tell)
+        if scale_osim is not None:
+            scaled = result.write_scaled_osim(scale_osim, folder)
+            told = ", ".join(f"{body} {one.factor:.3g}" for body, one in scaled.items() if one.pairs)
+            rest = "; others by their median" if any(not one.pairs for one in scaled.values()) else ""
+            say(f"{scale_osim.name}: {len(scaled)} bodies scaled: {told}{rest}")
         if moments:
             result.write_moments(folder)
         if mechanics:

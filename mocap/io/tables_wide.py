@@ -13,6 +13,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
 from mocap.io.tables import REPAIRED, WORDS, check_origins, codes, read_rows, titles, with_sd
+from mocap.io.workbook import write_sheet
 
 _ENDS = ("x", "y", "z", "sd", "origin")
 
@@ -76,18 +77,21 @@ def _write(path: Path, recording: FileContents) -> None:
             )
         columns |= own
     table = pd.DataFrame({as_cell(title): column for title, column in columns.items()})
-    table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
+    if path.suffix.lower() == ".xlsx":
+        write_sheet(path, list(table.columns), table.itertuples(index=False))
+    else:
+        table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
 
 
 FORMATS = (
     Format(
         name="csv-wide",
-        title="mocap's CSV, one row for each frame (frame, t_s, <name>_x, ...)",
+        title="mocap's CSV or workbook, one row for each frame (frame, t_s, <name>_x, ...)",
         knows=lambda head: head.cells()[:1] == ("frame",) and any(c.endswith("_origin") for c in head.cells()),
         read=_read,
         write=_write,
         holds=frozenset({"points", "first_frame", "frame_numbers", "fps", "unit", "origin", "sd"}),
         needs=frozenset({"unit"}),
-        suffixes=(".csv",),
+        suffixes=(".csv", ".xlsx"),
     ),
 )

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from mocap.library.figures import Plots
     from mocap.pipeline.limb_mechanics import LimbMechanics
     from mocap.rerun.viewer import Viewer
+    from mocap.results.scaled_osim import Factor
 
 Tell = Callable[[str, float], None]
 LIMB = "limb"
@@ -276,6 +277,23 @@ class Tracked:
             shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
+
+    def write_scaled_osim(self, generic: str | PathLike[str], folder: Path) -> "dict[str, Factor]":
+        """Scale a generic OpenSim model to the animal: ``scaled.osim``, ``scale_factors.csv`` (needs OpenSim).
+
+        Args:
+            generic: The model, with markers of the same names.
+            folder: Where to, as ``mocap.io.output.result_folder`` gives it.
+
+        Returns:
+            By what each body was scaled (``mocap.results.scaled_osim``).
+
+        Raises:
+            MocapError: the file is no model, or no body of it has two markers of the recording.
+        """
+        from mocap.results.scaled_osim import write_scaled_osim
+
+        return write_scaled_osim(self.run, Path(generic), folder)
 
     def write_moments(self, folder: Path) -> None:
         """Write ``moments.csv`` and ``moments.nc``.

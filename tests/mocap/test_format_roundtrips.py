@@ -85,6 +85,19 @@ def test_pixels_come_back(scratch, name, recording):
         np.testing.assert_array_equal(back.score, recording.score)
 
 
+@given(recording=point_recordings())
+@settings(max_examples=10)
+def test_points_come_back_from_a_workbook(scratch, recording):
+    """The same table as a sheet of Excel: values to its 16 digits, gaps, origins and frame numbers."""
+    pytest.importorskip("openpyxl")
+    write(recording, scratch / "a.xlsx")
+    back = read(scratch / "a.xlsx")
+    assert back.names == recording.names
+    np.testing.assert_array_equal(back.frames, recording.frames)
+    np.testing.assert_allclose(back.points.xyz_m, recording.points.xyz_m, rtol=1e-15, atol=0)
+    np.testing.assert_array_equal(back.points.status, recording.points.status)
+
+
 @given(pixels=pixel_recordings())
 @settings(max_examples=15)
 def test_a_dltdv_set_comes_back(scratch, pixels):

@@ -219,9 +219,14 @@ def stored(out: Path, count: int) -> list[str]:
     ]
 
 
+def finished(out: Path) -> list[Path]:
+    """The records of trials that have been finished; folders may come and go meanwhile."""
+    return [Path(folder) / "trial.json" for folder, _, names in os.walk(out) if "trial.json" in names]
+
+
 def ended_s(out: Path) -> dict[str, float]:
     """When each trial ended that was tracked."""
-    return {path.parent.relative_to(out).as_posix(): path.stat().st_mtime for path in out.rglob("trial.json")}
+    return {path.parent.relative_to(out).as_posix(): path.stat().st_mtime for path in finished(out)}
 
 
 def engine_row(out: Path, samples: Sequence[Sample], *, jobs: int) -> str:
@@ -277,12 +282,12 @@ def kills(twins: Path, folder: Path, count: int, *, times: int, seed: int) -> li
             time.sleep(rng.uniform(1, 3))
         running.kill()
         running.wait()
-        now = {path: path.stat().st_mtime_ns for path in out.rglob("trial.json")}
+        now = {path: path.stat().st_mtime_ns for path in finished(out)}
         redone += sum(now.get(path) != when for path, when in done_before.items())
         killed.append(len(now))
         done_before = now
     spent(batch(twins, out, jobs=2))
-    now = {path: path.stat().st_mtime_ns for path in out.rglob("trial.json")}
+    now = {path: path.stat().st_mtime_ns for path in finished(out)}
     redone += sum(now.get(path) != when for path, when in done_before.items())
     first, second = contents(whole), contents(out)
     differ = sum(first.get(name) != second.get(name) for name in {*first, *second})
@@ -301,7 +306,7 @@ def kills(twins: Path, folder: Path, count: int, *, times: int, seed: int) -> li
 def _begun(running: subprocess.Popen, out: Path, before: int) -> float:
     """When the command has finished a trial of its own, or ended."""
     end = time.perf_counter() + 120
-    while time.perf_counter() < end and running.poll() is None and len(list(out.rglob("trial.json"))) <= before:
+    while time.perf_counter() < end and running.poll() is None and len(finished(out)) <= before:
         time.sleep(0.02)
     return time.perf_counter()
 
@@ -333,8 +338,8 @@ def main() -> None:
 
             lines += simulated(quick=given.quick)
         lines += ["", f"load now: {os.getloadavg()[0]:.1f}", ""]
+        (given.out / "batch.md").write_text("\n".join(lines), encoding="utf-8")
     print("\n".join(lines))
-    (given.out / "batch.md").write_text("\n".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -87,7 +87,7 @@ def track(
         int | None,
         typer.Option(
             help="Track in blocks of so many frames, in the memory of one block, and write Parquet; 0: the whole "
-            "at once. If not given, recordings of more than 20000 frames are tracked in blocks of 5000.",
+            "at once. If not given, recordings of more than 20000 frames are tracked in blocks of 4000.",
             min=0,
         ),
     ] = None,

@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -102,8 +103,10 @@ def write_in_blocks(
                 tally.add(part, findings)
                 thin += _thinned(part, (-core.start) % every, every)
                 detail = _better(detail, part)
+                nothing = None if thin else deepcopy(_without_rates(part))
+                del run, part, found, rows  # only one block at a time is in memory
         with stages.stage("overview, potentials, figures"):
-            overview = _with_potentials(joined(thin or [_without_rates(part)]))
+            overview = _with_potentials(joined(thin or [nothing]))
             report = _report(recording, known, tally, overview, every, size)
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
@@ -136,7 +139,7 @@ def _thinned(run: Run, first: int, every: int) -> list[Run]:
     markers = part.tracked.markers
     if not len(markers.t_s) or not markers.seen.any():
         return []
-    return [_without_rates(part)]
+    return [deepcopy(_without_rates(part))]  # of views, which would keep the whole block
 
 
 def _without_rates(run: Run) -> Run:
@@ -153,7 +156,7 @@ def _better(known: tuple[int, Run] | None, run: Run) -> tuple[int, Run] | None:
     count = int((run.tracked.markers.status[frames] == Status.MEASURED).sum())
     if count == 0 or (known is not None and count <= known[0]):
         return known
-    return count, cut(run, frames)
+    return count, deepcopy(cut(run, frames))
 
 
 def _with_potentials(run: Run) -> Run:

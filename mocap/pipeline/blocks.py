@@ -46,7 +46,7 @@ from mocap.pipeline.tracking import (
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.stages import Stages
 
-BLOCK = 5000
+BLOCK = 4000
 """Frames of a block."""
 LONG = 20_000
 """Recordings of more frames are tracked in blocks unless something else is asked for."""
@@ -345,3 +345,4 @@ def tracked_blocks(
             progress(i / len(blocks))
             found = track_block(recording, known, core)
         yield (core, *found)
+        del found  # or it would live on while the next one is tracked

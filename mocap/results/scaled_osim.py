@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from csv import writer
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +17,6 @@ from mocap.errors import MocapError
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status
 from mocap.results.mjcf import plain_name
-
-if TYPE_CHECKING:
-    import opensim
 
 FILE, TABLE = "scaled.osim", "scale_factors.csv"
 NEAR = 0.02
@@ -62,8 +60,7 @@ def write_scaled_osim(run: Run, generic: Path, folder: Path) -> dict[str, Factor
     """
     if find_spec("opensim") is None:
         raise MissingPackageError("--scale-osim needs OpenSim, not installed here: run pip install opensim")
-    import opensim
-
+    opensim = import_module("opensim")
     opensim.Logger.removeFileSink()  # it would write a file beside the user's own
     opensim.Logger.setLevelString("Off")
     try:
@@ -132,7 +129,7 @@ def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Fa
     return {body: out.get(body, Factor(factor=middle, pairs=0, spread=float("nan"))) for body in places}
 
 
-def _places(model: "opensim.Model", state: "opensim.State") -> Places:
+def _places(model: Any, state: Any) -> Places:
     """Markers in the frames of the bodies that they belong to."""
     out: dict[str, dict[str, Array]] = {body.getName(): {} for body in model.getBodySet()}
     ground = []
@@ -156,5 +153,5 @@ def _places(model: "opensim.Model", state: "opensim.State") -> Places:
     return out
 
 
-def _vector(v: "opensim.Vec3") -> Array:
+def _vector(v: Any) -> Array:
     return np.array([v.get(k) for k in range(3)])

@@ -147,7 +147,9 @@ def test_files_of_one_session_decide_together(tmp_path):
         )
     with pytest.raises(OriginError, match=r"^doubtful_xypts\.csv: the pixel origin cannot be determined"):
         prepare(made[1])
-    told = []
-    both = _prepared(made, told.append)
-    assert [p.filmed.pixel_origin.pixels for p in both if p.filmed] == ["upper-left"] * 2
-    assert told == ["doubtful: pixel origin upper-left, as in the other recordings of this session"]
+    for order, numbers in ((made, [0, 1]), (made[::-1], [1, 0])):
+        told = []
+        both = list(_prepared(order, told.append))
+        assert [p.filmed.pixel_origin.pixels for _, p in both if p.filmed] == ["upper-left"] * 2
+        assert [number for number, _ in both] == numbers
+        assert told == ["doubtful: pixel origin upper-left, as in the other recordings of this session"]

@@ -92,7 +92,9 @@ def write_in_blocks(
     with one_blas_thread():
         with stages.stage("learn once"):
             known = learn_once(recording, model=model, learned=learned, seed=seed)
-        tally, thin, detail = Tally(), [], None
+        tally, detail = Tally(), None
+        thin: list[Run] = []
+        nothing: list[Run] = []
         with BlockWriter(folder, fps=1 / recording.dt_s) as writer:
             for core, run, own, findings in tracked_blocks(recording, known, size=size, stages=stages):
                 with stages.stage("kinematics and tables"):
@@ -103,10 +105,10 @@ def write_in_blocks(
                 tally.add(part, findings)
                 thin += _thinned(part, (-core.start) % every, every)
                 detail = _better(detail, part)
-                nothing = None if thin else deepcopy(_without_rates(part))
+                nothing = [] if thin else [deepcopy(_without_rates(part))]
                 del run, part, found, rows  # only one block at a time is in memory
         with stages.stage("overview, potentials, figures"):
-            overview = _with_potentials(joined(thin or [nothing]))
+            overview = _with_potentials(joined(thin or nothing))
             report = _report(recording, known, tally, overview, every, size)
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)

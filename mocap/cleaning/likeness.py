@@ -65,15 +65,23 @@ def steady_pairs(xyz_m: Array, bones: Bones, *, partners: int = 3, steady: float
         if marker in boned:
             continue
         distance = np.linalg.norm(xyz_m - xyz_m[:, marker, None], axis=-1)
-        varies = np.full(xyz_m.shape[1], np.inf)
-        for other, column in enumerate(distance.T):
-            known = column[np.isfinite(column)]
-            if other != marker and len(known) >= 30:
-                median = np.median(known)
-                varies[other] = 1.4826 * np.median(np.abs(known - median)) / max(float(median), 1e-12)
+        median = _medians(distance)
+        varies = 1.4826 * _medians(np.abs(distance - median)) / np.maximum(median, 1e-12)
+        varies[np.isfinite(distance).sum(axis=0) < 30] = np.inf
+        varies[marker] = np.inf
         best = np.argsort(varies)[:partners]
         out += [(marker, int(other)) for other in best if varies[other] < steady]
     return np.array(out, dtype=np.int64).reshape(-1, 2)
+
+
+def _medians(values: Array) -> Array:
+    """(M,) medians of the columns of (T, M) without NaN, a fifth of the time of ``np.nanmedian``; NaN of none."""
+    ordered = np.sort(values, axis=0)  # NaN last
+    count = np.isfinite(values).sum(axis=0)
+    column = np.arange(values.shape[1])
+    low, high = (np.maximum(count - 1, 0) // 2), count // 2
+    middle = 0.5 * (ordered[low, column] + ordered[np.minimum(high, len(values) - 1), column])
+    return np.where(count > 0, middle, np.nan)
 
 
 def pair_evidence(xyz_m: Array, lengths: Sequence[BoneLength], pair: Pair, suspects: Set[int]) -> Array:

@@ -75,7 +75,7 @@ def steady_pairs(xyz_m: Array, bones: Bones, *, partners: int = 3, steady: float
 
 
 def _medians(values: Array) -> Array:
-    """(M,) medians of the columns of (T, M) without NaN, a fifth of the time of ``np.nanmedian``; NaN of none."""
+    """(M,) medians of the columns of (T, M) without NaN, as ``np.nanmedian`` gives them; NaN of none."""
     ordered = np.sort(values, axis=0)  # NaN last
     count = np.isfinite(values).sum(axis=0)
     column = np.arange(values.shape[1])

@@ -113,7 +113,7 @@ class _Some:
 
     @property
     def in_order(self) -> list[_Shown]:
-        return [shown for (_, _), shown in sorted(self.kept.items(), key=lambda one: one[0][1])]
+        return [self.kept[lot] for lot in sorted(self.kept, key=lambda lot: lot[1])]
 
 
 def _prepared(sources: Iterable[Recording | Prepared], tell: Callable[[str], None]) -> Iterator[tuple[int, Prepared]]:

@@ -8,13 +8,11 @@ import numpy as np
 
 from mocap.errors import MocapError
 from mocap.io.cells import as_cells
+from mocap.io.workbook import COLUMNS
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
 from mocap.pipeline.run import Run
 from mocap.results.bvh import write_bvh
-
-SHEET_COLUMNS = 16_384
-"""Columns that a sheet of Excel has."""
 
 
 def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
@@ -27,10 +25,8 @@ def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
         openpyxl = importlib.import_module("openpyxl")
     except ImportError:
         raise MocapError("writing .xlsx needs openpyxl: pip install 'eal-mocap[excel]'") from None
-    if len(found) + 2 > SHEET_COLUMNS:
-        raise MocapError(
-            f"a sheet of Excel has {SHEET_COLUMNS} columns, but there are {len(found)} quantities: use .nc"
-        )
+    if len(found) + 2 > COLUMNS:
+        raise MocapError(f"a sheet of Excel has {COLUMNS} columns, but there are {len(found)} quantities: use .nc")
     book = openpyxl.Workbook(write_only=True)
     header = ["frame", "t_s", *as_cells(list(found))]
     frames = np.arange(1, len(found.t_s) + 1).tolist()

@@ -22,6 +22,7 @@ FILE, TABLE = "scaled.osim", "scale_factors.csv"
 NEAR = 0.02
 """A marker that is no further from a joint's centre, as a share of the model's extent, belongs to both bodies."""
 LEAST_FRAMES = 5
+"""In which both markers of a pair were measured."""
 
 Places = Mapping[str, Mapping[str, Array]]
 """For each body (3,) places of markers in its frame, m."""
@@ -59,7 +60,7 @@ def write_scaled_osim(run: Run, generic: Path, folder: Path) -> dict[str, Factor
         MocapError: the file is no model, or no body of it has two markers of the recording.
     """
     if find_spec("opensim") is None:
-        raise MissingPackageError("--scale-osim needs OpenSim, not installed here: run pip install opensim")
+        raise MissingPackageError("--scale-osim needs the package opensim, not installed here: run pip install opensim")
     opensim = import_module("opensim")
     opensim.Logger.removeFileSink()  # it would write a file beside the user's own
     opensim.Logger.setLevelString("Off")
@@ -114,10 +115,10 @@ def factors(places: Places, markers: MarkerTracks, *, name: str) -> dict[str, Fa
         if pairs:
             found[body] = tuple(np.array(pairs).T)
     if not found:
-        known = sorted({marker for held in places.values() for marker in held})
+        there = sorted({marker for held in places.values() for marker in held})
         raise MocapError(
             f"{name}: no body of this model has two markers of the recording, by which it could be scaled: its markers "
-            f"are {', '.join(known[:8]) or 'none'}; those of the recording {', '.join(markers.names[:8])}: give them "
+            f"are {', '.join(there[:8]) or 'none'}; those of the recording {', '.join(markers.names[:8])}: give them "
             "the same names"
         )
     out = {}

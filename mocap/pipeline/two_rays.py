@@ -1,10 +1,13 @@
-"""Points of two rays, which no third ray confirms: checked by the filter before anything is learned from them.
+"""Two rays that no third one confirms: checked by the filter before anything is learned from them.
 
 Where markers are dense a click on the wrong one lies near the epipolar line of the right one in a third of the frames:
-the two rays meet, and nothing but the motion tells that they are of two markers.
+the two rays meet, and nothing but the motion tells that they are of two markers. Somebody who takes one marker for
+another does so for many frames: where two cameras do not meet in some frames of a run, one of them is looked for that
+is wrong in all of them.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +15,7 @@ from numpy.typing import NDArray
 from filters.model import LearnedModel, trials_for
 from filters.models.base import FittedMotion
 from filters.models.pose import PoseSettings
+from filters.observations import linearised_pixels
 from mocap.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.pipeline.prepare import Prepared
@@ -24,7 +28,50 @@ LEAST = 0.05
 LEFT = 1.5
 """A marker is looked at if it has so many times as many points in all: the filter learns from the others alone."""
 
+PAUSE = 5
+"""Frames that show a marker in two cameras are of one run, with at most so many between them that do not."""
+MISS = 0.1
+"""Two cameras disagree in a run if their rays do not meet in such a share of its frames, and in two at least."""
+SURE = 2 * np.log(33)
+"""A camera is taken to be wrong if the mean squared distance of its rays is larger by so much: in one frame the other
+marker would be 33 times less likely, and all frames count as one, for the filter errs alike in them."""
+
 Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Disagreement:
+    """Two cameras alone that see a marker, and do not agree where.
+
+    Attributes:
+        marker: Index.
+        frames: (n,) frames in which both see it.
+        cameras: Both.
+    """
+
+    marker: int
+    frames: NDArray[np.int64]
+    cameras: tuple[int, int]
+
+
+def disagreements(prepared: Prepared) -> list[Disagreement]:
+    """Runs of frames in which two cameras alone, of three or more, see a marker and often do not meet."""
+    rays = np.isfinite(prepared.uv_px[..., 0])
+    if len(rays) < 3:
+        return []
+    pair = rays.sum(axis=0) == 2
+    apart = pair & np.isnan(prepared.xyz_m[..., 0])
+    found = []
+    for marker in np.flatnonzero(apart.sum(axis=0) > 1).tolist():
+        frames = np.flatnonzero(pair[:, marker])
+        cameras = np.nonzero(rays[:, frames, marker].T)[1].reshape(-1, 2)
+        ends = np.flatnonzero((np.diff(frames) > PAUSE + 1) | np.diff(cameras, axis=0).any(axis=1)) + 1
+        for run in np.split(np.arange(len(frames)), ends):
+            misses = apart[frames[run], marker]
+            if misses.sum() > 1 and misses.mean() >= MISS:
+                first, second = cameras[run[0]].tolist()
+                found.append(Disagreement(marker=marker, frames=frames[run], cameras=(first, second)))
+    return found
 
 
 def unconfirmed(prepared: Prepared) -> Mask:
@@ -34,18 +81,16 @@ def unconfirmed(prepared: Prepared) -> Mask:
 
 
 def worth_checking(prepared: Prepared) -> bool:
-    """Whether enough points are of two rays."""
-    return bool(unconfirmed(prepared).sum() > LEAST * np.isfinite(prepared.xyz_m[..., 0]).sum())
+    """Whether two cameras disagree about a marker, or enough points are of two rays."""
+    return bool(disagreements(prepared)) or bool(
+        unconfirmed(prepared).sum() > LEAST * np.isfinite(prepared.xyz_m[..., 0]).sum()
+    )
 
 
 def without_contradicted(
     prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None = None
 ) -> Prepared:
-    """The recording without points of two rays that the pose filter contradicts; one of their rays may be right.
-
-    The filter has not learned from such points, and is given at most one ray of each, the one that is nearer to its
-    prediction, so that no wrong point drags it along; it then says where the markers are, and how sure it is. It has no
-    regression, which would take the points themselves for true.
+    """The recording without rays of two, and points of two rays, that the pose filter contradicts.
 
     Args:
         prepared: The recording.
@@ -53,27 +98,128 @@ def without_contradicted(
         settings: Of the pose model, where there is no learned one.
         learned: A model of other trials.
     """
+    checked = _without_wrong_rays(prepared, part, settings, learned)
+    return _without_wrong_points(checked, part, settings, learned)
+
+
+def _without_wrong_points(
+    prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None
+) -> Prepared:
+    """The recording without points of two rays that the pose filter contradicts; one of their rays may be right.
+
+    The filter has not learned from such points, and is given at most one ray of each, the one that is nearer to its
+    prediction, so that no wrong point drags it along; it then says where the markers are, and how sure it is. It has no
+    regression, which would take the points themselves for true.
+    """
     asked = unconfirmed(prepared)
     asked &= np.isfinite(prepared.xyz_m[..., 0]).sum(axis=0) >= LEFT * asked.sum(axis=0)
     doubted = replace(prepared, xyz_m=np.where(asked[..., None], np.nan, prepared.xyz_m))
-    if why_no_pose(doubted, part) is not None:
+    if not asked.any() or why_no_pose(doubted, part) is not None:
         return prepared
-    smoothed = track(doubted, part, _pose_filter(doubted, part, settings, learned))
-    inside = np.ix_(np.arange(len(asked))[part.frames], part.markers)
-    away = np.zeros(asked.shape)
-    cov = smoothed.cov_m2 + prepared.cov_m2[inside]
-    away[inside] = _distance(smoothed.xyz_m - prepared.xyz_m[inside], cov, where=asked[inside])
-    far = asked & (away > FAR)
-    if not far.any():
+    xyz, cov = _expected(doubted, part, settings, learned)
+    far = asked & (_distance(xyz - prepared.xyz_m, cov + prepared.cov_m2, where=asked) > FAR)
+    return _without(prepared, far) if far.any() else prepared
+
+
+def _without_wrong_rays(
+    prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None
+) -> Prepared:
+    """The recording without the rays of cameras that are wrong for a run of frames, and the points that they made.
+
+    The filter is given neither ray of such a run, and has not learned from their points.
+    """
+    runs, hidden = disagreements(prepared), np.zeros(prepared.xyz_m.shape[:2], dtype=bool)
+    for run in runs:
+        hidden[run.frames, run.marker] = True
+    doubted = replace(prepared, xyz_m=np.where(hidden[..., None], np.nan, prepared.xyz_m))
+    if not runs or why_no_pose(doubted, part) is not None:
         return prepared
+    wrong = _wrong_rays(prepared, runs, *_expected(doubted, part, settings, learned, hidden=hidden))
+    if not wrong.any():
+        return prepared
+    said = (
+        f"{wrong.sum()} {'ray' if wrong.sum() == 1 else 'rays'} rejected (of two cameras that disagree in some frames "
+        "the one that the motion and the other markers contradict)"
+    )
+    points = wrong.any(axis=0) & np.isfinite(prepared.xyz_m[..., 0])
+    kept = _without(prepared, points) if points.any() else prepared
+    return replace(
+        kept,
+        uv_px=np.where(wrong[..., None], np.nan, prepared.uv_px),
+        rays_rejected=prepared.rays_rejected | wrong,
+        findings=(*kept.findings, said),
+    )
+
+
+def _without(prepared: Prepared, far: Mask) -> Prepared:
+    """The recording without points (T, M) that are contradicted, and a sentence that says so."""
+    before = prepared.rejected.get("contradicted", np.zeros_like(far))
     said = f"{far.sum()} {'sample' if far.sum() == 1 else 'samples'} rejected ({REASONS['contradicted']})"
     return replace(
         prepared,
         xyz_m=np.where(far[..., None], np.nan, prepared.xyz_m),
         cov_m2=np.where(far[..., None, None], np.nan, prepared.cov_m2),
-        rejected={**prepared.rejected, "contradicted": far},
+        rejected={**prepared.rejected, "contradicted": before | far},
         findings=(*prepared.findings, said),
     )
+
+
+def _expected(
+    prepared: Prepared,
+    part: Part,
+    settings: PoseSettings,
+    learned: LearnedModel | None,
+    *,
+    hidden: Mask | None = None,
+) -> tuple[Array, Array]:
+    """Where the pose filter expects markers: (T, M, 3) and its (T, M, 3, 3) covariance; NaN where it says nothing."""
+    smoothed = track(prepared, part, _pose_filter(prepared, part, settings, learned), hidden=hidden)
+    inside = np.ix_(np.arange(len(prepared.t_s))[part.frames], part.markers)
+    xyz, cov = np.full_like(prepared.xyz_m, np.nan), np.full_like(prepared.cov_m2, np.nan)
+    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2
+    return xyz, cov
+
+
+def _wrong_rays(prepared: Prepared, runs: Sequence[Disagreement], xyz_m: Array, cov_m2: Array) -> Mask:
+    """(C, T, M) rays of the camera of each run that is wrong, where one of both surely is and the other one fits.
+
+    They are those from the first to the last frame that shows it.
+
+    Args:
+        prepared: The recording.
+        runs: Where two cameras disagree.
+        xyz_m: (T, M, 3) where the filter expects markers that neither camera shows it; NaN: nowhere.
+        cov_m2: (T, M, 3, 3) covariance of that.
+    """
+    wrong = np.zeros(prepared.uv_px.shape[:3], dtype=bool)
+    for run in runs:
+        known = run.frames[np.isfinite(xyz_m[run.frames, run.marker, 0])]
+        if not len(known):
+            continue
+        away = np.array([_ray_distances(prepared, c, known, run.marker, xyz_m, cov_m2) for c in run.cameras])
+        bad = int(np.argmax(away.mean(axis=1)))
+        kept = float(away[1 - bad].mean())
+        more = (away[bad] - away[1 - bad]) / max(1.0, kept / 2)  # of two rows: the filter may be surer than it should
+        if more.mean() < SURE or kept > FAR**2:
+            continue
+        shows = np.flatnonzero((more >= SURE) | np.isnan(prepared.xyz_m[known, run.marker, 0]))
+        wrong[run.cameras[bad], known[shows[0] : shows[-1] + 1], run.marker] = True
+    return wrong
+
+
+def _ray_distances(
+    prepared: Prepared, camera: int, frames: NDArray[np.int64], marker: int, xyz_m: Array, cov_m2: Array
+) -> Array:
+    """(n,) squared Mahalanobis distances of a camera's rays from where a marker is expected."""
+    assert prepared.filmed is not None  # rays are of films
+    which, cameras = np.arange(len(frames)), np.full(len(frames), camera)
+    pixel, slope, bend = linearised_pixels(
+        prepared.filmed.matrices, xyz_m[frames, marker], cov_m2[frames, marker], cameras, which
+    )
+    miss = prepared.uv_px[camera, frames, marker] - pixel
+    noise = prepared.ray_sd_px[camera, frames, marker, None] ** 2 + bend
+    cov = slope @ cov_m2[frames, marker] @ np.swapaxes(slope, 1, 2) + noise[..., None] * np.eye(2)
+    return np.einsum("gi,gi->g", miss, np.linalg.solve(cov, miss[..., None])[..., 0])
 
 
 def _pose_filter(prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None) -> FittedMotion:

@@ -10,7 +10,7 @@ from filters.models.pose import PoseSettings
 from mocap.cameras.camera import record
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.tracking import seen_part
-from mocap.pipeline.two_rays import unconfirmed, without_contradicted, worth_checking
+from mocap.pipeline.two_rays import disagreements, unconfirmed, without_contradicted, worth_checking
 from mocap.skeleton import Skeleton
 
 WRONG, RIGHT, FRAMES = "wrist_l", "wrist_r", slice(40, 60)
@@ -62,6 +62,31 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     np.testing.assert_array_equal(checked.uv_px, one.uv_px)
 
 
+@pytest.mark.parametrize("other", ["elbow_l", "d5_tip_l", "ankle_l"])
+def test_a_camera_that_shows_another_marker_is_found(scene, other):
+    """The second camera shows another marker for 20 frames: all its rays are refused there, and no other ray is.
+
+    The first camera's rays stay; points that both made where they met by accident are refused.
+    """
+    bat, pixels, (wrong, _) = scene
+    uv = pixels.uv_px.copy()
+    uv[1, FRAMES, wrong] = uv[1, FRAMES, bat.truth.names.index(other)] + np.random.default_rng(2).normal(0, 1, (20, 2))
+    one = prepared(bat, replace(pixels, uv_px=uv))
+    seen = np.isfinite(one.uv_px[..., 0])
+    (run,) = [run for run in disagreements(one) if run.marker == wrong]
+    assert run.cameras == (0, 1)
+    assert worth_checking(one)
+    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    refused = seen & np.isnan(checked.uv_px[..., 0])
+    expected = np.zeros_like(seen)
+    expected[1, FRAMES, wrong] = seen[0, FRAMES, wrong] & seen[1, FRAMES, wrong]
+    assert expected.sum() >= 15
+    np.testing.assert_array_equal(refused, expected)
+    np.testing.assert_array_equal(checked.rays_rejected, one.rays_rejected | expected)
+    assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
+    assert any("of two cameras that disagree" in line for line in checked.findings)
+
+
 def test_nothing_is_refused_where_all_is_right(scene):
     """Two right rays each: 1 of 20 at most, and so few that they are not worth a pass of the filter."""
     bat, pixels, _ = scene
@@ -70,6 +95,7 @@ def test_nothing_is_refused_where_all_is_right(scene):
     refused = np.isnan(checked.xyz_m[..., 0]) & np.isfinite(one.xyz_m[..., 0])
     assert unconfirmed(one).sum() > 30
     assert refused.sum() <= 2
+    assert not disagreements(one)
     assert not worth_checking(one)
 
 

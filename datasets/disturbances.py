@@ -12,6 +12,7 @@ from mocap.arrays import Array
 Grey = NDArray[np.float32]
 _MARGIN_PX = 128
 _BAR_GREY, _BAR_PX = 18.0, 8
+_SKIN_PX, _SKIN_GREY = 64, 25.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +33,7 @@ class Disturbances:
         contrast: Contrast of the dots against bone, 1: white ones.
         compression: Constant rate factor of H.264; 0 loses nothing, 23 is usual, 40 is poor.
         background: Amplitude of the background's texture (foliage, scratches), in grey levels.
+        unpainted: Markers that have no dot, but skin with a texture (scales, fur) about them.
     """
 
     occlusion: float = 1.0
@@ -46,6 +48,7 @@ class Disturbances:
     contrast: float = 1.0
     compression: int = 23
     background: float = 0.0
+    unpainted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the sizes.
@@ -55,6 +58,8 @@ class Disturbances:
         """
         for entry in fields(self):
             value = getattr(self, entry.name)
+            if entry.name == "unpainted":
+                continue
             if not value >= 0 or (entry.name in ("occlusion", "exposure", "contrast", "flicker") and value > 1):
                 limit = "from 0 to 1" if entry.name in ("occlusion", "exposure", "contrast", "flicker") else "0 or more"
                 raise ValueError(f"{entry.name} of a film must be {limit}, but is {value:g}")
@@ -88,6 +93,8 @@ ALL = Disturbances(
     background=12.0,
 )
 """All of them, each of a moderate size."""
+TEXTURE = Disturbances(unpainted=("spine", "head"))
+"""Two points of head and back to follow by their texture, in an otherwise clean film."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -138,6 +145,15 @@ class Spoiler:
                 total += cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
             total *= np.float32(self.sizes.background / total.std())
         return total
+
+    def skin(self, marker: int) -> Grey:
+        """(64, 64) texture about a marker, about 0, the same in all films: noise of two sizes."""
+        rng = np.random.default_rng([self.seed[0], 8, marker])
+        total = np.zeros((_SKIN_PX, _SKIN_PX), dtype=np.float32)
+        for cell in (5, 10):
+            coarse = rng.standard_normal((_SKIN_PX // cell + 2,) * 2, dtype=np.float32)
+            total += cv2.resize(coarse, (_SKIN_PX, _SKIN_PX), interpolation=cv2.INTER_CUBIC)
+        return np.asarray(total * np.float32(_SKIN_GREY / total.std()), dtype=np.float32)
 
     @cached_property
     def _grain(self) -> Grey:

@@ -5,6 +5,7 @@ What spoils films (blur, noise, reflections, ...) is in ``datasets.disturbances`
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -30,6 +31,7 @@ _BLUR_STEP_PX, _MOST_STEPS = 2.0, 8
 _NEARER_M = 0.002  # bones lie on the near side of membranes and bodies
 _FRACTION_BITS = 4
 _ROD_M = 0.3
+_SKIN_M = 0.005
 
 
 def write_movies(
@@ -203,9 +205,39 @@ def picture(
     spots = spoiler.spots(frame, uv_px[bone_ends] - FIRST_PIXEL) + FIRST_PIXEL
     grey = round(_BONE + spoiler.sizes.contrast * (_MARKER - _BONE))
     radius = round(spoiler.sizes.radius_px * 2**_FRACTION_BITS)
-    for dot in _fixed(np.concatenate([spots, uv_px[~hidden]])):
+    bare = np.isin(scene.skeleton.markers, spoiler.sizes.unpainted)
+    for m in np.flatnonzero(bare & ~hidden):
+        _draw_skin(drawn, scene, camera, frame, int(m), spoiler.skin(int(m)))
+    for dot in _fixed(np.concatenate([spots, uv_px[~hidden & ~bare]])):
         cv2.circle(drawn, dot.tolist(), radius, grey, cv2.FILLED, cv2.LINE_AA, _FRACTION_BITS)
     return np.asarray(cv2.GaussianBlur(drawn.astype(np.float32), (0, 0), 0.7), dtype=np.float32)
+
+
+def _draw_skin(
+    drawn: NDArray[Any], scene: Scene, camera: Camera, frame: int, marker: int, texture: NDArray[np.float32]
+) -> None:
+    """A round piece of skin about a marker, in the plane of the trunk and turned with it, as the camera sees it."""
+    names = scene.skeleton.markers
+    trunk = scene.xyz_m[frame, [names.index(name) for name in scene.skeleton.trunk]]
+    _, _, axes = np.linalg.svd(trunk - trunk.mean(axis=0))
+    ahead = trunk[0] - trunk[-1]
+    along = unit(ahead - axes[2] * (ahead @ axes[2]))
+    across = np.cross(axes[2] * np.sign(axes[2, 2]), along)
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * _SKIN_M
+    ends = record([camera], scene.xyz_m[frame, marker] + corners @ np.stack([along, across]))[0] - FIRST_PIXEL
+    low, high = np.floor(ends.min(axis=0)).astype(int) - 1, np.ceil(ends.max(axis=0)).astype(int) + 2
+    low, high = np.maximum(low, 0), np.minimum(high, drawn.shape[::-1])
+    if not (high > low).all():
+        return
+    n = len(texture)
+    source = (np.array([[0, 0], [n, 0], [n, n], [0, n]]) - 0.5).astype(np.float32)
+    onto = cv2.getPerspectiveTransform(source, (ends - low).astype(np.float32))
+    v, u = np.mgrid[:n, :n] - (n - 1) / 2
+    round_ = np.clip(n / 2 - np.hypot(u, v), 0, 1).astype(np.float32)
+    size = (int(high[0] - low[0]), int(high[1] - low[1]))
+    skin, share = (cv2.warpPerspective(sheet, onto, size, flags=cv2.INTER_LINEAR) for sheet in (texture, round_))
+    part = drawn[low[1] : high[1], low[0] : high[0]]
+    part[:] = np.clip(np.rint(part * (1 - share) + (_BODY + skin) * share), 0, 255).astype(np.uint8)
 
 
 def _fixed(uv_px: Array) -> NDArray[np.int32]:

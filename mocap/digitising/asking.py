@@ -6,8 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
+from mocap.digitising.clicks import places
 from mocap.digitising.engine import CLICK_SD_PX, Engine
 from mocap.digitising.naming import seen_from
+
+_TRIED = 7
+"""Frames of a stretch that are considered."""
+_LASTS = 5.0
+"""Frames for which a camera goes on to show a marker, or not to."""
+_WORST = 5.0
+"""A position that is known worse than so many times the stated error counts as if it were known so well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,53 +65,78 @@ def stretches(above: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
     return out
 
 
-def questions(
-    engine: Engine, *, error_px: float, most: int, refused: frozenset[tuple[int, int, int]] = frozenset()
-) -> list[Question]:
+def questions(engine: Engine, *, error_px: float, most: int) -> list[Question]:
     """The next clicks, the most useful first; at most one in each stretch of a marker that is not known well enough.
 
     A click at time t with the gain k leaves (1 - k) of the variance there; within a stretch, positions at t and t' are
-    taken to be correlated by min(s, s') / max(s, s') of their deviations, as between two ends that are known.
+    taken to be correlated by min(s, s') / max(s, s') of their deviations, as between two ends that are known. What a
+    click removes counts by how likely the film shows the marker there. No place is asked about twice.
 
     Args:
         engine: What is known.
         error_px: Stated error: standard deviations above it are asked about.
         most: Greatest number of questions.
-        refused: Camera, frame and marker that were answered already, as not to be seen.
     """
     tracks = engine.tracks
     sd_px = pixel_sd(engine)
     begun = np.asarray(np.isfinite(tracks.xyz_m).all(axis=(1, 2)))
+    clicked = places(engine.clicks, tracks.dot.shape)
+    answered = np.zeros(tracks.dot.shape, dtype=bool)
+    for click in engine.clicks:
+        answered[click.camera, click.frame, click.marker] = True
+    shown = (tracks.dot >= 0) | np.isfinite(clicked[..., 0])
+    hidden = ~shown & (answered | (tracks.rays >= 2))
     found = []
     for marker, first, last in stretches((sd_px > error_px) & begun[:, None]):
         frames = np.arange(first, last + 1)
         variance = np.trace(tracks.cov_m2[frames, marker], axis1=1, axis2=2)
+        variance = variance * np.minimum(1.0, _WORST * error_px / sd_px[frames, marker]) ** 2
         sd = np.sqrt(np.maximum(variance, 1e-18))
         share = (np.minimum(sd[:, None], sd) / np.maximum(sd[:, None], sd)) ** 2
         gains = share @ variance
         # of equal gains the middle: it halves what is left
         gains = gains * (1 - 1e-3 * np.abs(frames - frames.mean()) / max(len(frames), 1))
-        for at in np.argsort(-gains)[:6]:
-            question = _in_best_camera(engine, int(frames[at]), marker, float(gains[at]), refused)
-            if question is not None:
-                found.append(question)
-                break
+        tried = np.unique([int(np.argmax(gains)), *np.linspace(0, len(frames) - 1, _TRIED).astype(int)])
+        seen, gone = shown[:, :, marker], hidden[:, :, marker]
+        asked = []
+        for at in tried:
+            frame = int(frames[at])
+            likely = in_sight(seen, gone, frame)
+            question = _in_best_camera(engine, frame, marker, float(gains[at]), answered, likely)
+            asked += [] if question is None else [question]
+        if asked:
+            found.append(max(asked, key=lambda question: question.removes_m2))
     return sorted(found, key=lambda q: -q.removes_m2)[:most]
 
 
+def in_sight(shown: NDArray[np.bool_], hidden: NDArray[np.bool_], frame: int) -> Array:
+    """(C,) how likely each camera shows a marker in a frame, by when it last or next did, or did not.
+
+    Args:
+        shown: (C, T) True where it does.
+        hidden: (C, T) True where it does not, as a person said, or as others do.
+        frame: The frame.
+    """
+    near = np.exp(-np.abs(np.arange(shown.shape[1]) - frame) / _LASTS)
+    yes, no = (np.max(near * where, axis=1) for where in (shown, hidden))
+    return (yes + 0.02) / (yes + no + 0.04)
+
+
 def _in_best_camera(
-    engine: Engine, frame: int, marker: int, gain: float, refused: frozenset[tuple[int, int, int]]
+    engine: Engine, frame: int, marker: int, gain: float, answered: NDArray[np.bool_], likely: Array
 ) -> Question | None:
-    """The camera in which a click tells most; with a dot in the window rather than without."""
+    """The camera in which a click tells most: that shows the marker, with a dot in the window rather than without."""
     tracks = engine.tracks
     xyz, cov = tracks.xyz_m[frame, marker], tracks.cov_m2[frame, marker]
     uv, jacobian = seen_from(engine.matrices, xyz[None])
     best: tuple[float, int, Array] | None = None
     for camera, (width, height) in enumerate(engine.sizes):
         j, at = jacobian[camera, 0], uv[camera, 0]
-        if (camera, frame, marker) in refused or not np.isfinite(at).all() or tracks.dot[camera, frame, marker] >= 0:
-            continue
-        if not ((at > 0) & (at < (width, height))).all():
+        if (
+            answered[camera, frame, marker]
+            or not ((at > 0) & (at < (width, height))).all()
+            or tracks.dot[camera, frame, marker] >= 0
+        ):
             continue
         s = j @ cov @ j.T + CLICK_SD_PX**2 * np.eye(2)
         removed = float(np.trace(cov @ j.T @ np.linalg.solve(s, j @ cov)))
@@ -112,7 +145,7 @@ def _in_best_camera(
         with np.errstate(invalid="ignore"):
             inside = np.einsum("ki,ij,kj->k", away, np.linalg.inv(s), away) < 9
         free = inside & ~np.isin(np.arange(len(dots)), tracks.dot[camera, frame])
-        worth = removed * (1.0 if free.any() else 0.5)
+        worth = removed * float(likely[camera]) * (1.0 if free.any() else 0.5)
         if best is None or worth > best[0]:
             best = worth, camera, s
     if best is None:

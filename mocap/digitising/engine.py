@@ -4,8 +4,9 @@ Forward, each frame's windows follow from the frames before; dots are looked for
 follow from the frames before and after, so that what a crossing left open is decided by what came after it.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,14 @@ from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click
 from mocap.digitising.dots import DotLook, Grey, find_dots, look_of
 from mocap.digitising.errors import SHARED, RayErrors, ray_errors, stated
-from mocap.digitising.films import Films
+from mocap.digitising.films import Films, grey_levels
 from mocap.digitising.meeting import Lengths
-from mocap.digitising.motion import State, fused, positioned, predicted
+from mocap.digitising.motion import State, fused, jerk_density, positioned, predicted
 from mocap.digitising.naming import Named, seen_from, update, window_cov
 from mocap.digitising.observer import Observer, crowding
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
+from mocap.digitising.texture import MOST_REACH_PX, Followed, begun, followed
 from mocap.errors import MocapError
 from mocap.io.movies import FIRST_PIXEL
 from mocap.skeleton import Skeleton, ends_among
@@ -33,6 +35,15 @@ _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
 _TRIAL_FRAMES = 3
 _WIDE_PX = 60.0
 _PIECES, _PIECE = 10, 20
+_UNEVEN = 100.0
+"""Jerk is not white: its density is at most so many times that which third differences have."""
+_LOOKS, _NEAR_PX = 8, 2.5
+"""Frames whose clicks tell what dots look like, and how near a click its dot is."""
+_TEXTURE_SCALE = 1.5
+_LOST = 10
+"""A texture that is not found in more frames than these is not looked for any more."""
+_APART = 20
+"""Clicks farther apart than so many frames are named one after the other."""
 _LEARN_AT = (30, 60, 120, 240, 480, 960)
 
 Progress = Callable[[str, float], None]
@@ -45,7 +56,8 @@ class Tracks:
     Attributes:
         dots: Of each frame (C, K, 3): recorded column and row counted as DLTdv does, and response; NaN: fewer dots.
         ideal: The same places without distortion (C, K, 2).
-        crowding: Factors of the dots' standard deviations (C, K): ``observer.crowding``.
+        crowding: Factors of the dots' standard deviations (C, K): ``observer.crowding``; of textures their own, px.
+        owner: (C, K) marker whose texture was followed there; -1: a dot, which may be any marker's.
         dot: (C, T, M) number of the dot that is the marker's; -1: none.
         xyz_m: (T, M, 3) positions.
         cov_m2: (T, M, 3, 3) their covariances.
@@ -59,6 +71,7 @@ class Tracks:
     dots: list[Array]
     ideal: list[Array]
     crowding: list[Array]
+    owner: list[NDArray[np.int64]]
     dot: NDArray[np.int64]
     xyz_m: Array
     cov_m2: Array
@@ -104,6 +117,7 @@ class Engine:
             dots=[np.full((n_cameras, 0, 3), np.nan)] * shape[0],
             ideal=[np.full((n_cameras, 0, 2), np.nan)] * shape[0],
             crowding=[np.ones((n_cameras, 0))] * shape[0],
+            owner=[np.zeros((n_cameras, 0), dtype=np.int64)] * shape[0],
             dot=np.full((n_cameras, *shape), -1),
             xyz_m=np.full((*shape, 3), np.nan),
             cov_m2=np.full((*shape, 3, 3), np.nan),
@@ -122,7 +136,9 @@ class Engine:
         ends = np.array(ends_among(self.names, self.skeleton.rigid), dtype=int).reshape(-1, 2)
         lengths = Lengths(ends, np.full(len(ends), np.nan), np.full(len(ends), np.nan))
         self._sort_clicks()
-        self.observer = Observer(self.matrices, lengths, np.zeros(len(ends), dtype=np.int64), poses=self.poses)
+        none = np.zeros(shape[1], dtype=bool)
+        self.observer = Observer(self.matrices, lengths, np.zeros(len(ends), dtype=np.int64), none, poses=self.poses)
+        self.points: dict[tuple[int, int], Followed] = {}
 
     def first_points(self) -> tuple[int, Array, Array]:
         """The first frame with clicks of enough markers: its number, positions (M, 3) and covariances (M, 3, 3).
@@ -205,6 +221,32 @@ class Engine:
         self.tracks.dots[frame] = dots.astype(np.float32)
         self.tracks.ideal[frame] = self._ideal(dots[..., :2])
         self.tracks.crowding[frame] = crowding(self.tracks.ideal[frame], self.observer.radius_px)
+        self.tracks.owner[frame] = np.full(dots.shape[:2], -1)
+
+    def _keep_texture(self, frame: int, camera: int, marker: int, point: Followed) -> None:
+        """Take where a texture was found as a dot that is its marker's alone, in place of one that was less sure."""
+        t = self.tracks
+        column = np.flatnonzero(t.owner[frame][camera] == marker)
+        if not len(column):
+            column = np.flatnonzero((t.owner[frame] == marker).any(axis=0))
+        if not len(column):
+            ones = ((0, 0), (0, 1))
+            t.dots[frame] = np.pad(t.dots[frame], (*ones, (0, 0)), constant_values=np.nan)
+            t.ideal[frame] = np.pad(t.ideal[frame], (*ones, (0, 0)), constant_values=np.nan)
+            t.crowding[frame] = np.pad(t.crowding[frame], ones, constant_values=np.inf)
+            t.owner[frame] = np.pad(t.owner[frame], ones, constant_values=marker)
+            column = np.array([t.owner[frame].shape[1] - 1])
+        k = int(column[0])
+        if point.sd_px < t.crowding[frame][camera, k]:
+            uv = point.uv + FIRST_PIXEL
+            t.dots[frame][camera, k] = *uv, 0.0
+            t.ideal[frame][camera, k] = self.straight[camera](uv)
+            t.crowding[frame][camera, k] = point.sd_px
+
+    def _sd_px(self, frame: int) -> Array:
+        """(C, K) standard deviations of the coordinates of dots and textures."""
+        factor = self.tracks.crowding[frame]
+        return np.where(self.tracks.owner[frame] < 0, self.observer.sd_px * factor, factor)
 
     def _windows(self, state: State) -> "list[tuple[int, int, int, int] | None]":
         """The part of each picture in which markers are expected; None: anywhere."""
@@ -232,7 +274,9 @@ class Engine:
         """Name the dots of a frame about a prediction; the state after it."""
         t = self.tracks
         clicked, barred = self._ideal(self._clicked(frame)), self._barred(frame)
-        return self.observer.observed(t.ideal[frame], t.crowding[frame], clicked, state, barred=barred)
+        return self.observer.observed(
+            t.ideal[frame], self._sd_px(frame), clicked, state, owner=t.owner[frame], barred=barred
+        )
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Decode the films once: forward pass and dots; then the backward pass.
@@ -244,13 +288,15 @@ class Engine:
         n = self.films.n_frames
         if self.look is None:
             self.look = self._look(start)
-        self.observer.radius_px = self.look.radius_px
+        if self.look is not None:
+            self.observer.radius_px = self.look.radius_px
         state: State | None = None
         waiting: list[int] = []
         for frame, pictures in enumerate(self.films.pictures()):
             progress("finding and naming dots", frame / n)
             if state is None:
                 self._keep(frame, self._dots(pictures, [None] * len(pictures)))
+                self._follow(frame, pictures, None)
                 if frame >= start:
                     waiting.append(frame)
                 if len(waiting) > _TRIAL_FRAMES or (waiting and frame == n - 1):
@@ -260,33 +306,118 @@ class Engine:
                 continue
             ahead = self._ahead(state)
             self._keep(frame, self._dots(pictures, self._windows(ahead)))
+            self._follow(frame, pictures, ahead)
             state = self._forward(frame, state)
         # frames before the first clicks are named backward only, with the noise as it was found after these
         self.tracks.density[:start] = np.max(self.tracks.density[start : start + 30], axis=0)
         self._estimate_sd(start)
+        if start and self.observer.textured.any():
+            self._follow_from([c for c in self.by_frame[start] if self.observer.textured[c.marker]], ahead=False)
         self._backward(n - 1, 0, None, progress=progress)
         # once more over the dots, with the poses of the whole film and the noise as it was found
         self._estimate_sd(start)
         if self.own_poses:
             self.learn_poses()
+        self._limit_density()
         self.again(progress=progress)
 
-    def _look(self, start: int) -> DotLook:
-        uv = self._clicked(start)
-        pictures, places = [], []
-        for c in range(len(self.cameras)):
-            there = np.isfinite(uv[c, :, 0])
-            picture = self.films.picture(c, start) if there.any() else None
-            if picture is not None:
-                pictures.append(picture)
-                places.append(uv[c, there] - FIRST_PIXEL)
+    def _look(self, start: int) -> DotLook | None:
+        """What dots look like where markers were clicked; markers whose clicks mostly show none are textures."""
+        pictures, places, markers = [], [], []
+        for frame in (start, *sorted(set(self.by_frame) - {start})[:_LOOKS]):
+            uv = self._clicked(frame)
+            for c in range(len(self.cameras)):
+                there = np.flatnonzero(np.isfinite(uv[c, :, 0]))
+                picture = self.films.picture(c, frame) if len(there) else None
+                if picture is not None:
+                    pictures.append(picture)
+                    places.append(uv[c, there] - FIRST_PIXEL)
+                    markers.append(there)
+        n = len(self.names)
+        dots, clicks = np.zeros(n), np.zeros(n)
         found = look_of(pictures, places)
-        if found is None:
-            raise MocapError(
-                "there are no dots where markers were clicked: check that the clicks belong to these films, and that "
-                "they count rows from the upper left corner"
-            )
+        for picture, uv, which in zip(pictures, places, markers, strict=True):
+            clicks[which] += 1
+            if found is not None:
+                strong = find_dots(picture, replace(found, least=2 * found.least))
+                away = np.linalg.norm(strong[:, None, :2] - uv, axis=-1)
+                dots[which] += (away < max(_NEAR_PX, found.radius_px)).any(axis=0)
+        self.observer.textured = (clicks > 0) & (dots < 0.5 * clicks)
         return found
+
+    def _follow(self, frame: int, pictures: "list[Grey | None]", ahead: State | None) -> None:
+        """Follow textures into a frame from the one before, or begin with its clicks."""
+        textured = self.observer.textured
+        if not textured.any():
+            return
+        for click in self.by_frame.get(frame, ()):
+            picture = pictures[click.camera]
+            if textured[click.marker] and click.uv_px is not None and picture is not None:
+                self.points[click.camera, click.marker] = begun(picture, np.array(click.uv_px) - FIRST_PIXEL)
+        if ahead is not None:
+            uv, jacobian = seen_from(self.matrices, ahead.xyz_m)
+            reach = 3 * np.sqrt(np.max(np.einsum("cmii->cmi", window_cov(jacobian, ahead.cov_m2, 0.0)), axis=2))
+            uv = self._recorded(uv) - FIRST_PIXEL
+        for (c, m), last in self.points.items():
+            picture = pictures[c]
+            clicked = any((k.camera, k.marker) == (c, m) and k.uv_px is not None for k in self.by_frame.get(frame, ()))
+            if picture is None:
+                continue
+            point = last
+            if not clicked:
+                guess, far = (last.uv, MOST_REACH_PX) if ahead is None else (uv[c, m], float(reach[c, m]))
+                point = followed(last, picture, guess, far)
+            self.points[c, m] = point
+            if point.before is not None:
+                self._keep_texture(frame, c, m, point)
+
+    def _recorded(self, uv: Array) -> Array:
+        """(C, M, 2) pixels as recorded of ideal ones."""
+        return np.stack(
+            [
+                at if camera.lens is None else camera.lens.distort(at)
+                for camera, at in zip(self.cameras, uv, strict=True)
+            ]
+        )
+
+    def _follow_from(self, clicks: Sequence[Click], *, ahead: bool) -> list[int]:
+        """Follow textures from clicks into the frames after them (or before), while they are found; these frames."""
+        t, out = self.tracks, []
+        for click in clicks:
+            if click.uv_px is None or not self.observer.textured[click.marker]:
+                continue
+            picture = self.films.picture(click.camera, click.frame)
+            if picture is None:
+                continue
+            c, m = click.camera, click.marker
+            point, lost = begun(picture, np.array(click.uv_px) - FIRST_PIXEL), 0
+            for frame, picture in self._one_film(c, click.frame, ahead):
+                guess, far = point.uv, MOST_REACH_PX
+                if np.isfinite(t.xyz_m[frame, m]).all():
+                    uv, jacobian = seen_from(self.matrices, t.xyz_m[frame, m][None])
+                    spread = window_cov(jacobian, t.cov_m2[frame, m][None], 0.0)[c, 0]
+                    guess = self._recorded(uv)[c, 0] - FIRST_PIXEL
+                    far = 3 * float(np.sqrt(max(spread[0, 0], spread[1, 1])))
+                point = followed(point, picture, guess, far)
+                lost = 0 if point.before is not None else lost + 1
+                if lost > _LOST or any((k.camera, k.marker) == (c, m) for k in self.by_frame.get(frame, ())):
+                    break
+                if point.before is not None:
+                    self._keep_texture(frame, c, m, point)
+                    out.append(frame)
+        return out
+
+    def _one_film(self, camera: int, frame: int, ahead: bool) -> "Iterator[tuple[int, Grey]]":
+        """Frames and pictures of one film after a frame, or before it from the last to the first; a few in memory."""
+        offset = self.films.offset_frames[camera]
+        step = _PIECE if ahead else -_PIECE
+        begin = frame + 1 if ahead else frame
+        while 0 < begin <= self.films.n_frames - ahead:
+            block = np.arange(*sorted((begin, np.clip(begin + step, 0, self.films.n_frames))))
+            found = self.films.movies[camera].frames(block + offset)
+            pictures = [(int(at), grey_levels(x)) for at, x in zip(block, found, strict=True) if x is not None]
+            yield from pictures if ahead else pictures[::-1]
+            begin += step
 
     def _started(self, start: int, xyz: Array, cov: Array) -> State:
         """The state before the first clicked frame's dots, at the speed with which most can be named."""
@@ -353,15 +484,34 @@ class Engine:
         floor = 0.05 * np.maximum(self.most, 0.3 * np.quantile(self.most, 0.9))
         self.density = np.clip(self.density, np.maximum(floor, (1e-5 * self.observer.length_m) ** 2), self.fastest)
 
+    def _limit_density(self) -> None:
+        """Limit the density of the jerk by what the named positions show: a marker that was lost leaves no trace."""
+        t = self.tracks
+        xyz = np.where((t.rays >= 2)[..., None], t.xyz_m, np.nan)
+        found = jerk_density(xyz, np.trace(t.cov_m2, axis1=2, axis2=3))
+        if np.isfinite(found).any():
+            found = np.where(np.isfinite(found), found, np.nanmedian(found))
+            # feet are at rest and then swing: the jerk of a marker's fast times counts at all times
+            t.density[:] = np.minimum(t.density, _UNEVEN * np.maximum(found, np.quantile(found, 0.9, axis=0)))
+
     def _take(self, frame: int, named: Named) -> None:
         t = self.tracks
         t.dot[:, frame], t.xyz_m[frame], t.cov_m2[frame] = named.dot, named.xyz_m, named.cov_m2
         t.rays[frame], t.doubtful[frame] = named.rays, named.doubtful
 
     def _backward(
-        self, last: int, first: int, state: State | None, *, progress: Progress = lambda _stage, _share: None
-    ) -> None:
-        """From ``last`` to ``first``, windows of the frames on both sides; ``state``: of the frame after ``last``."""
+        self,
+        last: int,
+        first: int,
+        state: State | None,
+        *,
+        settled: int = 0,
+        progress: Progress = lambda _stage, _share: None,
+    ) -> int:
+        """From ``last`` to ``first``, windows of the frames on both sides; ``state``: of the frame after ``last``.
+
+        Before frame ``settled`` it ends where it comes to what it was; returns the frame that it ended with.
+        """
         for frame in range(last, first - 1, -1):
             progress("naming dots again with what came after", (last - frame) / max(last - first, 1))
             self.density = self.tracks.density[min(frame + 1, last)]
@@ -372,6 +522,8 @@ class Engine:
                 if not known:
                     continue
                 ahead = unpacked(forward).turned().looser(1e4)
+            if frame < settled and _alike(ahead, unpacked(self.tracks.backward[frame])):
+                return frame + 1
             self.tracks.backward[frame] = packed(ahead)
             both = fused(unpacked(forward), ahead.turned()) if known else ahead.turned()
             named, _ = self._observed(frame, both)
@@ -383,6 +535,7 @@ class Engine:
             self._state(frame, named, both, seen, sd)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, prior)
             state = positioned(ahead, xyz, cov, named.rays > 0)
+        return first
 
     def _state(self, frame: int, named: Named, both: State, seen: Array, sd_px: Array) -> None:
         """The covariances that are stated of a frame that was named from both sides."""
@@ -412,71 +565,71 @@ class Engine:
 
     def _deviations(self, frame: int, named: Named) -> Array:
         """(C, M) standard deviations of the places of named dots."""
-        sd = self.observer.sd_px * self.tracks.crowding[frame]
+        sd = self._sd_px(frame)
         if not sd.shape[1]:
             return np.ones(named.dot.shape)
         camera = np.arange(len(self.cameras))[:, None]
         return np.where(named.dot >= 0, sd[camera, np.maximum(named.dot, 0)], CLICK_SD_PX)
 
-    def rerun(self, clicks: Iterable[Click], *, margin: int = 20) -> tuple[int, int]:
-        """Take more clicks; only the frames about them are named again. Returns the first and last of these."""
+    def rerun(self, clicks: Iterable[Click], *, within: bool = False) -> tuple[int, int]:
+        """Take more clicks; only frames that they change are named again. Returns the first and last of these.
+
+        ``within``: only the frames of the clicks, from the first to the last.
+        """
         new = list(clicks)
         self.clicks += new
         self._sort_clicks()
-        return self._about(new, margin)
+        changed = {click.frame for click in new}
+        if not within:
+            for ahead in (True, False):
+                changed.update(self._follow_from(new, ahead=ahead))
+        return self._all_about(sorted(changed), within)
 
-    def undo(self, count: int = 1, *, margin: int = 20) -> list[Click]:
-        """Take the last clicks back; the frames about them are named again."""
+    def undo(self, count: int = 1) -> list[Click]:
+        """Take the last clicks back; the frames that they changed are named again."""
         kept = max(len(self.clicks) - count, 0)
         taken = self.clicks[kept:]
         del self.clicks[kept:]
         self._sort_clicks()
         if taken:
-            self._about(taken, margin)
+            self._all_about(sorted({click.frame for click in taken}), False)
         return taken
 
-    def _about(self, changed: Sequence[Click], margin: int) -> tuple[int, int]:
-        """Name the frames again that clicks may change."""
-        markers = sorted({click.marker for click in changed})
-        first, last = self._touched(sorted({click.frame for click in changed}), markers, margin)
-        begun = np.flatnonzero(np.isfinite(np.asarray(self.tracks.forward)[:, 0, 0]))
-        begin = max(first, int(begun[0])) if len(begun) else last + 1
-        state = unpacked(self.tracks.forward[begin]) if begin <= last else None
-        for frame in range(begin, last + 1):
-            self.density = self.tracks.density[frame]
-            ahead = state if frame == begin or state is None else self._ahead(state)
-            if ahead is None:
-                break
-            self.tracks.forward[frame] = packed(ahead)
-            named, state = self._observed(frame, ahead)
-            self._take(frame, named)
-        after = None
-        if last + 1 < self.films.n_frames:
-            ahead = unpacked(self.tracks.backward[last + 1])
-            dots = Named(
-                self.tracks.dot[:, last + 1], ahead.xyz_m, ahead.cov_m2, self.tracks.doubtful[last + 1],
-                ahead.x[:, 0], self.tracks.rays[last + 1],
-            )  # fmt: skip
-            seen = self._places(last + 1, dots)
-            sd = self._deviations(last + 1, dots)
-            xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, np.linalg.inv(ahead.cov_m2))
-            after = positioned(ahead, xyz, cov, self.tracks.rays[last + 1] > 0)
-        self._backward(last, first, after)
-        return first, last
+    def _all_about(self, changed: Sequence[int], within: bool) -> tuple[int, int]:
+        """Name frames again that were changed, and what that changes, each group of neighbours on its own."""
+        frames = np.asarray(changed)
+        groups = [frames] if within else np.split(frames, np.flatnonzero(np.diff(frames) > _APART) + 1)
+        ranges = [self._about(int(group[0]), int(group[-1]), within) for group in groups]
+        return min(first for first, _ in ranges), max(last for _, last in ranges)
 
-    def _touched(self, frames: Sequence[int], markers: Sequence[int], margin: int) -> tuple[int, int]:
-        """Frames that clicks may change: to where their markers are sure on both sides, and a margin."""
-        sure = np.asarray((self.tracks.rays[:, list(markers)] >= 2).all(axis=1))
-        first, last = frames[0], frames[-1]
-        run = 0
-        while first > 0 and run < margin:
-            first -= 1
-            run = run + 1 if sure[first] else 0
-        run = 0
-        while last < self.films.n_frames - 1 and run < margin:
-            last += 1
-            run = run + 1 if sure[last] else 0
-        return first, last
+    def _about(self, first: int, last: int, within: bool) -> tuple[int, int]:
+        """Both passes from a range of frames on, until they come to what they were."""
+        t, n = self.tracks, self.films.n_frames
+        begun = np.flatnonzero(np.isfinite(np.asarray(t.forward)[:, 0, 0]))
+        begin = max(first, int(begun[0])) if len(begun) else n
+        state = unpacked(t.forward[begin]) if begin < n else None
+        end = last
+        for frame in range(begin, n):
+            if state is None:
+                break
+            self.density = t.density[frame]
+            ahead = state if frame == begin else self._ahead(state)
+            if frame > last and (within or _alike(ahead, unpacked(t.forward[frame]))):
+                break
+            t.forward[frame] = packed(ahead)
+            _, state = self._observed(frame, ahead)
+            end = max(frame, end)
+        after = None
+        if end + 1 < n:
+            ahead = unpacked(t.backward[end + 1])
+            dots = Named(
+                t.dot[:, end + 1], ahead.xyz_m, ahead.cov_m2, t.doubtful[end + 1], ahead.x[:, 0], t.rays[end + 1]
+            )
+            seen = self._places(end + 1, dots)
+            sd = self._deviations(end + 1, dots)
+            xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, np.linalg.inv(ahead.cov_m2))
+            after = positioned(ahead, xyz, cov, t.rays[end + 1] > 0)
+        return self._backward(end, first if within else 0, after, settled=first), end
 
     def again(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Both passes over the dots that were kept, with the poses and the noise as they are known now."""
@@ -512,13 +665,37 @@ class Engine:
             dot, ideal = self.tracks.dot[:, frame], self.tracks.ideal[frame]
             if ideal.shape[1]:
                 uv[:, row] = np.where((dot >= 0)[..., None], ideal[camera, np.maximum(dot, 0)], np.nan)
-        try:
+        textured = self.observer.textured
+        skin = uv[:, :, textured]
+        uv[:, :, textured] = np.nan
+        with suppress(ValueError):  # no marker with a dot is seen by two cameras
             found = triangulate.apparent_sd(self.matrices, uv)
-        except ValueError:
-            return
-        if np.isfinite(found):
-            self.observer.sd_px = float(np.clip(found, 0.15, 2.0))
-            self.errors = ray_errors(self.matrices, uv, sd_px=self.observer.sd_px)
+            if np.isfinite(found):
+                self.observer.sd_px = float(np.clip(found, 0.15, 2.0))
+                self.errors = ray_errors(self.matrices, uv, sd_px=self.observer.sd_px)
+        if textured.any():
+            self._texture_errors(skin, frames)
+
+    def _texture_errors(self, uv: Array, frames: NDArray[np.int64]) -> None:
+        """Errors of textures last: what a template misses by is missed again.
+
+        Their size is that of how rays meet, but at least ``_TEXTURE_SCALE`` of what is stated of each: what passes by
+        pulls a point in all films alike.
+        """
+        textured, n = self.observer.textured, len(self.names)
+        own = [self._sd_px(frame)[(self.tracks.owner[frame] >= 0)] for frame in frames.tolist()]
+        own_sd = np.concatenate(own)
+        scale = _TEXTURE_SCALE
+        with suppress(ValueError):  # no texture is seen by two cameras
+            usual = float(np.median(own_sd[np.isfinite(own_sd)])) if np.isfinite(own_sd).any() else np.nan
+            found = triangulate.apparent_sd(self.matrices, uv) / usual
+            scale = max(found, scale) if np.isfinite(found) else scale
+        known = self.errors or RayErrors(sd_px=self.observer.sd_px, variance=np.ones(n), lasting=np.zeros(n))
+        self.errors = replace(
+            known,
+            variance=np.where(textured, scale**2, known.variance),
+            lasting=np.where(textured, 1.0, known.lasting),
+        )
 
 
 def first_state(xyz_m: Array, cov_m2: Array, speed_m: float) -> State:
@@ -529,6 +706,12 @@ def first_state(xyz_m: Array, cov_m2: Array, speed_m: float) -> State:
     cov[:, 3:6, 3:6] = np.eye(3) * speed_m**2
     cov[:, 6:, 6:] = np.eye(3) * (0.5 * speed_m) ** 2
     return State(x, cov)
+
+
+def _alike(a: State, b: State) -> bool:
+    """Whether two states of all markers are the same, to a twentieth of their standard deviations."""
+    sd_a, sd_b = (np.sqrt(np.einsum("mii->mi", state.cov)) for state in (a, b))
+    return bool((np.abs(a.x - b.x) < 0.05 * sd_b).all() and (np.abs(sd_a - sd_b) < 0.05 * sd_b).all())
 
 
 def packed(state: State) -> NDArray[np.float32]:

@@ -21,12 +21,12 @@ class RayErrors:
     Attributes:
         sd_px: Standard deviation of a coordinate that rays were weighted with.
         variance: (M,) variance of each marker's dots over its square.
-        lasting: Share of the variance that a dot has again in the next frame.
+        lasting: (M,) share of the variance that a dot has again in the next frame.
     """
 
     sd_px: float
     variance: Array
-    lasting: float
+    lasting: Array
 
 
 def ray_errors(matrices: Array, ideal: Array, *, sd_px: float) -> RayErrors:
@@ -55,7 +55,9 @@ def ray_errors(matrices: Array, ideal: Array, *, sd_px: float) -> RayErrors:
     both = np.isfinite(of_three[:, 1:]) & np.isfinite(of_three[:, :-1])
     a, b = of_three[:, 1:][both], of_three[:, :-1][both]
     lasting = float(np.sum(a * b) / max(np.sqrt(np.sum(a**2) * np.sum(b**2)), 1e-12)) if len(a) else 0.0
-    return RayErrors(sd_px=sd_px, variance=variance / sd_px**2, lasting=float(np.clip(lasting, 0.0, 1.0)))
+    return RayErrors(
+        sd_px=sd_px, variance=variance / sd_px**2, lasting=np.full(len(variance), np.clip(lasting, 0.0, 1.0))
+    )
 
 
 def stated(errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, shared_px: float) -> Array:
@@ -75,7 +77,8 @@ def stated(errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, s
     information = np.einsum("cmij,cmik->mjk", heavy, jacobian)
     # what rays do not determine is not worse than ten times what the filter says
     alone = np.linalg.inv(information + np.linalg.inv(100 * cov_m2))
-    mixed = (1 - errors.lasting) * cov_m2 + errors.lasting * alone
+    lasting = errors.lasting[:, None, None]
+    mixed = (1 - lasting) * cov_m2 + lasting * alone
     scale = np.sum(jacobian**2, axis=(0, 2, 3)) / np.maximum(2 * (jacobian != 0).any(axis=(2, 3)).sum(axis=0), 1)
     shared = np.where(scale > 0, shared_px**2 / np.maximum(scale, 1e-12), 0.0)
     return errors.variance[:, None, None] * mixed + shared[:, None, None] * np.eye(3)

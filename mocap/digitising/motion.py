@@ -3,6 +3,7 @@
 The time unit is the frame. A state is [position, velocity, acceleration] in metres, m / frame and m / frame^2.
 """
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,3 +77,38 @@ def fused(a: State, b: State) -> State:
     x = a.x + np.einsum("mij,mj->mi", gain, b.x - a.x)
     cov = a.cov - gain @ a.cov
     return State(x, 0.5 * (cov + np.swapaxes(cov, 1, 2)))
+
+
+def jerk_density(xyz_m: Array, variance_m2: Array, *, reach: int = 8) -> Array:
+    """(T, M) density of white jerk by which positions move, from their third differences near each frame.
+
+    Three integrations of white jerk of density q give third differences of variance 11/20 q a coordinate (the square of
+    the quadratic B-spline); errors of positions of variance s^2 add 20 s^2. The median of the squares is used: a place
+    that is another marker's counts little.
+
+    Args:
+        xyz_m: (T, M, 3) positions; NaN where not known.
+        variance_m2: (T, M) variances of the positions, summed over coordinates.
+        reach: Frames on each side whose differences count.
+
+    Returns:
+        Densities in m^2 / frame^5; of frames without differences near them the greatest of the marker; NaN: none.
+    """
+    out = np.full(xyz_m.shape[:2], np.nan)
+    if len(xyz_m) < 4:
+        return out
+    square = np.sum(np.diff(xyz_m, n=3, axis=0) ** 2, axis=2)
+    pad = np.full((reach, xyz_m.shape[1]), np.nan)
+    # the third difference at i is about frame i + 1.5
+    rows = np.concatenate([pad, square[:1] * np.nan, square, square[:2] * np.nan, pad])
+    near = np.lib.stride_tricks.sliding_window_view(rows, 2 * reach + 1, axis=0)
+    noise = np.concatenate([pad, variance_m2, pad])
+    noise = np.lib.stride_tricks.sliding_window_view(noise, 2 * reach + 1, axis=0)
+    enough = np.isfinite(near).sum(axis=2) >= reach // 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of windows without differences
+        # the median of chi-square of three degrees of freedom is 2.366
+        usual = np.nanmedian(near, axis=2) * 3 / 2.366
+        added = 20 * np.nanmedian(noise, axis=2)
+        found = np.where(enough, np.maximum(usual - added, 0.1 * usual) / (3 * 11 / 20), np.nan)
+        return np.where(enough, found, np.nanmax(found, axis=0))

@@ -72,6 +72,8 @@ def name_dots(
     known: NDArray[np.int64] | None = None,
     clicks: Array | None = None,
     barred: NDArray[np.bool_] | None = None,
+    owner: NDArray[np.int64] | None = None,
+    textured: NDArray[np.bool_] | None = None,
 ) -> Named:
     """Name the dots of a frame.
 
@@ -91,6 +93,8 @@ def name_dots(
         known: (C, M) dots whose marker is known, by a click; -1: not.
         clicks: (C, M, 2) places that a person clicked where there is no dot; NaN: none.
         barred: (C, M) True where a person said that the marker is not to be seen.
+        owner: (C, K) marker whose texture was followed there; -1: a dot, which may be any marker's; None: all are dots.
+        textured: (M,) True for markers without a dot, which are nowhere but where their texture is.
     """
     n_cameras, n_markers = len(matrices), len(xyz_m)
     known = np.full((n_cameras, n_markers), -1) if known is None else known
@@ -100,11 +104,19 @@ def name_dots(
     chosen = known.copy()
     doubtful = np.zeros(n_markers, dtype=bool)
     assigned: NDArray[np.int64] | None = None
+    textured = np.zeros(n_markers, dtype=bool) if textured is None else textured
+    others = np.zeros((n_cameras, n_markers, dots.shape[1]), dtype=bool)
+    if barred is not None:
+        others |= barred[..., None]
+    if owner is not None and textured.any():
+        mine = owner[:, None] == np.arange(n_markers)[:, None]
+        others |= ~mine & (textured[:, None] | (owner >= 0)[:, None])
     for _ in range(ROUNDS):
         before = assigned
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
-        assigned, doubtful = _assigned(uv, window_cov(jacobian, cov, least), dots, known, barred, reach_px=reach_px)
+        s = window_cov(jacobian, cov, least)
+        assigned, doubtful = _assigned(uv, s, dots, known, others, textured, reach_px=reach_px)
         if before is not None and (assigned == before).all():
             break
         at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks)
@@ -133,11 +145,12 @@ def _assigned(
     s: Array,
     dots: Array,
     known: NDArray[np.int64],
-    barred: NDArray[np.bool_] | None,
+    others: NDArray[np.bool_],
+    textured: NDArray[np.bool_],
     *,
     reach_px: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Sure names (C, M), and markers with a dot in their window that is not sure.
+    """Sure names (C, M), and markers with a dot in their window that is not sure; ``others`` (C, M, K): not theirs.
 
     Where no two markers of a camera are nearest to the same dot, these dots are the assignment of least cost.
     """
@@ -146,8 +159,7 @@ def _assigned(
         return np.full(uv.shape[:2], -1, dtype=np.int64), np.zeros(n_markers, dtype=bool)
     d2, log_det = away2(s, dots, uv)
     cost = np.where(d2 < GATE, d2 + log_det[..., None], _FAR)  # NaN compares false
-    if barred is not None:
-        cost[barred] = _FAR
+    cost[others] = _FAR
     fixed = known >= 0
     if fixed.any():
         camera, marker = np.nonzero(fixed)
@@ -176,11 +188,11 @@ def _assigned(
     rival = np.minimum(exchange.min(axis=2), np.minimum(other_dot, other_marker) - mine)
     sure = has & (rival > MARGIN)
     # two markers so close that their dots are one: the dot of one is no place of either
-    lone = ~has & ~fixed
+    lone = ~has & ~fixed & ~textured
     if lone.any():
         gap = uv[:, :, None] - uv[:, None]
         near = np.asarray(gap[..., 0] ** 2 + gap[..., 1] ** 2 < reach_px**2)
-        sure &= ~(near & lone[:, None]).any(axis=2)
+        sure &= textured | ~(near & lone[:, None]).any(axis=2)
     return np.where(fixed, known, np.where(sure, pick, -1)), (has & ~sure).any(axis=0)
 
 

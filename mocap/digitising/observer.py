@@ -24,6 +24,7 @@ class Observer:
         matrices: (C, 3, 4) projections.
         lengths: Lengths of the rigid bones, as far as they are known.
         measured: (B,) frames that each was measured in.
+        textured: (M,) True for markers without a dot.
         length_m: Length of the animal.
         sd_px: Standard deviation of a dot's coordinate.
         radius_px: Radius of a dot.
@@ -33,37 +34,55 @@ class Observer:
     matrices: Array
     lengths: Lengths
     measured: NDArray[np.int64]
+    textured: NDArray[np.bool_]
     length_m: float = 1.0
     sd_px: float = 0.4
     radius_px: float = 3.0
     poses: PoseGaussian | None = None
 
     def observed(
-        self, ideal: Array, crowding: Array, clicked: Array, state: State, *, barred: NDArray[np.bool_] | None = None
+        self,
+        ideal: Array,
+        sd_px: Array,
+        clicked: Array,
+        state: State,
+        *,
+        owner: NDArray[np.int64],
+        barred: NDArray[np.bool_] | None = None,
     ) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction.
 
         Args:
             ideal: (C, K, 2) ideal pixels of its dots; NaN: fewer.
-            crowding: (C, K) of ``crowding``.
+            sd_px: (C, K) standard deviations of their coordinates.
             clicked: (C, M, 2) ideal pixels of its clicks; NaN: none.
             state: Prediction.
+            owner: (C, K) marker whose texture was followed there; -1: a dot.
             barred: (C, M) True where a person said that the marker is not to be seen; None: nowhere.
 
         Returns:
             What it shows, and the state after it.
         """
-        known, clicks = self.known(ideal, clicked)
-        sd_px = self.sd_px * crowding
+        dots = np.where((owner < 0)[..., None], ideal, np.nan)
+        known, clicks = self.known(dots, clicked)
         naming = partial(
-            name_dots, self.matrices, ideal, sd_px=sd_px, reach_px=2.2 * self.radius_px, clicks=clicks, barred=barred
+            name_dots,
+            self.matrices,
+            ideal,
+            sd_px=sd_px,
+            reach_px=2.2 * self.radius_px,
+            clicks=clicks,
+            barred=barred,
+            owner=owner,
+            textured=self.textured,
         )
         named = naming(state.xyz_m, state.cov_m2, known=known)
-        named = self._by_bones(named, state)
+        clicked_here = np.asarray(np.isfinite(clicked[..., 0]).any(axis=0))
+        named = self._by_bones(named, state, clicked_here)
         guess = None
         lost = named.rays == 0
         if lost.any() and self.poses is not None:
-            guess = self.poses.given(named.xyz_m, named.rays >= 2)
+            guess = self.poses.given(named.xyz_m, (named.rays >= 2) & ~self.textured)
         if guess is not None:
             better = lost & (np.trace(guess[1], axis1=1, axis2=2) < 4 * np.trace(state.cov_m2, axis1=1, axis2=2))
             xyz, cov = _weighted(state.xyz_m, state.cov_m2, guess[0], guess[1] / _POSE_COUNTS, better)
@@ -71,18 +90,20 @@ class Observer:
         if lost.any():
             state = self._within_bones(state, named)
         if (named.rays < 2).any():
-            found = self._meeting(ideal, state, named)
+            found = self._meeting(dots, state, named)
             if found is not None:
                 if barred is not None:
                     found[barred] = -1
                 known = np.where(known >= 0, known, found)
                 named = naming(state.xyz_m, state.cov_m2, known=known)
-                named = self._by_bones(named, state)
+                named = self._by_bones(named, state, clicked_here)
         return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
 
     def _meeting(self, ideal: Array, state: State, named: Named) -> NDArray[np.int64] | None:
         """(C, M) dots of markers that were found where rays of unnamed dots meet; None: there are none."""
-        wanted = np.flatnonzero(named.rays < 2)
+        wanted = np.flatnonzero((named.rays < 2) & ~self.textured)
+        if not len(wanted):
+            return None
         free = np.isfinite(ideal[..., 0])
         for c in range(len(free)):
             dots = named.dot[c][named.rays >= 2]
@@ -106,20 +127,26 @@ class Observer:
         if not pairs:
             return None
         found = named.dot.copy()
-        found[:, named.rays < 2] = -1
+        found[:, (named.rays < 2) | self.textured] = -1
         for marker, point in pairs:
             found[:, marker] = made[point]
         return found
 
-    def _by_bones(self, named: Named, state: State) -> Named:
-        """Without the names of markers whose bones are too long or too short; the one moved by more loses its."""
+    def _by_bones(self, named: Named, state: State, clicked: NDArray[np.bool_]) -> Named:
+        """Without the names of markers whose bones are too long or too short; the one moved by more loses its.
+
+        A texture loses its before a dot; a name that was clicked (M,) is kept.
+        """
         wrong = np.zeros(len(named.rays), dtype=bool)
         both = named.rays >= 1
         for a, b in violated(named.xyz_m, named.cov_m2, self.lengths):
             if not (both[a] and both[b]):
                 continue
             far = [np.nan_to_num(named.surprise[m], nan=50.0) / named.rays[m] for m in (a, b)]
-            wrong[b if far[1] >= far[0] else a] = True
+            far = [x + 1e9 * self.textured[m] for x, m in zip(far, (a, b), strict=True)]
+            worse, other = (b, a) if far[1] >= far[0] else (a, b)
+            wrong[other if clicked[worse] else worse] = True
+        wrong &= ~clicked
         if not wrong.any():
             return named
         dot, rays = named.dot.copy(), named.rays.copy()
@@ -168,7 +195,7 @@ class Observer:
         """Dots that clicks name (C, M), and ideal places of clicks where there is no dot (C, M, 2)."""
         known, at = np.full(clicked.shape[:2], -1), clicked.copy()
         reach = max(4.0, 1.5 * self.radius_px)
-        for c, m in np.argwhere(np.isfinite(at[..., 0])):
+        for c, m in np.argwhere(np.isfinite(at[..., 0]) & ~self.textured):
             away = np.linalg.norm(ideal[c] - at[c, m], axis=-1)
             if len(away) and np.nanmin(away, initial=np.inf) < reach:
                 k = int(np.nanargmin(away))

@@ -3,12 +3,13 @@
 import json
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -29,6 +30,9 @@ SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
 UNSEEN = "saved_not_seen.csv"
 """Where markers are not to be seen, beside it."""
+_POLICY = "default-src 'self' data: 'unsafe-inline'"
+_VIEWER_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'"
+_KINDS = {"": "text/html; charset=utf-8", "js": "text/javascript", "wasm": "application/wasm"}
 _REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
 
 
@@ -128,6 +132,15 @@ class Session:
         self.found = self.track(list(self.clicks))
         share = float((self.found.sd_px <= self.found.error_px).mean())
         return f"{100 * share:.1f} % of all positions are known to {self.found.error_px:g} px"
+
+    def scene(self) -> bytes:
+        """The positions that were found, as a recording of rerun."""
+        from mocap.rerun.points import write_points
+
+        with TemporaryDirectory() as place:
+            path = Path(place) / "points.rrd"
+            write_points(self._tracked().points, self.cameras, self.skeleton, path)
+            return path.read_bytes()
 
     def frame(self, frame: int, marker: int) -> dict[str, Any]:
         """What is drawn over the pictures of a frame."""
@@ -312,6 +325,10 @@ def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
                         self._json(session.frame(given["frame"], given["marker"]))
                     elif url.path == "/question":
                         self._json(session.question(given["after"]))
+                    elif url.path == "/scene/points.rrd":
+                        self._send(session.scene(), "application/octet-stream")
+                    elif url.path.startswith("/scene/"):
+                        self._viewer(url.path.removeprefix("/scene/"))
                     elif url.path == "/picture":
                         png = session.picture(given["camera"], given["frame"])
                         if png is None:
@@ -320,6 +337,8 @@ def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
                             self._send(png, "image/png")
                     else:
                         self.send_error(HTTPStatus.NOT_FOUND)
+            except MocapError as error:
+                self._send(str(error).encode(), "text/plain; charset=utf-8")
             except (KeyError, IndexError):
                 self.send_error(HTTPStatus.BAD_REQUEST)
 
@@ -357,17 +376,28 @@ def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
             self.send_error(HTTPStatus.FORBIDDEN)
             return False
 
+        def _viewer(self, name: str) -> None:
+            """A file of rerun's web viewer; its page may ask this server alone."""
+            from mocap.rerun.points import viewer_files
+
+            found = viewer_files("/scene/points.rrd").get(name)
+            if found is None:
+                self.send_error(HTTPStatus.NOT_FOUND)
+                return
+            self._send(found, _KINDS[name.rpartition(".")[2]], policy=_VIEWER_POLICY)
+
         def _json(self, data: Any) -> None:
             self._send(json.dumps(data).encode(), "application/json")
 
-        def _send(self, body: bytes, kind: str) -> None:
+        def _send(self, body: bytes, kind: str, *, policy: str = _POLICY) -> None:
             self.send_response(HTTPStatus.OK)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")
-            self.send_header("Content-Security-Policy", "default-src 'self' data: 'unsafe-inline'")
+            self.send_header("Content-Security-Policy", policy)
             self.end_headers()
-            self.wfile.write(body)
+            with suppress(ConnectionError):  # the page was closed meanwhile
+                self.wfile.write(body)
 
     return Handler
 

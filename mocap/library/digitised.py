@@ -36,13 +36,11 @@ class Digitised:
         engine: Dots, names, positions and clicks.
         fps: Frames a second.
         error_px: Standard deviation in pixels above which clicks are asked for.
-        refused: Camera, frame and marker of questions that were answered by: not to be seen.
     """
 
     engine: Engine
     fps: float
     error_px: float
-    refused: set[tuple[int, int, int]]
 
     def __repr__(self) -> str:
         """One line."""
@@ -76,27 +74,20 @@ class Digitised:
 
     def questions(self, most: int = 40) -> list[Question]:
         """The next clicks to make, the most useful first."""
-        return questions(self.engine, error_px=self.error_px, most=most, refused=frozenset(self.refused))
+        return questions(self.engine, error_px=self.error_px, most=most)
 
     def click(self, clicks: Sequence[Click], *, within: bool = False) -> tuple[int, int] | None:
         """Take clicks, also corrections; only the frames about them are named again, and are returned (from 0).
 
         ``within``: only the frames of the clicks, from the first to the last; the names of others stay as they are.
         """
-        for click in clicks:
-            if click.uv_px is None:
-                self.refused.add((click.camera, click.frame, click.marker))
         if not clicks:
             return None
-        return self.engine.rerun(clicks, margin=0) if within else self.engine.rerun(clicks)
+        return self.engine.rerun(clicks, within=within)
 
     def undo(self, count: int = 1) -> list[Click]:
         """Take the last clicks back."""
-        taken = self.engine.undo(count)
-        for click in taken:
-            if click.uv_px is None:
-                self.refused.discard((click.camera, click.frame, click.marker))
-        return taken
+        return self.engine.undo(count)
 
     def swapped(self, a: str, b: str, first: int, last: int) -> list[Click]:
         """Clicks that exchange the names of two markers in all films, from frame ``first`` to ``last`` (from 0).
@@ -226,11 +217,10 @@ def digitise(
     poses = None if model is None else poses_of_model(model, known)
     engine = Engine(films=opened, cameras=cameras, skeleton=known, poses=poses, clicks=clicks)
     engine.decode(progress=progress)
-    refused = {(c.camera, c.frame, c.marker) for c in clicks if c.uv_px is None}
     rate = fps or opened.movies[0].fps
     if rate is None:
         raise MocapError("the frame rate is in no film: give `fps`")
-    return Digitised(engine, float(rate), error_px, refused)
+    return Digitised(engine, float(rate), error_px)
 
 
 def check_clicks(clicks: Sequence[Click], shape: tuple[int, int, int], *, empty: bool = False) -> None:

@@ -60,12 +60,7 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
                 f"the recording takes {len(recording) * 0.75e-6:.0f} MB compressed, and a page holds {LARGEST_MB:.0f} "
                 "MB at most: share a stretch of it (mocap view --frames), or a run without films"
             )
-        viewer = open_viewer(target, web=True)
-        try:
-            page = str(viewer.url).partition("?")[0]
-            text, script, wasm = (_fetched(page + name) for name in ("", _SCRIPT, _WASM))
-        finally:
-            viewer.close()
+        text, script, wasm = fetched_viewer()
     title = html.escape(", ".join(run_names(runs)))
     parts = {
         f'<script src="{_SCRIPT}"></script>': recording
@@ -83,6 +78,21 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
             raise OutputError(f"the page of this version of rerun is not known here: {known!r} is not once in it")
         shown = shown.replace(known, ours)
     (folder / PAGE).write_text(shown, encoding="utf-8")
+
+
+def fetched_viewer() -> tuple[bytes, bytes, bytes]:
+    """Page, script and program of the installed rerun's web viewer, from a server of our own that ends at once.
+
+    Raises:
+        ViewerError: it does not start.
+    """
+    viewer = open_viewer(None, web=True)
+    try:
+        page = str(viewer.url).partition("?")[0]
+        text, script, wasm = (_fetched(page + name) for name in ("", _SCRIPT, _WASM))
+    finally:
+        viewer.close()
+    return text, script, wasm
 
 
 def _held(name: str, content: bytes) -> str:

@@ -78,8 +78,11 @@ def markers(n_frames):
     return at
 
 
-def film(folder, n_frames=40, *, hide=(), noise=2.0):
-    """Write films as folders of pictures, calibration and skeleton; ``hide`` lists (camera, frames, marker)."""
+def film(folder, n_frames=40, *, hide=(), noise=2.0, bare=()):
+    """Write films as folders of pictures, calibration and skeleton; ``hide`` lists (camera, frames, marker).
+
+    Markers of ``bare`` have no dot but a texture.
+    """
     cameras, xyz = rig(), markers(n_frames)
     uv = record(cameras, xyz)
     for camera, frames, marker in hide:
@@ -89,7 +92,11 @@ def film(folder, n_frames=40, *, hide=(), noise=2.0):
         where = folder / "films" / camera.name
         where.mkdir(parents=True)
         for frame in range(n_frames):
-            cv2.imwrite(str(where / f"{frame:04d}.png"), drawn(uv[c, frame], rng, noise))
+            dots = np.where(np.isin(np.arange(len(NAMES)), bare)[:, None], np.nan, uv[c, frame])
+            picture = drawn(dots, rng, noise)
+            for m in bare:
+                picture = textured(picture, uv[c, frame, m], 0.004 * frame + m)
+            cv2.imwrite(str(where / f"{frame:04d}.png"), picture)
     bones = tuple(Bone(a=a, b=b) for a, b in (("nose", "back"), ("back", "hip"), ("back", "left"), ("left", "hand")))
     skeleton = Skeleton(name="small", markers=NAMES, bones=bones, trunk=("nose", "back", "hip", "left", "right"))
     write_calibration(folder / "calibration.toml", cameras)
@@ -106,3 +113,17 @@ def drawn(uv_px, rng, noise):
         cv2.circle(fine, at, round(2.5 * 128), 220, cv2.FILLED, cv2.LINE_8, 4)
     coarse = cv2.resize(fine, SIZE, interpolation=cv2.INTER_AREA).astype(float)
     return np.clip(np.rint(coarse + noise * rng.normal(size=coarse.shape)), 0, 255).astype(np.uint8)
+
+
+def textured(picture, uv_px, turn_rad, *, seed=0):
+    """The picture with a round piece of skin of 13 px radius about a place, turned by an angle."""
+    if not np.isfinite(uv_px).all():
+        return picture
+    coarse = np.random.default_rng(seed).normal(size=(16, 16))
+    skin = cv2.resize(coarse, (64, 64), interpolation=cv2.INTER_CUBIC)
+    v, u = np.mgrid[: picture.shape[0], : picture.shape[1]] - (np.asarray(uv_px)[::-1] - 1)[:, None, None]
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    at = np.stack([c * u + s * v, -s * u + c * v], axis=-1) * 1.6 + 31.5
+    grey = cv2.remap(skin, *np.moveaxis(at.astype(np.float32), -1, 0), cv2.INTER_LINEAR)
+    inside = np.hypot(u, v) < 13
+    return np.where(inside, np.clip(np.rint(90 + 20 * grey), 0, 255), picture).astype(np.uint8)

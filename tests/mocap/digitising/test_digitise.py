@@ -10,6 +10,7 @@ import pytest
 
 import mocap as library
 from mocap.cameras.camera import project, stacked
+from mocap.digitising.asking import in_sight
 from mocap.digitising.clicks import Click, read_clicks, write_clicks
 from mocap.errors import CalibrationError, MocapError
 from mocap.library.digitised import digitise
@@ -112,6 +113,38 @@ def test_not_to_be_seen_is_an_answer(result):
 
     result.ask(blind, budget=2)
     assert len(set(asked)) == len(asked) == 2
+
+
+def test_a_click_is_believed_and_not_asked_again(result):
+    """A click that no bone and no dot agrees with: the marker is named there, and another place is asked about."""
+    result = deepcopy(result)
+    hand = NAMES.index("hand")
+    far = Click(camera=0, frame=30, marker=hand, uv_px=(20.0, 20.0))
+    result.click([far])
+    assert result.engine.tracks.rays[30, hand] >= 1
+    asked = [(q.camera, q.frame, q.marker) for q in result.questions(1000)]
+    assert (far.camera, far.frame, far.marker) not in asked
+
+
+def test_a_camera_that_showed_the_marker_is_asked_first():
+    """It is likelier to show it than one that others contradicted, and than one of which nothing is known."""
+    shown, hidden = np.zeros((3, 30), dtype=bool), np.zeros((3, 30), dtype=bool)
+    shown[0, :10], hidden[1, :10] = True, True
+    likely = in_sight(shown, hidden, 12)
+    assert likely[0] > 0.9 > likely[2] > 0.4 > 0.1 > likely[1]
+
+
+def test_an_answer_changes_what_all_passes_would_say(result):
+    """After a click, both passes over all frames again leave positions as they are, to a tenth of a deviation."""
+    result = deepcopy(result)
+    result.engine.again()
+    asked = result.questions(1)[0]
+    first, last = result.click([Click(camera=asked.camera, frame=asked.frame, marker=asked.marker, uv_px=asked.uv_px)])
+    assert last - first < 39
+    here = result.points
+    result.engine.again()
+    sd = here.sd_m[..., None] / np.sqrt(3)
+    assert np.nanmax(np.abs(result.points.xyz_m - here.xyz_m) / sd) < 0.1
 
 
 def test_names_are_swapped_and_ranges_deleted_by_hand(result, tmp_path):

@@ -98,8 +98,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
         body.send_keys(Keys.BACKSPACE)
         until(driver, "document.body.dataset.undone === '1'")
         assert len(session.clicks) == 13
-        log = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
-        asked = {m["params"]["request"]["url"] for m in log if m["method"] == "Network.requestWillBeSent"}
+        asked = set(requests_of(driver))
         assert all(url.startswith((address, "data:")) for url in asked)
         assert len([url for url in asked if "/picture" in url]) >= 6
 
@@ -149,6 +148,12 @@ def test_a_track_is_corrected_in_a_browser(scene, tmp_path):
         until(driver, "document.getElementById('said').textContent === '14 clicks'")
     assert session.clicks == scene.clicks()
     assert np.nanmax(np.linalg.norm(session.found.pixels.uv_px - before, axis=-1)) < 0.1
+
+
+def requests_of(driver):
+    """Addresses that the page and what it holds asked for since the last time."""
+    log = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
+    return [m["params"]["request"]["url"] for m in log if m["method"] == "Network.requestWillBeSent"]
 
 
 def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):

@@ -1,13 +1,15 @@
 """What is known of an animal's build: its trunk, its bones, its limbs and their mirror images."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from mocap.arrays import Array
+from mocap.measures import Segment
 from mocap.skeleton import ends_among
 
 _SWAPPED = {"left": "right", "right": "left", "l": "r", "r": "l"}
@@ -43,6 +45,15 @@ class Limb:
         return out.reshape(3 * len(self.children), 3 * n_markers)
 
 
+class Mass(NamedTuple):
+    """Of a part of the body between two markers: kilograms, its centre as a share of the way from start to end."""
+
+    start: int
+    end: int
+    kg: float
+    centre: float = 0.5
+
+
 @dataclass(frozen=True)
 class Anatomy:
     """What is known of the build of an animal, by indices of its markers.
@@ -51,11 +62,13 @@ class Anatomy:
         trunk: Markers of the trunk.
         bones: Both ends of each bone that the skeleton states as rigid.
         mirror: Each marker's counterpart on the other side, itself where it has none; empty: not known.
+        masses: Parts whose mass is stated.
     """
 
     trunk: tuple[int, ...]
     bones: tuple[tuple[int, int], ...] = ()
     mirror: tuple[int, ...] = ()
+    masses: tuple[Mass, ...] = ()
 
     @cached_property
     def limbs(self) -> list[Limb]:
@@ -88,10 +101,29 @@ class Anatomy:
         return Limb(tuple(self.mirror[m] for m in limb.children), tuple(self.mirror[m] for m in limb.parents))
 
 
-def anatomy_of(names: Sequence[str], trunk: Sequence[str], bones: Sequence[tuple[str, str]]) -> Anatomy:
-    """The anatomy of markers by name; all of them are the trunk where none of its markers is there."""
+def anatomy_of(
+    names: Sequence[str], trunk: Sequence[str], bones: Sequence[tuple[str, str]], parts: Iterable[Segment] = ()
+) -> Anatomy:
+    """The anatomy of markers by name; all of them are the trunk where none of its markers is there.
+
+    Args:
+        names: Markers.
+        trunk: Those of the trunk.
+        bones: Ends of rigid bones.
+        parts: What the skeleton states the mass of.
+    """
     body = tuple(names.index(name) for name in trunk if name in names) or tuple(range(len(names)))
-    return Anatomy(trunk=body, bones=tuple(ends_among(names, bones)), mirror=counterparts(names))
+    masses = masses_of(names, parts)
+    return Anatomy(trunk=body, bones=tuple(ends_among(names, bones)), mirror=counterparts(names), masses=masses)
+
+
+def masses_of(names: Sequence[str], parts: Iterable[Segment]) -> tuple[Mass, ...]:
+    """Stated masses by indices of markers; of parts whose ends are among them."""
+    return tuple(
+        Mass(names.index(part.start), names.index(part.end), 1e-3 * part.mass_g, part.centre)
+        for part in parts
+        if part.start in names and part.end in names
+    )
 
 
 def counterparts(names: Sequence[str]) -> tuple[int, ...]:

@@ -71,7 +71,7 @@ def linear_shape(motion: Motion, *, ridge: float, process_noise: float = 1.0) ->
         stiffness=-slope[:, :r],
         damping=-tau * slope[:, r:],
         force=target.mean(axis=0) - slope @ mean,
-        density=_density(left, motion, process_noise),
+        density=unexplained(left, motion, process_noise),
     )
 
 
@@ -106,10 +106,10 @@ def field_shape(motion: Motion, *, ridge: float, beta: float, centres: int, proc
         near = np.exp(-width * cdist(at * scale, chosen, "sqeuclidean"))
         return linear.acceleration(at) + near @ weights
 
-    return FieldShape(acceleration=acceleration, density=_density(left - k @ weights, motion, process_noise))
+    return FieldShape(acceleration=acceleration, density=unexplained(left - k @ weights, motion, process_noise))
 
 
-def _density(left: Array, motion: Motion, process_noise: float) -> Array:
+def unexplained(left: Array, motion: Motion, process_noise: float) -> Array:
     """Lower factor of the spectral density of unexplained accelerations: 2 (their correlation time) (covariance)."""
     change = np.diff(left, axis=0)[np.diff(motion.trial) == 0]
     time = motion.dt_s * np.sqrt(np.mean(left**2) / max(float(np.mean(change**2)), 1e-30))

@@ -23,6 +23,7 @@ class Estimate:
         observed: What a filter saw in each frame, and how it was believed; empty where nothing was filtered.
         rates: Velocities and joint covariances of what was asked for; None: nothing was, or the model has none.
         angles: (2, T, F) joint angles that are the model's state, and their standard deviations; None: it has none.
+        energies: (T, 3) energy in J of the model's Lagrangian, its V_z and Theorem 3's bound; None: it has none.
         held: What its potentials of limbs said, where velocities were asked for.
     """
 
@@ -32,6 +33,7 @@ class Estimate:
     rates: Rates | None = None
     held: tuple[HeldLimb, ...] = ()
     angles: Array | None = None
+    energies: Array | None = None
 
     @property
     def log_likelihood(self) -> Array:

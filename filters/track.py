@@ -252,7 +252,7 @@ def _pass(
             )
             before.append(filtered.last)
             observed.extend(filtered.observed)
-        xyz, cov, references, angles = [], [], [], []
+        xyz, cov, references, angles, energies = [], [], [], [], []
         state, ahead = before[-1], None
         keeper = None if asked is None else RateKeeper(model, asked)
         holder = None if asked is None else HeldKeeper.of(model)
@@ -271,6 +271,7 @@ def _pass(
                 if holder is not None:
                     holder.take(frame, shown)
                 angles.append(model.angles_of(shown))
+                energies.append(model.energy_of(shown, frame))
                 xyz.append(mean)
                 cov.append(covariance)
                 if not last:
@@ -284,6 +285,7 @@ def _pass(
         observed=observed,
         rates=rates,
         angles=None if angles[0] is None else np.moveaxis(np.array(angles[::-1]), 1, 0),
+        energies=None if energies[0] is None else np.array(energies[::-1]),
         held=() if holder is None or asked is None else holder.held(asked.names),
     )
     return found, references[::-1]

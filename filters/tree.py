@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from mocap.arrays import Array
 
+_NEAR = 1e-2
+"""Squared angle below which series stand for quotients that lose digits."""
 AT_ONCE = 200
 """Frames that are fitted at once."""
 
@@ -50,12 +52,17 @@ class Tree:
     place_m: Array
 
     @cached_property
+    def above(self) -> NDArray[np.bool_]:
+        """(J + 1, J + 1) whether the second segment is the first, or one that the first hangs on."""
+        out = np.eye(len(self.parent) + 1, dtype=bool)
+        for joint, on in enumerate(self.parent):
+            out[joint + 1] |= out[on]
+        return out
+
+    @cached_property
     def carries(self) -> NDArray[np.bool_]:
         """(F, M) whether a coordinate moves a marker."""
-        above = np.eye(len(self.parent) + 1, dtype=bool)  # a segment by itself or one that it hangs on
-        for joint, on in enumerate(self.parent):
-            above[joint + 1] |= above[on]
-        return above[self.segment][:, self.joint + 1].T
+        return self.above[self.segment][:, self.joint + 1].T
 
     @cached_property
     def _levels(self) -> list[NDArray[np.int64]]:
@@ -93,14 +100,17 @@ class Tree:
         place = np.broadcast_to(self.place_m + slip_m, (len(posed.origin), *self.place_m.shape))
         return posed.origin[:, self.segment] + (posed.rotation[:, self.segment] @ place[..., None])[..., 0]
 
-    def jacobian(self, angles: Array, posed: Posed, markers: Array) -> Array:
-        """(S, M, 3, F) derivative of the markers by the angles.
+    def turning(self, angles: Array, posed: Posed) -> Array:
+        """(S, F, 3) angular velocity, in axes of the root, that a unit rate of each coordinate gives what it carries.
 
-        A coordinate turns all that its joint carries about R_parent J_l(v) axis, J_l the left Jacobian of the joint's
-        rotation vector v (Chirikjian 2011, section 10.8).
+        R_parent J_l(v) axis, J_l the left Jacobian of the joint's rotation vector v (Chirikjian 2011, section 10.8).
         """
-        about = posed.rotation[:, self.parent[self.joint]] @ left_jacobian(self.turns(angles))[:, self.joint]
-        axis = (about @ self.axes[..., None])[..., 0]
+        about = posed.rotation[:, self.parent] @ left_jacobian(self.turns(angles))
+        return (about[:, self.joint] @ self.axes[..., None])[..., 0]
+
+    def jacobian(self, angles: Array, posed: Posed, markers: Array) -> Array:
+        """(S, M, 3, F) derivative of the markers by the angles: each turns all that its joint carries (``turning``)."""
+        axis = self.turning(angles, posed)
         arm = markers[:, :, None] - posed.origin[:, None, self.joint + 1]
         moved = np.where(self.carries.T[..., None], np.cross(axis[:, None], arm), 0.0)
         return np.swapaxes(moved, 2, 3)
@@ -115,13 +125,44 @@ def skew(v: Array) -> Array:
 
 def left_jacobian(v: Array) -> Array:
     """(..., 3, 3) of rotation vectors: exp(v + d) = exp(J d) exp(v) to first order."""
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    small = angle < 1e-3
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
-    second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
+    first, second, _, _ = (x[..., None] for x in _series(v))
     k = skew(v)
     return np.eye(3) + first * k + second * k @ k
+
+
+def turning_on(v: Array, rate: Array) -> Array:
+    """(..., 3) by how much the angular velocity J_l(v) rate grows, a second, while v grows at a constant rate.
+
+    d/dt (rate + b v x rate + c v x (v x rate)) with b = (1 - cos a) / a^2, c = (a - sin a) / a^3 and a = |v|.
+    """
+    _, second, first_slope, second_slope = _series(v)
+    across = cross(v, rate)
+    grows = np.sum(v * rate, axis=-1, keepdims=True)
+    return grows * (first_slope * across + second_slope * cross(v, across)) + second * cross(rate, across)
+
+
+def _series(v: Array) -> tuple[Array, Array, Array, Array]:
+    """(..., 1) b and c of ``turning_on``, and db/da and dc/da over a; near 0 to the third order in a^2."""
+    square = np.sum(np.square(v), axis=-1, keepdims=True)
+    near = square < _NEAR
+    s = np.where(near, _NEAR, square)
+    a = np.sqrt(s)
+    b, c = (1 - np.cos(a)) / s, (a - np.sin(a)) / (s * a)
+    b_slope, c_slope = (np.sin(a) / a - 2 * b) / s, (b - 3 * c) / s
+    if near.any():
+        x = np.where(near, square, 0.0)
+        b = np.where(near, 1 / 2 - x / 24 * (1 - x / 30 * (1 - x / 56)), b)
+        c = np.where(near, 1 / 6 - x / 120 * (1 - x / 42 * (1 - x / 72)), c)
+        b_slope = np.where(near, -1 / 12 + x / 180 * (1 - x / 37.333333333333336), b_slope)
+        c_slope = np.where(near, -1 / 60 + x / 1260 * (1 - x / 48), c_slope)
+    return b, c, b_slope, c_slope
+
+
+def cross(a: Array, b: Array) -> Array:
+    """(..., 3) cross products, without what NumPy's spends on checks."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from mocap.arrays import Array, frozen
 
+ENERGIES = ("energy_j", "v_z", "v_z_bound")
+"""Columns of a Lagrangian."""
 PARTS = {0: (), 1: ("bend",), 2: ("across_1", "across_2"), 3: ("across_1", "across_2", "twist")}
 """What the coordinates of a joint are called, by how many it has."""
 
@@ -24,6 +26,8 @@ class JointAngles:
         segments: (J,) ``<joint> to <end>``.
         length_m: (J,) lengths of the segments.
         length_sd_m: (J,) their standard errors; NaN where a segment was hardly seen.
+        energies: (T, 3) energy of the animal's Lagrangian in J, its V_z, and what V_z stays below if the animal is
+            released there (Theorem 3); (T, 0) where the angles have learned mechanics.
     """
 
     names: tuple[str, ...]
@@ -32,26 +36,33 @@ class JointAngles:
     segments: tuple[str, ...]
     length_m: Array
     length_sd_m: Array
+    energies: Array
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
         shape = (len(self.angle_rad), len(self.names))
         sizes = {"angle_rad": shape, "sd_rad": shape}
         sizes |= dict.fromkeys(("length_m", "length_sd_m"), (len(self.segments),))
+        sizes["energies"] = (shape[0], 3 if np.shape(self.energies)[1:] == (3,) else 0)
         for name, size in sizes.items():
             object.__setattr__(self, name, frozen(name, getattr(self, name), size))
 
     def along(self, index: NDArray[np.int64]) -> "JointAngles":
         """The frames of an index; -1: nothing is known of that frame."""
         there = (index >= 0)[:, None]
-        angle, sd = (np.where(there, part[index], np.nan) for part in (self.angle_rad, self.sd_rad))
-        return replace(self, angle_rad=angle, sd_rad=sd)
+        parts = (self.angle_rad, self.sd_rad, self.energies)
+        angle, sd, energies = (np.where(there, part[index], np.nan) for part in parts)
+        return replace(self, angle_rad=angle, sd_rad=sd, energies=energies)
 
     def to_frame(self, t_s: Array) -> pd.DataFrame:
-        """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_deg`` and ``<name>_deg_sd``."""
+        """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_deg`` and ``<name>_deg_sd``.
+
+        Of a Lagrangian ``energy_j``, ``v_z`` and ``v_z_bound`` as well.
+        """
         table = {"frame": np.arange(1, len(t_s) + 1), "t_s": t_s}
         for name, angle, sd in zip(self.names, np.degrees(self.angle_rad).T, np.degrees(self.sd_rad).T, strict=True):
             table |= {f"{name}_deg": angle, f"{name}_deg_sd": sd}
+        table |= dict(zip(ENERGIES, self.energies.T, strict=False))
         return pd.DataFrame(table)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from filters.anatomy import Anatomy, Limb
 from filters.joint_types import Articulation, joints_of
 from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from filters.models.lagrangian import with_lagrangian
 from filters.models.limbs import held_together, known_poses, sides
 from filters.models.pose import PoseSettings, held_by, learn_pose, recorded_motion
 from filters.motion.articulated import ArticulatedMotion
@@ -33,8 +35,13 @@ LEAST_FRAMES = 20
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
 ANGLES = PoseSettings(ranks=(8,), regression=0.0, bones=0.0, body=1.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
+Mechanics = Literal["linear", "lagrangian"]
 OF_OU = np.log(2) / 1.678
 """Rates of processes that lose half of their memory in the same time: of the first order over Matern-3/2."""
+
+
+LAGRANGIAN = replace(ANGLES, potential="limbs")
+"""The same with V_z of each limb's joint angles as a potential energy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,15 +52,24 @@ class ArticulatedSettings(TrajectoryModel):
         pose: How joint angles move, as the pose model's settings for marker coordinates; without bones, whose length
             the segments keep, and without the regression on other markers.
         slip: Factor on the deviation of markers' places on their segments.
+        mechanics: ``linear``: learned ones of a subspace of the angles; ``lagrangian``: those of the whole animal with
+            its true mass matrix (``filters.animal``).
+        trunk: Of the Lagrangian, factor on the mass of the trunk. Ground and air push back at what limbs do to it: at 1
+            the trunk recoils from every muscle as if the animal were alone in space, much above it is held.
     """
 
     pose: PoseSettings = ANGLES
     slip: float = 1.0
+    mechanics: Mechanics = "linear"
+    trunk: float = 1000.0
 
     @property
     def description(self) -> str:
         """Segments and joints, and what holds them."""
-        return f"articulated segments, {self.pose.description.replace('limbs', 'joint angles')}"
+        held = self.pose.description.replace("limbs", "joint angles")
+        if self.mechanics == "lagrangian":
+            held = held.replace("linear mechanics", "mechanics of their masses")
+        return f"articulated segments, {held}"
 
     def tuned(self, trials: TrialSet) -> "ArticulatedSettings":
         """With the covariance of a regression, if there is one."""
@@ -264,7 +280,7 @@ def learn_articulated(
         residual_sd=own.residual_sd[columns] * np.sqrt(3 / counts),  # of three columns a joint some are empty
     )
     known = {f.name: getattr(wide, f.name) for f in fields(PoseMotion) if f.init}
-    return ArticulatedMotion(
+    model = ArticulatedMotion(
         **known
         | {
             "name": "articulated",
@@ -282,6 +298,10 @@ def learn_articulated(
             * residual_rate([one.reshape(len(one), -1) for one in left], poses[-1].dt_s, radian(shapes)),
         }
     )
+    if settings.mechanics == "linear":
+        return model
+    motion = recorded_motion(turned, shapes, least_known=pose.least_known)
+    return with_lagrangian(model, motion, pose, anatomy, trunk=settings.trunk)
 
 
 def _start(shapes: Shapes, columns: NDArray[np.int64]) -> Array:

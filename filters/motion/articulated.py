@@ -90,12 +90,14 @@ class ArticulatedMotion(PoseMotion):
 
     def angles(self, states: Array) -> Array:
         """(S, F) joint angles in radians."""
-        bent = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T + states[:, self.parts[2]]
-        return bent / self.arm_m
+        bent = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T
+        e = self.parts[2]
+        return (bent + states[:, e] if e.stop > e.start else bent) / self.arm_m
 
     def angles_of(self, state: Gaussian) -> tuple[Array, Array]:
         """Mean (F,) and standard deviation (F,) of the joint angles of a state."""
-        rows = self.subspace.basis @ state.factor[: self.rank] + state.factor[self.parts[2]]
+        rows, e = self.subspace.basis @ state.factor[: self.rank], self.parts[2]
+        rows = rows + state.factor[e] if e.stop > e.start else rows
         return self.angles(state.mean[None])[0], np.linalg.norm(rows, axis=1) / self.arm_m
 
     def _root(self, states: Array, frame: int) -> tuple[Array, Array]:
@@ -162,7 +164,9 @@ class ArticulatedMotion(PoseMotion):
         posed, inside = self._inside(states)
         out = np.zeros((*inside.shape, states.shape[1]))
         by_arc = self.tree.jacobian(self.angles(states), posed, inside) / self.arm_m
-        out[..., : self.rank], out[..., self.parts[2]] = by_arc @ self.subspace.basis, by_arc
+        out[..., : self.rank] = by_arc @ self.subspace.basis
+        if self.parts[2].stop > self.parts[2].start:
+            out[..., self.parts[2]] = by_arc
         each = np.arange(inside.shape[1])
         for column in range(3):
             out[:, each, :, self.slip.start + 3 * each + column] = posed.rotation[:, self.tree.segment, :, column]

@@ -105,6 +105,10 @@ class MotionModel(ABC):
         """Mean and standard deviation of the joint angles of a state; None: it has none, here."""
         return None
 
+    def energy_of(self, state: Gaussian, frame: int) -> tuple[float, float, float] | None:  # noqa: ARG002
+        """Energy in J of a state, its V_z, and Theorem 3's bound of that; None: it is no Lagrangian, here."""
+        return None
+
     def informed(self, state: Gaussian) -> Gaussian:
         """A smoothed state of a frame in which nothing is seen, with what is known of any frame; here nothing."""
         return state

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mocap.pipeline.long import LongRecording
     from mocap.pipeline.recording import Recording
 
-MODELS = ("auto", "mixture", "eal", "articulated", "constant_velocity")
+MODELS = ("auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +71,9 @@ def track(
     model: Annotated[
         str,
         typer.Option(
-            help="A file that mocap learn wrote, or mixture, eal, articulated (the skeleton's segments and joints) or "
-            "constant_velocity; auto: the mixture, unless constant velocity fills hidden samples better."
+            help="A file that mocap learn wrote, or mixture, eal, articulated (the skeleton's segments and joints), "
+            "lagrangian (the same, moved by the forces of its masses) or constant_velocity; auto: the mixture, unless "
+            "constant velocity fills hidden samples better."
         ),
     ] = "auto",
     live: Annotated[
@@ -202,7 +203,7 @@ def in_blocks(
     from mocap.io.output import result_folder
     from mocap.library.blocks import write_in_blocks
 
-    if model in ("eal", "articulated"):
+    if model in ("eal", "articulated", "lagrangian"):
         raise MocapError(
             f"--model {model}: blocks are tracked with auto, mixture, constant_velocity, or a learned model"
         )
@@ -243,7 +244,7 @@ def existing_model(model: str) -> Path:
     path = Path(model)
     if not path.is_file():
         raise MocapError(
-            f"--model {model}: give auto, mixture, eal, articulated, constant_velocity, or a file that mocap learn "
-            "wrote"
+            f"--model {model}: give auto, mixture, eal, articulated, lagrangian, constant_velocity, or a file that "
+            "mocap learn wrote"
         )
     return path

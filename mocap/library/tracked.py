@@ -455,8 +455,8 @@ def track(
     Args:
         recording: As ``mocap.read`` gives it.
         model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``articulated`` (the skeleton's
-            segments and joints), ``constant_velocity``; ``auto``: the mixture, unless constant velocity fills hidden
-            samples of the recording better.
+            segments and joints), ``lagrangian`` (the same, moved by the forces of its masses), ``constant_velocity``;
+            ``auto``: the mixture, unless constant velocity fills hidden samples of the recording better.
         validate: Whether to hide samples and measure how they are filled.
         seed: Which samples are hidden.
         progress: Called with the name of a stage and the share of it that is done.

@@ -13,8 +13,8 @@ from filters.models.base import FittedMotion
 from filters.models.pose import PoseSettings
 from filters.motion.articulated import ArticulatedMotion
 from filters.motion.base import MotionModel
+from filters.records import Estimate
 from filters.size import size_factor
-from mocap.arrays import Array
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
 from mocap.held import HeldLimb
@@ -46,7 +46,8 @@ from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.records import PixelTracks
 from mocap.stages import Stages
 
-Model = Literal["auto", "mixture", "eal", "articulated", "constant_velocity"]
+_JOINTED = ("articulated", "lagrangian")
+Model = Literal["auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity"]
 Watch = Callable[[Prepared, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
 JOINT_HZ = 30.0
@@ -68,9 +69,9 @@ def run_job(
 
     Args:
         source: Its files, or what was prepared of them.
-        model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), a ``mixture`` of
-            ``eal`` and constant velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of
-            this recording better.
+        model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), ``lagrangian``
+            (the same, moved by the forces of its masses), a ``mixture`` of ``eal`` and constant
+            velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         settings: Choices of the pose model.
@@ -103,7 +104,7 @@ def _run_job(
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
         learned = None if learned is None else renamed(learned, prepared.skeleton)
-    if model in ("eal", "mixture", "articulated") and reason is not None:
+    if model in ("eal", "mixture", "articulated", "lagrangian") and reason is not None:
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
     if reason is None and model != "constant_velocity" and worth_checking(prepared):
         with stages.stage("check points of two rays"):
@@ -113,13 +114,13 @@ def _run_job(
     posed = reason is None and model != "constant_velocity"
     if watch is not None:
         with stages.stage("filter live"):
-            alone = "articulated" if model == "articulated" else "eal" if posed else "constant_velocity"
+            alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
             watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
     mixed = None
     if learned is not None:
         with stages.stage("track") as progress:
             mixed = track_learned(prepared, part, learned, asked=asked, progress=progress)
-    elif posed and model not in ("eal", "articulated"):
+    elif posed and model not in ("eal", *_JOINTED):
         with stages.stage("track with a mixture of models") as progress:
             mixed = track_mixed(prepared, part, settings=settings, asked=asked, progress=progress)
     scores, hidden = {}, 0
@@ -132,7 +133,8 @@ def _run_job(
                 methods={
                     "mixture": mixed is not None and learned is None,
                     "eal": model != "constant_velocity",
-                    "articulated": model == "articulated",
+                    "articulated": model in _JOINTED,
+                    "lagrangian": model == "lagrangian",
                     "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
                 },
                 learned=learned,
@@ -193,7 +195,7 @@ def _run_job(
         report=report,
         report_text=readable(report, title=prepared.name),
         file=source.tracks if isinstance(source, Recording) else None,
-        angles=_angles(smoothed.angles, own, prepared, part),
+        angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
     return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
@@ -211,8 +213,9 @@ def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldL
     return tuple(limb.along(_frames_of(n_frames, part)) for limb in limbs)
 
 
-def _angles(found: Array | None, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
+def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
     """Joint angles over all frames of the recording, where they are the state."""
+    found, energies = smoothed.angles, smoothed.energies
     if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
         return None
     motion, names = model.motion, part_names(prepared, part)
@@ -225,6 +228,7 @@ def _angles(found: Array | None, model: FittedMotion | None, prepared: Prepared,
         segments=tuple(f"{a} to {b}" for a, b in ends),
         length_m=motion.length_m,
         length_sd_m=motion.length_sd_m,
+        energies=np.zeros((found.shape[1], 0)) if energies is None else energies,
     )
     return angles.along(_frames_of(len(prepared.t_s), part))
 
@@ -250,7 +254,7 @@ def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
 
 def _choose(
     model: Model, reason: str | None, scores: dict
-) -> tuple[Literal["mixture", "eal", "articulated", "constant_velocity"], str]:
+) -> tuple[Literal["mixture", "eal", "articulated", "lagrangian", "constant_velocity"], str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"

@@ -16,13 +16,13 @@ from eal.bounds import theorem3
 from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.rods import DirectionPenalty, RodLimb
-from filters.anatomy import Limb, anatomy_of
+from filters.anatomy import Limb, anatomy_of, masses_of
+from filters.bodies import rod_masses
 from filters.lagrangian import JointSights, JointTrack, learned_noise, track_joint
 from mocap.body import body_frames
 from mocap.cameras.camera import stacked
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.errors import MocapError
-from mocap.measures import Segment
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status
@@ -41,8 +41,6 @@ JOINT_HZ = 30.0
 TRIED = 80
 """Frames by which 1/eps^2 and the power of the noise are chosen."""
 _NO_PIXELS = "{name}: mechanics of limbs need pixels and cameras, not positions alone"
-UNKNOWN_KG = 1.0
-"""Mass of a limb of which no mass is stated: energies are then those of a kilogram of it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -225,8 +223,8 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
     unit = bones_m / length[..., None]
     mean = unit[whole].mean(axis=0)
     mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
-    chain = [(names[p], names[c]) for c, p in ends]
-    mass, centre, stated = rod_masses(chain, length_m, list(filmed.skeleton.measures.segments.values()))
+    masses = masses_of(names, filmed.skeleton.measures.segments.values())
+    mass, centre, stated = rod_masses([(p, c) for c, p in ends], length_m, masses)
     rods = RodLimb(parents=parents, length_m=length_m, mass_kg=mass, centre=centre, mean=mean)
     q = rods.coordinates(np.where(np.isfinite(unit), unit, rods.mean))
     v = np.gradient(q, t_s, axis=0)
@@ -314,40 +312,6 @@ def longest_chain(limb: Limb) -> Limb:
         ways.append(way[::-1])
     best = max(ways, key=len)
     return Limb(tuple(best), tuple(inner[child] for child in best))
-
-
-def rod_masses(
-    bones: Sequence[tuple[str, str]], length_m: Array, segments: Sequence[Segment]
-) -> tuple[Array, Array, bool]:
-    """Masses (J,) in kg and centres (J,) of the bones of a limb, and whether any is stated.
-
-    A stated segment whose ends are joined by some of the bones is spread over these by length (one bone keeps its
-    centre). Other bones have the least mass a length of the stated ones; where none is stated all are uniform rods of
-    one density that weigh ``UNKNOWN_KG`` together.
-
-    Args:
-        bones: Inner and outer end of each, from the root outward.
-        length_m: (J,) lengths.
-        segments: What the skeleton states.
-    """
-    inner = {child: parent for parent, child in bones}
-    index = {child: i for i, (_, child) in enumerate(bones)}
-    density, centre = np.full(len(bones), np.nan), np.full(len(bones), 0.5)
-    for part in segments:
-        for start, end, share in ((part.start, part.end, part.centre), (part.end, part.start, 1.0 - part.centre)):
-            way, at = [], end
-            while at in inner and at != start:
-                way.append(index[at])
-                at = inner[at]
-            if way and at == start:
-                density[way] = 1e-3 * part.mass_g / float(length_m[way].sum())
-                if len(way) == 1:
-                    centre[way] = share
-                break
-    stated = bool(np.isfinite(density).any())
-    if not stated:
-        return UNKNOWN_KG * length_m / float(length_m.sum()), centre, False
-    return np.where(np.isfinite(density), density, np.nanmin(density)) * length_m, centre, True
 
 
 def _potential(samples: Array) -> EmpiricalPotential:

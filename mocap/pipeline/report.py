@@ -405,6 +405,7 @@ _METHODS = {
     "constant_velocity": "Kalman smoother of each marker alone",
     "eal": "Kalman smoother of the whole pose with its empirical potential",
     "articulated": "Kalman smoother of joint angles, segments of constant length",
+    "lagrangian": "the same, moved by the animal's Lagrangian",
     "mixture": "weighted mean of several models, by each model's predicted variance",
 }
 """What the methods of the tables are."""

@@ -12,7 +12,7 @@ from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
 from filters.mixture import Mixture
 from filters.model import LearnedModel, MixedTrack, track_alone, track_with
-from filters.models.articulated import ArticulatedSettings
+from filters.models.articulated import LAGRANGIAN, ArticulatedSettings
 from filters.models.base import FittedMotion, TrialSet, shares
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
@@ -35,10 +35,10 @@ from mocap.skeleton import Skeleton, ends_among
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
-Alone = Literal["constant_velocity", "eal", "articulated"]
-ALONE: tuple[Alone, ...] = ("constant_velocity", "eal", "articulated")
+Alone = Literal["constant_velocity", "eal", "articulated", "lagrangian"]
+ALONE: tuple[Alone, ...] = ("constant_velocity", "eal", "articulated", "lagrangian")
 """Models that are filtered by themselves."""
-_OF_POSES = ("eal", "mixture", "articulated")
+_OF_POSES = ("eal", "mixture", "articulated", "lagrangian")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,10 +101,15 @@ def learn_motion(
 ) -> FittedMotion:
     """A motion model of a recording alone: of its poses or joints, held by V_z, or constant velocity of each marker."""
     names = part_names(prepared, part)
-    anatomy = anatomy_of(names, prepared.skeleton.trunk, prepared.skeleton.rigid)
-    models = {"eal": settings, "articulated": ArticulatedSettings(), "constant_velocity": MarkerSettings()}
-    model = models[name]
-    return model.fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
+    skeleton = prepared.skeleton
+    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, skeleton.measures.segments.values())
+    models = {
+        "eal": settings,
+        "articulated": ArticulatedSettings(),
+        "lagrangian": ArticulatedSettings(pose=LAGRANGIAN, mechanics="lagrangian"),
+        "constant_velocity": MarkerSettings(),
+    }
+    return models[name].fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
 
 
 def part_names(prepared: Prepared, part: Part) -> list[str]:
@@ -280,7 +285,8 @@ def validate(
         prepared: The recording.
         part: Its seen part.
         settings: Choices of the pose model.
-        methods: Models to measure (``mixture``, ``eal``, ``articulated``, ``constant_velocity``); False leaves one out.
+        methods: Models to measure (``mixture``, ``eal``, ``articulated``, ``lagrangian``, ``constant_velocity``); False
+            leaves one out.
         rng: Where to hide.
         learned: A model of other trials to measure as well, as ``learned``.
         mixture: How models are mixed in this recording.

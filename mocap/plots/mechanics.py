@@ -2,7 +2,8 @@
 
 from matplotlib.figure import Figure
 
-from mocap.pipeline.limb_mechanics import UNKNOWN_KG, LimbMechanics
+from filters.bodies import UNKNOWN_KG
+from mocap.pipeline.limb_mechanics import LimbMechanics
 
 
 def draw_mechanics(limb: LimbMechanics) -> Figure:

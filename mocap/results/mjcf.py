@@ -12,12 +12,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from filters.anatomy import masses_of
+from filters.bodies import UNKNOWN_KG, rod_masses
 from filters.joint_types import Articulation, articulation
 from mocap.arrays import Array
 from mocap.body import body_frames
 from mocap.errors import MocapError
 from mocap.measures import AXES
-from mocap.pipeline.limb_mechanics import UNKNOWN_KG, rod_masses
 from mocap.pipeline.run import Run
 from mocap.records import Status
 
@@ -168,9 +169,10 @@ def _joint(part: ElementTree.Element, joint: Articulation, title: str, vector: A
 
 
 def _masses(run: Run, joints: Sequence[Articulation]) -> dict[str, float]:
-    bones = [(j.centre, j.child) for j in joints]
+    names = run.tracked.markers.names
+    bones = [(names.index(j.centre), names.index(j.child)) for j in joints]
     lengths = np.array([j.length_m for j in joints])
-    mass, _, _ = rod_masses(bones, lengths, list(run.skeleton.measures.segments.values()))
+    mass, _, _ = rod_masses(bones, lengths, masses_of(names, run.skeleton.measures.segments.values()))
     return {joint.child: float(m) for joint, m in zip(joints, mass, strict=True)}
 
 

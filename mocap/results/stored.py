@@ -123,6 +123,7 @@ def _rest(run: Run) -> xr.Dataset:
         }
     if run.angles is not None:
         table |= {f"angle_{part}": (("time", "angle"), getattr(run.angles, part)) for part in ("angle_rad", "sd_rad")}
+        table["angle_energies"] = (("time", f"energy_{run.angles.energies.shape[1]}"), run.angles.energies)
         table |= {f"angle_{part}": ("segment", getattr(run.angles, part)) for part in ("length_m", "length_sd_m")}
     header = {
         "format": FORMAT,
@@ -244,6 +245,8 @@ def _angles(rest: xr.Dataset, header: dict | None) -> JointAngles | None:
     if header is None:
         return None
     parts = {part: rest[f"angle_{part}"].values for part in ("angle_rad", "sd_rad", "length_m", "length_sd_m")}
+    nothing = np.zeros((len(parts["angle_rad"]), 0))  # runs that were stored before there were energies
+    parts["energies"] = rest["angle_energies"].values if "angle_energies" in rest else nothing
     return JointAngles(names=tuple(header["names"]), segments=tuple(header["segments"]), **parts)
 
 

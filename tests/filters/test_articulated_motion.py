@@ -170,14 +170,15 @@ def test_a_potential_moves_a_state_no_further_than_it_was_linearised_for():
         np.testing.assert_allclose(enforce(state, [term], farthest=3.0).mean, [2 * expected, 0.0])
 
 
-def test_angles_are_written_and_read(tmp_path):
-    """``model="articulated"``: the report names it, the table has angles in degrees, what is read is the same."""
+@pytest.mark.parametrize("model", ["articulated", "lagrangian"])
+def test_angles_are_written_and_read(tmp_path, model):
+    """The report names the model, the table has angles in degrees and energies, what is read is the same."""
     _, trial = arm_trial(frames=60)
     cov = np.tile(NOISE_M**2 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1))
     status = np.full(trial.xyz_m.shape[:2], Status.MEASURED)
     tracks = MarkerTracks(names=NAMES, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, status=status)
-    run, _ = run_job(prepare_tracks(tracks, SKELETON, name="arm"), model="articulated", validated=False)
-    assert run.report["model"]["name"] == "articulated"
+    run, _ = run_job(prepare_tracks(tracks, SKELETON, name="arm"), model=model, validated=False)
+    assert run.report["model"]["name"] == model
     assert run.angles is not None
     assert run.angles.segments == ("shoulder to elbow", "elbow to wrist", "wrist to tip")
     write_run(run, tmp_path, write_recording=None)
@@ -188,5 +189,10 @@ def test_angles_are_written_and_read(tmp_path):
     assert again is not None
     assert again.names == run.angles.names
     np.testing.assert_array_equal(again.sd_rad, run.angles.sd_rad)
+    np.testing.assert_array_equal(again.energies, run.angles.energies)
+    assert ("v_z_bound" in table.columns) == (model == "lagrangian")
+    if model == "lagrangian":  # columns are in their order, and all frames are known
+        assert (table["energy_j"] > 0).all()
+        assert (table["v_z"] < table["v_z_bound"]).all()
     words = {"joint": NAMES, "end": NAMES, "part": PARTS[1] + PARTS[3]}
     assert not undocumented(table.columns, "joint_angles.csv", words)

@@ -239,7 +239,10 @@ def test_of_very_many_recordings_some_are_kept(monkeypatch):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("best", "--model best: give auto, mixture, eal, articulated, constant_velocity, or a file that mocap"),
+        (
+            "best",
+            "--model best: give auto, mixture, eal, articulated, lagrangian, constant_velocity, or a file that mocap",
+        ),
         ("nowhere.npz", "--model nowhere.npz: give auto"),
         (".", "--model .: give auto"),
     ],

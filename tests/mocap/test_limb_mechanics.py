@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from eal.rods import RodLimb
-from filters.anatomy import Limb
+from filters.anatomy import Limb, masses_of
+from filters.bodies import rod_masses
 from mocap.cameras.camera import project, stacked
 from mocap.errors import MocapError
 from mocap.measures import Segment
-from mocap.pipeline.limb_mechanics import Filmed, limb_mechanics, longest_chain, rod_masses
+from mocap.pipeline.limb_mechanics import Filmed, limb_mechanics, longest_chain
 from mocap.plots.mechanics import draw_mechanics
 from mocap.records import marker_tracks
 from mocap.results.mechanics import mechanics_table
@@ -90,12 +91,13 @@ def test_energy_and_bound_are_those_of_the_tracked_limb(arm):
 
 def test_masses_are_those_stated_spread_over_the_bones_between():
     """An arm of 30 g over 0.3 and 0.2 m: 18 and 12 g; the finger gets the least density; one bone keeps its centre."""
-    bones = [("s", "e"), ("e", "w"), ("w", "t")]
+    names = ["s", "e", "w", "t"]
+    bones = [(0, 1), (1, 2), (2, 3)]
     lengths = np.array([0.3, 0.2, 0.1])
-    mass, centre, stated = rod_masses(bones, lengths, [Segment(start="s", end="w", mass_g=30.0)])
+    mass, centre, stated = rod_masses(bones, lengths, masses_of(names, [Segment(start="s", end="w", mass_g=30.0)]))
     assert stated
     np.testing.assert_allclose(mass, [0.018, 0.012, 0.006])
-    _, centre, _ = rod_masses(bones, lengths, [Segment(start="e", end="s", mass_g=1.0, centre=0.4)])
+    _, centre, _ = rod_masses(bones, lengths, masses_of(names, [Segment(start="e", end="s", mass_g=1.0, centre=0.4)]))
     np.testing.assert_allclose(centre, [0.6, 0.5, 0.5])
     mass, _, stated = rod_masses(bones, lengths, [])
     assert not stated

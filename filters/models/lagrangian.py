@@ -1,0 +1,156 @@
+"""What an animal's Lagrangian learns from trials: elastic joints, damping, V_z of limbs, noise of the joints."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+from scipy.linalg import eigh, solve_continuous_lyapunov
+
+from eal import EmpiricalPotential
+from filters.anatomy import Anatomy
+from filters.animal import Animal, Valley
+from filters.bodies import Bodies, cloud, rod, rod_masses
+from filters.mechanics import Motion, unexplained
+from filters.models.pose import PoseSettings, unseen_potential
+from filters.motion.articulated import ArticulatedMotion
+from filters.motion.lagrangian import LagrangianMotion
+from filters.motion.potential import PosePotential
+from filters.subspace import PoseSubspace
+from mocap.arrays import Array
+
+FLESH = 0.3
+"""Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest."""
+CHARGED = 0.1
+"""An unseen pose of the same motion is charged so much of the mean kinetic energy."""
+FOLLOWED = 1.0
+"""omega h up to which a step h follows the fastest oscillation in V_z: a stiffer one would throw a limb out of it."""
+
+
+def bodies_of(model: ArticulatedMotion, anatomy: Anatomy, trunk: float) -> Bodies:
+    """Rods of the stated masses behind the joints (``rod_masses``), balls of equal mass at the markers of the root.
+
+    A root whose mass is not stated weighs as much as all limbs; it counts for ``trunk`` times its mass. Rods alone turn
+    about their own axes as if they were nothing, and forces that are right in one pose then spin them in the next:
+    ``FLESH`` turns with each joint.
+    """
+    tree, ends = model.tree, model.ends
+    mass, centre, _ = rod_masses([(int(a), int(b)) for a, b in ends], model.length_m, anatomy.masses)
+    mine = tree.segment == 0
+    root_kg = sum(part.kg for part in anatomy.masses if mine[part.start] and mine[part.end]) or float(mass.sum())
+    root_kg *= trunk
+    parts = [cloud(root_kg, tree.place_m[mine], 0.1 * float(np.median(model.length_m)))]
+    parts += [rod(m, tree.place_m[end], centre=c) for m, c, end in zip(mass, centre, ends[:, 1], strict=True)]
+    bodies = Bodies(
+        tree=tree,
+        mass_kg=np.array([root_kg, *mass]),
+        centre_m=np.array([at for at, _ in parts]),
+        inertia_kg_m2=np.array([inertia for _, inertia in parts]),
+    )
+    felt = np.diag(inner_mass(bodies, model.subspace.mean / model.arm_m))
+    return replace(bodies, armature_kg_m2=FLESH * np.array([felt[tree.joint == j].max() for j in tree.joint]))
+
+
+def inner_mass(bodies: Bodies, angles: Array) -> Array:
+    """(F, F) mass that the joints of a free animal feel, as its root gives way: M_qq - M_qr M_rr^-1 M_rq."""
+    mass = bodies.mass(angles[None])[0]
+    return mass[6:, 6:] - mass[6:, :6] @ np.linalg.solve(mass[:6, :6], mass[:6, 6:])
+
+
+def with_lagrangian(
+    model: ArticulatedMotion, motion: Motion, settings: PoseSettings, anatomy: Anatomy, *, trunk: float
+) -> LagrangianMotion:
+    """The articulated model with a Lagrangian of all its joint angles in place of the mechanics of a subspace.
+
+    Of angles y in coordinates in which the mass at rest is 1, S their covariance and R that of their rates:
+
+    - K S + S K = 2 R: the symmetric stiffness that explains accelerations best (least squares, as -E y'' y^T = R in a
+      stationary motion). It is positive, because S and R are (Lyapunov); that of ``linear_shape`` need not be.
+    - W is the density of the accelerations that K leaves unexplained: the noise.
+    - D R + R D = W: the damping that takes out what this noise feeds in. It dissipates, because W is positive.
+
+    For an angle by itself that is the process that ``ArticulatedMotion`` has for it, Matern-3/2: K = a^2, D = 2a,
+    W = 4 a^3 S.
+
+    Args:
+        model: Joints, subspace and process of the angles.
+        motion: What was recorded in the subspace.
+        settings: Noise and potentials: with ``limbs`` V_z of each limb's joint angles is a potential energy, with
+            ``limb motion`` a density of angles and velocities updates the prediction, and is no part of the Lagrangian.
+        anatomy: Masses.
+        trunk: Factor on the mass of the root (``ArticulatedSettings.trunk``).
+    """
+    bodies = bodies_of(model, anatomy, trunk)
+    arm, basis, own, rate = model.arm_m, model.subspace.basis, model.subspace.residual_sd, model.residual_rate_hz
+    count, rank = len(arm), basis.shape[1]
+    rest = model.subspace.mean / arm
+    root = np.linalg.cholesky(inner_mass(bodies, rest)).T
+    bring = root / arm  # y of angles in arc length
+    spread = _whole(np.cov(motion.z.T), basis, own**2)
+    speed = _whole(np.cov(motion.rate.T), basis, rate**2 * own**2)
+    rates = bring @ speed @ bring.T
+    stiffness = solve_continuous_lyapunov(bring @ spread @ bring.T, 2 * rates)
+    felt = np.linalg.pinv(basis) @ np.linalg.solve(bring, stiffness @ bring @ basis)
+    left = motion.acceleration + (motion.z - motion.z.mean(axis=0)) @ felt.T
+    factor = unexplained(left, motion, settings.process_noise)
+    white = _whole(factor @ factor.T, basis, settings.process_noise * 4 * rate**3 * own**2)
+    damping = solve_continuous_lyapunov(rates, bring @ white @ bring.T)
+    found, strength = _valleys(model, 0.5 * float(np.trace(rates)), settings)
+    curved = sum((v.potential.curvature_limit * v.scale.T @ v.scale for v in found), np.zeros((count, count)))
+    fastest = float(eigh(curved, root.T @ root, eigvals_only=True)[-1])  # of V_z alone, squared, for 1/eps^2 = 1 J
+    strength = min(strength, (FOLLOWED / motion.dt_s) ** 2 / max(fastest, 1e-30))
+    animal = Animal(
+        bodies=bodies,
+        rest_rad=rest,
+        stiffness=_symmetric(root.T @ stiffness @ root),
+        damping=_symmetric(root.T @ damping @ root),
+        valleys=found,
+        strength_j=strength,
+    )
+    known = {f.name: getattr(model, f.name) for f in fields(ArticulatedMotion) if f.init}
+    z, z_rate, e = np.split(model.start, [rank, 2 * rank])
+    held = () if settings.potential == "limbs" else model.potentials
+    return LagrangianMotion(
+        **known
+        | {
+            "name": "lagrangian",
+            "subspace": PoseSubspace(mean=model.subspace.mean, basis=np.eye(count), residual_sd=np.zeros(count)),
+            "shape_sd": 2 * np.sqrt(np.concatenate([np.diag(spread), np.diag(speed)])),
+            "usual": None,
+            "potentials": tuple(_of_angles(one, basis) for one in held),
+            "start": np.concatenate([basis @ z + e, basis @ z_rate]),
+        },
+        animal=animal,
+        white=np.linalg.cholesky(_symmetric(white)),
+    )
+
+
+def _valleys(model: ArticulatedMotion, kinetic_j: float, settings: PoseSettings) -> tuple[tuple[Valley, ...], float]:
+    """V_z of the angles of limbs as potential energies, and 1/eps^2 = ``CHARGED`` T / V, before steps limit it.
+
+    V is the sum over limbs of V_z of poses that it was not learned from (``unseen_potential``), T the mean kinetic
+    energy.
+    """
+    limbs = [one for one in model.potentials if isinstance(one.potential, EmpiricalPotential)]
+    if settings.potential != "limbs" or not limbs:
+        return (), 0.0
+    unseen = sum(float(np.mean(-np.expm1(-unseen_potential(one.samples, settings)))) for one in limbs)
+    found = [
+        Valley(potential=one.potential, scale=one.on_residual * model.arm_m)
+        for one in limbs
+        if one.potential is not None
+    ]
+    return tuple(found), CHARGED * kinetic_j / max(unseen, 1e-9)
+
+
+def _of_angles(held: PosePotential, basis: Array) -> PosePotential:
+    """A potential of what a subspace and residuals do together, as a function of all angles and their rates."""
+    moving = held.on_shape[:, basis.shape[1] :] @ np.linalg.pinv(basis)
+    return replace(held, on_shape=np.hstack([held.on_residual, moving]), on_residual=held.on_residual[:, :0])
+
+
+def _whole(cov: Array, basis: Array, own: Array) -> Array:
+    """Covariance of all angles in arc length: of what they do together, and of each by itself."""
+    return basis @ np.atleast_2d(cov) @ basis.T + np.diag(own)
+
+
+def _symmetric(a: Array) -> Array:
+    return 0.5 * (a + a.T)

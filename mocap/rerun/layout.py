@@ -43,6 +43,7 @@ class Layout:
         angles: Angles and what else is plotted beside the scene, by group.
         cycles: Wing beats, strides, waves.
         limbs: Potentials of limbs that the filter used.
+        energies: (T, 3) energy, V_z and its bound (``JointAngles.energies``); None: no Lagrangian moved the animal.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Layout:
     angles: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
     cycles: Sequence[Cycle] = ()
     limbs: tuple[HeldLimb, ...] = ()
+    energies: Array | None = None
 
     @property
     def trail_frames(self) -> int:
@@ -104,6 +106,7 @@ def run_layout(
     return Layout(
         name=run.name,
         limbs=run.limbs,
+        energies=run.angles.energies if run.angles is not None and run.angles.energies.size else None,
         n_frames=len(run.tracked.markers.t_s),
         n_markers=len(run.tracked.markers.names),
         scene=scene,

@@ -25,6 +25,8 @@ GAP_MAP = "/gap_map"
 REPORT = "/report"
 ANGLES = "/angles"
 CYCLES = "/cycles"
+ENERGY = "/lagrangian/energy"
+VALLEY = "/lagrangian/valley"
 
 TOGETHER = "/together"
 APART = "/apart/rms"

@@ -7,7 +7,7 @@ import rerun.blueprint as rrb
 
 from mocap.pipeline.run import Run
 from mocap.rerun.layout import Layout
-from mocap.rerun.tabs import angles, cameras, health, joints, overview, report
+from mocap.rerun.tabs import angles, cameras, health, joints, lagrangian, overview, report
 
 
 class Tab(Protocol):
@@ -22,4 +22,4 @@ class Tab(Protocol):
         ...
 
 
-TABS: tuple[Tab, ...] = (overview, angles, cameras, joints, health, report)
+TABS: tuple[Tab, ...] = (overview, angles, cameras, joints, lagrangian, health, report)

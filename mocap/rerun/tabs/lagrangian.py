@@ -1,0 +1,48 @@
+"""Tab: energy, V_z and Theorem 3's bound of an animal that its own Lagrangian moves, beside the scene."""
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from mocap.pipeline.run import Run
+from mocap.rerun import palette, paths
+from mocap.rerun.layout import Layout
+from mocap.rerun.rows import rows
+from mocap.rerun.scene_views import NARROW, scene_view
+from mocap.rerun.series import log_line, robust_range, series_view
+
+
+def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
+    """Three lines; nothing where no Lagrangian was tracked."""
+    if layout.energies is None:
+        return
+    t_s = run.tracked.markers.t_s
+    energy, value, bound = layout.energies.T
+    log_line(rec, f"{paths.VALLEY}/bound", t_s, bound, name="bound (Theorem 3)", color=palette.GREY)
+    log_line(rec, f"{paths.VALLEY}/value", t_s, value, name="V_z", color=palette.SKY_BLUE)
+    log_line(rec, paths.ENERGY, t_s, energy, name="energy", color=palette.ORANGE)
+
+
+def tab(layout: Layout) -> rrb.Container | None:
+    """Does it stay in its valley?"""
+    if layout.energies is None:
+        return None
+    energy = series_view(
+        paths.ENERGY,
+        "Energy: motion of the segments, elastic joints, V_z/eps² (J)",
+        y_range=robust_range(layout.energies[:, 0]),
+        legend=False,
+    )
+    plots = rows([valley_view(layout), energy], columns=1, name="Energy")
+    return rrb.Horizontal(scene_view(layout, near=NARROW), plots, column_shares=[2, 3], name="Lagrangian")
+
+
+def valley_view(layout: Layout) -> rrb.View:
+    """V_z and its bound; where the bound is above all that V_z can be, one of each limb, it is out of the picture."""
+    assert layout.energies is not None  # the tab is there
+    value, bound = layout.energies[:, 1], layout.energies[:, 2]
+    tells = bound < max(len(layout.limbs), 1)
+    what = "and what it would stay below if the animal were let go at this instant (Theorem 3, grey)"
+    if not tells.any():
+        what = f"and what excludes nothing: Theorem 3's bound of a release, {np.nanmin(bound):.3g} at least"
+    return series_view(paths.VALLEY, f"V_z, {what}", y_range=robust_range(np.concatenate([[0.0], value, bound[tells]])))

@@ -10,6 +10,7 @@ from mocap.errors import SkeletonError
 from mocap.skeleton import Bone, Joint, Skeleton, read_skeleton, write_skeleton
 
 TEXT = st.text(st.characters(exclude_categories=("C",)), min_size=1, max_size=10)
+JOINT = TEXT.filter(lambda name: not name.startswith(".") and not set(name) & set("/\\"))
 
 
 @st.composite
@@ -24,7 +25,7 @@ def skeletons(draw):
         ),
         joints=tuple(
             Joint(name=name, parent=draw(one), centre=draw(one), child=draw(one))
-            for name in draw(st.lists(TEXT, max_size=3, unique=True))
+            for name in draw(st.lists(JOINT, max_size=3, unique=True))
         ),
         trunk=tuple(draw(st.lists(one, max_size=3))),
         aliases=draw(st.dictionaries(TEXT, one, max_size=3)),

@@ -31,7 +31,7 @@ def test_a_registered_tab_is_logged_and_laid_out(monkeypatch, tmp_path):
 
 
 def test_a_tab_without_content_is_left_out():
-    """No cameras and no joints: overview, health and report remain."""
+    """No cameras, no joints, no Lagrangian: overview, angles, health and report remain."""
     run = make_run(n_frames=5, n_cameras=0, n_joints=0)
     layout = record.make_layout(run)
-    assert [tab.tab(layout) is not None for tab in TABS] == [True, True, False, False, True, True]
+    assert [tab.tab(layout) is not None for tab in TABS] == [True, True, False, False, False, True, True]

@@ -168,7 +168,7 @@ def test_a_worker_that_dies_is_replaced(lab, undisturbed, scheduler, tmp_path):
         connected.unregister_worker_plugin("trap")
     assert len(counter.read_text()) == 2
     status = found.table.set_index("trial")
-    assert list(status["status"]) == ["done", "failed", "done", "failed", "done", "done"]
+    assert list(status["status"]) == ["done", "failed", "done", "failed", "done", "done"], list(status["error"])
     assert "died twice" in status.loc["animal0/t2", "error"]
     library.batch(lab, tmp_path / "out", scheduler=scheduler, **QUICK)
     assert contents(tmp_path / "out") == contents(undisturbed[1])

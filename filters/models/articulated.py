@@ -301,7 +301,7 @@ def learn_articulated(
     if settings.mechanics == "linear":
         return model
     motion = recorded_motion(turned, shapes, least_known=pose.least_known)
-    return with_lagrangian(model, motion, pose, anatomy, trunk=settings.trunk)
+    return with_lagrangian(model, motion, pose, anatomy, trunk=settings.trunk if anatomy.limbs else 1.0)
 
 
 def _start(shapes: Shapes, columns: NDArray[np.int64]) -> Array:

@@ -72,8 +72,8 @@ def track(
         str,
         typer.Option(
             help="A file that mocap learn wrote, or mixture, eal, articulated (the skeleton's segments and joints), "
-            "lagrangian (the same, moved by the forces of its masses) or constant_velocity; auto: the mixture, unless "
-            "constant velocity fills hidden samples better."
+            "lagrangian (the same, moved by forces of its masses: fills gaps worse, energies in joint_angles.csv) "
+            "or constant_velocity; auto: the mixture, unless constant velocity fills hidden samples better."
         ),
     ] = "auto",
     live: Annotated[

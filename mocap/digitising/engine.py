@@ -223,8 +223,11 @@ class Engine:
         self.tracks.crowding[frame] = crowding(self.tracks.ideal[frame], self.observer.radius_px)
         self.tracks.owner[frame] = np.full(dots.shape[:2], -1)
 
-    def _keep_texture(self, frame: int, camera: int, marker: int, point: Followed) -> None:
-        """Take where a texture was found as a dot that is its marker's alone, in place of one that was less sure."""
+    def _keep_texture(self, frame: int, camera: int, marker: int, point: Followed, *, corrects: bool = False) -> None:
+        """Take where a texture was found as a dot that is its marker's alone, in place of one that was less sure.
+
+        ``corrects``: in place of any.
+        """
         t = self.tracks
         column = np.flatnonzero(t.owner[frame][camera] == marker)
         if not len(column):
@@ -237,11 +240,22 @@ class Engine:
             t.owner[frame] = np.pad(t.owner[frame], ones, constant_values=marker)
             column = np.array([t.owner[frame].shape[1] - 1])
         k = int(column[0])
-        if point.sd_px < t.crowding[frame][camera, k]:
+        if corrects or point.sd_px < t.crowding[frame][camera, k]:
             uv = point.uv + FIRST_PIXEL
             t.dots[frame][camera, k] = *uv, 0.0
             t.ideal[frame][camera, k] = self.straight[camera](uv)
             t.crowding[frame][camera, k] = point.sd_px
+
+    def _forget_texture(self, camera: int, marker: int) -> list[int]:
+        """Drop where a marker's texture was found in a film; the frames that it was found in."""
+        t, out = self.tracks, []
+        for frame in range(self.films.n_frames):
+            k = t.owner[frame][camera] == marker
+            if np.isfinite(t.dots[frame][camera, k, 0]).any():
+                t.dots[frame][camera, k], t.ideal[frame][camera, k] = np.nan, np.nan
+                t.crowding[frame][camera, k] = np.inf
+                out.append(frame)
+        return out
 
     def _sd_px(self, frame: int) -> Array:
         """(C, K) standard deviations of the coordinates of dots and textures."""
@@ -390,6 +404,7 @@ class Engine:
             if picture is None:
                 continue
             c, m = click.camera, click.marker
+            places = [k for k in self.clicks if (k.camera, k.frame, k.marker) == (c, click.frame, m)]
             point, lost = begun(picture, np.array(click.uv_px) - FIRST_PIXEL), 0
             for frame, picture in self._one_film(c, click.frame, ahead):
                 guess, far = point.uv, MOST_REACH_PX
@@ -403,7 +418,7 @@ class Engine:
                 if lost > _LOST or any((k.camera, k.marker) == (c, m) for k in self.by_frame.get(frame, ())):
                     break
                 if point.before is not None:
-                    self._keep_texture(frame, c, m, point)
+                    self._keep_texture(frame, c, m, point, corrects=len(places) > 1)
                     out.append(frame)
         return out
 
@@ -580,7 +595,8 @@ class Engine:
         self.clicks += new
         self._sort_clicks()
         changed = {click.frame for click in new}
-        if not within:
+        if not within and any(self.observer.textured[click.marker] for click in new):
+            self._all_about(sorted(changed), within)  # a wrong click is not to lead the search
             for ahead in (True, False):
                 changed.update(self._follow_from(new, ahead=ahead))
         return self._all_about(sorted(changed), within)
@@ -592,7 +608,13 @@ class Engine:
         del self.clicks[kept:]
         self._sort_clicks()
         if taken:
-            self._all_about(sorted({click.frame for click in taken}), False)
+            changed = {click.frame for click in taken}
+            for camera, marker in {(k.camera, k.marker) for k in taken if self.observer.textured[k.marker]}:
+                changed.update(self._forget_texture(camera, marker))
+                left = [k for k in self.clicks if (k.camera, k.marker) == (camera, marker)]
+                for ahead in (True, False):
+                    changed.update(self._follow_from(left, ahead=ahead))
+            self._all_about(sorted(changed), False)
         return taken
 
     def _all_about(self, changed: Sequence[int], within: bool) -> tuple[int, int]:

@@ -58,6 +58,7 @@ def report_of(engine: Engine, error_px: float) -> Report:
         "dot_radius_px": None if look is None else look.radius_px,
         "dots_are": None if look is None else "bright" if look.bright else "dark",
         "dot_sd_px": engine.observer.sd_px,
+        "textures": [name for name, bare in zip(engine.names, engine.observer.textured, strict=True) if bare],
         "unnamed_dots": unnamed,
         "error_px": error_px,
         "markers_found": {
@@ -72,6 +73,24 @@ def report_of(engine: Engine, error_px: float) -> Report:
     }
 
 
+def _dots(report: Report) -> list[str]:
+    """What dots look like, and which markers have none."""
+    found = []
+    if report["dots_are"] is not None:
+        found.append(
+            f"Dots are {report['dots_are']}, of {report['dot_radius_px']} px radius; a coordinate has a standard "
+            f"deviation of {report['dot_sd_px']:.2f} px. {report['unnamed_dots']} dots were left unnamed."
+        )
+    bare = report["textures"]
+    if isinstance(bare, list) and bare:
+        found.append(
+            f"No dot was found where {', '.join(bare)} {'was' if len(bare) == 1 else 'were'} clicked: followed by "
+            "texture. If there are dots, the clicks do not belong to these films, or count rows from the lower left "
+            "corner."
+        )
+    return found
+
+
 def report_text(report: Report, asked: Sequence[Question], names: Sequence[str]) -> str:
     """The report as markdown."""
     found = report["markers_found"]
@@ -81,8 +100,7 @@ def report_text(report: Report, asked: Sequence[Question], names: Sequence[str])
         f"{report['frames']} frames of {report['cameras']} cameras, {report['markers']} markers; {report['clicks']} "
         f"clicks ({report['clicks_per_100']:.2f} a 100 marker-frames), {report['not_to_be_seen']} answers 'not to be "
         "seen'.",
-        f"Dots are {report['dots_are']}, of {report['dot_radius_px']} px radius; a coordinate has a standard deviation "
-        f"of {report['dot_sd_px']:.2f} px. {report['unnamed_dots']} dots were left unnamed.",
+        *_dots(report),
         f"{100 * float(str(report['known_well_enough'])):.1f} % of all positions are known to "
         f"{report['error_px']:g} px (standard deviation in every picture).",
         "",

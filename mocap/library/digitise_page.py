@@ -338,7 +338,7 @@ def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
                     else:
                         self.send_error(HTTPStatus.NOT_FOUND)
             except MocapError as error:
-                self._send(str(error).encode(), "text/plain; charset=utf-8")
+                self._send(str(error).encode(), "text/plain; charset=utf-8", status=HTTPStatus.CONFLICT)
             except (KeyError, IndexError):
                 self.send_error(HTTPStatus.BAD_REQUEST)
 
@@ -389,8 +389,8 @@ def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
         def _json(self, data: Any) -> None:
             self._send(json.dumps(data).encode(), "application/json")
 
-        def _send(self, body: bytes, kind: str, *, policy: str = _POLICY) -> None:
-            self.send_response(HTTPStatus.OK)
+        def _send(self, body: bytes, kind: str, *, policy: str = _POLICY, status: HTTPStatus = HTTPStatus.OK) -> None:
+            self.send_response(status)
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")

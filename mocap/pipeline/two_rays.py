@@ -82,9 +82,11 @@ def unconfirmed(prepared: Prepared) -> Mask:
 
 def worth_checking(prepared: Prepared) -> bool:
     """Whether two cameras disagree about a marker, or enough points are of two rays."""
-    return bool(disagreements(prepared)) or bool(
-        unconfirmed(prepared).sum() > LEAST * np.isfinite(prepared.xyz_m[..., 0]).sum()
-    )
+    return bool(disagreements(prepared)) or _many(prepared)
+
+
+def _many(prepared: Prepared) -> bool:
+    return bool(unconfirmed(prepared).sum() > LEAST * np.isfinite(prepared.xyz_m[..., 0]).sum())
 
 
 def without_contradicted(
@@ -99,6 +101,8 @@ def without_contradicted(
         learned: A model of other trials.
     """
     checked = _without_wrong_rays(prepared, part, settings, learned)
+    if disagreements(prepared) and not _many(prepared):
+        return checked  # few points of two rays are not worth the pass
     return _without_wrong_points(checked, part, settings, learned)
 
 

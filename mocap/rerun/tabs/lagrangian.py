@@ -11,6 +11,9 @@ from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import NARROW, scene_view
 from mocap.rerun.series import log_line, robust_range, series_view
 
+_NEAR = 3.0
+"""Bounds of more than so many times the greatest V_z are out of the picture."""
+
 
 def log(rec: rr.RecordingStream, run: Run, layout: Layout) -> None:
     """Three lines; nothing where no Lagrangian was tracked."""
@@ -29,7 +32,7 @@ def tab(layout: Layout) -> rrb.Container | None:
         return None
     energy = series_view(
         paths.ENERGY,
-        "Energy: motion of the segments, elastic joints, V_z/eps² (J)",
+        "Energy (J) of segments (trunk and joints made heavy), elastic joints, V_z/eps²",
         y_range=robust_range(layout.energies[:, 0]),
         legend=False,
     )
@@ -38,11 +41,12 @@ def tab(layout: Layout) -> rrb.Container | None:
 
 
 def valley_view(layout: Layout) -> rrb.View:
-    """V_z and its bound; where the bound is above all that V_z can be, one of each limb, it is out of the picture."""
+    """V_z and its bound, as far as that is near."""
     assert layout.energies is not None  # the tab is there
     value, bound = layout.energies[:, 1], layout.energies[:, 2]
-    tells = bound < max(len(layout.limbs), 1)
-    what = "and what it would stay below if the animal were let go at this instant (Theorem 3, grey)"
-    if not tells.any():
-        what = f"and what excludes nothing: Theorem 3's bound of a release, {np.nanmin(bound):.3g} at least"
-    return series_view(paths.VALLEY, f"V_z, {what}", y_range=robust_range(np.concatenate([[0.0], value, bound[tells]])))
+    near = bound < _NEAR * max(1.0, *value[np.isfinite(value)])
+    what = ", and what it would stay below if the animal were let go at this instant (Theorem 3, grey)"
+    if not near.any():
+        known = bound[np.isfinite(bound)]
+        what = f"; Theorem 3's bound of a release is {known.min():.3g} or more" if len(known) else ""
+    return series_view(paths.VALLEY, f"V_z{what}", y_range=robust_range(np.concatenate([[0.0], value, bound[near]])))

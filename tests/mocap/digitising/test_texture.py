@@ -1,5 +1,7 @@
 """Points without a dot: followed by their texture, against where it was drawn."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -90,6 +92,28 @@ def test_an_answer_follows_the_texture_anew(scene):
     click = next(c for c in scene.clicks(15, cameras=(2,), sd_px=0.3) if c.marker == NOSE)
     result.click([click])
     assert np.isfinite(result.pixels.uv_px[2, :, NOSE, 0]).sum() > before + 10
+
+
+def test_a_wrong_click_on_a_texture_is_corrected_or_taken_back(scene):
+    """A click 3 px off leads the frames about it away; the right one in its place leads them back, and so does undo."""
+    result = digitise(scene.folder / "films", start=scene.clicks(0, sd_px=0.3), **scene.arguments)
+    right = next(c for c in scene.clicks(15, cameras=(2,), sd_px=0.1) if c.marker == NOSE)
+    assert right.uv_px is not None
+    wrong = replace(right, uv_px=(right.uv_px[0] + 3.0, right.uv_px[1]))
+    result.click([right])
+
+    def found():
+        return np.linalg.norm(result.pixels.uv_px - scene.uv_px, axis=-1)[2, :, NOSE]
+
+    before = found()
+    result.click([wrong])
+    led_away = found()
+    assert np.nanmedian(led_away[10:21]) > 2
+    result.undo(1)
+    np.testing.assert_array_equal(np.isfinite(found()), np.isfinite(before))
+    assert np.nanmax(np.abs(found() - before)) < 0.3
+    result.click([wrong, right])
+    assert np.nanmedian(found()[10:21]) < 1
 
 
 def test_a_camera_that_starts_late_is_followed_from_its_first_frame(tmp_path):

@@ -55,8 +55,11 @@ def test_the_scene_is_what_was_found(scene, tmp_path):
     session = session_of(scene, tmp_path / "out")
     session.clicks += scene.clicks()
     with served(session) as address:
-        with urlopen(address + "scene/points.rrd", timeout=30) as answer:
-            assert b"nothing is named yet" in answer.read()
+        with pytest.raises(HTTPError) as early:
+            urlopen(address + "scene/points.rrd", timeout=30)
+        assert early.value.code == 409
+        assert b"nothing is named yet" in early.value.read()
+        early.value.close()
         session.run()
         with urlopen(address + "scene/points.rrd", timeout=30) as answer:
             (tmp_path / "points.rrd").write_bytes(answer.read())

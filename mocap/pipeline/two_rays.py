@@ -32,6 +32,10 @@ PAUSE = 5
 """Frames that show a marker in two cameras are of one run, with at most so many between them that do not."""
 MISS = 0.1
 """Two cameras disagree in a run if their rays do not meet in such a share of its frames, and in two at least."""
+BESIDE = 0.5
+"""They are looked at as well where one is wrong about another marker in such a share of the frames,"""
+ROUNDS = 3
+"""in so many rounds."""
 SURE = 2 * np.log(33)
 """A camera is taken to be wrong if the mean squared distance of its rays is larger by so much: in one frame the other
 marker would be 33 times less likely, and all frames count as one, for the filter errs alike in them."""
@@ -54,22 +58,27 @@ class Disagreement:
     cameras: tuple[int, int]
 
 
-def disagreements(prepared: Prepared) -> list[Disagreement]:
-    """Runs of frames in which two cameras alone, of three or more, see a marker and often do not meet."""
+def disagreements(prepared: Prepared, wrong: Mask | None = None) -> list[Disagreement]:
+    """Runs of frames in which two cameras alone, of three or more, see a marker and often do not meet.
+
+    Those, too, in which one of both is ``wrong`` (C, T, M) about another marker in half of the frames.
+    """
     rays = np.isfinite(prepared.uv_px[..., 0])
     if len(rays) < 3:
         return []
     pair = rays.sum(axis=0) == 2
     apart = pair & np.isnan(prepared.xyz_m[..., 0])
+    doubted = np.zeros(rays.shape[:2], dtype=bool) if wrong is None else wrong.any(axis=2)
     found = []
-    for marker in np.flatnonzero(apart.sum(axis=0) > 1).tolist():
+    for marker in np.flatnonzero((apart | (pair & doubted.any(axis=0)[:, None])).sum(axis=0) > 1).tolist():
         frames = np.flatnonzero(pair[:, marker])
         cameras = np.nonzero(rays[:, frames, marker].T)[1].reshape(-1, 2)
         ends = np.flatnonzero((np.diff(frames) > PAUSE + 1) | np.diff(cameras, axis=0).any(axis=1)) + 1
         for run in np.split(np.arange(len(frames)), ends):
             misses = apart[frames[run], marker]
-            if misses.sum() > 1 and misses.mean() >= MISS:
-                first, second = cameras[run[0]].tolist()
+            first, second = cameras[run[0]].tolist()
+            beside = max(doubted[camera, frames[run]].mean() for camera in (first, second))
+            if (misses.sum() > 1 and misses.mean() >= MISS) or beside >= BESIDE:
                 found.append(Disagreement(marker=marker, frames=frames[run], cameras=(first, second)))
     return found
 
@@ -132,13 +141,23 @@ def _without_wrong_rays(
 
     The filter is given neither ray of such a run, and has not learned from their points.
     """
-    runs, hidden = disagreements(prepared), np.zeros(prepared.xyz_m.shape[:2], dtype=bool)
-    for run in runs:
-        hidden[run.frames, run.marker] = True
-    doubted = replace(prepared, xyz_m=np.where(hidden[..., None], np.nan, prepared.xyz_m))
-    if not runs or why_no_pose(doubted, part) is not None:
-        return prepared
-    wrong = _wrong_rays(prepared, runs, *_expected(doubted, part, settings, learned, hidden=hidden))
+    checked, wrong = prepared, np.zeros(prepared.uv_px.shape[:3], dtype=bool)
+    for _ in range(ROUNDS):
+        runs, hidden = disagreements(checked, wrong), np.zeros(wrong.shape[1:], dtype=bool)
+        for run in runs:
+            hidden[run.frames, run.marker] = True
+        doubted = replace(checked, xyz_m=np.where(hidden[..., None], np.nan, checked.xyz_m))
+        if not runs or why_no_pose(doubted, part) is not None:
+            break
+        more = _wrong_rays(checked, runs, *_expected(doubted, part, settings, learned, hidden=hidden))
+        if not more.any():
+            break
+        wrong |= more
+        checked = replace(
+            checked,
+            uv_px=np.where(more[..., None], np.nan, checked.uv_px),
+            xyz_m=np.where(more.any(axis=0)[..., None], np.nan, checked.xyz_m),
+        )
     if not wrong.any():
         return prepared
     said = (
@@ -149,7 +168,7 @@ def _without_wrong_rays(
     kept = _without(prepared, points) if points.any() else prepared
     return replace(
         kept,
-        uv_px=np.where(wrong[..., None], np.nan, prepared.uv_px),
+        uv_px=checked.uv_px,
         rays_rejected=prepared.rays_rejected | wrong,
         findings=(*kept.findings, said),
     )

@@ -66,11 +66,11 @@ def disagreements(prepared: Prepared, wrong: Mask | None = None) -> list[Disagre
     rays = np.isfinite(prepared.uv_px[..., 0])
     if len(rays) < 3:
         return []
-    pair = rays.sum(axis=0) == 2
+    pair = np.asarray(rays.sum(axis=0) == 2)
     apart = pair & np.isnan(prepared.xyz_m[..., 0])
-    doubted = np.zeros(rays.shape[:2], dtype=bool) if wrong is None else wrong.any(axis=2)
+    doubted = np.zeros(rays.shape[:2], dtype=bool) if wrong is None else np.asarray(wrong.any(axis=2))
     found = []
-    for marker in np.flatnonzero((apart | (pair & doubted.any(axis=0)[:, None])).sum(axis=0) > 1).tolist():
+    for marker in np.flatnonzero((apart | (pair & np.asarray(doubted.any(axis=0))[:, None])).sum(axis=0) > 1).tolist():
         frames = np.flatnonzero(pair[:, marker])
         cameras = np.nonzero(rays[:, frames, marker].T)[1].reshape(-1, 2)
         ends = np.flatnonzero((np.diff(frames) > PAUSE + 1) | np.diff(cameras, axis=0).any(axis=1)) + 1
@@ -156,7 +156,7 @@ def _without_wrong_rays(
         checked = replace(
             checked,
             uv_px=np.where(more[..., None], np.nan, checked.uv_px),
-            xyz_m=np.where(more.any(axis=0)[..., None], np.nan, checked.xyz_m),
+            xyz_m=np.where(np.asarray(more.any(axis=0))[..., None], np.nan, checked.xyz_m),
         )
     if not wrong.any():
         return prepared

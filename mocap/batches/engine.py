@@ -134,10 +134,11 @@ def tracked(
     futures = connected.get(graph, list(graph), sync=False, retries=1)
     for future in as_completed(futures, loop=connected.loop):
         trial = keys[future.key]
-        if future.status == "finished":
-            yield future.result()
-        else:
-            yield Record(trial=trial.name, status="failed", error=_why(future), row=stated_of(trial)), None
+        try:  # a result that died with its worker before it was fetched is waited for: its status is not "finished"
+            ended: tuple[Record, float | None] = future.result()
+        except Exception:  # whatever it was, the other trials go on
+            ended = Record(trial=trial.name, status="failed", error=_why(future), row=stated_of(trial)), None
+        yield ended
         future.release()
     connected.unsubscribe_topic(TOPIC)
 

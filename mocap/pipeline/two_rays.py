@@ -27,7 +27,6 @@ LEAST = 0.05
 """Points of two rays are looked at if they are more than this share: that costs a pass of the filter."""
 LEFT = 1.5
 """A marker is looked at if it has so many times as many points in all: the filter learns from the others alone."""
-
 PAUSE = 5
 """Frames that show a marker in two cameras are of one run, with at most so many between them that do not."""
 MISS = 0.1
@@ -61,7 +60,11 @@ class Disagreement:
 def disagreements(prepared: Prepared, wrong: Mask | None = None) -> list[Disagreement]:
     """Runs of frames in which two cameras alone, of three or more, see a marker and often do not meet.
 
-    Those, too, in which one of both is ``wrong`` (C, T, M) about another marker in half of the frames.
+    Those, too, in which one of both is wrong about another marker in half of the frames.
+
+    Args:
+        prepared: The recording.
+        wrong: (C, T, M) rays that are known to be wrong; None: none are.
     """
     rays = np.isfinite(prepared.uv_px[..., 0])
     if len(rays) < 3:
@@ -101,7 +104,9 @@ def _many(prepared: Prepared) -> bool:
 def without_contradicted(
     prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None = None
 ) -> Prepared:
-    """The recording without rays of two, and points of two rays, that the pose filter contradicts.
+    """The recording without what the pose filter contradicts where two cameras alone see a marker.
+
+    First rays of cameras that are wrong for a run of frames, then single points.
 
     Args:
         prepared: The recording.

@@ -404,7 +404,7 @@ class Engine:
             if picture is None:
                 continue
             c, m = click.camera, click.marker
-            places = [k for k in self.clicks if (k.camera, k.frame, k.marker) == (c, click.frame, m)]
+            corrects = sum((k.camera, k.frame, k.marker) == (c, click.frame, m) for k in self.clicks) > 1
             point, lost = begun(picture, np.array(click.uv_px) - FIRST_PIXEL), 0
             for frame, picture in self._one_film(c, click.frame, ahead):
                 guess, far = point.uv, MOST_REACH_PX
@@ -418,7 +418,7 @@ class Engine:
                 if lost > _LOST or any((k.camera, k.marker) == (c, m) for k in self.by_frame.get(frame, ())):
                     break
                 if point.before is not None:
-                    self._keep_texture(frame, c, m, point, corrects=len(places) > 1)
+                    self._keep_texture(frame, c, m, point, corrects=corrects)
                     out.append(frame)
         return out
 

@@ -30,6 +30,43 @@ class DotLook:
     least: float
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Strength:
+    """How strongly the dots of markers respond in each camera: a log-normal.
+
+    Attributes:
+        log_median: (C,) logarithm of the median response (grey levels).
+        log_sd: (C,) standard deviation of the logarithm among the weaker half.
+    """
+
+    log_median: Array
+    log_sd: Array
+
+    def faintness(self, found: Array) -> Array:
+        """Squared deviations (C, K) of log responses (C, K) below the median, in variances; 0 above it, or for NaN."""
+        with np.errstate(invalid="ignore"):
+            below = (self.log_median[:, None] - np.log(np.maximum(found, 1e-3))) / self.log_sd[:, None]
+        return np.maximum(np.nan_to_num(below), 0.0) ** 2
+
+
+def strength_of(found: Array, before: Strength, *, least: int = 30, least_sd: float = 0.15) -> Strength:
+    """How strongly dots respond that are named: medians, and how far below them the 16th percentiles are.
+
+    Args:
+        found: (C, N) responses of named dots; NaN: none.
+        before: What holds for cameras with fewer than ``least`` of them.
+        least: See there.
+        least_sd: Least standard deviation of a logarithm.
+    """
+    log_median, log_sd = before.log_median.copy(), before.log_sd.copy()
+    for c, row in enumerate(found):
+        levels = np.log(np.maximum(row[np.isfinite(row)], 1e-3))
+        if len(levels) >= least:
+            low, log_median[c] = np.quantile(levels, (0.16, 0.5))
+            log_sd[c] = max(log_median[c] - low, least_sd)
+    return Strength(log_median=log_median, log_sd=log_sd)
+
+
 def response(grey: Grey, radius_px: float, *, bright: bool) -> NDArray[np.float32]:
     """Difference of two Gaussian blurs, which is greatest at the centre of a disc of that radius.
 

@@ -15,7 +15,7 @@ from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click
-from mocap.digitising.dots import DotLook, Grey, find_dots, look_of
+from mocap.digitising.dots import DotLook, Grey, Strength, find_dots, look_of, strength_of
 from mocap.digitising.errors import SHARED, RayErrors, ray_errors, stated
 from mocap.digitising.films import Films, grey_levels
 from mocap.digitising.meeting import Lengths
@@ -30,6 +30,8 @@ from mocap.io.movies import FIRST_PIXEL
 from mocap.skeleton import Skeleton, ends_among
 
 CLICK_SD_PX = 1.0
+_FIRST_LOG_SD = 0.25
+"""Standard deviation of the logarithm of how strongly a marker's dot responds, before it is measured."""
 _FIRST_SPEEDS = (0.004, 0.015, 0.05, 0.12)
 """Speeds that are tried at the start, in lengths of the animal a frame."""
 _TRIAL_FRAMES = 3
@@ -130,6 +132,7 @@ class Engine:
         self.density = np.ones(shape[1])
         self.most = np.zeros(shape[1])
         self.errors: RayErrors | None = None
+        self.strength: Strength | None = None
         self.own_poses = self.poses is None
         trunk = [self.names.index(name) for name in self.skeleton.trunk]
         self.trunk = trunk
@@ -289,8 +292,21 @@ class Engine:
         t = self.tracks
         clicked, barred = self._ideal(self._clicked(frame)), self._barred(frame)
         return self.observer.observed(
-            t.ideal[frame], self._sd_px(frame), clicked, state, owner=t.owner[frame], barred=barred
+            t.ideal[frame],
+            self._sd_px(frame),
+            clicked,
+            state,
+            owner=t.owner[frame],
+            barred=barred,
+            faint=self._faint(frame),
         )
+
+    def _faint(self, frame: int) -> Array | None:
+        """(C, K) what the strengths of dots cost that are weaker than those of markers; of textures nothing."""
+        if self.strength is None:
+            return None
+        found = self.tracks.dots[frame][..., 2].astype(np.float64)
+        return np.where(self.tracks.owner[frame] < 0, self.strength.faintness(found), 0.0)
 
     def decode(self, *, progress: Progress = lambda _stage, _share: None) -> None:
         """Decode the films once: forward pass and dots; then the backward pass.
@@ -304,6 +320,9 @@ class Engine:
             self.look = self._look(start)
         if self.look is not None:
             self.observer.radius_px = self.look.radius_px
+            n_cameras = len(self.cameras)
+            usual = np.full(n_cameras, np.log(4 * self.look.least))
+            self.strength = Strength(log_median=usual, log_sd=np.full(n_cameras, _FIRST_LOG_SD))
         state: State | None = None
         waiting: list[int] = []
         for frame, pictures in enumerate(self.films.pictures()):
@@ -683,10 +702,15 @@ class Engine:
         begins = np.unique(np.linspace(first, max(first, n - _PIECE), _PIECES).astype(int))
         frames = np.unique(np.minimum(begins[:, None] + np.arange(_PIECE), n - 1))
         uv = np.full((len(self.cameras), len(frames), len(self.names), 2), np.nan)
+        found = np.full(uv.shape[:3], np.nan)
         for row, frame in enumerate(frames.tolist()):
             dot, ideal = self.tracks.dot[:, frame], self.tracks.ideal[frame]
             if ideal.shape[1]:
                 uv[:, row] = np.where((dot >= 0)[..., None], ideal[camera, np.maximum(dot, 0)], np.nan)
+                strength = self.tracks.dots[frame][camera, np.maximum(dot, 0), 2]
+                found[:, row] = np.where((dot >= 0) & ~self.observer.textured, strength, np.nan)
+        if self.strength is not None:
+            self.strength = strength_of(found.reshape(len(found), -1), self.strength)
         textured = self.observer.textured
         skin = uv[:, :, textured]
         uv[:, :, textured] = np.nan

@@ -101,6 +101,7 @@ def name_points(
     bones: Lengths,
     *,
     error_m: float,
+    faint: Array | None = None,
 ) -> list[tuple[int, int]]:
     """Which markers the points are: pairs of a marker and a point that are sure.
 
@@ -116,6 +117,7 @@ def name_points(
         sure: (M,) markers that are named.
         bones: Lengths.
         error_m: Standard deviation of a point.
+        faint: (C, K) what the strength of a dot's response costs; None: nothing.
     """
     if not len(xyz_m) or not len(markers):
         return []
@@ -125,6 +127,8 @@ def name_points(
     count = (made >= 0).sum(axis=1)
     cost = np.where(d2 < _GATE, d2 + np.log(np.linalg.det(spread / error_m**2))[:, None], _FAR)
     cost -= 8.0 * (count - 2)  # a chance meeting of a further ray is rare
+    if faint is not None:
+        cost += np.where(made >= 0, faint[np.arange(len(faint)), np.maximum(made, 0)], 0.0).sum(axis=1)
     held = np.zeros(cost.shape, dtype=bool)
     for row, marker in enumerate(markers):
         for a, b in ((0, 1), (1, 0)):

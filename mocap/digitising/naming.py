@@ -74,11 +74,13 @@ def name_dots(
     barred: NDArray[np.bool_] | None = None,
     owner: NDArray[np.int64] | None = None,
     textured: NDArray[np.bool_] | None = None,
+    faint: Array | None = None,
 ) -> Named:
     """Name the dots of a frame.
 
     In each camera dots and markers are assigned (Hungarian method); the cost of a pair is -2 log of the density of the
-    dot in the predicted window (the squared Mahalanobis distance and log det of its covariance). A name is sure if no
+    dot in the predicted window (the squared Mahalanobis distance and log det of its covariance), and of the strength of
+    its response where it is weaker than a marker's usually is. A name is sure if no
     exchange with another marker or another dot is nearly as likely. What is
     sure in one camera narrows the windows of all others, and the assignment is done again; a ray that misses what the
     others say (epipolar consistency) is dropped.
@@ -95,6 +97,7 @@ def name_dots(
         barred: (C, M) True where a person said that the marker is not to be seen.
         owner: (C, K) marker whose texture was followed there; -1: a dot, which may be any marker's; None: all are dots.
         textured: (M,) True for markers without a dot, which are nowhere but where their texture is.
+        faint: (C, K) what the strength of a dot's response costs: ``dots.Strength.faintness``; None: nothing.
     """
     n_cameras, n_markers = len(matrices), len(xyz_m)
     known = np.full((n_cameras, n_markers), -1) if known is None else known
@@ -116,7 +119,7 @@ def name_dots(
         uv, jacobian = seen_from(matrices, at)
         # rays that a marker has already were used for its own position: their windows are those of the prediction
         s = window_cov(jacobian, cov, least)
-        assigned, doubtful = _assigned(uv, s, dots, known, others, textured, reach_px=reach_px)
+        assigned, doubtful = _assigned(uv, s, dots, known, others, textured, faint, reach_px=reach_px)
         if before is not None and (assigned == before).all():
             break
         at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks)
@@ -147,6 +150,7 @@ def _assigned(
     known: NDArray[np.int64],
     others: NDArray[np.bool_],
     textured: NDArray[np.bool_],
+    faint: Array | None,
     *,
     reach_px: float,
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -159,6 +163,8 @@ def _assigned(
         return np.full(uv.shape[:2], -1, dtype=np.int64), np.zeros(n_markers, dtype=bool)
     d2, log_det = away2(s, dots, uv)
     cost = np.where(d2 < GATE, d2 + log_det[..., None], _FAR)  # NaN compares false
+    if faint is not None:
+        cost += faint[:, None]
     cost[others] = _FAR
     fixed = known >= 0
     if fixed.any():

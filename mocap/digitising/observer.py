@@ -12,6 +12,8 @@ from mocap.digitising.motion import State, positioned
 from mocap.digitising.naming import GATE, Named, away2, name_dots, seen_from, window_cov
 from mocap.digitising.pose import PoseGaussian
 
+FAINTEST = 9.0
+"""Dots that respond less than a marker's usually do by three standard deviations make no point in space."""
 _POSE_COUNTS = 1 / 6
 """What the other markers tell of one that is not seen errs alike for about so many frames."""
 
@@ -49,6 +51,7 @@ class Observer:
         *,
         owner: NDArray[np.int64],
         barred: NDArray[np.bool_] | None = None,
+        faint: Array | None = None,
     ) -> tuple[Named, State]:
         """Name the dots of a frame about a prediction.
 
@@ -59,6 +62,7 @@ class Observer:
             state: Prediction.
             owner: (C, K) marker whose texture was followed there; -1: a dot.
             barred: (C, M) True where a person said that the marker is not to be seen; None: nowhere.
+            faint: (C, K) what the strength of a dot's response costs; None: nothing.
 
         Returns:
             What it shows, and the state after it.
@@ -75,6 +79,7 @@ class Observer:
             barred=barred,
             owner=owner,
             textured=self.textured,
+            faint=faint,
         )
         named = naming(state.xyz_m, state.cov_m2, known=known)
         clicked_here = np.asarray(np.isfinite(clicked[..., 0]).any(axis=0))
@@ -90,7 +95,7 @@ class Observer:
         if lost.any():
             state = self._within_bones(state, named)
         if (named.rays < 2).any():
-            found = self._meeting(dots, state, named)
+            found = self._meeting(dots, state, named, faint)
             if found is not None:
                 if barred is not None:
                     found[barred] = -1
@@ -99,12 +104,14 @@ class Observer:
                 named = self._by_bones(named, state, clicked_here)
         return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
 
-    def _meeting(self, ideal: Array, state: State, named: Named) -> NDArray[np.int64] | None:
+    def _meeting(self, ideal: Array, state: State, named: Named, faint: Array | None) -> NDArray[np.int64] | None:
         """(C, M) dots of markers that were found where rays of unnamed dots meet; None: there are none."""
         wanted = np.flatnonzero((named.rays < 2) & ~self.textured)
         if not len(wanted):
             return None
         free = np.isfinite(ideal[..., 0])
+        if faint is not None:
+            free &= faint < FAINTEST
         for c in range(len(free)):
             dots = named.dot[c][named.rays >= 2]
             free[c, dots[dots >= 0]] = False
@@ -122,8 +129,8 @@ class Observer:
             return None
         error_m = self.sd_px / float(np.nanmedian(np.linalg.norm(jacobian, axis=(-2, -1))) / np.sqrt(2))
         pairs = name_points(
-            points, made, wanted, state.xyz_m, state.cov_m2, named.rays >= 2, self.lengths, error_m=error_m
-        )  # fmt: skip
+            points, made, wanted, state.xyz_m, state.cov_m2, named.rays >= 2, self.lengths, error_m=error_m, faint=faint
+        )
         if not pairs:
             return None
         found = named.dot.copy()

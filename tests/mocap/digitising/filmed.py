@@ -78,22 +78,26 @@ def markers(n_frames):
     return at
 
 
-def film(folder, n_frames=40, *, hide=(), noise=2.0, bare=()):
+def film(folder, n_frames=40, *, hide=(), noise=2.0, bare=(), faint=()):
     """Write films as folders of pictures, calibration and skeleton; ``hide`` lists (camera, frames, marker).
 
-    Markers of ``bare`` have no dot but a texture.
+    Markers of ``bare`` have no dot but a texture. ``faint`` lists (frames, marker, shift_m): where the marker is moved
+    to there is a spot of 0.4 of a dot's contrast in all pictures.
     """
     cameras, xyz = rig(), markers(n_frames)
     uv = record(cameras, xyz)
     for camera, frames, marker in hide:
         uv[camera, frames, marker] = np.nan
+    spots = np.full((len(cameras), n_frames, len(faint), 2), np.nan)
+    for k, (frames, marker, shift_m) in enumerate(faint):
+        spots[:, frames, k] = record(cameras, xyz[frames, marker] + shift_m)
     rng = np.random.default_rng(0)
     for c, camera in enumerate(cameras):
         where = folder / "films" / camera.name
         where.mkdir(parents=True)
         for frame in range(n_frames):
             dots = np.where(np.isin(np.arange(len(NAMES)), bare)[:, None], np.nan, uv[c, frame])
-            picture = drawn(dots, rng, noise)
+            picture = drawn(dots, rng, noise, spots[c, frame])
             for m in bare:
                 picture = textured(picture, uv[c, frame, m], 0.004 * frame + m)
             cv2.imwrite(str(where / f"{frame:04d}.png"), picture)
@@ -104,13 +108,16 @@ def film(folder, n_frames=40, *, hide=(), noise=2.0, bare=()):
     return Scene(folder=folder, cameras=cameras, xyz_m=xyz, uv_px=uv, skeleton=skeleton)
 
 
-def drawn(uv_px, rng, noise):
-    """(240, 320) picture of white dots of 2.5 px radius, each pixel the mean of 8 x 8 points."""
+def drawn(uv_px, rng, noise, faint_px=()):
+    """(240, 320) picture of white dots of 2.5 px radius, and grey ones, each pixel the mean of 8 x 8 points."""
     fine = np.full((SIZE[1] * 8, SIZE[0] * 8), 40, dtype=np.uint8)
-    for u, v in uv_px[np.isfinite(uv_px[:, 0])]:
-        # the centre of the first pixel is at (1, 1), its corner at (0.5, 0.5); of the fine ones 3.5 are before it
-        at = tuple(round(x) for x in ((u - 0.5) * 128 - 8, (v - 0.5) * 128 - 8))
-        cv2.circle(fine, at, round(2.5 * 128), 220, cv2.FILLED, cv2.LINE_8, 4)
+    for places, grey in ((faint_px, 112), (uv_px, 220)):
+        for u, v in places:
+            if not np.isfinite(u):
+                continue
+            # the centre of the first pixel is at (1, 1), its corner at (0.5, 0.5); of the fine ones 3.5 are before it
+            at = tuple(round(x) for x in ((u - 0.5) * 128 - 8, (v - 0.5) * 128 - 8))
+            cv2.circle(fine, at, round(2.5 * 128), grey, cv2.FILLED, cv2.LINE_8, 4)
     coarse = cv2.resize(fine, SIZE, interpolation=cv2.INTER_AREA).astype(float)
     return np.clip(np.rint(coarse + noise * rng.normal(size=coarse.shape)), 0, 255).astype(np.uint8)
 

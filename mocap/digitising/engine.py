@@ -20,8 +20,8 @@ from mocap.digitising.errors import SHARED, RayErrors, ray_errors, stated
 from mocap.digitising.films import Films, grey_levels
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, jerk_density, positioned, predicted
-from mocap.digitising.naming import Named, seen_from, update, window_cov
-from mocap.digitising.observer import Observer, crowding
+from mocap.digitising.naming import MERGED, Named, seen_from, update, window_cov
+from mocap.digitising.observer import APART, Observer, crowding
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
 from mocap.digitising.texture import MOST_REACH_PX, Followed, begun, followed
@@ -61,6 +61,7 @@ class Tracks:
         crowding: Factors of the dots' standard deviations (C, K): ``observer.crowding``; of textures their own, px.
         owner: (C, K) marker whose texture was followed there; -1: a dot, which may be any marker's.
         dot: (C, T, M) number of the dot that is the marker's; -1: none.
+        merged: (C, T, M) True where that dot may be two markers' in one.
         xyz_m: (T, M, 3) positions.
         cov_m2: (T, M, 3, 3) their covariances.
         rays: (T, M) number of cameras that show a marker.
@@ -75,6 +76,7 @@ class Tracks:
     crowding: list[Array]
     owner: list[NDArray[np.int64]]
     dot: NDArray[np.int64]
+    merged: NDArray[np.bool_]
     xyz_m: Array
     cov_m2: Array
     rays: NDArray[np.int64]
@@ -121,6 +123,7 @@ class Engine:
             crowding=[np.ones((n_cameras, 0))] * shape[0],
             owner=[np.zeros((n_cameras, 0), dtype=np.int64)] * shape[0],
             dot=np.full((n_cameras, *shape), -1),
+            merged=np.zeros((n_cameras, *shape), dtype=bool),
             xyz_m=np.full((*shape, 3), np.nan),
             cov_m2=np.full((*shape, 3, 3), np.nan),
             rays=np.zeros(shape, dtype=np.int64),
@@ -531,6 +534,7 @@ class Engine:
     def _take(self, frame: int, named: Named) -> None:
         t = self.tracks
         t.dot[:, frame], t.xyz_m[frame], t.cov_m2[frame] = named.dot, named.xyz_m, named.cov_m2
+        t.merged[:, frame] = named.merged
         t.rays[frame], t.doubtful[frame] = named.rays, named.doubtful
 
     def _backward(
@@ -603,7 +607,8 @@ class Engine:
         if not sd.shape[1]:
             return np.ones(named.dot.shape)
         camera = np.arange(len(self.cameras))[:, None]
-        return np.where(named.dot >= 0, sd[camera, np.maximum(named.dot, 0)], CLICK_SD_PX)
+        sd = np.where(named.dot >= 0, sd[camera, np.maximum(named.dot, 0)], CLICK_SD_PX)
+        return np.where(named.merged, np.maximum(sd, MERGED * APART * self.observer.radius_px), sd)
 
     def rerun(self, clicks: Iterable[Click], *, within: bool = False) -> tuple[int, int]:
         """Take more clicks; only frames that they change are named again. Returns the first and last of these.
@@ -663,8 +668,9 @@ class Engine:
         after = None
         if end + 1 < n:
             ahead = unpacked(t.backward[end + 1])
+            after_rays, merged = t.rays[end + 1], t.merged[:, end + 1]
             dots = Named(
-                t.dot[:, end + 1], ahead.xyz_m, ahead.cov_m2, t.doubtful[end + 1], ahead.x[:, 0], t.rays[end + 1]
+                t.dot[:, end + 1], ahead.xyz_m, ahead.cov_m2, t.doubtful[end + 1], ahead.x[:, 0], after_rays, merged
             )
             seen = self._places(end + 1, dots)
             sd = self._deviations(end + 1, dots)

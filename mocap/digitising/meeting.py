@@ -13,6 +13,8 @@ MOST_RAYS = 24
 _GATE = 16.3
 """Chi-square of three degrees of freedom that one right point in a thousand exceeds."""
 _FAR = 1e6
+PATH_SD = 0.03
+"""Standard deviation of how long bones are together, as a share."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,12 +175,37 @@ def name_points(
     return out
 
 
-def violated(at: Array, cov_m2: Array, bones: Lengths) -> NDArray[np.int64]:
-    """(V, 2) bones between named markers that are not as long as they are, by five standard deviations."""
+def violated(at: Array, cov_m2: Array, bones: Lengths, farthest_m: Array) -> NDArray[np.int64]:
+    """(V, 2) pairs of markers at an impossible distance, by five standard deviations.
+
+    The ends of a bone that is not as long as it is, and two markers that are farther apart than the bones between them
+    are long together.
+
+    Args:
+        at: (M, 3) positions.
+        cov_m2: (M, 3, 3) their covariances.
+        bones: Lengths.
+        farthest_m: (M, M) of ``reaches``.
+    """
+    gap = at[:, None] - at
+    long = np.linalg.norm(gap, axis=2)
+    along = gap / np.maximum(long, 1e-9)[..., None]
+    variance = np.einsum("mni,mij,mnj->mn", along, cov_m2, along)
+    variance = variance + variance.T
     a, b = bones.ends.T
-    gap = at[a] - at[b]
-    long = np.linalg.norm(gap, axis=1)
-    along = gap / np.maximum(long, 1e-9)[:, None]
-    variance = np.einsum("bi,bij,bj->b", along, cov_m2[a] + cov_m2[b], along) + bones.sd_m**2
     with np.errstate(invalid="ignore"):
-        return bones.ends[np.abs(long - bones.length_m) > 5 * np.sqrt(variance)]
+        excess = long - farthest_m
+        wrong = np.triu(excess > 5 * np.sqrt(variance + (PATH_SD * farthest_m) ** 2))
+        wrong[a, b] = np.abs(long[a, b] - bones.length_m) > 5 * np.sqrt(variance[a, b] + bones.sd_m**2)
+    return np.argwhere(wrong)
+
+
+def reaches(bones: Lengths, n_markers: int) -> Array:
+    """(M, M) greatest distances: sums of lengths along the shortest path of bones (Floyd 1962); infinite: no path."""
+    out = np.full((n_markers, n_markers), np.inf)
+    a, b = bones.ends.T
+    out[a, b] = out[b, a] = np.nan_to_num(bones.length_m, nan=np.inf)
+    for m in range(n_markers):
+        out = np.minimum(out, out[:, m, None] + out[m])
+    np.fill_diagonal(out, np.inf)
+    return out

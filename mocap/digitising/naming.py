@@ -17,6 +17,8 @@ UNSEEN = GATE + np.log(5.0**4)
 """Cost of a marker without a dot: that of a dot at the edge of a window of 5 px."""
 _FAR = 1e6
 ROUNDS = 3
+MERGED = 0.25
+"""Standard deviation of a dot of two markers in one, as a share of the distance at which two dots are apart."""
 LONE_SD_PX = 1.0
 """Least standard deviation of a ray that no other one checks."""
 NARROW_PX = 3.0
@@ -34,6 +36,7 @@ class Named:
         doubtful: (M,) True where a dot lies in the marker's window, but belongs to it or to another.
         surprise: (M,) squared distance between prediction and rays, over its expectation; NaN where not named.
         rays: (M,) number of cameras that show the marker.
+        merged: (C, M) True where the dot may be that of two markers in one, whose middle is no place of either.
     """
 
     dot: NDArray[np.int64]
@@ -42,6 +45,7 @@ class Named:
     doubtful: NDArray[np.bool_]
     surprise: Array
     rays: NDArray[np.int64]
+    merged: NDArray[np.bool_]
 
 
 def seen_from(matrices: Array, xyz_m: Array) -> tuple[Array, Array]:
@@ -75,6 +79,7 @@ def name_dots(
     owner: NDArray[np.int64] | None = None,
     textured: NDArray[np.bool_] | None = None,
     faint: Array | None = None,
+    guessed: NDArray[np.bool_] | None = None,
 ) -> Named:
     """Name the dots of a frame.
 
@@ -98,6 +103,7 @@ def name_dots(
         owner: (C, K) marker whose texture was followed there; -1: a dot, which may be any marker's; None: all are dots.
         textured: (M,) True for markers without a dot, which are nowhere but where their texture is.
         faint: (C, K) what the strength of a dot's response costs: ``dots.Strength.faintness``; None: nothing.
+        guessed: (C, M) True where ``known`` comes from rays that meet, not from a click; None: nowhere.
     """
     n_cameras, n_markers = len(matrices), len(xyz_m)
     known = np.full((n_cameras, n_markers), -1) if known is None else known
@@ -107,6 +113,7 @@ def name_dots(
     chosen = known.copy()
     doubtful = np.zeros(n_markers, dtype=bool)
     assigned: NDArray[np.int64] | None = None
+    merged = np.zeros(known.shape, dtype=bool)
     textured = np.zeros(n_markers, dtype=bool) if textured is None else textured
     others = np.zeros((n_cameras, n_markers, dots.shape[1]), dtype=bool)
     if barred is not None:
@@ -122,7 +129,11 @@ def name_dots(
         assigned, doubtful = _assigned(uv, s, dots, known, others, textured, faint, reach_px=reach_px)
         if before is not None and (assigned == before).all():
             break
-        at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks)
+        merged = _merged(uv, dots, assigned, textured, reach_px=reach_px)
+        if guessed is not None:
+            merged &= guessed | (known < 0)
+        loose = np.where(merged, MERGED * reach_px, 0.0)
+        at, cov, chosen = _fused(matrices, dots, assigned, known, xyz_m, cov_m2, prior, sd_px, clicks, loose)
     rays = (chosen >= 0).sum(axis=0)
     if clicks is not None:
         rays = rays + np.isfinite(clicks[..., 0]).sum(axis=0)
@@ -131,7 +142,7 @@ def name_dots(
     spread[:, [0, 1, 2], [0, 1, 2]] += 1e-12
     with np.errstate(invalid="ignore"):
         surprise = np.einsum("mi,mi->m", moved, moved) / np.maximum(np.trace(spread, axis1=1, axis2=2), 1e-15)
-    return Named(chosen, at, cov, doubtful & (rays < 2), np.where(rays >= 2, surprise, np.nan), rays)
+    return Named(chosen, at, cov, doubtful & (rays < 2), np.where(rays >= 2, surprise, np.nan), rays, merged)
 
 
 def away2(s: Array, dots: Array, uv: Array) -> tuple[Array, Array]:
@@ -194,12 +205,26 @@ def _assigned(
     rival = np.minimum(exchange.min(axis=2), np.minimum(other_dot, other_marker) - mine)
     sure = has & (rival > MARGIN)
     # two markers so close that their dots are one: the dot of one is no place of either
-    lone = ~has & ~fixed & ~textured
+    lone = ~sure & ~fixed & ~textured
     if lone.any():
         gap = uv[:, :, None] - uv[:, None]
         near = np.asarray(gap[..., 0] ** 2 + gap[..., 1] ** 2 < reach_px**2)
         sure &= textured | ~(near & lone[:, None]).any(axis=2)
     return np.where(fixed, known, np.where(sure, pick, -1)), (has & ~sure).any(axis=0)
+
+
+def _merged(
+    uv: Array, dots: Array, assigned: NDArray[np.int64], textured: NDArray[np.bool_], *, reach_px: float
+) -> NDArray[np.bool_]:
+    """(C, M) True where another marker without a dot is predicted so near a marker's dot as to be in it."""
+    if not dots.shape[1]:
+        return np.zeros(assigned.shape, dtype=bool)
+    lone = (assigned < 0) & ~textured
+    place = np.take_along_axis(dots, np.maximum(assigned, 0)[..., None], axis=1)
+    gap = place[:, :, None] - uv[:, None]
+    with np.errstate(invalid="ignore"):
+        near = np.asarray(gap[..., 0] ** 2 + gap[..., 1] ** 2 < reach_px**2)
+    return (assigned >= 0) & ~textured & (near & lone[:, None]).any(axis=2)
 
 
 def _least_cost(cost: Array) -> NDArray[np.int64]:
@@ -224,6 +249,7 @@ def _fused(
     prior: Array,
     sd_px: Array,
     clicks: Array | None,
+    loose: Array,
 ) -> tuple[Array, Array, NDArray[np.int64]]:
     """Positions and covariances with the chosen dots; dots that the other rays contradict are dropped."""
     chosen = chosen.copy()
@@ -246,6 +272,7 @@ def _fused(
             sd = np.where(has, sd_px[camera, np.maximum(dot, 0)], 1.0)
         else:
             seen, sd = np.full((*dot.shape, 2), np.nan), np.ones(dot.shape)
+        sd = np.maximum(sd, np.where(has, loose[:, todo], 0.0))
         sd = np.where(alone[todo] & (has.sum(axis=0) == 1), np.maximum(sd, LONE_SD_PX), sd)
         if clicks is not None:
             seen = np.where(clicked[:, todo, None], clicks[:, todo], seen)

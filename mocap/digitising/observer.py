@@ -7,11 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mocap.arrays import Array
-from mocap.digitising.meeting import Lengths, meetings, name_points, violated
+from mocap.digitising.meeting import Lengths, meetings, name_points, reaches, violated
 from mocap.digitising.motion import State, positioned
 from mocap.digitising.naming import GATE, Named, away2, name_dots, seen_from, window_cov
 from mocap.digitising.pose import PoseGaussian
 
+MOST_ERROR = 3.0
+"""Lengths of bones follow measurements that differ by more than so many standard deviations only so far."""
+APART = 2.2
+"""Two dots closer than so many radii are one."""
 FAINTEST = 9.0
 """Dots that respond less than a marker's usually do by three standard deviations make no point in space."""
 _POSE_COUNTS = 1 / 6
@@ -74,14 +78,14 @@ class Observer:
             self.matrices,
             ideal,
             sd_px=sd_px,
-            reach_px=2.2 * self.radius_px,
+            reach_px=APART * self.radius_px,
             clicks=clicks,
             barred=barred,
             owner=owner,
             textured=self.textured,
             faint=faint,
         )
-        named = naming(state.xyz_m, state.cov_m2, known=known)
+        named = naming(state.xyz_m, state.cov_m2, known=known, guessed=known < 0)
         clicked_here = np.asarray(np.isfinite(clicked[..., 0]).any(axis=0))
         named = self._by_bones(named, state, clicked_here)
         guess = None
@@ -99,8 +103,9 @@ class Observer:
             if found is not None:
                 if barred is not None:
                     found[barred] = -1
-                known = np.where(known >= 0, known, found)
-                named = naming(state.xyz_m, state.cov_m2, known=known)
+                guessed = known < 0
+                known = np.where(guessed, found, known)
+                named = naming(state.xyz_m, state.cov_m2, known=known, guessed=guessed)
                 named = self._by_bones(named, state, clicked_here)
         return named, positioned(state, named.xyz_m, named.cov_m2, named.rays > 0)
 
@@ -140,20 +145,22 @@ class Observer:
         return found
 
     def _by_bones(self, named: Named, state: State, clicked: NDArray[np.bool_]) -> Named:
-        """Without the names of markers whose bones are too long or too short; the one moved by more loses its.
+        """Without the names of markers at impossible distances: the one that contradicts most others loses its first.
 
-        A texture loses its before a dot; a name that was clicked (M,) is kept.
+        Of equal ones the one that moved by more, a texture before a dot; a name that was clicked (M,) is kept.
         """
         wrong = np.zeros(len(named.rays), dtype=bool)
-        both = named.rays >= 1
-        for a, b in violated(named.xyz_m, named.cov_m2, self.lengths):
-            if not (both[a] and both[b]):
-                continue
-            far = [np.nan_to_num(named.surprise[m], nan=50.0) / named.rays[m] for m in (a, b)]
-            far = [x + 1e9 * self.textured[m] for x, m in zip(far, (a, b), strict=True)]
-            worse, other = (b, a) if far[1] >= far[0] else (a, b)
-            wrong[other if clicked[worse] else worse] = True
-        wrong &= ~clicked
+        pairs = violated(named.xyz_m, named.cov_m2, self.lengths, reaches(self.lengths, len(wrong)))
+        pairs = pairs[(named.rays[pairs] >= 1).all(axis=1)]
+        moved = np.nan_to_num(named.surprise, nan=50.0) / np.maximum(named.rays, 1) + 1e9 * self.textured
+        while True:
+            count = np.where(clicked, 0, np.bincount(pairs.ravel(), minlength=len(wrong)))
+            if not count.any():
+                break
+            # one wrong name contradicts several neighbours, each of which contradicts it alone
+            worst = int(np.argmax(np.where(count == count.max(), moved, -1.0)))
+            wrong[worst] = True
+            pairs = pairs[(pairs != worst).all(axis=1)]
         if not wrong.any():
             return named
         dot, rays = named.dot.copy(), named.rays.copy()
@@ -161,7 +168,7 @@ class Observer:
         xyz, cov = named.xyz_m.copy(), named.cov_m2.copy()
         xyz[wrong], cov[wrong] = state.xyz_m[wrong], state.cov_m2[wrong]
         surprise = np.where(wrong, np.nan, named.surprise)
-        return Named(dot, xyz, cov, named.doubtful | wrong, surprise, rays)
+        return Named(dot, xyz, cov, named.doubtful | wrong, surprise, rays, named.merged & ~wrong)
 
     def _within_bones(self, state: State, named: Named) -> State:
         """A marker that is not found is no farther from its neighbours than their bones are long."""
@@ -191,6 +198,8 @@ class Observer:
         error = np.where(both, long - mean, 0.0)
         # 3 % at first, as if from five measurements
         sd = np.where(np.isnan(self.lengths.sd_m), 0.03 * long, self.lengths.sd_m)
+        # a wrong name is not to teach a wrong length
+        error = np.clip(error, -MOST_ERROR * sd, MOST_ERROR * sd)
         share_sd = 1 / np.clip(self.measured + 5, 6, 100)
         sd = np.where(both, np.sqrt(np.maximum(sd**2 + (error**2 - sd**2) * share_sd, 0.0)), sd)
         mean = mean + error * share

@@ -22,7 +22,7 @@ Report = dict[str, object]
 
 
 def named_pixels(engine: Engine, fps: float) -> PixelTracks:
-    """(C, T, M) places of named dots and of clicks, as recorded."""
+    """(C, T, M) places of named dots and of clicks, as recorded; a dot that may be two markers' in one is none's."""
     tracks, shape = engine.tracks, engine.tracks.dot.shape
     uv_px = np.full((*shape, 2), np.nan)
     camera = np.arange(shape[0])[:, None]
@@ -30,7 +30,8 @@ def named_pixels(engine: Engine, fps: float) -> PixelTracks:
         if dots.shape[1]:
             chosen = tracks.dot[:, frame]
             found = dots[camera, np.maximum(chosen, 0), :2]
-            uv_px[:, frame] = np.where((chosen >= 0)[..., None], found, np.nan)
+            own = (chosen >= 0) & ~tracks.merged[:, frame]
+            uv_px[:, frame] = np.where(own[..., None], found, np.nan)
     clicked = places(engine.clicks, shape)
     uv_px = np.where(np.isnan(uv_px) & np.isfinite(clicked), clicked, uv_px)
     names = tuple(c.name for c in engine.cameras)

@@ -16,7 +16,7 @@ from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click
 from mocap.digitising.dots import DotLook, Grey, Strength, find_dots, look_of, strength_of
-from mocap.digitising.errors import SHARED, RayErrors, ray_errors, stated
+from mocap.digitising.errors import RayErrors, ray_errors, stated
 from mocap.digitising.films import Films, grey_levels
 from mocap.digitising.meeting import Lengths
 from mocap.digitising.motion import State, fused, jerk_density, positioned, predicted
@@ -587,8 +587,7 @@ class Engine:
         met = named.rays >= 2
         _, jacobian = seen_from(self.matrices, named.xyz_m)
         used = np.where(np.isfinite(seen[..., 0])[..., None, None], jacobian, 0.0)
-        shared = SHARED * self.observer.radius_px
-        cov[met] = stated(self.errors, used, sd_px, named.cov_m2, shared_px=shared)[met]
+        cov[met] = stated(self.errors, used, sd_px, named.cov_m2)[met]
 
     def _places(self, frame: int, named: Named) -> Array:
         """(C, M, 2) ideal pixels of named dots and clicks; NaN: none."""

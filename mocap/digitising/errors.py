@@ -9,9 +9,9 @@ from mocap.cameras import triangulate
 from mocap.digitising.naming import seen_from
 
 _PRIOR_COUNTS = 20
-SHARED = 0.01
-"""Error that all pictures share, in radii of a dot: dots are drawn towards what is bright beside them, in the films of
-the twins by 0.02 to 0.03 radii in space (root mean square); rays that meet do not show it."""
+SHARED = 0.3
+"""Share of the lasting variance that is the same in all pictures: dots are drawn towards what is bright beside them.
+Rays that meet do not show it; chosen on films of the twins with 8 cameras (lizard, seeds 5 and 6; bat, seed 6)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,25 +60,26 @@ def ray_errors(matrices: Array, ideal: Array, *, sd_px: float) -> RayErrors:
     )
 
 
-def stated(errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, shared_px: float) -> Array:
+def stated(errors: RayErrors, jacobian: Array, sd_px: Array, cov_m2: Array, *, shared: float = SHARED) -> Array:
     """Covariances (M, 3, 3) of positions when errors of dots last, differ, and are shared.
 
     A filter that takes errors to be new in each frame averages them. Of errors of which a share r lasts as long as it
-    averages, the covariance is (1 - r) of the filter's and r of that of the frame alone, (J^T J / sd^2)^-1.
+    averages, the covariance is (1 - r) of the filter's and r of that of the frame alone, (J^T J / sd^2)^-1; of these a
+    share ``shared`` is the same in all pictures, and stays that of one ray however many there are.
 
     Args:
         errors: What is known of them.
         jacobian: (C, M, 2, 3) of the pixels of rays that were used; 0 for others.
         sd_px: (C, M) standard deviations that they were weighted with.
         cov_m2: (M, 3, 3) covariances of the filter.
-        shared_px: Standard deviation of the error that all pictures share.
+        shared: Share of the lasting variance that all pictures have in common.
     """
     heavy = jacobian / np.where(sd_px > 0, sd_px, 1.0)[..., None, None] ** 2
     information = np.einsum("cmij,cmik->mjk", heavy, jacobian)
     # what rays do not determine is not worse than ten times what the filter says
     alone = np.linalg.inv(information + np.linalg.inv(100 * cov_m2))
+    coordinates = 2 * (jacobian != 0).any(axis=(2, 3)).sum(axis=0)
+    one = coordinates / np.maximum(np.trace(information, axis1=1, axis2=2), 1e-12)
     lasting = errors.lasting[:, None, None]
-    mixed = (1 - lasting) * cov_m2 + lasting * alone
-    scale = np.sum(jacobian**2, axis=(0, 2, 3)) / np.maximum(2 * (jacobian != 0).any(axis=(2, 3)).sum(axis=0), 1)
-    shared = np.where(scale > 0, shared_px**2 / np.maximum(scale, 1e-12), 0.0)
-    return errors.variance[:, None, None] * mixed + shared[:, None, None] * np.eye(3)
+    alike = (1 - shared) * alone + shared * one[:, None, None] * np.eye(3)
+    return errors.variance[:, None, None] * ((1 - lasting) * cov_m2 + lasting * alike)

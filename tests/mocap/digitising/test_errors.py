@@ -61,7 +61,7 @@ def test_stated_intervals_hold_where_errors_last(filmed):
     means = by_frame.reshape(2, -1, 4, 8).mean(axis=2)
     off = np.einsum("mij,mnj->mni", gain, means)
     naive = 0.3**2 * single / 4
-    honest = stated(errors, jacobian, np.full((4, 2), 0.3), naive, shared_px=0.0)
+    honest = stated(errors, jacobian, np.full((4, 2), 0.3), naive, shared=0.0)
 
     def inside(cov):
         return float((np.abs(off) < 1.96 * np.sqrt(np.einsum("mii->mi", cov))[:, None]).mean())
@@ -71,20 +71,27 @@ def test_stated_intervals_hold_where_errors_last(filmed):
 
 
 def test_without_lasting_errors_the_filter_is_right():
-    """Nothing lasts, nothing differs, nothing is shared: the covariance is the filter's."""
+    """Nothing lasts, nothing differs: the covariance is the filter's, whatever lasting errors share."""
     cov = np.eye(3)[None] * 2e-9
     errors = RayErrors(sd_px=0.3, variance=np.ones(1), lasting=np.zeros(1))
     _, jacobian = seen_from(matrices(), np.zeros((1, 3)))
-    np.testing.assert_allclose(stated(errors, jacobian, np.full((4, 1), 0.3), cov, shared_px=0.0), cov)
+    np.testing.assert_allclose(stated(errors, jacobian, np.full((4, 1), 0.3), cov), cov)
 
 
-def test_shared_errors_are_those_of_space():
-    """0.1 px of every picture is 0.1 / 1000 of 2 m for cameras of 1000 px focal length at 2 m.
+@pytest.mark.parametrize("copies", [1, 2])
+def test_shared_errors_do_not_fall_with_the_number_of_cameras(copies):
+    """All errors last and are shared: 0.3 px of every picture is 0.3 / 1000 of 2 m at 1000 px, with 4 or 8 cameras.
 
-    Two rows of each picture span the two directions across its ray alone: their mean square is that of all three.
+    Two rows of each picture span the two directions across its ray alone: their mean square is that of all three. What
+    is not shared halves with twice the cameras.
     """
-    errors = RayErrors(sd_px=0.3, variance=np.ones(1), lasting=np.zeros(1))
-    _, jacobian = seen_from(matrices(), np.zeros((1, 3)))
-    cov = stated(errors, jacobian, np.full((4, 1), 0.3), np.eye(3)[None] * 1e-18, shared_px=0.1)
+    errors = RayErrors(sd_px=0.3, variance=np.ones(1), lasting=np.ones(1))
+    _, jacobian = seen_from(np.concatenate([matrices()] * copies), np.zeros((1, 3)))
+    sd, filtered = np.full((4 * copies, 1), 0.3), np.eye(3)[None] * 1e-6
     far = np.linalg.norm(EYES, axis=1).mean()
-    assert np.sqrt(cov[0, 0, 0]) == pytest.approx(0.1 * far / 1000, rel=0.1)
+    shared = stated(errors, jacobian, sd, filtered, shared=1.0)[0]
+    np.testing.assert_allclose(shared, np.eye(3) * (0.3 * far / 1000) ** 2, rtol=0.2, atol=1e-15)
+    own = stated(errors, jacobian, sd, filtered, shared=0.0)[0]
+    assert np.trace(own) / np.trace(shared) == pytest.approx(1 / (4 * copies * 2 / 3), rel=0.2)
+    half = stated(errors, jacobian, sd, filtered, shared=0.5)[0]
+    np.testing.assert_allclose(half, 0.5 * (own + shared))

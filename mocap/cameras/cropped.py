@@ -1,6 +1,7 @@
-"""Pixels that were counted in a cropped picture: how that shows in a recording whose rays do not meet."""
+"""Cropped pictures: cameras of them, and how pixels counted in them show where rays do not meet."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,6 +10,24 @@ from mocap.cameras.camera import Camera, decompose
 
 SMALL = 0.75
 """Pixels that span less than this share of the calibrated pictures, in all cameras, may be of cropped ones."""
+
+
+def cropped_camera(camera: Camera, corner_px: Array) -> Camera:
+    """The camera whose picture is a window of another's.
+
+    Its pixels are those of the whole picture less the corner, and so are its principal point and that of its lens; its
+    size is not known.
+
+    Args:
+        camera: Of the whole picture.
+        corner_px: (2,) column and row of the window's upper left corner in it.
+    """
+    x, y = map(float, corner_px)
+    shift = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]])
+    lens = camera.lens
+    if lens is not None:
+        lens = replace(lens, centre_px=(lens.centre_px[0] - x, lens.centre_px[1] - y))
+    return replace(camera, matrix=shift @ camera.matrix, lens=lens, size_px=None)
 
 
 def may_be_cropped(cameras: Sequence[Camera], uv_px: Array) -> str | None:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import program, progress, say, show, typed
-from mocap.cli.options import AsJson, Force, Fps, Out, Profile
+from mocap.cli.options import AsJson, Crop, Force, Fps, Out, Profile
 from mocap.errors import MocapError
 
 
@@ -43,6 +43,7 @@ def digitise(
             "--video-offset", help="Frame of the film minus frame of the tracks; once for all cameras, or for each."
         ),
     ] = None,
+    crop: Crop = None,
     web: Annotated[
         bool,
         typer.Option("--web", help="Click in the browser, on 127.0.0.1 only; each click is saved at once in --out."),
@@ -69,6 +70,7 @@ def digitise(
             profile=profile,
             fps=fps,
             offset_frames=offset,
+            crop=crop,
             error_px=error_px,
         )
         with served(session, port=port) as address:
@@ -82,7 +84,7 @@ def digitise(
         return
     if start is None:
         raise MocapError("--start is missing: give first clicks (DLTdv's xypts), or click in the browser with --web")
-    inputs = [*films, calibration, skeleton, start, model, profile]
+    inputs = [*films, calibration, skeleton, start, model, profile, *(crop or [])]
     with result_folder(out, "digitise", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
         result = mocap.digitise(
             films,
@@ -93,6 +95,7 @@ def digitise(
             profile=profile,
             fps=fps,
             offset_frames=offset,
+            crop=crop,
             error_px=error_px,
             progress=tell,
         )

@@ -344,6 +344,7 @@ class Engine:
             self._keep(frame, self._dots(pictures, self._windows(ahead)))
             self._follow(frame, pictures, ahead)
             state = self._forward(frame, state)
+        progress("finding and naming dots", 1.0)
         # frames before the first clicks are named backward only, with the noise as it was found after these
         self.tracks.density[:start] = np.max(self.tracks.density[start : start + 30], axis=0)
         self._estimate_sd(start)
@@ -551,7 +552,7 @@ class Engine:
         Before frame ``settled`` it ends where it comes to what it was; returns the frame that it ended with.
         """
         for frame in range(last, first - 1, -1):
-            progress("naming dots again with what came after", (last - frame) / max(last - first, 1))
+            progress("naming dots again with what came after", (last - frame) / max(last - first + 1, 1))
             self.density = self.tracks.density[min(frame + 1, last)]
             ahead = None if state is None else self._ahead(state)
             forward = self.tracks.forward[frame]
@@ -573,6 +574,7 @@ class Engine:
             self._state(frame, named, both, seen, sd)
             xyz, cov = update(self.matrices, seen, sd, ahead.xyz_m, ahead.cov_m2, prior)
             state = positioned(ahead, xyz, cov, named.rays > 0)
+        progress("naming dots again with what came after", 1.0)
         return first
 
     def _state(self, frame: int, named: Named, both: State, seen: Array, sd_px: Array) -> None:
@@ -684,13 +686,15 @@ class Engine:
             return
         start = int(np.argmax(begun))
         state = unpacked(self.tracks.forward[start])
-        for frame in range(start, self.films.n_frames):
+        n, stage = self.films.n_frames, "once more with all poses"
+        for frame in range(start, n):
+            progress(stage, 0.5 * (frame - start) / (n - start))
             self.density = self.tracks.density[frame]
             ahead = state if frame == start else self._ahead(state)
             self.tracks.forward[frame] = packed(ahead)
             named, state = self._observed(frame, ahead)
             self._take(frame, named)
-        self._backward(self.films.n_frames - 1, 0, None, progress=progress)
+        self._backward(n - 1, 0, None, progress=lambda _, share: progress(stage, 0.5 + 0.5 * share))
 
     def learn_poses(self, end: int | None = None) -> None:
         """Learn the pose from the frames that are named so far."""

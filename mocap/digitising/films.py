@@ -2,9 +2,9 @@
 
 import queue
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked, undistorted
+from mocap.cameras.cropped import cropped_camera
 from mocap.digitising.dots import Grey
 from mocap.errors import CalibrationError, MocapError
+from mocap.io.crop import matched
 from mocap.io.movies import PICTURES, Movie, by_number, open_movie
 
 AHEAD = 4
@@ -147,7 +149,7 @@ def open_films(
             raise MocapError(
                 f"`films`: {movie.path.name} is {movie.size_px[0]} x {movie.size_px[1]} px, but camera {camera.name} "
                 f"was calibrated at {camera.size_px[0]} x {camera.size_px[1]}: {said}; give the films in the order of "
-                "the cameras, uncropped, or calibrate the cropped window"
+                "the cameras; where they are cropped give `crop`, or calibrate the cropped window"
             )
     offsets = tuple(offset_frames) if offset_frames else (0,) * len(movies)
     if len(offsets) == 1:
@@ -156,6 +158,60 @@ def open_films(
         raise MocapError(f"`offset_frames`: {len(offsets)} offsets for {len(movies)} films: give one for each")
     ends = sorted((m.n_frames - o for m, o in zip(movies, offsets, strict=True)), reverse=True)
     return Films(movies=movies, offset_frames=offsets, n_frames=max(ends[1], 0))
+
+
+def open_windows(
+    given: Sequence[Path],
+    cameras: Sequence[Camera],
+    crops: Mapping[str, Array],
+    *,
+    offset_frames: Sequence[int] | None = None,
+) -> tuple[Films, tuple[Camera, ...]]:
+    """Open films that are windows of the calibrated pictures.
+
+    Args:
+        given: As of ``open_films``.
+        cameras: The C cameras, of the whole pictures.
+        crops: (1, 2) or (frames, 2) places of the windows' upper left corners, by the name of the camera or film.
+        offset_frames: As of ``open_films``.
+
+    Returns:
+        The films, and the cameras of the windows.
+
+    Raises:
+        MocapError: a film has no offsets, its window moves or is not inside the picture, or as ``open_films``.
+    """
+    paths = _listed(given)
+    views = [[camera.name for camera in cameras], [path.stem for path in paths]]
+    found = (matched(crops, [[name] for name in names]) for names in views if len(names) == len(cameras))
+    offsets = next((each for each in found if each is not None), None)
+    if offsets is None:
+        raise MocapError(
+            f"`crop`: offsets of {', '.join(crops)} for the cameras {', '.join(views[0])}: give one for each camera, "
+            "named as camera or film"
+        )
+    for camera, offset in zip(cameras, offsets, strict=True):
+        if np.ptp(offset, axis=0).max() > 0:
+            raise MocapError(
+                f"`crop`: the window of {camera.name} moves: films are digitised in windows at rest; crop by one "
+                "window, or digitise the whole picture"
+            )
+    films = open_films(
+        given,
+        [cropped_camera(camera, offset[0]) for camera, offset in zip(cameras, offsets, strict=True)],
+        offset_frames=offset_frames,
+    )
+    windows = []
+    for camera, offset, movie in zip(cameras, offsets, films.movies, strict=True):
+        end = offset[0] + movie.size_px
+        if camera.size_px is not None and ((offset[0] < 0) | (end > camera.size_px)).any():
+            raise MocapError(
+                f"`crop`: the window of {camera.name}, {movie.size_px[0]} x {movie.size_px[1]} px at "
+                f"({offset[0, 0]:g}, {offset[0, 1]:g}), is not inside the calibrated picture of "
+                f"{camera.size_px[0]} x {camera.size_px[1]} px: check the offsets"
+            )
+        windows.append(replace(cropped_camera(camera, offset[0]), size_px=movie.size_px))
+    return films, tuple(windows)
 
 
 def _listed(given: Sequence[Path]) -> list[Path]:

@@ -19,11 +19,11 @@ import numpy as np
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
-from mocap.digitising.films import Films, open_films
+from mocap.digitising.films import Films
 from mocap.digitising.naming import seen_from
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
-from mocap.library.digitised import Digitised, cameras_of, check_clicks, digitise
+from mocap.library.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.skeleton import Skeleton, read_skeleton
 
 SAVED = "saved_clicks_xypts.csv"
@@ -240,6 +240,7 @@ def open_session(
     profile: Path | None = None,
     fps: float | None = None,
     offset_frames: Sequence[int] | None = None,
+    crop: Sequence[Path] | None = None,
     error_px: float = 1.0,
 ) -> Session:
     """A session on films; it goes on with the clicks of ``start``, or else with those saved in ``folder``.
@@ -250,8 +251,7 @@ def open_session(
         MocapError: the films do not fit the calibration, a file cannot be read, or clicks saved in ``folder`` would be
             replaced by those of ``start``.
     """
-    cameras = cameras_of(calibration, profile)
-    opened = open_films(films, cameras, offset_frames=offset_frames)
+    opened, cameras = open_with_crops(films, cameras_of(calibration, profile), crop, offset_frames)
     known = read_skeleton(skeleton)
     saved = folder / SAVED
     if start is not None and saved.is_file() and not saved.samefile(start):
@@ -278,6 +278,7 @@ def open_session(
             profile=profile,
             fps=rate,
             offset_frames=offset_frames,
+            crop=crop,
             error_px=error_px,
         )
 

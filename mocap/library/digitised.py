@@ -13,10 +13,11 @@ from mocap.cameras.camera import Camera, check_cameras
 from mocap.digitising.asking import Question, pixel_sd, questions
 from mocap.digitising.clicks import Click, places, read_clicks
 from mocap.digitising.engine import Engine, Progress
-from mocap.digitising.films import check_order, open_films
+from mocap.digitising.films import Films, check_order, open_films, open_windows
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.write import Report, named_pixels, report_of, write_digitised
 from mocap.errors import FormatError, MocapError
+from mocap.io.crop import crops_of
 from mocap.io.output import result_folder
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
@@ -174,6 +175,7 @@ def digitise(
     profile: PathText | None = None,
     fps: float | None = None,
     offset_frames: Sequence[int] | None = None,
+    crop: PathText | Sequence[PathText] | None = None,
     error_px: float = ERROR_PX,
     progress: Progress = lambda _stage, _share: None,
 ) -> Digitised:
@@ -193,6 +195,8 @@ def digitise(
         profile: Camera profile with the lenses.
         fps: Frames a second; None: as the first film says.
         offset_frames: Frame of each film minus frame of the tracks.
+        crop: Crop offsets (files, or a folder of them) of films that are windows of the calibrated pictures; clicks
+            and results then count in the windows, and the calibration that is written is theirs.
         error_px: Clicks are asked for where a marker is known worse than that, in pixels.
         progress: Called with a stage and the share of it that is done.
 
@@ -203,7 +207,7 @@ def digitise(
     """
     cameras = cameras_of(Path(calibration), None if profile is None else Path(profile))
     given = [films] if isinstance(films, (str, PathLike)) else list(films)
-    opened = open_films([Path(film) for film in given], cameras, offset_frames=offset_frames)
+    opened, cameras = open_with_crops([Path(film) for film in given], cameras, crop, offset_frames)
     known = skeleton if isinstance(skeleton, Skeleton) else read_skeleton(Path(skeleton))
     if isinstance(start, (str, PathLike)):
         clicks = read_clicks(Path(start), known, n_cameras=len(cameras), n_frames=opened.n_frames)
@@ -221,6 +225,19 @@ def digitise(
     if rate is None:
         raise MocapError("the frame rate is in no film: give `fps`")
     return Digitised(engine, float(rate), error_px)
+
+
+def open_with_crops(
+    films: Sequence[Path],
+    cameras: Sequence[Camera],
+    crop: PathText | Sequence[PathText] | None,
+    offset_frames: Sequence[int] | None,
+) -> tuple[Films, tuple[Camera, ...]]:
+    """Films, and the cameras of their pictures: those given, or of windows of their pictures. As ``digitise``."""
+    if not crop:
+        return open_films(films, cameras, offset_frames=offset_frames), tuple(cameras)
+    files = [crop] if isinstance(crop, (str, PathLike)) else crop
+    return open_windows(films, cameras, crops_of([Path(file) for file in files]), offset_frames=offset_frames)
 
 
 def check_clicks(clicks: Sequence[Click], shape: tuple[int, int, int], *, empty: bool = False) -> None:

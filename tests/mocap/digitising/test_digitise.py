@@ -62,6 +62,23 @@ def test_a_faint_spot_is_no_marker(tmp_path):
     assert np.median(found[16:26]) > np.isfinite(scene.uv_px[0, 20, :, 0]).sum()
 
 
+def test_progress_of_each_stage_only_grows_to_its_end(scene):
+    """What is left can be told: no pass is silent, none begins the bar of another anew."""
+    told = {}
+    digitise(
+        scene.folder / "films",
+        start=scene.clicks(),
+        progress=lambda stage, share: told.setdefault(stage, []).append(share),
+        **scene.arguments,
+    )
+    assert len(told) == 3
+    for shares in told.values():
+        assert len(shares) > 39
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+        assert shares[0] < 0.1
+
+
 def test_intervals_hold(result, scene):
     """Of positions seen by two cameras 95 % intervals hold 90 to 100 %; they widen where the hand is hidden."""
     points = result.points
@@ -260,3 +277,56 @@ def test_the_command_writes_what_the_library_finds(scene, result, mocap, tmp_pat
                           "--skeleton", out / "skeleton.toml", "--no-validate", "--model", "constant_velocity",
                           "--out", tmp_path / "tracked")  # fmt: skip
     assert code == 0, said
+
+
+def cropped(scene, folder, corners=((30, 20), (25, 30), (40, 10)), size=(250, 200)):
+    """The scene's films in windows, their corners as a table, and the clicks of the first frame in the windows."""
+    for camera, (x, y) in zip(scene.cameras, corners, strict=True):
+        (folder / "films" / camera.name).mkdir(parents=True)
+        for path in sorted((scene.folder / "films" / camera.name).iterdir()):
+            picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            cv2.imwrite(str(folder / "films" / camera.name / path.name), picture[y : y + size[1], x : x + size[0]])
+    rows = [f"{camera.name},{x},{y}" for camera, (x, y) in zip(scene.cameras, corners, strict=True)]
+    (folder / "crop.csv").write_text("\n".join(["camera,x,y", *rows]) + "\n")
+    clicks = [replace(k, uv_px=tuple(np.subtract(k.uv_px, corners[k.camera]))) for k in scene.clicks()]
+    return clicks, np.array(corners, dtype=float)
+
+
+def test_windows_of_the_pictures_give_the_same_positions(scene, result, tmp_path):
+    """Named pixels are those of the whole pictures less the corners, and the calibration that is written is theirs."""
+    clicks, corners = cropped(scene, tmp_path)
+    found = digitise(tmp_path / "films", start=clicks, crop=tmp_path / "crop.csv", **scene.arguments)
+    moved = found.pixels.uv_px + corners[:, None, None] - result.pixels.uv_px
+    inside = np.isfinite(moved[..., 0])
+    assert inside.sum() > 0.97 * result.pixels.seen.sum()
+    assert np.abs(moved[inside]).max() < 0.01
+    found.save(tmp_path / "out")
+    again = digitise(
+        tmp_path / "films", start=clicks, **{**scene.arguments, "calibration": tmp_path / "out" / "calibration.toml"}
+    )
+    np.testing.assert_allclose(again.points.xyz_m, found.points.xyz_m, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ("camera,x,y\ncam1,1,2\ncam2,3,4\n", "one for each camera"),
+        ("camera,x,y\ncam1,30,20\ncam2,25,30\ncam3,90,10\n", "cam3, 250 x 200 px at .90, 10., is not inside"),
+    ],
+)
+def test_windows_that_cannot_be_are_refused(scene, tmp_path, table, said):
+    clicks, _ = cropped(scene, tmp_path)
+    (tmp_path / "crop.csv").write_text(table)
+    with pytest.raises(MocapError, match=said):
+        digitise(tmp_path / "films", start=clicks, crop=tmp_path / "crop.csv", **scene.arguments)
+    with pytest.raises(MocapError, match="give `crop`"):
+        digitise(tmp_path / "films", start=clicks, **scene.arguments)
+
+
+def test_a_window_that_moves_is_refused(scene, tmp_path):
+    clicks, _ = cropped(scene, tmp_path)
+    for camera in scene.cameras:
+        (tmp_path / f"{camera.name}.csv").write_text("x,y\n10,20\n11,20\n")
+    files = [tmp_path / f"{camera.name}.csv" for camera in scene.cameras]
+    with pytest.raises(MocapError, match="window of cam1 moves"):
+        digitise(tmp_path / "films", start=clicks, crop=files, **scene.arguments)

@@ -281,9 +281,11 @@ class Engine:
                 out.append(None)
                 continue
             lens = self.cameras[c].lens
-            at = uv[c, known] if lens is None else lens.distort(uv[c, known])
+            # what is lost is near the others
+            seen = np.isfinite(uv[c, :, 0])
+            at = uv[c, seen] if lens is None else lens.distort(uv[c, seen])
             at = at - FIRST_PIXEL
-            r = reach[c, known][:, None] + margin
+            r = np.minimum(reach[c, seen], 4 * _WIDE_PX)[:, None] + margin
             low, high = (at - r).min(axis=0), (at + r).max(axis=0)
             left, top = (int(np.clip(x, 0, n - 1)) for x, n in zip(low, (width, height), strict=True))
             right, bottom = (int(np.clip(x, 1, n)) for x, n in zip(high, (width, height), strict=True))

@@ -271,7 +271,7 @@ def learn_articulated(
     ]
     shapes = shapes_of(turned, ranks=pose.ranks)
     wide = learn_pose(turned, replace(pose, potential="none"), shapes=shapes)
-    held = _potentials(build, tree_anatomy, wide, turned, shapes, pose)
+    held = _potentials(build, arms, tree_anatomy, wide, turned, shapes, pose)
     sd, own = _skin(left, noise, tree), wide.subspace
     counts = np.repeat([len(axes) for axes in build.axes], [len(axes) for axes in build.axes])
     subspace = PoseSubspace(
@@ -405,6 +405,7 @@ def _path(frames: BodyFrames, fitted: FittedPoses, dt_s: float) -> BodyFrames:
 
 def _potentials(
     build: Build,
+    arms: Array,
     anatomy: Anatomy,
     model: PoseMotion,
     trials: Sequence[PoseTrial],
@@ -417,6 +418,8 @@ def _potentials(
     motion = recorded_motion(trials, shapes, least_known=settings.least_known)
     pose, rate = known_poses(shapes, settings.least_known)
     joint = {int(c): j for j, c in enumerate(build.child)}
+    arm = np.zeros(len(build.child))
+    arm[np.repeat(np.arange(len(build.axes)), [len(axes) for axes in build.axes])] = arms
 
     def chosen(limb: Limb) -> Array:
         columns = [3 * joint[c] + k for c in limb.children for k in range(len(build.axes[joint[c]]))]
@@ -431,5 +434,6 @@ def _potentials(
             maps.append(chosen(other))
         tau_s = motion.tau_s if "motion" in settings.potential else None
         learn = partial(held_by, settings=settings, rate=settings.weight / motion.tau_s)
-        out.append(held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn))
+        joints = [(len(build.axes[joint[c]]), float(arm[joint[c]])) for c in limb.children if len(build.axes[joint[c]])]
+        out.append(held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints))
     return out

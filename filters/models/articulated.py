@@ -31,15 +31,15 @@ MOST = 0.8
 """A frame that shows a larger share of the angles is what a filter starts at."""
 LEAST_FRAMES = 20
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
-ANGLES = PoseSettings(ranks=(8,), regression=0.0, bones=0.0, body=1.0)
+ANGLES = PoseSettings(ranks=(8,), bones=0.0, body=1.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
 Mechanics = Literal["linear", "lagrangian"]
 OF_OU = np.log(2) / 1.678
 """Rates of processes that lose half of their memory in the same time: of the first order over Matern-3/2."""
 
 
-LAGRANGIAN = replace(ANGLES, potential="limbs")
-"""The same with V_z of each limb's joint angles as a potential energy."""
+LAGRANGIAN = replace(ANGLES, potential="limbs", regression=0.0)
+"""V_z of each limb's joint angles as a potential energy, and no regression on other markers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class ArticulatedSettings(TrajectoryModel):
 
     Attributes:
         pose: How joint angles move, as the pose model's settings for marker coordinates; without bones, whose length
-            the segments keep, and without the regression on other markers.
+            the segments keep.
         slip: Factor on the deviation of markers' places on their segments.
         mechanics: ``linear``: learned ones of a subspace of the angles; ``lagrangian``: those of the whole animal with
             its true mass matrix (``filters.animal``).

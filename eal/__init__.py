@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from eal.composite import CoordinateKernel, ProductKernel, SumKernel
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
 from eal.potential import EmpiricalPotential, fit_potential, load_potential, usual_kernel
+from eal.rotations import RotationKernel
 from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ __all__ = [
     "PenalisedModel",
     "ProductKernel",
     "Projection",
+    "RotationKernel",
     "SpectralFilter",
     "SumKernel",
     "Tail",

@@ -14,6 +14,7 @@ from eal import npz
 from eal.arrays import Array
 from eal.composite import CoordinateKernel, ProductKernel, SumKernel
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel, Radial
+from eal.rotations import RotationKernel
 
 VERSION = 1
 ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
@@ -74,6 +75,9 @@ def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
     if isinstance(kernel, CoordinateKernel):
         scales = ["inf" if np.isinf(s) else s for s in kernel.scales]
         return kind | {"kernel": kernel_to_dict(kernel.kernel), "scales": scales, "periods": list(kernel.periods)}
+    if isinstance(kernel, RotationKernel):
+        joints = {"freedoms": list(kernel.freedoms), "scales": list(kernel.scales)}
+        return kind | {"kernel": kernel_to_dict(kernel.kernel)} | joints
     raise TypeError(f"{kind['kind']} is not a kernel of eal.kernels or eal.composite: it cannot be written to a file")
 
 
@@ -93,4 +97,6 @@ def kernel_from_dict(stored: dict[str, Any]) -> Kernel:
     if kind == "CoordinateKernel":
         scales = tuple(float(s) for s in stored["scales"])
         return CoordinateKernel(kernel_from_dict(stored["kernel"]), scales, tuple(stored["periods"]))
+    if kind == "RotationKernel":
+        return RotationKernel(kernel_from_dict(stored["kernel"]), tuple(stored["freedoms"]), tuple(stored["scales"]))
     raise ArchiveError(f"unknown kernel {kind!r}: written by a newer version")

@@ -83,6 +83,23 @@ class Tree:
         """(S, J, 3) rotation vectors of the joints."""
         return (angles @ self._vectors.reshape(len(self.axes), -1)).reshape(len(angles), -1, 3)
 
+    def without_turns(self, angles: Array, rows: Array) -> tuple[Array, Array]:
+        """The same rotations of the joints by less than half a turn: angles (F,), and their deviations (F, n).
+
+        v becomes t v with t = 1 - 2 pi n / |v|, and deviations across v change by t.
+        """
+        size = np.sqrt(np.bincount(self.joint, angles**2, minlength=len(self.parent)))
+        whole = 2 * np.pi * np.round(size / (2 * np.pi))
+        if not whole.any():
+            return angles, rows
+        share = 1 - whole / np.where(whole > 0, size, 1.0)
+        out = rows.copy()
+        for joint in np.flatnonzero(whole):
+            mine = self.joint == joint
+            unit = angles[mine] / size[joint]
+            out[mine] = share[joint] * rows[mine] + (1 - share[joint]) * np.outer(unit, unit @ rows[mine])
+        return angles * share[self.joint], out
+
     def pose(self, angles: Array) -> Posed:
         """Segments where (S, F) angles have them."""
         count, joints = len(angles), len(self.parent)

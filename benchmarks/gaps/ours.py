@@ -62,11 +62,12 @@ def ours() -> list[Method]:
 def alone() -> list[Method]:
     """Parts of the product: the EAL model not mixed, with its regression and without; of joint angles; all mixed."""
     eal, joints = MODELS[-1], ArticulatedSettings()
-    both = replace(joints, pose=replace(joints.pose, regression=1.0))
+    alone = replace(joints, pose=replace(joints.pose, regression=0.0))
     return [
         Ours("EAL alone", (eal,)),
         Ours("EAL alone, no regression", (replace(eal, regression=0.0),)),
         Ours("articulated", (joints,)),
-        Ours("articulated, with regression", (both,)),
+        Ours("articulated, no regression", (alone,)),
+        Ours("articulated in place of EAL", (*MODELS[:-1], joints)),
         Ours("EAL with articulated", (*MODELS[:-1], joints, eal)),
     ]

@@ -1,16 +1,15 @@
 """What the articulated model learns from trials: segments and joints, and how joint angles move."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from filters.anatomy import Anatomy, Limb
-from filters.joint_types import Articulation, joints_of
+from filters.joint_types import DOUBTED, Articulation, joints_of
 from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from filters.models.lagrangian import with_lagrangian
 from filters.models.limbs import held_together, known_poses, sides
@@ -22,7 +21,6 @@ from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, radian, resi
 from filters.subspace import PoseSubspace
 from filters.tree import FittedPoses, Tree, fit_poses
 from mocap.arrays import Array
-from mocap.body import BodyFrames, smooth_series
 from mocap.errors import MocapError
 
 KNOWN = 0.97
@@ -33,15 +31,15 @@ MOST = 0.8
 """A frame that shows a larger share of the angles is what a filter starts at."""
 LEAST_FRAMES = 20
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
-ANGLES = PoseSettings(ranks=(8,), regression=0.0, bones=0.0, body=1.0)
+ANGLES = PoseSettings(ranks=(8,), bones=0.0, body=1.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
 Mechanics = Literal["linear", "lagrangian"]
 OF_OU = np.log(2) / 1.678
 """Rates of processes that lose half of their memory in the same time: of the first order over Matern-3/2."""
 
 
-LAGRANGIAN = replace(ANGLES, potential="limbs")
-"""The same with V_z of each limb's joint angles as a potential energy."""
+LAGRANGIAN = replace(ANGLES, potential="limbs", regression=0.0)
+"""V_z of each limb's joint angles as a potential energy, and no regression on other markers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +48,7 @@ class ArticulatedSettings(TrajectoryModel):
 
     Attributes:
         pose: How joint angles move, as the pose model's settings for marker coordinates; without bones, whose length
-            the segments keep, and without the regression on other markers.
+            the segments keep.
         slip: Factor on the deviation of markers' places on their segments.
         mechanics: ``linear``: learned ones of a subspace of the angles; ``lagrangian``: those of the whole animal with
             its true mass matrix (``filters.animal``).
@@ -159,7 +157,8 @@ def find_build(body: Array, sd_m: Array, anatomy: Anatomy, chain: bool) -> Build
     rest /= np.maximum(np.linalg.norm(rest, axis=1, keepdims=True), 1e-9)
     names = [str(m) for m in range(body.shape[1])]
     found = {int(joint.child): joint for joint in joints_of(names, body, sd_m, limbs)}
-    kinds = {int(c): "universal" if chain or int(c) not in found else found[int(c)].kind for c in child}
+    plain = set(child.tolist()) if chain else _not_rigid(limbs, found, anatomy)
+    kinds = {int(c): "universal" if int(c) in plain or int(c) not in found else found[int(c)].kind for c in child}
     index = {int(c): j for j, c in enumerate(child)}
     mirror = _mirror(body, anatomy)
     other = {c: index[anatomy.mirror[c]] for c in index if mirror is not None and anatomy.mirror[c] in index}
@@ -176,6 +175,20 @@ def find_build(body: Array, sd_m: Array, anatomy: Anatomy, chain: bool) -> Build
             kind = max(kind, kinds[int(child[twin])], key=FREE.__getitem__)
         axes[j] = _axes(kind, rest[j], rest[index[int(centre[j])]] if int(centre[j]) in index else None, found.get(c))
     return Build(anatomy.trunk, limbs, child, centre, rest, axes, mirror is not None)
+
+
+def _not_rigid(limbs: Sequence[Limb], found: Mapping[int, Articulation], anatomy: Anatomy) -> set[int]:
+    """Segments of limbs with a bone whose length is doubted, and of their other side.
+
+    A bend to the side of a hinge there is an error of a marker as well as a turn of the segment before it.
+    """
+    doubted = {
+        c
+        for limb in limbs
+        if any(c in found and found[c].length_sd > DOUBTED for c in limb.children)
+        for c in limb.children
+    }
+    return doubted | {anatomy.mirror[c] for c in doubted if anatomy.mirror}
 
 
 def _mirror(body: Array, anatomy: Anatomy) -> Array | None:
@@ -259,19 +272,17 @@ def learn_articulated(
     tree = replace(trees[-1], place_m=trees[-1].place_m + places[-1])
     left = [one - place for one, place in zip(slipped, places, strict=True)]
     arms, columns = _arms(tree), build.columns
-    paths = [_path(trial.frames, fitted, trial.dt_s) for trial, fitted in zip(poses, found, strict=True)]
     turned = [
-        PoseTrial(
-            t_s=trial.t_s,
-            frames=path,
+        replace(
+            trial,
             y=_samples(fitted, arms, columns, 3 * len(build.child)),
-            sd_m=np.zeros((len(path.rotation), len(build.child))),
+            sd_m=np.zeros((len(trial.t_s), len(build.child))),
         )
-        for trial, path, fitted in zip(poses, paths, found, strict=True)
+        for trial, fitted in zip(poses, found, strict=True)
     ]
     shapes = shapes_of(turned, ranks=pose.ranks)
     wide = learn_pose(turned, replace(pose, potential="none"), shapes=shapes)
-    held = _potentials(build, tree_anatomy, wide, turned, shapes, pose)
+    held = _potentials(build, arms, tree_anatomy, wide, turned, shapes, pose)
     sd, own = _skin(left, noise, tree), wide.subspace
     counts = np.repeat([len(axes) for axes in build.axes], [len(axes) for axes in build.axes])
     subspace = PoseSubspace(
@@ -390,21 +401,9 @@ def _samples(fitted: FittedPoses, arms: Array, columns: NDArray[np.int64], width
     return out
 
 
-def _path(frames: BodyFrames, fitted: FittedPoses, dt_s: float) -> BodyFrames:
-    """Frames of the root: of the body, and what fitted poses add to that, smoothed."""
-    known = (fitted.known[:, 3:6].min(axis=1) > KNOWN).astype(float)
-    if known.sum() < LEAST_FRAMES:
-        return frames
-    away = np.hstack([fitted.shift_m, Rotation.from_matrix(fitted.rotation).as_rotvec()])
-    away = smooth_series(away, known, dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
-    return BodyFrames(
-        rotation=frames.rotation @ Rotation.from_rotvec(away[:, 3:]).as_matrix(),
-        position_m=frames.position_m + (frames.rotation @ away[:, :3, None])[..., 0],
-    )
-
-
 def _potentials(
     build: Build,
+    arms: Array,
     anatomy: Anatomy,
     model: PoseMotion,
     trials: Sequence[PoseTrial],
@@ -417,6 +416,8 @@ def _potentials(
     motion = recorded_motion(trials, shapes, least_known=settings.least_known)
     pose, rate = known_poses(shapes, settings.least_known)
     joint = {int(c): j for j, c in enumerate(build.child)}
+    arm = np.zeros(len(build.child))
+    arm[np.repeat(np.arange(len(build.axes)), [len(axes) for axes in build.axes])] = arms
 
     def chosen(limb: Limb) -> Array:
         columns = [3 * joint[c] + k for c in limb.children for k in range(len(build.axes[joint[c]]))]
@@ -431,5 +432,6 @@ def _potentials(
             maps.append(chosen(other))
         tau_s = motion.tau_s if "motion" in settings.potential else None
         learn = partial(held_by, settings=settings, rate=settings.weight / motion.tau_s)
-        out.append(held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn))
+        joints = [(len(build.axes[joint[c]]), float(arm[joint[c]])) for c in limb.children if len(build.axes[joint[c]])]
+        out.append(held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints))
     return out

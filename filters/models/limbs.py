@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from eal import RotationKernel
 from filters.anatomy import Anatomy, reflection
 from filters.motion.potential import PosePotential, Pull
 from filters.poses import Shapes, known_shapes
 from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 
-Learn = Callable[[Array], Callable[[Array], Array]]
+Learn = Callable[..., Callable[[Array], Array]]
 ALIKE = 0.3
 """Sides whose mean poses differ by a smaller share than this, once one is reflected, are pooled."""
 
@@ -39,7 +41,7 @@ def limb_potentials(
         velocities: Whether velocities are part of it.
         least_known: Poses known better than this (``Components.known``) are samples.
         tau_s: Makes velocities as large as positions.
-        learn: (N, d) samples of unit size to the gradient of their potential, a second.
+        learn: (N, d) samples of unit size to the gradient of their potential, a second; ``over`` as of ``held_by``.
     """
     pose, rate = known_poses(shapes, least_known)
     turn = sides(shapes.subspace.mean, anatomy)
@@ -72,7 +74,14 @@ def known_poses(shapes: Shapes, least_known: float) -> tuple[Array, Array]:
 
 
 def held_together(
-    maps: Sequence[Array], pose: Array, rate: Array, own: PoseSubspace, *, tau_s: float | None, learn: Learn
+    maps: Sequence[Array],
+    pose: Array,
+    rate: Array,
+    own: PoseSubspace,
+    *,
+    tau_s: float | None,
+    learn: Learn,
+    joints: Sequence[tuple[int, float]] = (),
 ) -> PosePotential:
     """The potential of linear coordinates q of a pose, or of [q, tau qdot].
 
@@ -83,6 +92,8 @@ def held_together(
         own: Subspace of the trial that is to be tracked.
         tau_s: Makes velocities as large as positions; None: q alone.
         learn: As ``limb_potentials``.
+        joints: Where q are joint angles in arc length, the number of coordinates of each joint and its arm: V_z is then
+            one on rotations (``eal.RotationKernel``).
     """
     q = np.concatenate([pose @ each.T for each in maps])
     unit = max(float(np.sqrt(q.var(axis=0).mean())), 1e-9)
@@ -97,6 +108,11 @@ def held_together(
         on_residual = np.vstack([on_residual, np.zeros((along.shape[1], on_residual.shape[1]))])
         turning = tau_s * along.T @ of_shape
         on_shape = np.vstack([on_shape, np.hstack([np.zeros_like(turning), turning])])
+    if joints:
+        lines = samples.shape[1] - q.shape[1]
+        freedoms = (*(k for k, _ in joints), *[0] * lines)
+        scales = (*(arm / unit for _, arm in joints), *[1.0] * lines)
+        learn = partial(learn, over=partial(RotationKernel, freedoms=freedoms, scales=scales))
     gradient = learn(samples)
     return PosePotential(
         mean=mean,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
-from eal import EmpiricalPotential, GaussianKernel, fit_potential
+from eal import EmpiricalPotential, GaussianKernel, Kernel, fit_potential
 from filters.anatomy import Anatomy
 from filters.ensemble import Gaussian
 from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
@@ -24,6 +24,8 @@ from filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate
 from mocap.arrays import Array
 
 Mechanics = Literal["free", "linear", "field"]
+Over = Callable[[Kernel], Kernel]
+"""Makes a kernel of another one."""
 Potential = Literal[
     "limb motion", "limbs", "motion", "shape", "quadratic limb motion", "quadratic motion", "quadratic", "none"
 ]
@@ -295,13 +297,16 @@ def _name(settings: PoseSettings) -> str:
     return "pose_quadratic" if "quadratic" in settings.potential else "eal"
 
 
-def held_by(samples: Array, *, settings: PoseSettings, rate: float) -> Callable[[Array], Array]:
+def held_by(
+    samples: Array, *, settings: PoseSettings, rate: float, over: Over = lambda kernel: kernel
+) -> Callable[[Array], Array]:
     """Gradient of the potential of samples (N, d): V_z, or the quadratic one of a Gaussian.
 
     Args:
         samples: Of unit size.
         settings: Which of the two; kernel.
         rate: What an unseen pose of the same motion is charged, a second.
+        over: Makes the kernel of V_z from a Gaussian one, as where samples are angles (``eal.RotationKernel``).
     """
     d = samples.shape[1]
     if "quadratic" in settings.potential:
@@ -309,25 +314,33 @@ def held_by(samples: Array, *, settings: PoseSettings, rate: float) -> Callable[
         information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / d * np.eye(d))
         centre, stiffness = samples.mean(axis=0), 2 * rate / d  # its mean value is d / 2
         return lambda x: (x - centre) @ information * stiffness
-    potential = learn_potential(samples, settings)
-    stiffness = rate / max(float(np.mean(unseen_potential(samples, settings))), 1e-9)
+    potential = learn_potential(samples, settings, over=over)
+    stiffness = rate / max(float(np.mean(unseen_potential(samples, settings, over=over))), 1e-9)
     return penalty(potential, np.ones(d), stiffness)
 
 
-def learn_potential(samples: Array, settings: PoseSettings) -> EmpiricalPotential:
+def learn_potential(
+    samples: Array, settings: PoseSettings, *, over: Over = lambda kernel: kernel
+) -> EmpiricalPotential:
     """V_z of samples (N, k) in units of the first coordinate's deviation."""
     chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), settings.centres)).astype(int)]
     apart = pdist(chosen, "sqeuclidean")
     apart = apart[apart > 0]  # a recording may show one pose only
     beta = settings.beta / (float(np.median(apart)) if len(apart) else 1.0)
-    return fit_potential(chosen, kernel=GaussianKernel(beta), lam=settings.lam)
+    return fit_potential(chosen, kernel=over(GaussianKernel(beta)), lam=settings.lam)
 
 
-def unseen_potential(samples: Array, settings: PoseSettings, *, folds: int = 5) -> Array:
+def unseen_potential(
+    samples: Array,
+    settings: PoseSettings,
+    *,
+    folds: int = 5,
+    over: Over = lambda kernel: kernel,
+) -> Array:
     """(N,) -log(1 - V) of each sample under a potential that was learned without its fifth of the motion."""
     fold = np.arange(len(samples)) * folds // len(samples)
-    parts = [learn_potential(samples[fold != i], settings).barrier_value(samples[fold == i]) for i in range(folds)]
-    return np.concatenate(parts)
+    learned = [learn_potential(samples[fold != i], settings, over=over) for i in range(folds)]
+    return np.concatenate([one.barrier_value(samples[fold == i]) for i, one in enumerate(learned)])
 
 
 def penalty(potential: EmpiricalPotential, scale: Array, stiffness: float) -> Pull:

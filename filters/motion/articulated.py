@@ -95,10 +95,11 @@ class ArticulatedMotion(PoseMotion):
         return (bent + states[:, e] if e.stop > e.start else bent) / self.arm_m
 
     def angles_of(self, state: Gaussian) -> tuple[Array, Array]:
-        """Mean (F,) and standard deviation (F,) of the joint angles of a state."""
+        """Mean (F,) and standard deviation (F,) of the joint angles of a state, without whole turns of a joint."""
         rows, e = self.subspace.basis @ state.factor[: self.rank], self.parts[2]
         rows = rows + state.factor[e] if e.stop > e.start else rows
-        return self.angles(state.mean[None])[0], np.linalg.norm(rows, axis=1) / self.arm_m
+        angles, rows = self.tree.without_turns(self.angles(state.mean[None])[0], rows / self.arm_m[:, None])
+        return angles, np.linalg.norm(rows, axis=1)
 
     def _root(self, states: Array, frame: int) -> tuple[Array, Array]:
         """(S, 3, 3) axes of the root in the world, and (S, 3) its position."""

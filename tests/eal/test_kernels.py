@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from eal import (
     CoordinateKernel,
@@ -10,6 +11,7 @@ from eal import (
     Matern32Kernel,
     Matern52Kernel,
     ProductKernel,
+    RotationKernel,
     SumKernel,
 )
 from tests.reference.empirical_potential import kernel_value
@@ -21,6 +23,9 @@ ALL = [
     ProductKernel((GaussianKernel(0.4), Matern32Kernel(1.1), LaplaceKernel(0.3))),
     CoordinateKernel(GaussianKernel(0.7), (0.5, 2.0, 1.5), (0.0, 2 * np.pi, 3.0)),
     CoordinateKernel(Matern52Kernel(1.0), (1.0, np.inf, 0.7)),
+    RotationKernel(GaussianKernel(0.5), (3,), (0.8,)),
+    RotationKernel(Matern52Kernel(0.9), (2, 0), (1.4, 0.6)),
+    RotationKernel(GaussianKernel(0.6), (1, 2), (0.1, 1.0)),
     ProductKernel(
         (
             CoordinateKernel(GaussianKernel(1.0), (1.0, 1.0, np.inf)),
@@ -94,6 +99,37 @@ def test_periodic_coordinate_forgets_whole_turns(rng):
     assert near == pytest.approx(np.exp(-2.0 * (0.01 / 0.5) ** 2), abs=1e-7)
 
 
+def test_rotations_are_compared_as_rotations(rng):
+    """Of a ball the chord between SciPy's matrices, of the others that between directions; whole turns change nothing.
+
+    Near 0 and near half a turn, where series and closed forms meet, as elsewhere.
+    """
+    kernel = RotationKernel(GaussianKernel(1.0), (3, 2, 1), (1.5, 0.5, 2.0))
+    q, z = 2.0 * rng.normal(size=(50, 6)), 0.7 * rng.normal(size=(50, 6))
+    q[:10] *= 1e-4
+    axes = [np.eye(3), np.eye(3)[:2], np.eye(3)[:1]]
+
+    def parts(x):
+        cut = np.split(x, [3, 5], axis=1)
+        turned = [Rotation.from_rotvec(v @ a / s).as_matrix() for v, a, s in zip(cut, axes, kernel.scales, strict=True)]
+        return [1.5 * turned[0] / np.sqrt(2), 0.5 * turned[1][..., 2], 2.0 * turned[2][..., 2]]
+
+    squared = sum(((a - b) ** 2).reshape(50, -1).sum(axis=1) for a, b in zip(parts(q), parts(z), strict=True))
+    np.testing.assert_allclose(np.diag(kernel.log_gram(q, z)), -squared, atol=1e-12)
+    wound = q.copy()
+    for part, scale in ((slice(0, 3), 1.5), (slice(3, 5), 0.5), (slice(5, 6), 2.0)):
+        wound[:, part] *= 1 + 2 * np.pi * scale / np.linalg.norm(q[:, part], axis=1, keepdims=True)
+    np.testing.assert_allclose(kernel.log_gram(wound, z), kernel.log_gram(q, z), atol=1e-9)
+
+
+def test_near_rotations_are_as_far_apart_as_their_coordinates(rng):
+    """K of a thousandth of a radian about any pose at rest is that of the coordinates, to the fourth order."""
+    step = 1e-3 * rng.normal(size=(5, 3))
+    for freedoms in ((3,), (2, 1), (1, 0, 1)):
+        kernel = RotationKernel(GaussianKernel(1.0), freedoms, (1.0,) * len(freedoms))
+        np.testing.assert_allclose(kernel.log_gram(step, np.zeros((1, 3)))[:, 0], -np.sum(step**2, axis=1), rtol=1e-5)
+
+
 def test_gradient_at_the_centre_of_a_cusp_is_zero():
     """The Laplace kernel has no gradient at x = y; the centre of the jump is taken, and nothing is NaN."""
     z = np.zeros((1, 2))
@@ -116,6 +152,9 @@ def test_beta_must_be_positive(beta):
         (lambda: CoordinateKernel(GaussianKernel(1.0), (1.0, 0.0)), "scale 1 must be above 0"),
         (lambda: CoordinateKernel(GaussianKernel(1.0), (1.0,), (-1.0,)), "period 0"),
         (lambda: CoordinateKernel(GaussianKernel(1.0), (1.0,), (1.0, 1.0)), "one period a coordinate"),
+        (lambda: RotationKernel(GaussianKernel(1.0), (3, 1), (1.0,)), "one scale a joint"),
+        (lambda: RotationKernel(GaussianKernel(1.0), (4,), (1.0,)), "1 to 3 coordinates"),
+        (lambda: RotationKernel(GaussianKernel(1.0), (2,), (0.0,)), "scale 0 of RotationKernel"),
     ],
 )
 def test_composites_check_their_parts(make, message):

@@ -10,6 +10,7 @@ from eal import (
     Matern32Kernel,
     Matern52Kernel,
     Projection,
+    RotationKernel,
     SumKernel,
     Tail,
     Tikhonov,
@@ -104,6 +105,7 @@ def test_gradient_and_hessian_are_differences(kernel, method, rng):
     [
         *KERNELS,
         SumKernel((GaussianKernel(2.0), Matern52Kernel(1.0))),
+        RotationKernel(GaussianKernel(2.0), (2,), (0.7,)),
         CoordinateKernel(GaussianKernel(2.0), (1.0, 0.5)),
     ],
     ids=lambda k: type(k).__name__,
@@ -266,7 +268,9 @@ def test_hundred_thousand_samples_need_few_centres(rng):
 
 def test_file_gives_the_same_potential_back(rng, tmp_path):
     """Save and load keep V to the bit, with settings, names and units."""
-    kernel = SumKernel((CoordinateKernel(GaussianKernel(2.0), (1.0, np.inf), (0.0, 1.0)), Matern52Kernel(1.0)), (1, 2))
+    circle_kernel = CoordinateKernel(GaussianKernel(2.0), (1.0, np.inf), (0.0, 1.0))
+    joint_kernel = RotationKernel(Matern52Kernel(1.0), (1, 0), (0.5, 2.0))
+    kernel = SumKernel((circle_kernel, joint_kernel), (1, 2))
     fitted = fit_potential(circle(rng), kernel=kernel, lam=1e-4, names=("x", "y"), units=("m", "m"))
     fitted.save(tmp_path / "elbow.npz")
     back = load_potential(tmp_path / "elbow.npz")

@@ -196,3 +196,19 @@ def test_angles_are_written_and_read(tmp_path, model):
         assert (table["v_z"] < table["v_z_bound"]).all()
     words = {"joint": NAMES, "end": NAMES, "part": PARTS[1] + PARTS[3]}
     assert not undocumented(table.columns, "joint_angles.csv", words)
+
+
+def test_whole_turns_of_a_joint_are_taken_out():
+    """The same rotations, less than half a turn each, and deviations that are derivatives of what comes out."""
+    rng = np.random.default_rng(4)
+    tree, rows = small_tree(rng), rng.normal(size=(6, 2))
+    q = np.array([4.0, 3.0, 2.0, -9.0, 0.4, 0.3])
+    found, turned = tree.without_turns(q, rows)
+    np.testing.assert_allclose(tree.pose(found[None]).rotation, tree.pose(q[None]).rotation, atol=1e-12)
+    assert (np.sqrt(np.bincount(tree.joint, found**2)) <= np.pi).all()
+    for k in range(2):
+        ahead, back = (tree.without_turns(q + sign * 1e-6 * rows[:, k], rows)[0] for sign in (1, -1))
+        np.testing.assert_allclose(turned[:, k], (ahead - back) / 2e-6, atol=1e-6)
+    same, kept = tree.without_turns(0.1 * q, rows)
+    np.testing.assert_array_equal(same, 0.1 * q)
+    np.testing.assert_array_equal(kept, rows)

@@ -151,10 +151,12 @@ def finish(report: object, text: str, out: Path, as_json: bool) -> None:
         say("", f"Wrote {out}/: markers.csv and .nc, figures/, report.json, report.md")
         return
     learned = "potentials, " if isinstance(report, Mapping) and report.get("joints") else ""
+    model = report.get("model", {}).get("name") if isinstance(report, Mapping) else None
+    angles = "joint_angles.csv, " if model in ("articulated", "lagrangian") else ""
     say(
         "",
         f"Wrote {out}/: kinematics.csv and .nc, cycles.csv, figures/, report.html, markers.csv and .nc, joints.csv, "
-        f"run.nc, report.json, report.md, {learned}recording.rrd",
+        f"{angles}run.nc, report.json, report.md, {learned}recording.rrd",
         f"Look at it: {typed(program(), 'view', out)}   (in the browser: add --web)",
     )
 

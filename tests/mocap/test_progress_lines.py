@@ -39,3 +39,10 @@ def test_what_is_to_be_typed_can_be_pasted():
     """A folder with spaces and quotes comes back as one word."""
     folder = Path("F5 track/it's")
     assert shlex.split(console.typed("mocap", "view", folder)) == ["mocap", "view", str(folder)]
+
+
+@pytest.mark.parametrize(("model", "named"), [("articulated", True), ("lagrangian", True), ("mixture", False)])
+def test_files_that_are_named_are_those_that_are_written(capsys, tmp_path, model, named):
+    """Joint angles are a file where they are the filter's state."""
+    console.finish({"model": {"name": model}, "joints": {}}, "", tmp_path, as_json=False)
+    assert ("joint_angles.csv" in capsys.readouterr().err) == named

@@ -10,6 +10,7 @@ import numpy as np
 from filters.anatomy import Anatomy
 from filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
 from filters.mixture import Mixture, learn_mixture
+from filters.models.articulated import ArticulatedSettings
 from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
 from filters.models.pose import PoseSettings
 from filters.models.singer import LastingSettings
@@ -19,9 +20,11 @@ from filters.score import Residuals, joined, residuals_of
 from mocap.side_by_side import Call, call_all
 
 EACH_MARKER = LastingSettings()
-MODELS: tuple[TrajectoryModel, ...] = (EACH_MARKER, PoseSettings(ranks=(8,)))
-"""What a learned tracker is made of: each marker by itself, with an acceleration that lasts, and the EAL model, whose
-settings are the same for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
+JOINTS, POSE = ArticulatedSettings(), PoseSettings(ranks=(8,))
+MODELS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
+"""What a learned tracker is made of: each marker by itself, with an acceleration that lasts; joint angles, where the
+skeleton states rigid bones that hang on a trunk; the EAL model of the pose. Settings are the same for all recordings
+(docs/explanation/decisions.md, "Fixed settings" and "Joint angles in the mixture")."""
 
 
 @dataclass(frozen=True, kw_only=True)

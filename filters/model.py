@@ -83,7 +83,7 @@ def learn_model(
         trials: What to learn from.
         rng: What to hide.
         bones: Markers of the skeleton's rigid bones.
-        models: Motion models; the last is a filter.
+        models: Motion models; those that this animal cannot be modelled by are left out. The last is a filter.
         effort: How much is hidden.
         tell: Called with a line for each trial that is filled.
 
@@ -99,7 +99,7 @@ def learn_model(
             "ten others; give longer or more complete trials"
         )
     tell("settings are learned from all recordings")
-    found = mixed(gaps, [model.tuned(every) for model in models])
+    found = mixed(gaps, [model.tuned(every) for model in models if model.applies(every.anatomy)])
     return _learned(found, names, trunk, trials, bones)
 
 
@@ -295,7 +295,8 @@ def track_with(
 ) -> MixedTrack:
     """Track a recording by all models of a learned one, and mix what they say.
 
-    The mixture's intervals are widened or narrowed until they hold in gaps that are hidden in the recording itself.
+    The mixture's intervals are widened or narrowed until they hold in gaps that are hidden in the recording itself. The
+    last model stands in for one that this recording cannot be modelled by, as where it has no marker of a limb.
 
     Args:
         learned: The model.
@@ -308,7 +309,8 @@ def track_with(
     """
     trials = trials_for(learned, names, recording)
     gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=()) if mixture else own_gaps(trials)
-    found, residuals = _estimates(learned.models, trials, observations, gaps, asked, progress)
+    models = [m if m.applies(trials.anatomy) else learned.models[-1] for m in learned.models]
+    found, residuals = _estimates(models, trials, observations, gaps, asked, progress)
     if mixture is None:
         mixture = learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture
     return MixedTrack(markers=_mix(mixture, found, recording), eal=found[-1], mixture=mixture)

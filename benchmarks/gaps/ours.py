@@ -11,8 +11,7 @@ import numpy as np
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
-from filters.hidden_gaps import MODELS, Effort
-from filters.models.articulated import ArticulatedSettings
+from filters.hidden_gaps import EACH_MARKER, JOINTS, MODELS, POSE, Effort
 from filters.models.base import TrajectoryModel
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
@@ -45,9 +44,9 @@ class Ours:
 
 
 def _with(**changes: object) -> tuple[TrajectoryModel, ...]:
-    """The product's models with another EAL model."""
-    *others, eal = MODELS
-    return (*others, replace(eal, **changes))
+    """The product's models with other settings of the pose, and of the joint angles."""
+    joints = replace(JOINTS, pose=replace(JOINTS.pose, **changes))
+    return EACH_MARKER, joints, replace(POSE, **changes)
 
 
 def ours() -> list[Method]:
@@ -60,14 +59,13 @@ def ours() -> list[Method]:
 
 
 def alone() -> list[Method]:
-    """Parts of the product: the EAL model not mixed, with its regression and without; of joint angles; all mixed."""
-    eal, joints = MODELS[-1], ArticulatedSettings()
-    alone = replace(joints, pose=replace(joints.pose, regression=0.0))
+    """Parts of the product: the EAL model not mixed, with its regression and without; of joint angles; mixtures of two."""
+    alone = replace(JOINTS, pose=replace(JOINTS.pose, regression=0.0))
     return [
-        Ours("EAL alone", (eal,)),
-        Ours("EAL alone, no regression", (replace(eal, regression=0.0),)),
-        Ours("articulated", (joints,)),
+        Ours("EAL alone", (POSE,)),
+        Ours("EAL alone, no regression", (replace(POSE, regression=0.0),)),
+        Ours("articulated", (JOINTS,)),
         Ours("articulated, no regression", (alone,)),
-        Ours("articulated in place of EAL", (*MODELS[:-1], joints)),
-        Ours("EAL with articulated", (*MODELS[:-1], joints, eal)),
+        Ours("EAL, joints alone", (EACH_MARKER, JOINTS)),
+        Ours("EAL, no joints", (EACH_MARKER, POSE)),
     ]

@@ -69,6 +69,10 @@ class ArticulatedSettings(TrajectoryModel):
             held = held.replace("linear mechanics", "mechanics of their masses")
         return f"articulated segments, {held}"
 
+    def applies(self, anatomy: Anatomy) -> bool:
+        """Of an animal with rigid bones that hang on a trunk."""
+        return bool(anatomy.limbs)
+
     def tuned(self, trials: TrialSet) -> "ArticulatedSettings":
         """With the covariance of a regression, if there is one."""
         return replace(self, pose=self.pose.tuned(trials))

@@ -111,6 +111,10 @@ class TrajectoryModel(ABC):
     def fit(self, trials: TrialSet) -> Fitted:
         """Learn from trials, among them the one to fill."""
 
+    def applies(self, anatomy: Anatomy) -> bool:  # noqa: ARG002
+        """Whether such an animal can be modelled so; here any."""
+        return True
+
     def tuned(self, trials: TrialSet) -> "TrajectoryModel":  # noqa: ARG002
         """The model with settings that are learned once, from all trials; here itself."""
         return self

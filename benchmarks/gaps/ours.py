@@ -59,7 +59,7 @@ def ours() -> list[Method]:
 
 
 def alone() -> list[Method]:
-    """Parts of the product: the EAL model not mixed, with its regression and without; of joint angles; mixtures of two."""
+    """Parts of the product: the EAL model not mixed, with its regression and without; joint angles; mixtures of two."""
     alone = replace(JOINTS, pose=replace(JOINTS.pose, regression=0.0))
     return [
         Ours("EAL alone", (POSE,)),

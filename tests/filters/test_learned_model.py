@@ -126,6 +126,31 @@ def test_a_model_is_kept_to_the_last_bit(learned, filled, tmp_path):
     np.testing.assert_array_equal(own.cov_m2, other.cov_m2)
 
 
+BONES = tuple((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("shoulder", "elbow"), ("elbow", "wrist")))
+
+
+def test_joint_angles_are_mixed_in_where_bones_hang_on_a_trunk(flights, filled):
+    """A third member; the wing is filled as well as without it, to a tenth, and far better than by constant velocity.
+
+    A recording that shows no marker of a limb is tracked all the same.
+    """
+    trials = [trial for trial, _ in flights[:2]]
+    learned = learn_model(NAMES, TRUNK, trials, np.random.default_rng(0), bones=BONES, effort=Effort(times=1))
+    assert [type(model).__name__ for model in learned.models] == [
+        "LastingSettings",
+        "ArticulatedSettings",
+        "PoseSettings",
+    ]
+    shown, (_, truth) = filled[0][4], flights[2]
+    own = track_with(learned, NAMES, shown, positions(shown)).markers
+    hole = ~shown.seen
+    both = [np.sqrt(np.mean((one.xyz_m - truth)[hole] ** 2)) for one in (own, filled[0][3])]
+    assert both[0] < 1.1 * both[1]
+    trunk = replace(shown, xyz_m=shown.xyz_m[:, :4], sd_m=shown.sd_m[:, :4])
+    alone = track_with(learned, TRUNK, trunk, positions(trunk)).markers
+    assert np.isfinite(alone.xyz_m).all()
+
+
 @pytest.fixture
 def small():
     return small_model()

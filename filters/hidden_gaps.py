@@ -21,10 +21,12 @@ from mocap.side_by_side import Call, call_all
 
 EACH_MARKER = LastingSettings()
 JOINTS, POSE = ArticulatedSettings(), PoseSettings(ranks=(8,))
-MODELS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
-"""What a learned tracker is made of: each marker by itself, with an acceleration that lasts; joint angles, where the
-skeleton states rigid bones that hang on a trunk; the EAL model of the pose. Settings are the same for all recordings
-(docs/explanation/decisions.md, "Fixed settings" and "Joint angles in the mixture")."""
+MODELS: tuple[TrajectoryModel, ...] = (EACH_MARKER, POSE)
+"""What a learned tracker is made of: each marker by itself, with an acceleration that lasts, and the EAL model, whose
+settings are the same for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
+WITH_JOINTS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
+"""The same and joint angles, where the skeleton states rigid bones that hang on a trunk: nearer, and two to three times
+as slow (docs/explanation/decisions.md, "Joint angles in the mixture")."""
 
 
 @dataclass(frozen=True, kw_only=True)

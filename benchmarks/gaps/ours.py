@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
-from filters.hidden_gaps import EACH_MARKER, JOINTS, MODELS, POSE, Effort
+from filters.hidden_gaps import EACH_MARKER, JOINTS, MODELS, POSE, WITH_JOINTS, Effort
 from filters.models.base import TrajectoryModel
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
@@ -44,9 +44,8 @@ class Ours:
 
 
 def _with(**changes: object) -> tuple[TrajectoryModel, ...]:
-    """The product's models with other settings of the pose, and of the joint angles."""
-    joints = replace(JOINTS, pose=replace(JOINTS.pose, **changes))
-    return EACH_MARKER, joints, replace(POSE, **changes)
+    """The product's models with other settings of the pose."""
+    return EACH_MARKER, replace(POSE, **changes)
 
 
 def ours() -> list[Method]:
@@ -66,6 +65,6 @@ def alone() -> list[Method]:
         Ours("EAL alone, no regression", (replace(POSE, regression=0.0),)),
         Ours("articulated", (JOINTS,)),
         Ours("articulated, no regression", (alone,)),
-        Ours("EAL, joints alone", (EACH_MARKER, JOINTS)),
-        Ours("EAL, no joints", (EACH_MARKER, POSE)),
+        Ours("EAL, joints in place of poses", (EACH_MARKER, JOINTS)),
+        Ours("EAL with joints", WITH_JOINTS),
     ]

@@ -30,6 +30,8 @@ SKIN = 0.03
 MOST = 0.8
 """A frame that shows a larger share of the angles is what a filter starts at."""
 LEAST_FRAMES = 20
+MOST_FRAMES = 4000
+"""Of other recordings, from which joints and angles are learned."""
 FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
 ANGLES = PoseSettings(ranks=(8,), bones=0.0, body=1.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
@@ -83,9 +85,16 @@ class ArticulatedSettings(TrajectoryModel):
         Raises:
             MocapError: no bones are known by which segments could hang on each other.
         """
-        model = learn_articulated(trials.trials, trials.anatomy, self)
+        model = learn_articulated(_some(trials.trials), trials.anatomy, self)
         model = replace(model, regression=self.pose.regressed(trials))
         return FittedMotion(model, trials.trials[-1].t_s, self.pose.passes)
+
+
+def _some(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:
+    """The last trial, and of the others the first ``MOST_FRAMES``: each frame is fitted by itself, which takes time."""
+    *others, last = trials
+    before = np.cumsum([0, *(len(trial.t_s) for trial in others)])
+    return [*(trial for trial, start in zip(others, before, strict=False) if start < MOST_FRAMES), last]
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,14 @@ def learn(
             min=0, help="Random seed of the gaps that are hidden to choose the model and to set its intervals."
         ),
     ] = 0,
+    joints: Annotated[
+        bool,
+        typer.Option(
+            "--joints",
+            help="Joint angles of rigid segments as one more model: nearer where bones are rigid, and on animals of "
+            "other sizes; two to three times as slow. Needs bones in the skeleton.",
+        ),
+    ] = False,
     jobs: Jobs = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -39,7 +47,7 @@ def learn(
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=force, inputs=inputs, tell=say) as file:
         with mocap.processes(jobs):
-            model = mocap.learn(recordings, seed=seed, progress=say)
+            model = mocap.learn(recordings, joints=joints, seed=seed, progress=say)
         model.write(file)
     if as_json:
         print(json.dumps({"out": str(out), "scores": model.scores}))  # noqa: T201

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from datasets import make_bat
-from filters.hidden_gaps import Effort
+from filters.hidden_gaps import WITH_JOINTS, Effort
 from filters.hide import hide_neighbours
 from filters.model import LearnedModel, learn_model, track_with, trials_for
 from filters.model_file import load_model, save_model
@@ -130,12 +130,12 @@ BONES = tuple((f"{a}_{side}", f"{b}_{side}") for side in "lr" for a, b in (("sho
 
 
 def test_joint_angles_are_mixed_in_where_bones_hang_on_a_trunk(flights, filled):
-    """A third member; the wing is filled as well as without it, to a tenth, and far better than by constant velocity.
+    """A third member, and the wing is filled as well as without it, to a tenth; none without bones.
 
     A recording that shows no marker of a limb is tracked all the same.
     """
-    trials = [trial for trial, _ in flights[:2]]
-    learned = learn_model(NAMES, TRUNK, trials, np.random.default_rng(0), bones=BONES, effort=Effort(times=1))
+    trials, rng = [trial for trial, _ in flights[:2]], np.random.default_rng(0)
+    learned = learn_model(NAMES, TRUNK, trials, rng, models=WITH_JOINTS, bones=BONES, effort=Effort(times=1))
     assert [type(model).__name__ for model in learned.models] == [
         "LastingSettings",
         "ArticulatedSettings",
@@ -149,6 +149,7 @@ def test_joint_angles_are_mixed_in_where_bones_hang_on_a_trunk(flights, filled):
     trunk = replace(shown, xyz_m=shown.xyz_m[:, :4], sd_m=shown.sd_m[:, :4])
     alone = track_with(learned, TRUNK, trunk, positions(trunk)).markers
     assert np.isfinite(alone.xyz_m).all()
+    assert len(learn_model(NAMES, TRUNK, trials, rng, models=WITH_JOINTS, effort=Effort(times=1)).models) == 2
 
 
 @pytest.fixture

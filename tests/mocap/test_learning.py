@@ -14,6 +14,7 @@ from filters.hidden_gaps import EACH_MARKER, Effort
 from filters.hide import hide_neighbours
 from filters.model import learn_model, renamed, track_with
 from filters.model_file import load_model, save_model
+from filters.models.articulated import ArticulatedSettings
 from filters.models.constant_velocity import learn_constant_velocity
 from filters.observations import PositionObservations
 from filters.score import joined, residuals_of
@@ -27,7 +28,7 @@ from mocap.pipeline.prepare import prepare, prepare_tracks
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
-from mocap.skeleton import Skeleton, write_skeleton
+from mocap.skeleton import Bone, Skeleton, write_skeleton
 from tests.real_data import real
 
 NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l")
@@ -134,6 +135,25 @@ def test_a_model_of_numbered_points_tracks_what_a_skeleton_names(mocap, model, t
         )  # fmt: skip
         assert code == 0, err
     assert (tmp_path / "named" / "markers.csv").read_text() == (tmp_path / "numbered" / "markers.csv").read_text()
+
+
+def test_joints_are_one_more_model_where_there_are_bones(mocap, flights, tmp_path):
+    """``--joints`` mixes joint angles in and says how well they fill; without bones it says what is missing."""
+    folder, _ = flights
+    tracks = [folder / f"f{seed}_xyzpts.csv" for seed in (0, 1)]
+    bones = tuple(Bone(a=a, b=b) for a, b in (("shoulder_l", "elbow_l"), ("elbow_l", "wrist_l")))
+    write_skeleton(tmp_path / "arm.toml", Skeleton(name="arm", markers=NAMES, bones=bones, trunk=NAMES[:4]))
+    path = tmp_path / "m.npz"
+    code, _, err = mocap("learn", *tracks, "--fps", FPS, "--joints", "--out", path)
+    assert code == 1
+    assert "rigid bones that hang on the trunk" in err
+    assert not path.exists()
+    code, stdout, err = mocap(
+        "learn", *tracks, "--fps", FPS, "--joints", "--skeleton", tmp_path / "arm.toml", "--out", path
+    )
+    assert code == 0, err
+    assert [type(model) for model in load_model(path).models][1] is ArticulatedSettings
+    assert "articulated segments" in stdout + err
 
 
 def test_names_that_a_model_knows_are_not_taken(model):

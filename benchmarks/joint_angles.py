@@ -59,7 +59,7 @@ def print_angles(motion: ArticulatedMotion, found: Estimate, truth: Array, seen:
     assert found.angles is not None
     angle, sd = found.angles
     off = (angle - fitted.angles + np.pi) % (2 * np.pi) - np.pi
-    both = seen[:, motion.ends].all(axis=2)[:, motion.tree.joint]
+    both = np.all(seen[:, motion.ends], axis=2)[:, motion.tree.joint]
     for word, where in (("measured", both), ("filled", ~both)):
         rms = np.degrees(np.sqrt(np.mean(off[where] ** 2)))
         held = 100 * np.mean(np.abs(off[where]) < Z95 * sd[where])

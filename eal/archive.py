@@ -78,7 +78,7 @@ def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
     if isinstance(kernel, RotationKernel):
         joints = {"freedoms": list(kernel.freedoms), "scales": list(kernel.scales)}
         return kind | {"kernel": kernel_to_dict(kernel.kernel)} | joints
-    raise TypeError(f"{kind['kind']} is not a kernel of eal.kernels or eal.composite: it cannot be written to a file")
+    raise TypeError(f"{kind['kind']} is not a kernel of eal: it cannot be written to a file")
 
 
 def kernel_from_dict(stored: dict[str, Any]) -> Kernel:

@@ -1,5 +1,6 @@
 """Kernels made of kernels: sums, products, scaled and periodic coordinates."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final
@@ -104,9 +105,52 @@ class ProductKernel(Kernel):
         return sum(k.curvature for k in self.parts)
 
 
+@dataclass(frozen=True)
+class FeatureKernel(Kernel):
+    """K on features f(q) of the coordinates.
+
+    Attributes:
+        kernel: Kernel on the features.
+    """
+
+    kernel: Kernel
+
+    @abstractmethod
+    def _features(self, q: Array) -> Array:
+        """(n, d) coordinates to (n, D) features."""
+
+    @abstractmethod
+    def _pull_back(self, q: Array, gradients: Array) -> Array:
+        """Gradients in the features (n, ..., D) to gradients in the coordinates (n, ..., d)."""
+
+    @abstractmethod
+    def _bend(self, q: Array, gradients: Array, hessian: Array) -> None:
+        """Add sum_k g_k hess f_k of gradients g (n, D) in the features to Hessians (n, d, d)."""
+
+    def log_gram(self, q: Array, z: Array) -> Array:
+        """See Kernel."""
+        return self.kernel.log_gram(self._features(q), self._features(z))
+
+    def log_gradients(self, q: Array, z: Array) -> Array:
+        """See Kernel."""
+        return self._pull_back(q, self.kernel.log_gradients(self._features(q), self._features(z)))
+
+    def weighted_gradient(self, q: Array, z: Array, w: Array) -> Array:
+        """See Kernel."""
+        return self._pull_back(q, self.kernel.weighted_gradient(self._features(q), self._features(z), w))
+
+    def weighted_curvature(self, q: Array, z: Array, w: Array) -> Array:
+        """D^T H D + sum_k g_k hess f_k for features f with Jacobian D, see Kernel."""
+        x, y = self._features(q), self._features(z)
+        half = self._pull_back(q, self.kernel.weighted_curvature(x, y, w))
+        hessian = self._pull_back(q, half.transpose(0, 2, 1))
+        self._bend(q, self.kernel.weighted_gradient(x, y, w), hessian)
+        return hessian
+
+
 @final
 @dataclass(frozen=True)
-class CoordinateKernel(Kernel):
+class CoordinateKernel(FeatureKernel):
     """K on coordinates divided by their scales, angles on their circle.
 
     A coordinate x becomes x / s; one with period P becomes the point (P / 2 pi s) (cos, sin)(2 pi x / P), whose chord
@@ -119,7 +163,6 @@ class CoordinateKernel(Kernel):
         periods: d periods in the units of the coordinates, 0 where not periodic. Empty: none is.
     """
 
-    kernel: Kernel
     scales: tuple[float, ...]
     periods: tuple[float, ...] = ()
 
@@ -154,31 +197,14 @@ class CoordinateKernel(Kernel):
         pulled[..., turning] += scaled[..., d:]
         return pulled
 
-    def log_gram(self, q: Array, z: Array) -> Array:
-        """See Kernel."""
-        return self.kernel.log_gram(self._features(q), self._features(z))
-
-    def log_gradients(self, q: Array, z: Array) -> Array:
-        """See Kernel."""
-        return self._pull_back(q, self.kernel.log_gradients(self._features(q), self._features(z)))
-
-    def weighted_gradient(self, q: Array, z: Array, w: Array) -> Array:
-        """See Kernel."""
-        return self._pull_back(q, self.kernel.weighted_gradient(self._features(q), self._features(z), w))
-
-    def weighted_curvature(self, q: Array, z: Array, w: Array) -> Array:
-        """D^T H D + sum_k g_k hess f_k for features f with Jacobian D, see Kernel."""
-        x, y = self._features(q), self._features(z)
-        inner = self.kernel.weighted_curvature(x, y, w)
-        half = self._pull_back(q, inner)
-        hessian = self._pull_back(q, half.transpose(0, 2, 1))
+    def _bend(self, q: Array, gradients: Array, hessian: Array) -> None:
+        """See FeatureKernel: features of one coordinate each."""
         d, turning = q.shape[1], np.flatnonzero(self.periods)
-        bent = _curve(q, self.scales, self.periods, 2) * self.kernel.weighted_gradient(x, y, w)
+        bent = _curve(q, self.scales, self.periods, 2) * gradients
         bend = bent[:, :d].copy()
         bend[:, turning] += bent[:, d:]
         diagonal = np.arange(d)
         hessian[:, diagonal, diagonal] += bend
-        return hessian
 
     @property
     def curvature(self) -> float:

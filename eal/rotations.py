@@ -10,7 +10,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
 from eal.arrays import Array, positive
-from eal.kernels import Kernel
+from eal.composite import FeatureKernel
 
 _NEAR = 1.0
 """|v|^2 below which series stand for Stumpff's functions."""
@@ -35,7 +35,7 @@ class _Columns(NamedTuple):
 
 @final
 @dataclass(frozen=True)
-class RotationKernel(Kernel):
+class RotationKernel(FeatureKernel):
     """K on joint angles that is one on rotations: a whole turn changes nothing.
 
     The one, two or three coordinates of a joint, over its scale, are the first components of a rotation vector v about
@@ -54,7 +54,6 @@ class RotationKernel(Kernel):
         scales: Of each joint: its coordinates are angles times this. Of what is no angle: 1.
     """
 
-    kernel: Kernel
     freedoms: tuple[int, ...]
     scales: tuple[float, ...]
 
@@ -133,31 +132,14 @@ class RotationKernel(Kernel):
         out[..., at.line] = gradients[..., gradients.shape[-1] - len(at.line) :] / at.line_scale
         return out
 
-    def log_gram(self, q: Array, z: Array) -> Array:
-        """See Kernel."""
-        return self.kernel.log_gram(self._features(q), self._features(z))
-
-    def log_gradients(self, q: Array, z: Array) -> Array:
-        """See Kernel."""
-        return self._pull_back(q, self.kernel.log_gradients(self._features(q), self._features(z)))
-
-    def weighted_gradient(self, q: Array, z: Array, w: Array) -> Array:
-        """See Kernel."""
-        return self._pull_back(q, self.kernel.weighted_gradient(self._features(q), self._features(z), w))
-
-    def weighted_curvature(self, q: Array, z: Array, w: Array) -> Array:
-        """D^T H D + sum_k g_k hess f_k for features f with Jacobian D, see Kernel."""
-        x, y = self._features(q), self._features(z)
-        half = self._pull_back(q, self.kernel.weighted_curvature(x, y, w))
-        hessian = self._pull_back(q, half.transpose(0, 2, 1))
-        gradient = self.kernel.weighted_gradient(x, y, w)
+    def _bend(self, q: Array, gradients: Array, hessian: Array) -> None:
+        """See FeatureKernel."""
         at = self._angles
-        bent = _rodrigues_hessian(self._vectors(q), *_moments(self._by_rotation(gradient)))
+        bent = _rodrigues_hessian(self._vectors(q), *_moments(self._by_rotation(gradients)))
         for joint, size in enumerate(at.size):
             mine = at.joint == joint
             columns, axes = at.column[mine], at.axis[mine]
             hessian[np.ix_(np.arange(len(q)), columns, columns)] += bent[:, joint][:, axes[:, None], axes] / size
-        return hessian
 
     @property
     def curvature(self) -> float:
@@ -166,13 +148,18 @@ class RotationKernel(Kernel):
         return self.kernel.curvature / min([1.0, *lines]) ** 2
 
 
-def _stumpff(s: Array) -> list[tuple[Array, ...]]:
-    """c_k(s) = sum_i (-s)^i / (k + 2 i)!, k = 1 and 2, each with its first and second derivative by s."""
+def _closed(s: Array) -> tuple[NDArray[np.bool_], Array, Array, tuple[Array, Array, Array]]:
+    """Where s is near 0, s for the series there and elsewhere for closed forms, and c_0, c_1 and c_2 in these."""
     near = s < _NEAR
     x, far = np.where(near, s, 0.0), np.where(near, 1.0, s)
     root = np.sqrt(far)
-    c0, c1 = np.cos(root), np.sin(root) / root
-    c2 = (1 - c0) / far
+    c0 = np.cos(root)
+    return near, x, far, (c0, np.sin(root) / root, (1 - c0) / far)
+
+
+def _stumpff(s: Array) -> list[tuple[Array, ...]]:
+    """c_k(s) = sum_i (-s)^i / (k + 2 i)!, k = 1 and 2, each with its first and second derivative by s."""
+    near, x, far, (c0, c1, c2) = _closed(s)
     first = [-0.5 * c1, (c0 - c1) / (2 * far), (c1 - 2 * c2) / (2 * far)]
     second = [(first[k - 1] - (k + 2) * first[k]) / (2 * far) for k in (1, 2)]
     return [
@@ -188,11 +175,8 @@ _SERIES = {k: [polyder([(-1.0) ** i / factorial(k + 2 * i) for i in range(11)], 
 def _rotations(v: Array) -> Array:
     """(..., 3, 3) rotation matrices of rotation vectors (..., 3): 1 + c_1 [v] + c_2 [v]^2."""
     square = np.sum(v * v, axis=-1)
-    near = square < _NEAR
-    x, far = np.where(near, square, 0.0), np.where(near, 1.0, square)
-    root = np.sqrt(far)
-    c1 = np.where(near, polyval(x, _SERIES[1][0]), np.sin(root) / root)[..., None, None]
-    c2 = np.where(near, polyval(x, _SERIES[2][0]), (1 - np.cos(root)) / far)[..., None, None]
+    near, small, _, (_, *closed) = _closed(square)
+    c1, c2 = (np.where(near, polyval(small, _SERIES[k][0]), closed[k - 1])[..., None, None] for k in (1, 2))
     x, y, z = np.moveaxis(v, -1, 0)
     zero = np.zeros_like(x)
     cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*v.shape, 3)

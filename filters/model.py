@@ -83,7 +83,7 @@ def learn_model(
         trials: What to learn from.
         rng: What to hide.
         bones: Markers of the skeleton's rigid bones.
-        models: Motion models; those that this animal cannot be modelled by are left out. The last is a filter.
+        models: Motion models; the last is a filter.
         effort: How much is hidden.
         tell: Called with a line for each trial that is filled.
 
@@ -99,7 +99,7 @@ def learn_model(
             "ten others; give longer or more complete trials"
         )
     tell("settings are learned from all recordings")
-    found = mixed(gaps, [model.tuned(every) for model in models if model.applies(every.anatomy)])
+    found = mixed(gaps, [model.tuned(every) for model in models])
     return _learned(found, names, trunk, trials, bones)
 
 

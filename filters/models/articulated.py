@@ -72,8 +72,8 @@ class ArticulatedSettings(TrajectoryModel):
         return f"articulated segments, {held}"
 
     def applies(self, anatomy: Anatomy) -> bool:
-        """Of an animal with rigid bones that hang on a trunk."""
-        return bool(anatomy.limbs)
+        """Of an animal with rigid bones."""
+        return bool(anatomy.bones)
 
     def tuned(self, trials: TrialSet) -> "ArticulatedSettings":
         """With the covariance of a regression, if there is one."""
@@ -85,12 +85,12 @@ class ArticulatedSettings(TrajectoryModel):
         Raises:
             MocapError: no bones are known by which segments could hang on each other.
         """
-        model = learn_articulated(_some(trials.trials), trials.anatomy, self)
+        model = learn_articulated(_taught_by(trials.trials), trials.anatomy, self)
         model = replace(model, regression=self.pose.regressed(trials))
         return FittedMotion(model, trials.trials[-1].t_s, self.pose.passes)
 
 
-def _some(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:
+def _taught_by(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:
     """The last trial, and of the others the first ``MOST_FRAMES``: each frame is fitted by itself, which takes time."""
     *others, last = trials
     before = np.cumsum([0, *(len(trial.t_s) for trial in others)])

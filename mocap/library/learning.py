@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from filters.hidden_gaps import MODELS, WITH_JOINTS
 from filters.model import LearnedModel
 from filters.model_file import load_model as read_model_file
 from filters.model_file import save_model
@@ -78,7 +79,8 @@ def learn(
     Raises:
         MocapError: they cannot be learned from together; or joints are wanted, and the skeleton states none.
     """
-    return Model(learn_from(recordings, seed=seed, joints=joints, tell=progress))
+    models = WITH_JOINTS if joints else MODELS
+    return Model(learn_from(recordings, seed=seed, models=models, tell=progress))
 
 
 def load_model(path: str | PathLike[str]) -> Model:

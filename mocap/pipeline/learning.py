@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from filters.anatomy import anatomy_of
-from filters.hidden_gaps import JOINTS, MODELS, USUAL_EFFORT, WITH_JOINTS, Effort, best_of
+from filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort, best_of
 from filters.model import LearnedModel, learn_model, own_trials
 from filters.models.base import TrajectoryModel
 from filters.poses import MarkerTrial
@@ -31,7 +30,6 @@ def learn_from(
     seed: int = 0,
     effort: Effort = USUAL_EFFORT,
     models: Sequence[TrajectoryModel] = MODELS,
-    joints: bool = False,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
     """Prepare recordings as ``track`` does, and learn from all of them, or from some of very many.
@@ -44,12 +42,10 @@ def learn_from(
         seed: Which samples are hidden, to learn weights and intervals.
         effort: How much is hidden.
         models: Motion models; the last is a filter.
-        joints: Whether joint angles are one more of them (``WITH_JOINTS``).
         tell: Called with a line for each recording, and for each that gaps are filled in.
 
     Raises:
-        MocapError: a recording cannot be read, or they cannot be learned from together; or joints are wanted, and the
-            skeleton has none.
+        MocapError: a recording cannot be read, or they cannot be learned from together.
     """
     some = _Some()
     for number, one in _prepared(sources, tell):
@@ -70,13 +66,6 @@ def learn_from(
     trials = [replace(trial, xyz_m=trial.xyz_m[:, seen], sd_m=trial.sd_m[:, seen]) for trial in trials]
     skeleton = shown[0].skeleton
     trunk = [name for name in skeleton.trunk if name in kept]
-    if joints:
-        if not JOINTS.applies(anatomy_of(kept, trunk, skeleton.rigid)):
-            raise MocapError(
-                "`joints` need rigid bones that hang on the trunk, and the skeleton states none between these markers: "
-                "add bones and a trunk to it (`mocap skeleton` proposes them), or learn without joints"
-            )
-        models = WITH_JOINTS
     rng = np.random.default_rng(seed)
     return learn_model(kept, trunk, trials, rng, bones=skeleton.rigid, models=models, effort=effort, tell=tell)
 

@@ -17,7 +17,7 @@ from filters.motion.pose import PoseMotion
 from filters.motion.singer import LastingAcceleration
 from filters.moving import RateKeeper
 from filters.observations import Observations, seen_from
-from filters.observe import Observed, observe
+from filters.observe import Observed, observe, unused
 from filters.records import Estimate
 from filters.smoother import smooth_step
 from mocap.arrays import Array
@@ -77,14 +77,19 @@ def filter_frame(
         prediction = model.predict(before, step)
         state = model.constrain(prediction.state, step, None if about is None else about.model)
     mean, deviations = model.deviations(state, frame)
-    cov = marker_covariances(deviations)
-    sights = observations.sights(frame, mean, cov)
-    if prediction is not None and not len(sights.size):
-        state = prediction.state  # a potential would hold a shape whose phase nobody knows, and be sure of it
-    elif about is not None and len(sights.size):
+    sights = observations.sights(frame, mean, marker_covariances(deviations))
+    if not len(sights.size):  # a potential would hold a shape whose phase nobody knows, and be sure of it
+        return prediction, state if prediction is None else prediction.state, unused(sights)
+    if about is not None:
         sights = seen_from(observations.sights(frame, about.mean, about.cov), about.mean - mean)
-    found, seen = observe(state, sights, deviations, reads=model.reads, gate_sd=gate_sd)
-    return prediction, found, seen
+
+    def update(mean: Array, deviations: Array, shift: Array | None) -> tuple[Gaussian, Observed]:
+        here = sights
+        if shift is not None:
+            here = seen_from(observations.sights(frame, mean, marker_covariances(deviations)), -shift)
+        return observe(state, here, deviations, reads=model.reads, gate_sd=gate_sd)
+
+    return prediction, *model.conditioned(state, frame, update, first=(mean, deviations))
 
 
 def filter_forward(

@@ -27,8 +27,8 @@ KNOWN = 0.97
 """An angle is a sample where a frame leaves less than 3 % of the variance of a radian: 10 degrees."""
 SKIN = 0.03
 """Markers slip by about that share of a segment, before it is known by how much."""
-MOST = 0.8
-"""A frame that shows a larger share of the angles is what a filter starts at."""
+ROOT = 0.01, 0.03
+"""A trunk is near the body's path: to that share of the animal's extent, and in radians (``_with_riders``)."""
 LEAST_FRAMES = 20
 MOST_FRAMES = 4000
 """Of other recordings, from which joints and angles are learned."""
@@ -279,7 +279,7 @@ def learn_articulated(
     usual, _ = lengths(build, np.concatenate(body), np.concatenate(noise))
     usual = np.where(np.isfinite(usual), usual, np.nanmedian(usual))
     skin = SKIN * float(np.median(usual))
-    build, trees, found = _with_riders(build, usual, body, noise, skin)
+    build, trees, found = _with_riders(build, usual, body, noise, skin, chain=not anatomy.limbs)
     slipped = [_slip(*parts) for parts in zip(trees, found, body, strict=True)]
     places = [_mean(one) for one in slipped]
     tree = replace(trees[-1], place_m=trees[-1].place_m + places[-1])
@@ -313,7 +313,6 @@ def learn_articulated(
             "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
             "tree": tree,
             "arm_m": arms,
-            "start": _start(shapes, columns),
             "ends": np.stack([build.centre, build.child], axis=1),
             "length_m": np.linalg.norm(trees[-1].place_m[build.child], axis=1),
             "length_sd_m": lengths(build, body[-1], noise[-1])[1],
@@ -328,24 +327,22 @@ def learn_articulated(
     return with_lagrangian(model, motion, pose, anatomy, trunk=settings.trunk if anatomy.limbs else 1.0)
 
 
-def _start(shapes: Shapes, columns: NDArray[np.int64]) -> Array:
-    """(2r + F,) z, zdot and e of the last trial's first frame; zeros where it shows less than most of the angles."""
-    left = shapes.residual[-1][0, columns]
-    start = np.concatenate([shapes.z[-1][0], shapes.rate[-1][0], np.nan_to_num(left)])
-    return start if np.isfinite(left).mean() > MOST else np.zeros_like(start)
-
-
 def _with_riders(
-    build: Build, usual: Array, body: Sequence[Array], noise: Sequence[Array], skin_m: float
+    build: Build, usual: Array, body: Sequence[Array], noise: Sequence[Array], skin_m: float, *, chain: bool
 ) -> tuple[Build, list[Tree], list[FittedPoses]]:
     """Trees with all markers, and the poses that fit; those that no bone joins ride on the segment they keep place on.
 
-    A segment that carries one turns about its own axis as well.
+    A segment that carries one turns about its own axis as well. A trunk stays near the body's path: the markers that a
+    frame shows would place it by their slips, and the limbs' angles would have to make up for that.
     """
+
+    def fit(tree: Tree, y: Array, sd: Array) -> FittedPoses:
+        return fit_poses(tree, y, np.hypot(sd, skin_m), root=(1.0, 1.0) if chain else ROOT)
+
     trees = [tree_of(build, y, sd, usual) for y, sd in zip(body, noise, strict=True)]
     riders = np.setdiff1d(np.arange(body[0].shape[1]), [*build.root, *build.child])
     shown = [np.where(np.isin(np.arange(y.shape[1]), riders)[:, None], np.nan, y) for y in body]
-    found = [fit_poses(t, y, np.hypot(sd, skin_m)) for t, y, sd in zip(trees, shown, noise, strict=True)]
+    found = [fit(*parts) for parts in zip(trees, shown, noise, strict=True)]
     if not len(riders):
         return build, trees, found
     local = [_carried(*parts, riders) for parts in zip(trees, found, body, strict=True)]
@@ -359,7 +356,7 @@ def _with_riders(
     for tree, one in zip(trees, local, strict=True):
         seen = np.asarray(np.isfinite(one[:, every, on, 0]).any(axis=0))
         tree.segment[riders], tree.place_m[riders] = on, np.where(seen[:, None], _mean(one)[every, on], usually)
-    return build, trees, [fit_poses(t, y, np.hypot(sd, skin_m)) for t, y, sd in zip(trees, body, noise, strict=True)]
+    return build, trees, [fit(*parts) for parts in zip(trees, body, noise, strict=True)]
 
 
 def _mean(values: Array) -> Array:

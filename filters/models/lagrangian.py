@@ -80,7 +80,7 @@ def with_lagrangian(
     """
     bodies = bodies_of(model, anatomy, trunk)
     arm, basis, own, rate = model.arm_m, model.subspace.basis, model.subspace.residual_sd, model.residual_rate_hz
-    count, rank = len(arm), basis.shape[1]
+    count = len(arm)
     rest = model.subspace.mean / arm
     root = np.linalg.cholesky(inner_mass(bodies, rest)).T
     bring = root / arm  # y of angles in arc length
@@ -106,7 +106,6 @@ def with_lagrangian(
         strength_j=strength,
     )
     known = {f.name: getattr(model, f.name) for f in fields(ArticulatedMotion) if f.init}
-    z, z_rate, e = np.split(model.start, [rank, 2 * rank])
     held = () if settings.potential == "limbs" else model.potentials
     return LagrangianMotion(
         **known
@@ -116,7 +115,6 @@ def with_lagrangian(
             "shape_sd": 2 * np.sqrt(np.concatenate([np.diag(spread), np.diag(speed)])),
             "usual": None,
             "potentials": tuple(_of_angles(one, basis) for one in held),
-            "start": np.concatenate([basis @ z + e, basis @ z_rate]),
         },
         animal=animal,
         white=np.linalg.cholesky(_symmetric(white)),

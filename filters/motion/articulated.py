@@ -12,8 +12,10 @@ from filters.motion.pose import PoseMotion
 from filters.tree import Posed, Tree, left_jacobian, skew
 from mocap.arrays import Array
 
-NEAR = 0.2
-"""A pose that was fitted is known by so much better than the motion: what it says is not counted again."""
+BENT = 0.1
+"""Rotations by less than so many radians move markers along nearly straight lines."""
+FARTHEST = 0.5
+"""Steps of an iterated update turn a joint by at most so many radians."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,7 +33,6 @@ class ArticulatedMotion(PoseMotion):
         arm_m: (F,) what brings angles to arc length.
         slip_sd: (M,) standard deviation of a marker's place on its segment.
         slip_rate_hz: Rate at which it forgets, 1/s.
-        start: (2r + F,) z, zdot and e of the pose that was fitted to the first frame; zeros: it shows too little.
         ends: (J, 2) markers at the joint and at the outer end of each segment.
         length_m: (J,) lengths of the segments.
         length_sd_m: (J,) their standard errors; NaN where a segment was hardly seen.
@@ -41,7 +42,6 @@ class ArticulatedMotion(PoseMotion):
     arm_m: Array
     slip_sd: Array
     slip_rate_hz: float
-    start: Array
     ends: NDArray[np.int64]
     length_m: Array
     length_sd_m: Array
@@ -65,15 +65,12 @@ class ArticulatedMotion(PoseMotion):
         return slice(0, r), slice(r, r + 6), slice(r + 6, r + 6 + d), slice(end, end + 6), slice(end + 6, end + 6 + d)
 
     def initial(self) -> Gaussian:
-        """Near the pose that was fitted to the first frame, else the mean pose with the deviations of the samples."""
-        left, sd, mean = self.subspace.residual_sd, np.zeros(self.points.n), np.zeros(self.points.n)
+        """The mean pose at rest, with the deviations of the samples."""
+        left, sd = self.subspace.residual_sd, np.zeros(self.points.n)
         shape, g, e, g_rate, e_rate = self.parts
         sd[shape], sd[g], sd[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
         sd[e], sd[e_rate], sd[self.slip] = left, self.residual_rate_hz * left, np.repeat(self.slip_sd, 3)
-        if self.start.any():
-            mean[shape], mean[e] = np.split(self.start, [shape.stop])
-            sd[shape] *= NEAR
-        return Gaussian(mean, np.diag(sd))
+        return Gaussian(np.zeros(len(sd)), np.diag(sd))
 
     def advance(self, states: Array, dt_s: float) -> Array:
         """As a pose; slip is forgotten."""
@@ -87,6 +84,12 @@ class ArticulatedMotion(PoseMotion):
         forgotten = np.sqrt(-np.expm1(-2 * self.slip_rate_hz * dt_s))
         factor[index, index] = forgotten * np.repeat(self.slip_sd, 3)
         return factor
+
+    def further(self, at: Array, found: Array) -> Array | None:
+        """Where a joint turned by more than ``BENT``, so far that none turns by more than ``FARTHEST``."""
+        before, after = self.angles(np.stack([at, found]))
+        turned = float(np.abs(after - before).max())
+        return at + min(1.0, FARTHEST / turned) * (found - at) if turned > BENT else None
 
     def angles(self, states: Array) -> Array:
         """(S, F) joint angles in radians."""

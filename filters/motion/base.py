@@ -1,11 +1,16 @@
 """What every motion model answers."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from filters.ensemble import Gaussian, Prediction, SigmaPoints, ensemble, predict, scale, spread
 from mocap.arrays import Array
+
+ROUNDS = 10
+"""An iterated update ends after so many at the latest."""
+More = TypeVar("More")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +68,42 @@ class MotionModel(ABC):
         markers = self.markers(spread(state, c, columns=self.reads, rows=self.reads), frame)
         mean, rows = ensemble(markers.reshape(len(markers), -1), c, gamma, linear=self.linear)
         return mean.reshape(-1, 3), rows.reshape(len(rows), -1, 3)
+
+    def further(self, at: Array, found: Array) -> Array | None:  # noqa: ARG002
+        """Where to linearise the markers again; None: they are as good as linear between two means of a state, here."""
+        return None
+
+    def conditioned(
+        self,
+        state: Gaussian,
+        frame: int,
+        update: Callable[[Array, Array, Array | None], tuple[Gaussian, More]],
+        *,
+        first: tuple[Array, Array] | None = None,
+    ) -> tuple[Gaussian, More]:
+        """Condition a state on what is known of the markers, by an iterated Kalman filter (Bell & Cathey 1993).
+
+        Gauss-Newton steps to the most probable state: the markers are linearised about the posterior again while it is
+        ``further`` than they are linear.
+
+        Args:
+            state: Predicted state.
+            frame: Which frame it is of.
+            update: Called with the markers (M, 3) where they are linearised, ensemble rows (k, M, 3), and by how much
+                (M, 3) these predict otherwise, None: not at all; gives the posterior and what else it finds.
+            first: ``deviations`` of the state, if they are known.
+        """
+        at = state.mean
+        found, more = update(*(first or self.deviations(state, frame)), None)
+        for _ in range(ROUNDS):
+            ahead = self.further(at, found.mean)
+            if ahead is None:
+                break
+            at = ahead
+            mean, rows = self.deviations(Gaussian(at, state.factor), frame)
+            _, back = self.deviations(Gaussian(at, (state.mean - at)[:, None]), frame)
+            found, more = update(mean, rows, back[0])
+        return found, more
 
     def predict(self, state: Gaussian, step: Step) -> Prediction:
         """Propagate a state."""

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from eal.integrators import IntegrationError
 from filters.animal import Animal, Moving
 from filters.ensemble import Gaussian, Prediction, default_points, predicted
-from filters.motion.articulated import NEAR, ArticulatedMotion
+from filters.motion.articulated import ArticulatedMotion
 from filters.motion.base import Step
 from filters.motion.constant_velocity import white_acceleration
 from filters.tree import left_jacobian, skew
@@ -149,15 +149,12 @@ class LagrangianMotion(ArticulatedMotion):
         return factor
 
     def initial(self) -> Gaussian:
-        """Near the pose that was fitted to the first frame, else the mean pose with the deviations of the samples."""
-        sd, mean = np.zeros(self.points.n), np.zeros(self.points.n)
+        """The mean pose at rest, with the deviations of the samples."""
+        sd = np.zeros(self.points.n)
         shape, g, _, g_rate, _ = self.parts
         sd[shape], sd[g], sd[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
         sd[self.slip] = np.repeat(self.slip_sd, 3)
-        if self.start.any():
-            mean[shape] = self.start
-            sd[shape] *= NEAR
-        return Gaussian(mean, np.diag(sd))
+        return Gaussian(np.zeros(len(sd)), np.diag(sd))
 
     def energy_of(self, state: Gaussian, frame: int) -> tuple[float, float, float]:
         """Of a state's mean: energy in J (``Animal.energy_j``), V_z, and what V_z stays below if released there."""

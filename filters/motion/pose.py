@@ -325,10 +325,15 @@ class PoseMotion(MotionModel):
         if self.regression is not None:
             which, xyz, whitening = self.regression.at(step.frame)
             if len(which):
-                mean, rows = self.deviations(state, step.frame)
-                rows = each_marker(rows[:, which], np.swapaxes(whitening, 1, 2)).reshape(len(rows), -1)
-                away = np.einsum("mji,mi->mj", whitening, xyz - mean[which]).ravel()
-                state = condition(state, np.ascontiguousarray(rows), away, self.reads)[0]
+
+                def update(mean: Array, rows: Array, shift: Array | None) -> tuple[Gaussian, Array]:
+                    predicted = (mean if shift is None else mean + shift)[which]
+                    rows = each_marker(rows[:, which], np.swapaxes(whitening, 1, 2)).reshape(len(rows), -1)
+                    away = np.einsum("mji,mi->mj", whitening, xyz - predicted).ravel()
+                    return condition(before, np.ascontiguousarray(rows), away, self.reads)[:2]
+
+                before = state
+                state, _ = self.conditioned(before, step.frame, update)
         terms = []
         for i, held in enumerate(self.potentials):
             at = None if about is None else about.held[i]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from docs.tools.columns import undocumented
@@ -16,6 +17,7 @@ from filters.models.pose import PoseSettings
 from filters.motion.enforce import Term, enforce
 from filters.observations import PositionObservations
 from filters.poses import MarkerTrial
+from filters.track import filter_frame
 from filters.tree import Tree, fit_poses
 from mocap.errors import MocapError
 from mocap.joint_angles import PARTS
@@ -212,3 +214,40 @@ def test_whole_turns_of_a_joint_are_taken_out():
     same, kept = tree.without_turns(0.1 * q, rows)
     np.testing.assert_array_equal(same, 0.1 * q)
     np.testing.assert_array_equal(kept, rows)
+
+
+def test_a_marker_far_from_its_prediction_is_met(learned, monkeypatch):
+    """One marker of the hand where the arm is bent by a radian: the mode that scipy finds, which one step misses."""
+    rng, at = np.random.default_rng(5), learned.initial()
+    size, sd, hand = learned.points.n, 1e-3, 6
+    bent = at.mean.copy()
+    bent[learned.parts[2]] += rng.choice([-1.0, 1.0], len(learned.arm_m)) * learned.arm_m
+    shown = np.full((1, learned.slip_sd.size, 3), np.nan)
+    shown[0, hand] = learned.markers(bent[None, : learned.reads], 0)[0, hand]
+    observations = PositionObservations(xyz_m=shown, sd_m=np.full(shown.shape[:2], sd))
+
+    def away(x):
+        mean = at.mean + at.factor @ x
+        return np.append(x, (learned.markers(mean[None, : learned.reads], 0)[0, hand] - shown[0, hand]) / sd)
+
+    found = filter_frame(learned, observations, 0, at, None, 6.0)[1]
+    mode = least_squares(away, np.zeros(size), xtol=1e-12, ftol=1e-12)
+    own = np.linalg.solve(at.factor, found.mean - at.mean)
+    assert 0.5 * np.sum(away(own) ** 2) < 1.05 * mode.cost + 0.1
+    white = at.factor @ np.linalg.inv(mode.jac.T @ mode.jac) @ at.factor.T
+    np.testing.assert_allclose(found.factor @ found.factor.T, white, atol=0.1 * np.diag(white).max())
+    monkeypatch.setattr("filters.motion.articulated.BENT", np.inf)
+    once = filter_frame(learned, observations, 0, at, None, 6.0)[1]
+    assert np.sum(away(np.linalg.solve(at.factor, once.mean - at.mean)) ** 2) > 4 * mode.cost
+
+
+def test_a_held_root_leaves_slips_of_the_trunk_to_its_markers():
+    """Three trunk markers that slip turn a free root, and the angles of all limbs with it."""
+    rng = np.random.default_rng(6)
+    tree, q = small_tree(rng), 0.3 * rng.normal(size=(40, 6))
+    place = np.concatenate([0.3 * rng.normal(size=(3, 3)), rng.normal(size=(6, 3))])
+    tree = replace(tree, segment=np.array([0, 0, 0, 1, 1, 2, 2, 3, 3]), place_m=place)
+    xyz, sd = tree.markers(tree.pose(q)), np.full((40, 9), 0.03)
+    xyz[:, :3] += 0.1 * rng.normal(size=(40, 3, 3))
+    off = [np.sqrt(np.mean((fit_poses(tree, xyz, sd, root=root).angles - q) ** 2)) for root in ((1, 1), (0.01, 0.03))]
+    assert off[1] < 0.7 * off[0]

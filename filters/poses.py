@@ -151,31 +151,37 @@ def _derivative(series: Array, dt_s: float) -> Array:
     return np.gradient(series, dt_s, axis=0) if len(series) > 1 else np.zeros_like(series)
 
 
-def residual_rate(residual: Sequence[Array], dt_s: float, turn_s: float) -> float:
+def residual_rate(residual: Sequence[Array], dt_s: float, turn_s: float, *, hidden_sd: Array | float = 0.0) -> float:
     """Rate a of a Matern-3/2 process, 1/s, that loses its memory as residuals do.
 
-    Its structure function is E (e(t + s) - e(t))^2 = 2 var (1 - (1 + a s) exp(-a s)): half of 2 var at a s = 1.678.
-    It begins as a parabola: what remains of two lags at s = 0 is twice the variance of measurement noise. Where noise
-    hides the residual (less than two standard errors of that are left), it is taken to change four times as fast as the
-    motion turns.
+    Its structure function is E (e(t + s) - e(t))^2 = 2 var (1 - (1 + a s) exp(-a s)): half of 2 var at a s = 1.678,
+    found on a line between two lags. It begins as a parabola: what remains of two lags at s = 0 is twice the variance
+    of measurement noise. Where noise hides the residual (less than two standard errors of that are left), or where a
+    subspace that holds the poses whole leaves less than a hundredth of ``hidden_sd``, it is taken to change four times
+    as fast as the motion turns.
 
     Args:
         residual: (T, 3M) residuals of each trial; NaN where not seen.
         dt_s: Time step.
         turn_s: Time in which the motion turns by a radian (``radian``).
+        hidden_sd: Deviations of what the process stands for, coordinates that are not seen (``PoseSubspace``).
     """
     series, trial = np.concatenate(residual), np.repeat(np.arange(len(residual)), [len(part) for part in residual])
     variance, count = float(np.nanmean(series**2)), np.count_nonzero(np.isfinite(series))
     noise = white_variance(series, trial)
     left = variance - noise
-    if left <= 4 * variance * np.sqrt(2 / count):
+    if left <= max(4 * variance * np.sqrt(2 / count), 1e-4 * float(np.mean(np.square(hidden_sd)))):
         return 4 / turn_s
     longest = max(2, max(len(part) for part in residual) // 2)
-    lags = np.unique(np.geomspace(1, longest, 40).astype(int))
-    for lag in lags:
-        if structure(series, int(lag), trial) - 2 * noise >= left:
-            return 1.678 / (lag * dt_s)
-    return 1.678 / (float(lags[-1]) * dt_s)
+    before = changed = 0.0
+    for lag in np.unique(np.geomspace(1, longest, 40).astype(int)).tolist():
+        changes = structure(series, lag, trial) - 2 * noise
+        if changes >= left:
+            lag = before + (lag - before) * (left - changed) / (changes - changed)
+            break
+        if changes > changed:
+            before, changed = float(lag), changes
+    return 1.678 / (lag * dt_s)
 
 
 def known_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArray[np.bool_]]:

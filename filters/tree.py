@@ -14,6 +14,8 @@ _NEAR = 1e-2
 """Squared angle below which series stand for quotients that lose digits."""
 AT_ONCE = 200
 """Frames that are fitted at once."""
+SETTLED = 1e-3
+"""A frame is fitted when a step turns nothing by more than so many radians."""
 
 
 class Posed(NamedTuple):
@@ -129,7 +131,7 @@ class Tree:
         """(S, M, 3, F) derivative of the markers by the angles: each turns all that its joint carries (``turning``)."""
         axis = self.turning(angles, posed)
         arm = markers[:, :, None] - posed.origin[:, None, self.joint + 1]
-        moved = np.where(self.carries.T[..., None], np.cross(axis[:, None], arm), 0.0)
+        moved = cross(np.broadcast_to(axis[:, None], arm.shape), arm) * self.carries.T[..., None]
         return np.swapaxes(moved, 2, 3)
 
 
@@ -236,25 +238,28 @@ def _fit(
     extent = max(float(np.abs(tree.place_m).max()), 1e-9)
     prior = np.concatenate([np.full(3, root[0] * extent), np.full(3, root[1]), np.full(freedoms, range_rad)]) ** -2.0
     normal = np.zeros((count, freedoms + 6, freedoms + 6))
+    moving = np.arange(count)
     for _ in range(rounds):
-        posed = tree.pose(angles)
+        bent, turn = angles[moving], rotation[moving]
+        posed = tree.pose(bent)
         inside = tree.markers(posed)
-        turned = inside @ np.swapaxes(rotation, 1, 2)
+        turned = inside @ np.swapaxes(turn, 1, 2)
         slope = np.zeros((*turned.shape, freedoms + 6))
         slope[..., :3], slope[..., 3:6] = np.eye(3), -skew(turned)
-        slope[..., 6:] = rotation[:, None] @ tree.jacobian(angles, posed, inside)
-        away = (weight * np.where(seen[..., None], xyz - turned - shift[:, None], 0.0)).reshape(count, -1)
-        slope = (weight[..., None] * slope).reshape(count, -1, freedoms + 6)
-        normal = np.swapaxes(slope, 1, 2) @ slope + np.diag(prior)
-        pull = np.einsum("tri,tr->ti", slope, away)
-        pull[:, 6:] -= prior[6:] * angles
-        pull[:, :3] -= prior[:3] * shift
-        pull[:, 3:6] -= prior[3:6] * Rotation.from_matrix(rotation).as_rotvec()
-        step = np.linalg.solve(normal, pull[..., None])[..., 0]
-        step *= np.minimum(1.0, 0.5 / np.maximum(np.abs(step[:, 3:]).max(axis=1), 1e-12))[:, None]
-        shift, angles = shift + step[:, :3], angles + step[:, 6:]
-        rotation = Rotation.from_rotvec(step[:, 3:6]).as_matrix() @ rotation
-        if np.abs(step[:, 3:]).max() < 1e-6:
+        slope[..., 6:] = turn[:, None] @ tree.jacobian(bent, posed, inside)
+        missed = np.where(seen[moving][..., None], xyz[moving] - turned - shift[moving][:, None], 0.0)
+        away = (weight[moving] * missed).reshape(len(moving), -1)
+        slope = (weight[moving][..., None] * slope).reshape(len(moving), -1, freedoms + 6)
+        normal[moving] = here = np.swapaxes(slope, 1, 2) @ slope + np.diag(prior)
+        whole = np.concatenate([shift[moving], Rotation.from_matrix(turn).as_rotvec(), bent], axis=1)
+        pull = np.einsum("tri,tr->ti", slope, away) - prior * whole
+        step = np.linalg.solve(here, pull[..., None])[..., 0]
+        size = np.abs(step[:, 3:]).max(axis=1)
+        step *= np.minimum(1.0, 0.5 / np.maximum(size, 1e-12))[:, None]
+        shift[moving], angles[moving] = shift[moving] + step[:, :3], bent + step[:, 6:]
+        rotation[moving] = Rotation.from_rotvec(step[:, 3:6]).as_matrix() @ turn
+        moving = moving[size > SETTLED]
+        if not len(moving):
             break
     left = np.einsum("tii->ti", np.linalg.inv(normal)) * prior
     return angles, shift, rotation, 1 - left

@@ -210,7 +210,8 @@ def learn_pose(
         body_density=settings.body * density,
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
-        residual_rate_hz=settings.residual_rate * residual_rate(shapes.residual, trial.dt_s, radian(shapes)),
+        residual_rate_hz=settings.residual_rate
+        * residual_rate(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd),
         usual=usual_motion(motion),
         bones=bones if bones is not None and len(bones.ends) and settings.bones else None,
         bone_stiffness=settings.bones / motion.tau_s,

@@ -248,7 +248,7 @@ def test_a_folder_that_is_no_recording_says_what_is_in_it(tmp_path):
     for name, said in (
         ("empty", "empty: is a folder with nothing in it: give a file"),
         ("other", r"other: is a folder without poses .*in it: a.mat, b.csv, c.txt, ... \(4 in all\): give a file"),
-        ("people", "people: is a folder of JSON files in which no person is found"),
+        ("people", "people: a folder is read as JSON files with poses, and no person is found"),
     ):
         with pytest.raises(FormatError, match=said):
             read(tmp_path / name)

@@ -155,8 +155,8 @@ def read_folder(path: Path) -> FileContents:
     counts = {len(p) for found in tracks.values() for p in found.values()}
     if not len(numbers):
         raise FormatError(
-            f"{path.resolve().name}: a folder is read as JSON files with poses, and no person is found in those of this "
-            "one: give the file of one recording, or a folder with the poses of each frame"
+            f"{path.resolve().name}: a folder is read as JSON files with poses, and no person is found in them: "
+            "give the file of one recording, or a folder with the poses of each frame"
         )
     if len(counts) > 1:
         raise FormatError(f"{path.name}: frames have {min(counts)} to {max(counts)} keypoints: use one model")

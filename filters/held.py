@@ -31,6 +31,7 @@ class HeldKeeper:
     limbs: tuple[PosePotential, ...]
     _taken: list[list[tuple[Array, Array]]] = field(default_factory=list)
     _turned: list[Array] = field(default_factory=list)
+    _means: list[Array] = field(default_factory=list)
 
     @staticmethod
     def of(model: MotionModel) -> "HeldKeeper | None":
@@ -45,6 +46,7 @@ class HeldKeeper:
         _, g, e, _, _ = self.model.parts
         turn = Rotation.from_rotvec(state.mean[g][3:]).as_matrix()
         self._turned.append(self.model.path.frames.rotation[frame] @ turn)
+        self._means.append(state.mean)
         found = []
         for limb in self.limbs:
             mean, rows = limb.coordinates(state, e, self.model.reads)
@@ -58,11 +60,11 @@ class HeldKeeper:
         Args:
             names: The M markers.
         """
-        frames, turned = self._taken[::-1], np.array(self._turned[::-1])
+        frames, turned, means = self._taken[::-1], np.array(self._turned[::-1]), np.array(self._means[::-1])
         out = []
         for i, limb in enumerate(self.limbs):
             q, cov = (np.array([frame[i][k] for frame in frames]) for k in range(2))
-            gradient = (limb.gradient(q) @ limb.on_residual).reshape(len(q), -1, 3)[:, list(limb.children)]
+            gradient = self.model.moved(means, limb.gradient(q) @ limb.on_residual)[:, list(limb.children)]
             pull = -gradient @ np.swapaxes(turned, 1, 2)
             value = np.zeros(len(q)) if limb.potential is None else np.asarray(limb.potential.value(q))
             samples = (limb.samples - limb.centre) @ limb.plane

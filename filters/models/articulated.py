@@ -443,5 +443,6 @@ def _potentials(
         tau_s = motion.tau_s if "motion" in settings.potential else None
         learn = partial(held_by, settings=settings, rate=settings.weight / motion.tau_s)
         joints = [(len(build.axes[joint[c]]), float(arm[joint[c]])) for c in limb.children if len(build.axes[joint[c]])]
-        out.append(held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints))
+        held = held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints)
+        out.append(replace(held, root=limb.parents[0], children=limb.children))
     return out

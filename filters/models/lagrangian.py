@@ -150,7 +150,8 @@ def _unseen(limb: PosePotential, settings: PoseSettings) -> Array:
 def _of_angles(held: PosePotential, basis: Array) -> PosePotential:
     """A potential of what a subspace and residuals do together, as a function of all angles and their rates."""
     moving = held.on_shape[:, basis.shape[1] :] @ np.linalg.pinv(basis)
-    return replace(held, on_shape=np.hstack([held.on_residual, moving]), on_residual=held.on_residual[:, :0])
+    on_shape, on_residual = np.hstack([held.on_residual, moving]), held.on_residual[:, :0]
+    return replace(held, on_shape=on_shape, on_residual=on_residual, children=())
 
 
 def _whole(cov: Array, basis: Array, own: Array) -> Array:

@@ -104,6 +104,12 @@ class ArticulatedMotion(PoseMotion):
         angles, rows = self.tree.without_turns(self.angles(state.mean[None])[0], rows / self.arm_m[:, None])
         return angles, np.linalg.norm(rows, axis=1)
 
+    def moved(self, means: Array, residual: Array) -> Array:
+        """As the angles turn what they carry."""
+        posed, inside = self._inside(means)
+        by_arc = self.tree.jacobian(self.angles(means), posed, inside) / self.arm_m
+        return (by_arc @ residual[:, None, :, None])[..., 0]
+
     def _root(self, states: Array, frame: int) -> tuple[Array, Array]:
         """(S, 3, 3) axes of the root in the world, and (S, 3) its position."""
         g, frames = states[:, self.parts[1]], self.path.frames

@@ -345,6 +345,10 @@ class PoseMotion(MotionModel):
             terms.append(bones_term(self.bones, *self._pose(state), dt_s * self.bone_stiffness, about=ends))
         return enforce(state, terms, farthest=self.farthest)
 
+    def moved(self, means: Array, residual: Array) -> Array:  # noqa: ARG002
+        """(S, M, 3) by how much markers move in the axes of the root, of states (S, n), for changes (S, D) of e."""
+        return residual.reshape(len(residual), -1, 3)
+
     def reference(self, state: Gaussian) -> "Reference | None":
         """What the potentials read, and the differences of the ends of bones."""
         if not self.potentials and self.bones is None:

@@ -25,8 +25,8 @@ MODELS: tuple[TrajectoryModel, ...] = (EACH_MARKER, POSE)
 """What a learned tracker is made of: each marker by itself, with an acceleration that lasts, and the EAL model, whose
 settings are the same for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
 WITH_JOINTS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
-"""The same and joint angles, for animals whose skeleton states rigid bones: nearer on most, and 1.5 to 2.3
-times as slow (docs/explanation/decisions.md, "Joint angles in the mixture")."""
+"""The same and joint angles, for animals whose skeleton states rigid bones: nearer on most; tracking
+takes 1.5 to 2.3 times as long (docs/explanation/decisions.md, "Joint angles in the mixture")."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,7 +26,8 @@ class HeldLimb:
         cov: (T, 2, 2) its covariance.
         at_state: (T,) V_z of all coordinates at the limb.
         pull: (T, J, 3) minus the gradient of the filter's potential by the position of each marker, in the world, in
-            1/(m s); of joint angles, how markers move when each angle's arc does so by minus the gradient by that.
+            1/(m s); for V_z of joint angles, how each marker moves when the arc length of every angle changes by
+            minus the gradient with respect to it.
     """
 
     name: str

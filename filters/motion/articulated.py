@@ -12,9 +12,9 @@ from filters.motion.pose import PoseMotion
 from filters.tree import Posed, Tree, left_jacobian, skew
 from mocap.arrays import Array
 
-BENT = 0.1
+BENT_RAD = 0.1
 """Rotations by less than so many radians move markers along nearly straight lines."""
-FARTHEST = 0.5
+STEP_RAD = 0.5
 """Steps of an iterated update turn a joint by at most so many radians."""
 
 
@@ -86,10 +86,10 @@ class ArticulatedMotion(PoseMotion):
         return factor
 
     def further(self, at: Array, found: Array) -> Array | None:
-        """Where a joint turned by more than ``BENT``, so far that none turns by more than ``FARTHEST``."""
+        """Where a joint turned by more than ``BENT_RAD``, so far that none turns by more than ``STEP_RAD``."""
         before, after = self.angles(np.stack([at, found]))
         turned = float(np.abs(after - before).max())
-        return at + min(1.0, FARTHEST / turned) * (found - at) if turned > BENT else None
+        return at + min(1.0, STEP_RAD / turned) * (found - at) if turned > BENT_RAD else None
 
     def angles(self, states: Array) -> Array:
         """(S, F) joint angles in radians."""

@@ -83,14 +83,15 @@ class MotionModel(ABC):
     ) -> tuple[Gaussian, More]:
         """Condition a state on what is known of the markers, by an iterated Kalman filter (Bell & Cathey 1993).
 
-        Gauss-Newton steps to the most probable state: the markers are linearised about the posterior again while it is
-        ``further`` than they are linear.
+        Gauss-Newton steps to the most probable state: the markers are linearised about the posterior again as long
+        as ``further`` says where.
 
         Args:
             state: Predicted state.
             frame: Which frame it is of.
-            update: Called with the markers (M, 3) where they are linearised, ensemble rows (k, M, 3), and by how much
-                (M, 3) these predict otherwise, None: not at all; gives the posterior and what else it finds.
+            update: Called with the markers (M, 3) where they are linearised, ensemble rows (k, M, 3), and what is
+                added (M, 3) to the markers to have the prediction of that linear model, None: nothing; gives the
+                posterior and what else it finds.
             first: ``deviations`` of the state, if they are known.
         """
         at = state.mean

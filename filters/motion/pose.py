@@ -325,6 +325,7 @@ class PoseMotion(MotionModel):
         if self.regression is not None:
             which, xyz, whitening = self.regression.at(step.frame)
             if len(which):
+                before = state
 
                 def update(mean: Array, rows: Array, shift: Array | None) -> tuple[Gaussian, Array]:
                     predicted = (mean if shift is None else mean + shift)[which]
@@ -332,7 +333,6 @@ class PoseMotion(MotionModel):
                     away = np.einsum("mji,mi->mj", whitening, xyz - predicted).ravel()
                     return condition(before, np.ascontiguousarray(rows), away, self.reads)[:2]
 
-                before = state
                 state, _ = self.conditioned(before, step.frame, update)
         terms = []
         for i, held in enumerate(self.potentials):

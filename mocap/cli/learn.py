@@ -28,7 +28,7 @@ def learn(
         typer.Option(
             "--joints",
             help="Joint angles of rigid segments as one more model: nearer where bones are rigid, and on animals of "
-            "other sizes; 1.5 to 2.3 times as slow. Needs bones in the skeleton.",
+            "other sizes; tracking takes 1.5 to 2.3 times as long. Needs bones in the skeleton.",
         ),
     ] = False,
     jobs: Jobs = None,

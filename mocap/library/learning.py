@@ -72,7 +72,8 @@ def learn(
     Args:
         recordings: As ``mocap.read`` gives them, of one frame rate; markers of the same name are the same.
         joints: Whether joint angles of rigid segments are a model as well, mixed with that of the pose: nearer on
-            animals with rigid bones and of other sizes, 1.5 to 2.3 times as slow. The skeleton states the bones.
+            animals with rigid bones and of other sizes, tracking takes 1.5 to 2.3 times as long. The skeleton states
+            the bones.
         seed: Which samples are hidden to choose and to calibrate.
         progress: Called with a line for each recording, and for each in which hidden gaps are filled.
 

@@ -236,7 +236,7 @@ def test_a_marker_far_from_its_prediction_is_met(learned, monkeypatch):
     assert 0.5 * np.sum(away(own) ** 2) < 1.05 * mode.cost + 0.1
     white = at.factor @ np.linalg.inv(mode.jac.T @ mode.jac) @ at.factor.T
     np.testing.assert_allclose(found.factor @ found.factor.T, white, atol=0.1 * np.diag(white).max())
-    monkeypatch.setattr("filters.motion.articulated.BENT", np.inf)
+    monkeypatch.setattr("filters.motion.articulated.BENT_RAD", np.inf)
     once = filter_frame(learned, observations, 0, at, None, 6.0)[1]
     assert np.sum(away(np.linalg.solve(at.factor, once.mean - at.mean)) ** 2) > 4 * mode.cost
 

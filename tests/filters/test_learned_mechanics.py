@@ -117,6 +117,21 @@ def test_where_noise_hides_the_residual_it_follows_the_motion():
     assert residual_rate([noise], DT_S, 0.04) == pytest.approx(100.0)
 
 
+def test_rounding_errors_have_no_rate_of_their_own():
+    """A subspace that holds poses whole leaves a slow residual of 1e-12: the rate is that of the motion."""
+    slow = 1e-12 * np.sin(np.linspace(0, 20, 500))[:, None] * np.ones(6)
+    assert residual_rate([slow], DT_S, 0.04, hidden_sd=np.ones(6)) == pytest.approx(100.0)
+    assert residual_rate([slow], DT_S, 0.04) < 50
+
+
+def test_a_rate_is_found_between_lags():
+    """Sines of nearly one frequency cross half their variance within a lag: their rates follow without a step."""
+    t = DT_S * np.arange(2000)[:, None]
+    rates = np.array([residual_rate([np.sin(w * t + np.arange(6))], DT_S, 1.0) for w in np.linspace(60, 80, 21)])
+    assert (np.diff(rates) > 0).all()
+    assert np.diff(rates).max() < 0.05 * rates.mean()
+
+
 @pytest.mark.parametrize("n_frames", [1, 2, 3])
 def test_residuals_of_few_frames_have_a_rate(n_frames):
     """A positive number, whatever is seen."""

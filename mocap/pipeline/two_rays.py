@@ -106,7 +106,7 @@ def without_contradicted(
 ) -> Prepared:
     """The recording without what the pose filter contradicts where two cameras alone see a marker.
 
-    First rays of cameras that are wrong for a run of frames, then single points.
+    First rays of cameras that are wrong for a run of frames, then single points, then rays again, where points were.
 
     Args:
         prepared: The recording.
@@ -117,7 +117,10 @@ def without_contradicted(
     checked = _without_wrong_rays(prepared, part, settings, learned)
     if disagreements(prepared) and not _many(prepared):
         return checked  # few points of two rays are not worth the pass
-    return _without_wrong_points(checked, part, settings, learned)
+    further = _without_wrong_points(checked, part, settings, learned)
+    if further is not checked:
+        further = _without_wrong_rays(further, part, settings, learned)
+    return further
 
 
 def _without_wrong_points(
@@ -132,7 +135,7 @@ def _without_wrong_points(
     asked = unconfirmed(prepared)
     asked &= np.isfinite(prepared.xyz_m[..., 0]).sum(axis=0) >= LEFT * asked.sum(axis=0)
     doubted = replace(prepared, xyz_m=np.where(asked[..., None], np.nan, prepared.xyz_m))
-    if not asked.any() or why_no_pose(doubted, part) is not None:
+    if not asked.any() or not _can_expect(doubted, part, learned):
         return prepared
     xyz, cov = _expected(doubted, part, settings, learned)
     far = asked & (_distance(xyz - prepared.xyz_m, cov + prepared.cov_m2, where=asked) > FAR)
@@ -152,7 +155,7 @@ def _without_wrong_rays(
         for run in runs:
             hidden[run.frames, run.marker] = True
         doubted = replace(checked, xyz_m=np.where(hidden[..., None], np.nan, checked.xyz_m))
-        if not runs or why_no_pose(doubted, part) is not None:
+        if not runs or not _can_expect(doubted, part, learned):
             break
         more = _wrong_rays(checked, runs, *_expected(doubted, part, settings, learned, hidden=hidden))
         if not more.any():
@@ -190,6 +193,11 @@ def _without(prepared: Prepared, far: Mask) -> Prepared:
         rejected={**prepared.rejected, "contradicted": before | far},
         findings=(*prepared.findings, said),
     )
+
+
+def _can_expect(prepared: Prepared, part: Part, learned: LearnedModel | None) -> bool:
+    """Whether a pose filter can be had: of other trials, or of what is left of this recording."""
+    return learned is not None or why_no_pose(prepared, part) is None
 
 
 def _expected(

@@ -10,6 +10,8 @@ from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 
 DOF = USUAL_DOF
 """Degrees of freedom of the errors of a ray where they are not estimated: heavy tails with a variance."""
+LEAST_PX = 0.01
+"""Pixels are not known better than that, as where they were simulated without noise."""
 
 
 def student_t(
@@ -70,7 +72,7 @@ def student_t(
         if free:
             redundancy = np.clip(2 - taken * (spread / ray_sd) ** 2, 0.05, 2.0)
             error = rows * squares / redundancy
-            scale = max(float(np.sqrt(np.sum((nu + rows) / (nu + error / scale**2) * squares) / free)), 1e-9)
+            scale = max(float(np.sqrt(np.sum((nu + rows) / (nu + error / scale**2) * squares) / free)), LEAST_PX)
     return xyz, cov, np.where(seen & has_point, own * scale / np.sqrt(weight), sd_px * spread), scale * spread
 
 

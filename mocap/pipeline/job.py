@@ -106,12 +106,12 @@ def _run_job(
         learned = None if learned is None else renamed(learned, prepared.skeleton)
     if model in ("eal", "mixture", "articulated", "lagrangian") and reason is not None:
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
-    if reason is None and model != "constant_velocity" and worth_checking(prepared):
+    posed = reason is None and model != "constant_velocity"
+    if (posed or learned is not None) and worth_checking(prepared):
         with stages.stage("check points of two rays"):
             prepared = without_contradicted(prepared, part, settings, learned)
             part = seen_part(prepared)
     asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
-    posed = reason is None and model != "constant_velocity"
     if watch is not None:
         with stages.stage("filter live"):
             alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"

@@ -25,7 +25,7 @@ from mocap.cleaning.findings import (
 from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
 from mocap.cleaning.persistence import persistent_px
 from mocap.cleaning.position_noise import position_sd
-from mocap.cleaning.robust_rays import student_t
+from mocap.cleaning.robust_rays import LEAST_PX, student_t
 from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
@@ -285,6 +285,7 @@ def prepare_filmed(
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
     lens_cov, lens_said = lens_uncertainty(filmed, audited, uv)
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
+    bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
     uv = uv - bias.bias_px
     start = triangulate.linear(filmed.matrices, uv, relative=worse)
     noise = click_noise(filmed.matrices, uv, start, relative=worse)

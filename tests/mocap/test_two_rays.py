@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from datasets import PERFECT, make_bat
+from filters.hidden_gaps import EACH_MARKER, Effort
 from filters.models.pose import PoseSettings
 from mocap.cameras.camera import record
+from mocap.pipeline.job import run_job
+from mocap.pipeline.learning import learn_from
 from mocap.pipeline.prepare import prepare_pixels
-from mocap.pipeline.tracking import seen_part
+from mocap.pipeline.tracking import seen_part, why_no_pose
 from mocap.pipeline.two_rays import disagreements, unconfirmed, without_contradicted, worth_checking
 from mocap.skeleton import Skeleton
 
@@ -21,12 +24,16 @@ SETTINGS = PoseSettings(ranks=(6,))
 def scene():
     """A bat in four cameras that see all of it, but for 20 frames in which both wrists are seen by two alone."""
     bat = make_bat(seed=4, n_frames=100, n_cameras=4, digitiser=PERFECT)
-    uv = record(bat.cameras, bat.truth.xyz_m)
-    uv += np.random.default_rng(1).normal(0, 0.5, uv.shape)
+    uv = clicked(bat)
     wrong, right = (bat.truth.names.index(name) for name in (WRONG, RIGHT))
     for marker in (wrong, right):
         uv[2:, FRAMES, marker] = np.nan
     return bat, replace(bat.pixels, uv_px=uv), (wrong, right)
+
+
+def clicked(bat):
+    uv = record(bat.cameras, bat.truth.xyz_m)
+    return uv + np.random.default_rng(1).normal(0, 0.5, uv.shape)
 
 
 def prepared(bat, pixels):
@@ -108,3 +115,24 @@ def test_two_cameras_have_no_third(scene):
     two = replace(pixels, uv_px=pixels.uv_px[:2], cameras=pixels.cameras[:2])
     one = prepare_pixels(two, bat.cameras[:2], Skeleton(name="bat", markers=two.names), name="bat")
     assert not unconfirmed(one).any()
+
+
+def test_a_learned_model_checks_a_recording_that_is_too_short_to_learn_from(scene):
+    """30 frames teach no pose, and alone are believed; with another flight's model the wrong points are refused."""
+    bat, pixels, (wrong, _) = scene
+    uv = np.array(along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015).uv_px[:, 35:65])
+    uv[2:, 5:25, bat.truth.names.index("elbow_r")] = np.nan  # enough of two rays to be worth the pass
+    short = prepared(bat, replace(pixels, uv_px=uv, t_s=pixels.t_s[:30]))
+    assert "40" in (why_no_pose(short, seen_part(short)) or "")
+    others = [make_bat(seed=seed, n_frames=100, n_cameras=4, digitiser=PERFECT) for seed in (5, 6)]
+    learned = learn_from(
+        [prepared(other, replace(other.pixels, uv_px=clicked(other))) for other in others],
+        models=(EACH_MARKER, SETTINGS),
+        effort=Effort(validated=1, most_frames=100, times=1),
+    )
+    asked = unconfirmed(short)[:, wrong]
+    assert asked.sum() > 15
+    _, alone = run_job(short, validated=False)
+    _, checked = run_job(short, learned=learned, validated=False)
+    assert np.isfinite(alone.xyz_m[asked, wrong]).all()
+    assert np.isnan(checked.xyz_m[asked, wrong]).all()

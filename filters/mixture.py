@@ -89,7 +89,8 @@ class Mixture:
         each is multiplied by what makes its root mean square error in stated deviations 1 in the geometric mean over
         gaps, as if ``own`` gaps more had shown that nothing is to be changed; that is for the weights. All widths are
         multiplied by the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with ``prior`` such
-        gaps, whatever the scales have become.
+        gaps, whatever the scales have become; by 1 where it is less, for a few gaps that were filled well do not tell
+        how other ones will be (docs/explanation/decisions.md, "Never narrower").
 
         Args:
             residuals: What each of the K models missed the hidden samples by.
@@ -102,7 +103,7 @@ class Mixture:
             found.append(_log_scale(scaled, [gap == one for one in np.unique(gap)]))
         scaled = replace(self, scale=self.scale * np.exp(_share(gap, own) * np.array(found)))
         before, after = (_conformal(_widths(mixture, residuals), gap) for mixture in (self, scaled))
-        factor = after * before ** (_share(gap, prior) - 1)
+        factor = after / before * max(1.0, before) ** _share(gap, prior)
         return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import norm
 
 from filters.hide import gap_lengths
 from filters.mixture import Mixture, learn_mixture
@@ -270,9 +271,9 @@ def test_gaps_of_one_length():
     np.testing.assert_array_equal(mixed.widening(np.array([1, 25, 400])), np.repeat(mixed.widen, 3))
 
 
-@pytest.mark.parametrize("larger", [0.5, 1.0, 3.0])
-def test_intervals_hold_in_another_recording(larger):
-    """Errors that are half or three times as large as in training: intervals hold 95 % after its own gaps were seen.
+@pytest.mark.parametrize(("larger", "holds"), [(0.5, 2 * norm.cdf(2 * 1.96) - 1), (1.0, 0.95), (3.0, 0.95)])
+def test_intervals_hold_in_another_recording(larger, holds):
+    """Errors three times as large as in training: intervals hold 95 % after its own gaps were seen; half: as learned.
 
     Of 240 gaps 240 / 243 of the factor's logarithm is taken; of 7200 coordinates a share is known to 0.3 %.
     """
@@ -285,7 +286,7 @@ def test_intervals_hold_in_another_recording(larger):
 
     own = mixed_by_combine(mixed.calibrated(recording()), recording())
     inside = np.abs(own.error_m) <= 1.959964 * np.sqrt(own.variance)
-    assert inside.mean() == pytest.approx(0.95, abs=0.015)
+    assert inside.mean() == pytest.approx(holds, abs=0.015)
 
 
 def test_a_model_that_fails_in_a_recording_weighs_less_there():

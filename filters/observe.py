@@ -160,8 +160,8 @@ def _posterior_markers(information: Array, pull: Array, together: Array) -> tupl
         together: C, (3M, 3M).
     """
     count = len(information)
-    values, vectors = np.linalg.eigh(information)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    least = 1e-12 * np.trace(information, axis1=1, axis2=2) + 1e-300  # one ray leaves a direction free
+    root = np.linalg.cholesky(information + least[:, None, None] * np.eye(3))
     half = (np.swapaxes(root, 1, 2) @ together.reshape(count, 3, -1)).reshape(3 * count, -1)  # R^T C
     c = (half.reshape(-1, count, 3).swapaxes(0, 1) @ root).swapaxes(0, 1).reshape(3 * count, -1)
     c[np.diag_indices(3 * count)] += 1

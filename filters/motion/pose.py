@@ -270,10 +270,11 @@ class PoseMotion(MotionModel):
         pose, rows = self._pose(state)
         w = state.mean[g][3:]
         rotation = self.path.frames.rotation[frame]
-        turn = rotation @ Rotation.from_rotvec(w).as_matrix()
+        own, jacobian = _exponential(w)
+        turn = rotation @ own
         body = pose @ turn.T
         moved = state.factor[g, : self.reads]
-        turned = rotation @ _left_jacobian(w) @ moved[3:]
+        turned = rotation @ jacobian @ moved[3:]
         lever = _skew(body).reshape(-1, 3)  # x cross u = -skew(u) x
         out = (rows.reshape(-1, 3) @ turn.T).reshape(rows.shape)
         out -= (turned.T @ lever.T).reshape(out.shape)
@@ -374,17 +375,23 @@ def _scaled(gradient: Callable[[Array], Array], factor: float, q: Array) -> Arra
     return factor * gradient(q)
 
 
-def _left_jacobian(w: Array) -> Array:
-    """J (3, 3) of a rotation vector: exp(w + dw) = exp(J dw) exp(w) to first order."""
-    angle = float(np.linalg.norm(w))
-    if angle < 1e-4:
-        return np.eye(3) + 0.5 * _skew(w)
-    k = _skew(w / angle)
-    return np.eye(3) + (1 - np.cos(angle)) / angle * k + (1 - np.sin(angle) / angle) * (k @ k)
+def _exponential(w: Array) -> tuple[Array, Array]:
+    """exp(w) (3, 3) of a rotation vector, and its left Jacobian J: exp(w + dw) = exp(J dw) exp(w) to first order."""
+    angle2 = float(w @ w)
+    if angle2 < 1e-8:
+        sine, versine, rest = 1 - angle2 / 6, 0.5, 1 / 6
+    else:
+        angle = np.sqrt(angle2)
+        sine, versine = np.sin(angle) / angle, (1 - np.cos(angle)) / angle2
+        rest = (1 - sine) / angle2
+    k = _skew(w)
+    square = k @ k
+    return np.eye(3) + sine * k + versine * square, np.eye(3) + versine * k + rest * square
 
 
 def _skew(v: Array) -> Array:
     """(..., 3, 3) matrices of the cross product with (..., 3) vectors."""
-    x, y, z = np.moveaxis(np.asarray(v), -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+    out = np.zeros((*v.shape, 3))
+    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    out[..., 1, 2], out[..., 2, 0], out[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
+    return out

@@ -141,7 +141,7 @@ def test_pixels_without_any_noise_are_tracked():
     pixels = replace(bat.pixels, uv_px=uv)
     prepared = prepare_pixels(pixels, bat.cameras, Skeleton(name="bat", markers=pixels.names), name="bat")
     run, _ = run_job(prepared, validated=False)
-    assert run.report["model"]["name"] == "mixture"
+    assert run.tracked.model == "mixture"
     markers = run.tracked.markers
     miss = np.linalg.norm(markers.xyz_m[hidden, wrist] - bat.truth.xyz_m[hidden, wrist], axis=1)
     assert miss.max() < 0.003

@@ -13,7 +13,7 @@ from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.tracking import seen_part, why_no_pose
-from mocap.pipeline.two_rays import disagreements, unconfirmed, without_contradicted, worth_checking
+from mocap.pipeline.two_rays import disagreements, joined, unconfirmed, without_contradicted, worth_checking
 from mocap.skeleton import Skeleton
 
 WRONG, RIGHT, FRAMES = "wrist_l", "wrist_r", slice(40, 60)
@@ -115,6 +115,19 @@ def test_two_cameras_have_no_third(scene):
     two = replace(pixels, uv_px=pixels.uv_px[:2], cameras=pixels.cameras[:2])
     one = prepare_pixels(two, bat.cameras[:2], Skeleton(name="bat", markers=two.names), name="bat")
     assert not unconfirmed(one).any()
+
+
+@pytest.mark.parametrize(("metres", "joins"), [(0.0, True), (0.015, False), (-0.03, False)])
+def test_a_run_that_goes_on_from_where_the_marker_was_is_believed(scene, metres, joins):
+    """Whatever a pose filter expects. One that jumps away from it and back is not; whole runs are, or are not."""
+    bat, pixels, (wrong, right) = scene
+    one = prepared(bat, along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, metres))
+    asked = unconfirmed(one)
+    found = joined(one, seen_part(one), asked)
+    assert asked[FRAMES, wrong].sum() > 15
+    assert (found[asked[:, wrong], wrong] == joins).all()
+    assert found[asked[:, right], right].all()
+    assert not found[~asked].any()
 
 
 def test_a_learned_model_checks_a_recording_that_is_too_short_to_learn_from(scene):

@@ -43,6 +43,7 @@ from mocap.pipeline.tracking import (
     tracked_motion,
     why_no_pose,
 )
+from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.stages import Stages
 
@@ -203,18 +204,25 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
     if not recording.seen(window).any():
         return _nothing(recording, window, known, asked), own, ()
     prepared = recording.prepared(window)
-    findings = tuple(renumbered(text, window.start) for text in prepared.findings)
     if not np.isfinite(prepared.xyz_m[..., 0]).any():
-        return _nothing(recording, window, known, asked), own, findings
-    part = seen_part(prepared)
-    learned = known.learned
-    if learned is not None and why_no_pose(prepared, part) is None:
+        return _nothing(recording, window, known, asked), own, _told(prepared, window)
+    part, learned = seen_part(prepared), known.learned
+    posed = learned is not None and why_no_pose(prepared, part) is None
+    if posed and worth_checking(prepared):
+        prepared = without_contradicted(prepared, part, PoseSettings(), learned)
+        part = seen_part(prepared)
+    if learned is not None and posed:
         name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked).markers
     else:
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
     tracked = tracked_motion(prepared, part, name, smoothed)
     motion = motion_of(tracked.markers, part.frames, smoothed.rates, asked)
-    return _run(recording, prepared, tracked, motion), own, findings
+    return _run(recording, prepared, tracked, motion), own, _told(prepared, window)
+
+
+def _told(prepared: Prepared, window: slice) -> tuple[str, ...]:
+    """What was found in a window, with the recording's own numbers of frames."""
+    return tuple(renumbered(text, window.start) for text in prepared.findings)
 
 
 def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estimate:

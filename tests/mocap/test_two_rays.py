@@ -9,11 +9,15 @@ from datasets import PERFECT, make_bat
 from filters.hidden_gaps import EACH_MARKER, Effort
 from filters.models.pose import PoseSettings
 from mocap.cameras.camera import record
+from mocap.pipeline.blocks import learn_once, track_block
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
+from mocap.pipeline.long import long_pixels
 from mocap.pipeline.prepare import prepare_pixels
+from mocap.pipeline.recording import film_of
 from mocap.pipeline.tracking import seen_part, why_no_pose
 from mocap.pipeline.two_rays import disagreements, joined, unconfirmed, without_contradicted, worth_checking
+from mocap.records import Status
 from mocap.skeleton import Skeleton
 
 WRONG, RIGHT, FRAMES = "wrist_l", "wrist_r", slice(40, 60)
@@ -130,22 +134,43 @@ def test_a_run_that_goes_on_from_where_the_marker_was_is_believed(scene, metres,
     assert not found[~asked].any()
 
 
-def test_a_learned_model_checks_a_recording_that_is_too_short_to_learn_from(scene):
+@pytest.fixture(scope="module")
+def learned():
+    """A model of two other flights."""
+    others = [make_bat(seed=seed, n_frames=100, n_cameras=4, digitiser=PERFECT) for seed in (5, 6)]
+    return learn_from(
+        [prepared(other, replace(other.pixels, uv_px=clicked(other))) for other in others],
+        models=(EACH_MARKER, SETTINGS),
+        effort=Effort(validated=1, most_frames=100, times=1),
+    )
+
+
+def test_a_learned_model_checks_a_recording_that_is_too_short_to_learn_from(scene, learned):
     """30 frames teach no pose, and alone are believed; with another flight's model the wrong points are refused."""
     bat, pixels, (wrong, _) = scene
     uv = np.array(along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015).uv_px[:, 35:65])
     uv[2:, 5:25, bat.truth.names.index("elbow_r")] = np.nan  # enough of two rays to be worth the pass
     short = prepared(bat, replace(pixels, uv_px=uv, t_s=pixels.t_s[:30]))
     assert "40" in (why_no_pose(short, seen_part(short)) or "")
-    others = [make_bat(seed=seed, n_frames=100, n_cameras=4, digitiser=PERFECT) for seed in (5, 6)]
-    learned = learn_from(
-        [prepared(other, replace(other.pixels, uv_px=clicked(other))) for other in others],
-        models=(EACH_MARKER, SETTINGS),
-        effort=Effort(validated=1, most_frames=100, times=1),
-    )
     asked = unconfirmed(short)[:, wrong]
     assert asked.sum() > 15
     _, alone = run_job(short, validated=False)
     _, checked = run_job(short, learned=learned, validated=False)
     assert np.isfinite(alone.xyz_m[asked, wrong]).all()
     assert np.isnan(checked.xyz_m[asked, wrong]).all()
+
+
+def test_long_recordings_are_checked_block_by_block(scene, learned):
+    """The wrong points are refused in the block that holds them, which says so with the recording's frames."""
+    bat, pixels, (wrong, _) = scene
+    film = along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.015)
+    uv = np.array(film.uv_px)
+    uv[2:, 30:70, :5] = np.nan  # enough of two rays to be worth the pass
+    film = replace(film, uv_px=uv)
+    skeleton = Skeleton(name="bat", markers=pixels.names)
+    long = long_pixels(film_of(film, bat.cameras, name="bat"), skeleton, name="bat")
+    run, _, findings = track_block(long, learn_once(long, learned=learned), range(100))
+    asked = unconfirmed(prepared(bat, film))[:, wrong]
+    assert asked.sum() > 15
+    assert (run.tracked.markers.status[asked, wrong] == Status.REJECTED).all()
+    assert any("meet away from where the motion" in text for text in findings)

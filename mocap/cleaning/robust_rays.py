@@ -11,7 +11,7 @@ from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
 DOF = USUAL_DOF
 """Degrees of freedom of the errors of a ray where they are not estimated: heavy tails with a variance."""
 LEAST_PX = 0.01
-"""Pixels are not known better than that, as where they were simulated without noise."""
+"""No pixel is known better than that, not even where pixels were simulated without noise."""
 
 
 def student_t(

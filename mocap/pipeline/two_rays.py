@@ -148,12 +148,12 @@ def _without_wrong_points(
     xyz, cov = _expected(doubted, part, settings, learned)
     far = asked & (_distance(xyz - prepared.xyz_m, cov + prepared.cov_m2, where=asked) > FAR)
     if far.any():
-        far &= ~joined(prepared, part, asked)
+        far &= ~continuing(prepared, part, asked)
     return _without(prepared, far) if far.any() else prepared
 
 
-def joined(prepared: Prepared, part: Part, asked: Mask) -> Mask:
-    """(T, M) points of runs, among those that are asked about, that join the motion of their marker by itself.
+def continuing(prepared: Prepared, part: Part, asked: Mask) -> Mask:
+    """(T, M) True for points of runs, among those that are asked about, that continue their marker's motion.
 
     Somebody who takes one marker for another jumps to it. Each marker is followed with neither ray in such frames; at
     an end of a run, where another point of the marker is near, it knows where to expect it.

@@ -16,7 +16,7 @@ from mocap.pipeline.long import long_pixels
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.recording import film_of
 from mocap.pipeline.tracking import seen_part, why_no_pose
-from mocap.pipeline.two_rays import disagreements, joined, unconfirmed, without_contradicted, worth_checking
+from mocap.pipeline.two_rays import continuing, disagreements, unconfirmed, without_contradicted, worth_checking
 from mocap.records import Status
 from mocap.skeleton import Skeleton
 
@@ -127,7 +127,7 @@ def test_a_run_that_goes_on_from_where_the_marker_was_is_believed(scene, metres,
     bat, pixels, (wrong, right) = scene
     one = prepared(bat, along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, metres))
     asked = unconfirmed(one)
-    found = joined(one, seen_part(one), asked)
+    found = continuing(one, seen_part(one), asked)
     assert asked[FRAMES, wrong].sum() > 15
     assert (found[asked[:, wrong], wrong] == joins).all()
     assert found[asked[:, right], right].all()

@@ -122,6 +122,29 @@ def _learned(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Members:
+    """What each of the models that are to be mixed says of a recording.
+
+    Attributes:
+        found: The K estimates; the last is of the pose model.
+        recording: Its markers as triangulated.
+    """
+
+    found: tuple[Estimate, ...]
+    recording: MarkerTrial
+
+    def mixed(self, mixture: Mixture) -> "MixedTrack":
+        """What was not seen by the mixture; all else by the pose model."""
+        length = gap_lengths(self.recording.seen)
+        xyz, cov = mixture.combine([f.xyz_m for f in self.found], [f.cov_m2 for f in self.found], length)
+        seen, last = self.recording.seen[..., None], self.found[-1]
+        markers = replace(
+            last, xyz_m=np.where(seen, last.xyz_m, xyz), cov_m2=np.where(seen[..., None], last.cov_m2, cov)
+        )
+        return MixedTrack(markers=markers, eal=last, mixture=mixture)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class MixedTrack:
     """A recording tracked by several models.
 
@@ -144,7 +167,6 @@ def track_alone(
     settings: PoseSettings,
     *,
     bones: Sequence[tuple[str, str]] = (),
-    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> MixedTrack | None:
@@ -157,7 +179,6 @@ def track_alone(
         observations: What each frame shows.
         settings: Of the EAL model.
         bones: Markers of the skeleton's rigid bones.
-        mixture: How they are mixed, where that is known; None: it is learned.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
 
@@ -165,16 +186,31 @@ def track_alone(
         None: no gap could be hidden.
     """
     trials = TrialSet([recording], anatomy_of(names, trunk, bones))
-    gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=())
-    if mixture is None:
-        effort = Effort(most_frames=300, times=2)
-        gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
-        if not gaps.hidden:
-            return None
-    models = EACH_MARKER, settings.tuned(trials)
-    found, residuals = _estimates(models, trials, observations, gaps, asked, progress)
-    mixture = learn_mixture(residuals) if mixture is None else mixture
-    return MixedTrack(markers=_mix(mixture, found, recording), eal=found[-1], mixture=mixture)
+    effort = Effort(most_frames=300, times=2)
+    gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
+    if not gaps.hidden:
+        return None
+    members, residuals = _estimates(_models_alone(settings, trials), trials, observations, gaps, asked, progress)
+    return members.mixed(learn_mixture(residuals))
+
+
+def members_alone(
+    names: Sequence[str],
+    trunk: Sequence[str],
+    recording: MarkerTrial,
+    observations: Observations,
+    settings: PoseSettings,
+    *,
+    bones: Sequence[tuple[str, str]] = (),
+    progress: Progress | None = None,
+) -> Members:
+    """What ``track_alone`` mixes, for a mixture that is learned elsewhere."""
+    trials = TrialSet([recording], anatomy_of(names, trunk, bones))
+    return _estimates(_models_alone(settings, trials), trials, observations, None, None, progress)[0]
+
+
+def _models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
+    return [EACH_MARKER, settings.tuned(trials)]
 
 
 def check_rates(trials: Sequence[MarkerTrial]) -> None:
@@ -289,13 +325,12 @@ def track_with(
     recording: MarkerTrial,
     observations: Observations,
     *,
-    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> MixedTrack:
     """Track a recording by all models of a learned one, and mix what they say.
 
-    The mixture's intervals are widened or narrowed until they hold in gaps that are hidden in the recording itself. The
+    The mixture's intervals are widened until they hold in gaps that are hidden in the recording itself. The
     last model stands in for one that this recording cannot be modelled by, as where it has no marker of a limb.
 
     Args:
@@ -303,40 +338,46 @@ def track_with(
         names: Markers of the recording.
         recording: Its markers as triangulated.
         observations: What each frame shows.
-        mixture: How they are mixed in this recording, where that is known.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
     """
     trials = trials_for(learned, names, recording)
-    gaps = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=()) if mixture else own_gaps(trials)
-    models = [m if m.applies(trials.anatomy) else learned.models[-1] for m in learned.models]
-    found, residuals = _estimates(models, trials, observations, gaps, asked, progress)
-    if mixture is None:
-        mixture = learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture
-    return MixedTrack(markers=_mix(mixture, found, recording), eal=found[-1], mixture=mixture)
+    gaps = own_gaps(trials)
+    members, residuals = _estimates(_models_of(learned, trials), trials, observations, gaps, asked, progress)
+    return members.mixed(learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture)
+
+
+def members_with(
+    learned: LearnedModel,
+    names: Sequence[str],
+    recording: MarkerTrial,
+    observations: Observations,
+    *,
+    progress: Progress | None = None,
+) -> Members:
+    """What ``track_with`` mixes, for a mixture that is calibrated elsewhere."""
+    trials = trials_for(learned, names, recording)
+    return _estimates(_models_of(learned, trials), trials, observations, None, None, progress)[0]
+
+
+def _models_of(learned: LearnedModel, trials: TrialSet) -> list[TrajectoryModel]:
+    return [m if m.applies(trials.anatomy) else learned.models[-1] for m in learned.models]
 
 
 def _estimates(
     models: Sequence[TrajectoryModel],
     trials: TrialSet,
     observations: Observations,
-    gaps: HiddenGaps,
+    gaps: HiddenGaps | None,
     asked: Asked | None,
     progress: Progress | None,
-) -> tuple[list[Estimate], tuple[Residuals, ...]]:
+) -> tuple[Members, tuple[Residuals, ...]]:
     """What all models say of the last trial, and what they miss hidden samples by."""
     wanted = [None] * (len(models) - 1) + [asked]
     whole: list[Call] = [
         partial(estimate, model, trials, observations, asked=points)
         for model, points in zip(models, wanted, strict=True)
     ]
-    found = call_all([*whole[::-1], *gaps.calls(models)], progress)
-    return found[: len(whole)][::-1], gaps.together(found[len(whole) :], models)
-
-
-def _mix(mixture: Mixture, found: Sequence[Estimate], recording: MarkerTrial) -> Estimate:
-    """What was not seen by the mixture; all else by the last model."""
-    length = gap_lengths(recording.seen)
-    xyz, cov = mixture.combine([f.xyz_m for f in found], [f.cov_m2 for f in found], length)
-    seen, last = recording.seen[..., None], found[-1]
-    return replace(last, xyz_m=np.where(seen, last.xyz_m, xyz), cov_m2=np.where(seen[..., None], last.cov_m2, cov))
+    found = call_all([*whole[::-1], *([] if gaps is None else gaps.calls(models))], progress)
+    members = Members(found=tuple(found[: len(whole)][::-1]), recording=trials.trials[-1])
+    return members, () if gaps is None else gaps.together(found[len(whole) :], models)

@@ -4,13 +4,15 @@ The numbers are those of one process: each call is a whole, on one BLAS thread.
 """
 
 import os
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import forkserver, get_context
+from multiprocessing.context import BaseContext
 from typing import Any
 
 from mocap.errors import MocapError
@@ -22,20 +24,58 @@ Call = Callable[..., Any]
 
 @dataclass(eq=False)
 class _Pool:
-    """Processes that start when they are first needed."""
+    """Processes that start when they are first needed.
+
+    They are not forked from this one, which may have threads. On Linux they are forked from one that does nothing
+    else, and has imported what each of them needs.
+    """
 
     count: int
+    context: BaseContext
     executor: ProcessPoolExecutor | None = None
 
+    @classmethod
+    def of(cls, count: int) -> "_Pool":
+        """Of so many processes; what they are forked from starts to import while this process goes on."""
+        if sys.platform != "linux":
+            return cls(count, get_context("spawn"))
+        context = get_context("forkserver")
+        context.set_forkserver_preload(["mocap.pipeline.job"])
+        forkserver.ensure_running()
+        return cls(count, context)
+
     def submit(self, call: Call) -> Future:
-        if self.executor is None:  # started anew, not forked: this process may have threads
-            self.executor = ProcessPoolExecutor(self.count, mp_context=get_context("spawn"))
+        if self.executor is not None:
+            try:
+                return self.executor.submit(call, progress=None)
+            except BrokenProcessPool:  # by a call that was begun before
+                self.close()
+        self.executor = ProcessPoolExecutor(self.count, mp_context=self.context)
         return self.executor.submit(call, progress=None)
 
     def close(self) -> None:
         if self.executor is not None:
             self.executor.shutdown(wait=True, cancel_futures=True)
         self.executor = None
+
+
+@dataclass(eq=False)
+class Begun:
+    """A call that was begun.
+
+    Attributes:
+        call: The call.
+        future: What it will return; None: it is made when that is asked for.
+    """
+
+    call: Call
+    future: Future | None
+
+    def result(self, progress: Progress | None = None) -> Any:
+        """What the call returns; waits for it, or makes it."""
+        if self.future is None or isinstance(self.future.exception(), BrokenProcessPool):
+            return self.call(progress=progress)
+        return self.future.result()
 
 
 MOST = 4
@@ -61,7 +101,7 @@ def processes(count: int | None = None) -> Iterator[None]:
         count = min(cores, MOST)
     if count < 1:
         raise MocapError(f"`count` of processes is {count}: give 1 or more")
-    pool = None if count == 1 else _Pool(count)
+    pool = None if count == 1 else _Pool.of(count)
     token = _POOL.set(pool)
     try:
         yield
@@ -69,6 +109,12 @@ def processes(count: int | None = None) -> Iterator[None]:
         _POOL.reset(token)
         if pool is not None:
             pool.close()
+
+
+def begin(call: Call) -> Begun:
+    """Begin a call in another process, if somebody allows one, before what this one goes on with."""
+    pool = _POOL.get()
+    return Begun(call, None if pool is None else pool.submit(call))
 
 
 def call_all(calls: Sequence[Call], progress: Progress | None = None) -> list[Any]:

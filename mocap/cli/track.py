@@ -105,8 +105,6 @@ def track(
     from mocap.io.output import result_folder
     from mocap.pipeline.blocks import BLOCK
     from mocap.pipeline.long import long_recording
-    from mocap.rerun.footage import open_movies
-    from mocap.rerun.watch import session
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
     by_range = range_source(tracks, stated, blocks)
@@ -117,7 +115,11 @@ def track(
     recording = stated.read(
         tracks, stored_points=stored, correct_lag=correct_lag, fit_lens=fit_lens, mm_per_px=mm_per_px
     )
-    opened = open_movies(movies.video or [])
+    opened = []
+    if movies.video:
+        from mocap.rerun.footage import open_movies
+
+        opened = open_movies(movies.video)
     if live and learned is not None:
         raise MocapError("--live filters with one motion model, not with a learned mixture: give --model auto")
     inputs = [*recording.inputs, None if learned is None else Path(model)]
@@ -130,7 +132,12 @@ def track(
             )
         in_blocks(long_recording(recording), out, model, learned, size, inputs, force, as_json)
         return
-    with session(say) if live else nullcontext() as watched:
+    watching = nullcontext()
+    if live:
+        from mocap.rerun.watch import session
+
+        watching = session(say)
+    with watching as watched:
         with (
             result_folder(out, "track", replace=force, inputs=inputs, tell=say) as folder,
             progress() as tell,

@@ -1,6 +1,7 @@
 """The main job: from the files of a recording to tracked motion, joints, potentials and a report."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -30,20 +31,23 @@ from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.tracking import (
     Part,
+    fill_hidden,
+    hide_samples,
     learn_motion,
     marker_trial,
     part_names,
+    score_filled,
     seen_part,
     track,
     track_learned,
     track_mixed,
     tracked_motion,
     trunk_frames,
-    validate,
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.records import PixelTracks
+from mocap.side_by_side import begin
 from mocap.stages import Stages
 
 _JOINTED = ("articulated", "lagrangian")
@@ -116,32 +120,31 @@ def _run_job(
         with stages.stage("filter live"):
             alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
             watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
+    mixing = learned is None and posed and model not in ("eal", *_JOINTED)
+    hidden = hide_samples(prepared, part, np.random.default_rng(seed)) if validated else None
+    filling = None
+    if hidden is not None and hidden.count:
+        methods = {
+            "mixture": mixing,
+            "eal": model != "constant_velocity",
+            "articulated": model in _JOINTED,
+            "lagrangian": model == "lagrangian",
+            "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
+        }
+        wanted = [name for name, whether in methods.items() if whether]
+        filling = begin(partial(fill_hidden, prepared, hidden, settings=settings, methods=wanted, learned=learned))
     mixed = None
     if learned is not None:
         with stages.stage("track") as progress:
             mixed = track_learned(prepared, part, learned, asked=asked, progress=progress)
-    elif posed and model not in ("eal", *_JOINTED):
+    elif mixing:
         with stages.stage("track with a mixture of models") as progress:
             mixed = track_mixed(prepared, part, settings=settings, asked=asked, progress=progress)
-    scores, hidden = {}, 0
-    if validated:
+    scores = {}
+    if hidden is not None and filling is not None:
         with stages.stage("validate on hidden samples") as progress:
-            scores, hidden = validate(
-                prepared,
-                part,
-                settings=settings,
-                methods={
-                    "mixture": mixed is not None and learned is None,
-                    "eal": model != "constant_velocity",
-                    "articulated": model in _JOINTED,
-                    "lagrangian": model == "lagrangian",
-                    "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
-                },
-                learned=learned,
-                mixture=None if mixed is None else mixed.mixture,
-                rng=np.random.default_rng(seed),
-                progress=progress,
-            )
+            mixture = None if mixed is None else mixed.mixture
+            scores = score_filled(prepared, hidden, filling.result(progress), mixture)
     chosen, why = _choose(model, reason, scores)
     if learned is not None:
         why = _learned_from(learned, prepared, part)
@@ -169,7 +172,7 @@ def _run_job(
         potentials,
         why_model=why,
         validation=scores,
-        hidden=hidden,
+        hidden=0 if hidden is None else hidden.count,
         seconds=stages.seconds,
         settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
         articulated=joined,

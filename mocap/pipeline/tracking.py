@@ -1,6 +1,6 @@
 """Learn motion models from a prepared recording, track with them, and measure on hidden samples how they fill gaps."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,7 +11,15 @@ from filters.anatomy import anatomy_of
 from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from filters.interpolate import interpolated
 from filters.mixture import Mixture
-from filters.model import LearnedModel, MixedTrack, track_alone, track_with
+from filters.model import (
+    LearnedModel,
+    Members,
+    MixedTrack,
+    members_alone,
+    members_with,
+    track_alone,
+    track_with,
+)
 from filters.models.articulated import LAGRANGIAN, ArticulatedSettings
 from filters.models.base import FittedMotion, TrialSet, shares
 from filters.models.constant_velocity import MarkerSettings
@@ -133,8 +141,6 @@ def track_mixed(
     part: Part,
     *,
     settings: PoseSettings,
-    hidden: Mask | None = None,
-    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> MixedTrack | None:
@@ -143,11 +149,10 @@ def track_mixed(
     return track_alone(
         names,
         skeleton.trunk,
-        marker_trial(prepared, part, hidden=hidden),
-        prepared.observations(part.frames, part.markers, hidden=hidden),
+        marker_trial(prepared, part),
+        prepared.observations(part.frames, part.markers),
         settings,
         bones=skeleton.rigid,
-        mixture=mixture,
         asked=None if asked is None else asked_of(names, asked),
         progress=progress,
     )
@@ -158,17 +163,14 @@ def track_learned(
     part: Part,
     learned: LearnedModel,
     *,
-    hidden: Mask | None = None,
-    mixture: Mixture | None = None,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> MixedTrack:
     """Filter and smooth the seen part with a model that was learned from other trials."""
     names = part_names(prepared, part)
-    observations = prepared.observations(part.frames, part.markers, hidden=hidden)
-    own = marker_trial(prepared, part, hidden=hidden)
     points = None if asked is None else asked_of(names, asked)
-    return track_with(learned, names, own, observations, mixture=mixture, asked=points, progress=progress)
+    observations = prepared.observations(part.frames, part.markers)
+    return track_with(learned, names, marker_trial(prepared, part), observations, asked=points, progress=progress)
 
 
 def track(
@@ -264,38 +266,26 @@ def lasting_cov(prepared: Prepared) -> Array:
     return filled(cov) if prepared.lens_cov_m2 is None else filled(cov) + filled(prepared.lens_cov_m2)
 
 
-def validate(
-    prepared: Prepared,
-    part: Part,
-    *,
-    settings: PoseSettings,
-    methods: Mapping[str, bool],
-    rng: np.random.Generator,
-    learned: LearnedModel | None = None,
-    mixture: Mixture | None = None,
-    most_frames: int = 300,
-    progress: Progress | None = None,
-) -> tuple[dict[str, dict[str, float | None]], int]:
-    """Hide samples that were measured, learn without them, fill them, and compare.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HiddenSamples:
+    """Measured samples that are hidden, to see how they are filled.
 
-    Models are learned without the hidden samples. How they are mixed, a weight and a width a model and length of gap,
-    is that of the track itself: learned from other gaps, in which some of the same samples were hidden.
-
-    Args:
-        prepared: The recording.
-        part: Its seen part.
-        settings: Choices of the pose model.
-        methods: Models to measure (``mixture``, ``eal``, ``articulated``, ``lagrangian``, ``constant_velocity``); False
-            leaves one out.
-        rng: Where to hide.
-        learned: A model of other trials to measure as well, as ``learned``.
-        mixture: How models are mixed in this recording.
-        most_frames: At most so many frames, where most is seen.
-        progress: Called with the share done.
-
-    Returns:
-        Scores by method, ``linear`` and ``cubic`` interpolation among them, and the number of hidden samples.
+    Attributes:
+        part: Frames in which they are, and the markers that are seen there.
+        mask: (T, M) which they are.
     """
+
+    part: Part
+    mask: Mask
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return int(self.mask.sum())
+
+
+def hide_samples(prepared: Prepared, part: Part, rng: np.random.Generator, *, most_frames: int = 300) -> HiddenSamples:
+    """Hide samples in gaps like the recording's own, in at most so many frames, where most is seen."""
     seen = np.isfinite(prepared.xyz_m[..., 0])
     inside = excerpt(seen[part.frames], most_frames)
     window = slice(part.frames.start + inside.start, part.frames.start + inside.stop)
@@ -303,36 +293,83 @@ def validate(
     hidden = np.zeros_like(seen)
     hidden[window] = hide_like_own(seen[window], prepared.skeleton, prepared.names, prepared.dt_s, rng)
     hidden[:, ~(seen & ~hidden)[window].any(axis=0)] = False
-    count = int(hidden.sum())
-    if not count:
-        return {}, 0
-    truth, where = prepared.xyz_m[window][:, part.markers], hidden[window][:, part.markers]
-    left = _visible(prepared, part, hidden, part.markers)
+    return HiddenSamples(part=part, mask=hidden)
+
+
+def fill_hidden(
+    prepared: Prepared,
+    hidden: HiddenSamples,
+    *,
+    settings: PoseSettings,
+    methods: Collection[str],
+    learned: LearnedModel | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Estimate | Members]:
+    """Fill hidden samples by models that are learned without them.
+
+    Args:
+        prepared: The recording.
+        hidden: What is hidden.
+        settings: Choices of the pose model.
+        methods: Models to fill with: ``mixture`` (its members), ``eal``, ``articulated``, ``lagrangian``,
+            ``constant_velocity``; those that need a pose only where one can be learned.
+        learned: A model of other trials, to fill as well, as ``learned``.
+        progress: Called with the share done.
+    """
+    part, found = hidden.part, dict[str, Estimate | Members]()
+    posed = why_no_pose(prepared, part) is None
+    names, skeleton = part_names(prepared, part), prepared.skeleton
+    own = marker_trial(prepared, part, hidden=hidden.mask)
+    seen = prepared.observations(part.frames, part.markers, hidden=hidden.mask)
+    steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
+    if "mixture" in methods and posed:
+        found["mixture"] = members_alone(
+            names, skeleton.trunk, own, seen, settings, bones=skeleton.rigid, progress=steps["mixture"]
+        )
+    for name in ALONE:
+        if name in methods and (posed or name not in _OF_POSES) and not (name == "eal" and "mixture" in found):
+            model = learn_motion(prepared, part, name, settings=settings, hidden=hidden.mask)
+            found[name] = track(prepared, part, model, hidden=hidden.mask, progress=steps["rest"])
+    if learned is not None:
+        found["learned"] = members_with(learned, names, own, seen, progress=steps["learned"])
+    return found
+
+
+def score_filled(
+    prepared: Prepared, hidden: HiddenSamples, filled: Mapping[str, Estimate | Members], mixture: Mixture | None
+) -> dict[str, dict[str, float | None]]:
+    """How well hidden samples were filled, by method, ``linear`` and ``cubic`` interpolation among them.
+
+    How models are mixed, a weight and a width a model and length of gap, is that of the track itself: learned from
+    other gaps, in which some of the same samples were hidden.
+
+    Args:
+        prepared: The recording.
+        hidden: What was hidden.
+        filled: How it was filled (``fill_hidden``).
+        mixture: How members of a mixture are mixed; None: they are not scored.
+    """
+    part = hidden.part
+    truth, where = prepared.xyz_m[part.frames][:, part.markers], hidden.mask[part.frames][:, part.markers]
+    left = _visible(prepared, part, hidden.mask, part.markers)
     scores = {
-        name: compared(interpolated(left, prepared.t_s[window], kind=name), None, truth, where).as_json()
+        name: compared(interpolated(left, prepared.t_s[part.frames], kind=name), None, truth, where).as_json()
         for name in ("linear", "cubic")
     }
-    posed = why_no_pose(prepared, part) is None
-    wanted = [name for name in (*ALONE, "mixture") if methods.get(name, False) and (posed or name not in _OF_POSES)]
-    steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
-    found: dict[str, Estimate] = {}
-    if "mixture" in wanted and mixture is not None:
-        both = track_mixed(prepared, part, settings=settings, hidden=hidden, mixture=mixture, progress=steps["mixture"])
-        if both is not None:
-            found["mixture"], found["eal"] = both.markers, both.eal
-    for name in ALONE:
-        if name in wanted and name not in found:
-            model = learn_motion(prepared, part, name, settings=settings, hidden=hidden)
-            found[name] = track(prepared, part, model, hidden=hidden, progress=steps["rest"])
-    if learned is not None:
-        tell = steps["learned"]
-        both = track_learned(prepared, part, learned, hidden=hidden, mixture=mixture, progress=tell)
-        found["learned"] = both.markers
-    for name in (*wanted, "learned"):
-        if name in found:
-            cov = found[name].cov_m2 + _jitter(prepared, part)
-            scores[name] = compared(found[name].xyz_m, cov, truth, where).as_json()
-    return scores, count
+    estimates: dict[str, Estimate] = {}
+    for name, one in filled.items():
+        if not isinstance(one, Members):
+            estimates[name] = one
+            continue
+        if name == "mixture":
+            estimates["eal"] = one.found[-1]
+        if mixture is not None:
+            estimates[name] = one.mixed(mixture).markers
+    for name in (*ALONE, "mixture", "learned"):
+        if name in estimates:
+            cov = estimates[name].cov_m2 + _jitter(prepared, part)
+            scores[name] = compared(estimates[name].xyz_m, cov, truth, where).as_json()
+    return scores
 
 
 def _jitter(prepared: Prepared, part: Part) -> Array:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from filters.anatomy import Anatomy
-from filters.model import track_alone
+from filters.model import members_alone, track_alone
 from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
@@ -52,15 +52,13 @@ def test_what_is_seen_is_the_filter_s_own():
     np.testing.assert_array_equal(found.cov_m2[trial.seen], alone.cov_m2[trial.seen])
 
 
-def test_a_known_mixture_is_used_as_it_is():
-    """Tracked with the mixture that a track has found, a recording is the same; nothing more is hidden."""
+def test_members_mixed_later_are_the_track():
+    """Members that are mixed by what a track has found are that track."""
     trial = lost_wing(slice(40, 70))
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     first = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
     assert first is not None
-    again = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS, mixture=first.mixture)
-    assert again is not None
-    assert again.mixture is first.mixture
+    again = members_alone(NAMES, NAMES[:4], trial, seen, SETTINGS).mixed(first.mixture)
     np.testing.assert_array_equal(again.markers.xyz_m, first.markers.xyz_m)
     np.testing.assert_array_equal(again.markers.cov_m2, first.markers.cov_m2)
 

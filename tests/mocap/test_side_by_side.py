@@ -14,7 +14,7 @@ from filters.hidden_gaps import EACH_MARKER, Effort, hidden_gaps
 from mocap.errors import MocapError
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import Recording
-from mocap.side_by_side import call_all
+from mocap.side_by_side import begin, call_all
 from tests.filters.test_gaps_in_trials import trial_of
 
 HERE = os.getpid()
@@ -57,6 +57,22 @@ def test_a_call_whose_process_dies_is_made_here():
         assert found[0][0] == 9
         assert found[1] == "here"
         assert call_all([partial(square, 1), partial(square, 2)])[1][0] == 4  # and the next ones have processes again
+
+
+def test_a_call_that_is_begun_runs_elsewhere_and_is_made_here_where_it_dies():
+    """Without processes it is made when its result is asked for; a process that dies harms no later call."""
+    told: list[float] = []
+    assert begin(partial(square, 3)).result(told.append) == (9, HERE)
+    assert told == [1.0]
+    with mocap.processes(2):
+        begun, dying = begin(partial(square, 3)), begin(partial(dies_elsewhere, HERE))
+        assert dying.result() == "here"
+        assert begun.result()[0] == 9
+        value, process = begin(partial(square, 4)).result()
+        assert value == 16
+        assert process != HERE
+        with pytest.raises(MocapError, match="not so"):
+            begin(refuses).result()
 
 
 def test_errors_are_those_of_the_call():

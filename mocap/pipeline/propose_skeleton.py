@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from filters.bones import learn_bones
 from filters.joint_types import Articulation, articulation, undetermined
+from filters.models.constant_velocity import marker_motion
 from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.body import body_frames, nearest_rotation
@@ -95,7 +96,7 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
             *_BONES.splitlines(),
             *([f"Markers without a bone: {', '.join(map(quoted, alone))}"] if alone else []),
         ],
-        "trunk": (_TRUNK if trunk else _NO_TRUNK).splitlines(),
+        "trunk": (_TRUNK if trunk else _NO_TRUNK.format(calmest=_calmest(names, trial))).splitlines(),
         "joints": [*_JOINTS.splitlines(), *(stiff or ()), *_model_lines(jointed)],
         "aliases": _ALIASES.format(old=quoted(names[0])).splitlines(),
         **{
@@ -107,6 +108,13 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
         **{f"joint {joint.name}": [f"bends from {low:.0f} to {high:.0f} degrees"] for joint, (low, high) in joints},
     }
     return Proposal(skeleton=skeleton, text=skeleton_text(skeleton, comments=comments))
+
+
+def _calmest(names: Sequence[str], trial: MarkerTrial) -> str:
+    """Names of the three markers that accelerate least: of a flying bat mostly those of its trunk."""
+    dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
+    acceleration = marker_motion(trial.xyz_m, dt_s=dt_s)[:, 1]
+    return ", ".join(quoted(names[m]) for m in np.argsort(acceleration, kind="stable")[:3])
 
 
 def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -> list[Articulation]:
@@ -141,7 +149,7 @@ _TRUNK = (
 )
 _NO_TRUNK = """\
 No three markers move together as one rigid body: without a trunk all markers define the axes of the body.
-List those that move together, if there are any."""
+List those that move together, if there are any; {calmest} accelerate least of all."""
 _JOINTS = """\
 name = [parent, centre, child]: the shoulder, the elbow and the wrist describe the elbow. Each joint has its column
 in joints.csv and its potential. Proposed are places where two bones meet and the angle between them changes."""

@@ -8,7 +8,8 @@ judged. A run that was broken off goes on where it was.
 
 Printed: the error of each way over that of the product, %, mean and standard error over sets, by cameras left and
 length of gap; the share of coordinates inside 95 % intervals; the negative log likelihood of a coordinate. ``mix.csv``
-has them by set. Errors that last, which the product adds to its covariances, are not in these: with rays left more is
+has them by set. At the end: what it would be worth to learn weights and widths in gaps that keep a ray (``by_rays``).
+Errors that last, which the product adds to its covariances, are not in these: with rays left more is
 inside in truth.
 """
 
@@ -182,6 +183,34 @@ def judged(fold: Fold, way: Way) -> list[dict[str, float]]:
     return rows
 
 
+def by_rays(folds: dict[tuple[str, int], Fold]) -> pd.DataFrame:
+    """Gaps with one camera left, mixed by what gaps of the set's other judged trials show: dark, or with one ray."""
+    tables = []
+    for (name, left_out), fold in folds.items():
+        others = [gap for (n, i), one in folds.items() if n == name and i != left_out for gap in one.gaps]
+        if not any(gap.rays for gap in others):
+            continue
+        for way, rays in {"learned in the dark": (0,), "with one ray": (1,), "in both": (0, 1)}.items():
+            mixture = learn_mixture(residuals([gap for gap in others if gap.rays in rays]))
+            rows = judged(replace(fold, gaps=tuple(gap for gap in fold.gaps if gap.rays)), lambda *_, m=mixture: m)
+            tables.append(pd.DataFrame(rows).assign(set=name, way=way))
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def residuals(gaps: Sequence[Gap]) -> tuple[Residuals, ...]:
+    """What each model missed the samples of gaps by."""
+    return tuple(
+        Residuals(
+            error_m=np.concatenate([gap.error_m[k] for gap in gaps]),
+            variance=np.concatenate([np.diagonal(gap.cov_m2[k], axis1=-2, axis2=-1) for gap in gaps]),
+            noise=np.concatenate([gap.noise_m**2 for gap in gaps]),
+            gap=np.repeat(np.arange(len(gaps)), [len(gap.length) for gap in gaps]),
+            length=np.repeat([gap.frames for gap in gaps], [len(gap.length) for gap in gaps]),
+        )
+        for k in range(len(MODELS))
+    )
+
+
 def main() -> int:
     """Collect, compare, print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mixture", description=(__doc__ or "").split("\n")[0])
@@ -194,7 +223,7 @@ def main() -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     plan.set(FULL if args.whole else QUICK_PLAN)
     extent = replace(WHOLE if args.whole else QUICK, seeds=tuple(range(args.seeds)), folds=args.folds)
-    tables = []
+    folds: dict[tuple[str, int], Fold] = {}
     for name in args.sets:
         for left_out in range(min(args.folds, size(name))):
             file = args.out / f"{name}_{left_out}_{args.seeds}_{'whole' if args.whole else 'quick'}.pickle"
@@ -207,30 +236,36 @@ def main() -> int:
                     continue
                 file.write_bytes(pickle.dumps(fold))
                 print(f"{name}, trial {left_out}: {len(fold.gaps)} gaps", file=sys.stderr)
-            fold: Fold = pickle.loads(file.read_bytes())
-            for way, mix in ways().items():
-                tables.append(pd.DataFrame(judged(fold, mix)).assign(set=name, fold=left_out, way=way))
-    if not tables:
+            folds[name, left_out] = pickle.loads(file.read_bytes())
+    if not folds:
         print("no set could be loaded: set MOCAP_REAL_DATA to the folder of the recordings", file=sys.stderr)
         return 1
-    shown(pd.concat(tables, ignore_index=True), args.out)
+    tables = [
+        pd.DataFrame(judged(fold, mix)).assign(set=name, way=way)
+        for (name, _), fold in folds.items()
+        for way, mix in ways().items()
+    ]
+    by_set = shown(pd.concat(tables, ignore_index=True))
+    by_set.assign(rmse_mm=np.exp(by_set["log_mm"])).drop(columns="log_mm").to_csv(args.out / "mix.csv")
+    left = by_rays(folds)
+    if len(left):
+        print("\n# One camera left: where should weights and widths be learned?\n")
+        shown(left)
     return 0
 
 
-def shown(table: pd.DataFrame, out: Path) -> None:
-    """Print ways beside the product, and write them by set."""
-    place, known = ["set", "rays", "frames"], list(ways())
+def shown(table: pd.DataFrame) -> pd.DataFrame:
+    """Print ways beside the first; means by set."""
+    place, known = ["set", "rays", "frames"], list(dict.fromkeys(table["way"]))
     by_set = table.pivot_table(index=[*place, "way"], values=["log_mm", "inside", "nll"], sort=False)
-    by_set.assign(rmse_mm=np.exp(by_set["log_mm"])).drop(columns="log_mm").to_csv(out / "mix.csv")
     error = table.pivot_table(index=place, columns="way", values="log_mm", sort=False)[known]
-    over = error.sub(error["product"], axis=0).apply(np.expm1) * 100
-    print(f"error over the product's, %:\n{over.round(1).to_string()}")
-    print(
-        f"\nmean over sets:\n{over.groupby(['rays', 'frames']).agg(['mean', 'sem']).round(1).transpose().to_string()}"
-    )
+    over = error.sub(error[known[0]], axis=0).apply(np.expm1) * 100
+    means = over.groupby(["rays", "frames"]).agg(["mean", "sem"]).round(1).transpose()
+    print(f"error over {known[0]}, %:\n{over.round(1).to_string()}\n\nmean over sets:\n{means.to_string()}")
     for what in ("inside", "nll"):
         means = by_set.pivot_table(index=["rays", "frames"], columns="way", values=what)[known]
         print(f"\n{what}:\n{means.round(2).transpose().to_string()}")
+    return by_set
 
 
 if __name__ == "__main__":

@@ -8,9 +8,9 @@ judged. A run that was broken off goes on where it was.
 
 Printed: the error of each way over that of the product, %, mean and standard error over sets, by cameras left and
 length of gap; the share of coordinates inside 95 % intervals; the negative log likelihood of a coordinate. ``mix.csv``
-has them by set. At the end: what it would be worth to learn weights and widths in gaps that keep a ray (``by_rays``).
-Errors that last, which the product adds to its covariances, are not in these: with rays left more is
-inside in truth.
+has them by set. Then mixtures without each of the models (``members``), and what it would be worth to learn weights
+and widths in gaps that keep a ray (``by_rays``). Errors that last, which the product adds to its covariances, are not
+in these: with rays left more is inside in truth.
 """
 
 import argparse
@@ -197,6 +197,32 @@ def by_rays(folds: dict[tuple[str, int], Fold]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
+def members(folds: dict[tuple[str, int], Fold]) -> pd.DataFrame:
+    """The mixture of all models, and of all but one."""
+    every = list(range(len(MODELS)))
+    kinds = {"all": every, **{f"no {MODELS[k].description[:24]}": [i for i in every if i != k] for k in every}}
+    tables = [
+        pd.DataFrame(judged(some_models(fold, kept), product)).assign(set=name, way=kind)
+        for kind, kept in kinds.items()
+        for (name, _), fold in folds.items()
+    ]
+    return pd.concat(tables, ignore_index=True)
+
+
+def some_models(fold: Fold, which: Sequence[int]) -> Fold:
+    """A fold as some of its models would have left it."""
+    gaps = [
+        replace(
+            gap,
+            error_m=gap.error_m[which],
+            cov_m2=gap.cov_m2[which],
+            own=None if gap.own is None else tuple(gap.own[k] for k in which),
+        )
+        for gap in fold.gaps
+    ]
+    return Fold(learned=tuple(fold.learned[k] for k in which), gaps=tuple(gaps))
+
+
 def residuals(gaps: Sequence[Gap]) -> tuple[Residuals, ...]:
     """What each model missed the samples of gaps by."""
     return tuple(
@@ -247,6 +273,8 @@ def main() -> int:
     ]
     by_set = shown(pd.concat(tables, ignore_index=True))
     by_set.assign(rmse_mm=np.exp(by_set["log_mm"])).drop(columns="log_mm").to_csv(args.out / "mix.csv")
+    print("\n# What each model adds\n")
+    shown(members(folds))
     left = by_rays(folds)
     if len(left):
         print("\n# One camera left: where should weights and widths be learned?\n")

@@ -12,6 +12,7 @@ from filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
 from filters.mixture import Mixture, learn_mixture
 from filters.models.articulated import ArticulatedSettings
 from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
+from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
 from filters.models.singer import LastingSettings
 from filters.observations import PositionObservations
@@ -19,14 +20,15 @@ from filters.poses import MarkerTrial
 from filters.score import Residuals, joined, residuals_of
 from mocap.side_by_side import Call, call_all
 
-EACH_MARKER = LastingSettings()
+STEADY_MARKER, EACH_MARKER = MarkerSettings(acceleration=0.01), LastingSettings()
 JOINTS, POSE = ArticulatedSettings(), PoseSettings(ranks=(8,))
-MODELS: tuple[TrajectoryModel, ...] = (EACH_MARKER, POSE)
-"""What a learned tracker is made of: each marker by itself, with an acceleration that lasts, and the EAL model, whose
-settings are the same for all recordings (docs/explanation/decisions.md, "Fixed settings")."""
+MODELS: tuple[TrajectoryModel, ...] = (STEADY_MARKER, EACH_MARKER, POSE)
+"""What a learned tracker is made of: each marker by itself, at a velocity that hardly changes and with an acceleration
+that lasts, and the EAL model. Their settings are the same for all recordings (docs/explanation/decisions.md, "Fixed
+settings", "A velocity that hardly changes")."""
 WITH_JOINTS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
-"""The same and joint angles, for animals whose skeleton states rigid bones: nearer on most; tracking
-takes 1.5 to 2.3 times as long (docs/explanation/decisions.md, "Joint angles in the mixture")."""
+"""With joint angles, for animals whose skeleton states rigid bones: nearer on most; tracking takes 1.5 to 2.3 times as
+long (docs/explanation/decisions.md, "Joint angles in the mixture")."""
 
 
 @dataclass(frozen=True, kw_only=True)

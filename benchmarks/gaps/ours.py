@@ -45,7 +45,7 @@ class Ours:
 
 def _with(**changes: object) -> tuple[TrajectoryModel, ...]:
     """The product's models with other settings of the pose."""
-    return EACH_MARKER, replace(POSE, **changes)
+    return *MODELS[:-1], replace(POSE, **changes)
 
 
 def ours() -> list[Method]:

@@ -26,7 +26,8 @@ class MarkerSettings(TrajectoryModel):
     @property
     def description(self) -> str:
         """Its name."""
-        return "constant velocity of each marker"
+        less = "" if self.acceleration == 1 else f", accelerations x {self.acceleration:g}"
+        return f"constant velocity of each marker{less}"
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn how each marker accelerates in all trials."""

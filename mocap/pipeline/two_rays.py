@@ -28,10 +28,10 @@ FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
 LEAST = 0.05
 """Points of two rays are looked at if they are more than this share: that costs a pass of the filter."""
-JOINS, NEAR = 8.0, 3
-"""A run of points joins the marker's motion if its ends, of which another point is so many frames away at most, are
-nearer than that Mahalanobis distance to where the marker by itself is expected (its deviations are a half to a third
-of its errors): so are 99 % of ends in four flights; clicks of another marker 15 mm away, at 240 Hz, are at 12."""
+JOINS, NEAR = 0.2, 3
+"""A run of points joins the marker's motion if at its ends, of which another point is so many frames away at most, the
+marker by itself is expected less than such a share as far away as the pose filter expects it: in six flights and their
+copies with wrong clicks (docs/explanation/decisions.md) right runs have up to 0.2, wrong ones 0.24 to 1.5."""
 LEFT = 1.5
 """A marker is looked at if it has so many times as many points in all: the filter learns from the others alone."""
 PAUSE = 5
@@ -148,34 +148,37 @@ def _without_wrong_points(
     xyz, cov = _expected(doubted, part, settings, learned)
     far = asked & (_distance(xyz - prepared.xyz_m, cov + prepared.cov_m2, where=asked) > FAR)
     if far.any():
-        far &= ~continuing(prepared, part, asked)
+        away_m = np.where(far, np.linalg.norm(xyz - prepared.xyz_m, axis=-1), np.nan)
+        far &= ~continuing(prepared, part, asked, away_m)
     return _without(prepared, far) if far.any() else prepared
 
 
-def continuing(prepared: Prepared, part: Part, asked: Mask) -> Mask:
-    """(T, M) True for points of runs, among those that are asked about, that continue their marker's motion.
+def continuing(prepared: Prepared, part: Part, asked: Mask, away_m: Array) -> Mask:
+    """(T, M) True for contradicted points of runs, among those that are asked about, that continue a marker's motion.
 
     Somebody who takes one marker for another jumps to it. Each marker is followed with neither ray in such frames; at
-    an end of a run, where another point of the marker is near, it knows where to expect it.
+    an end of a run, where another point of the marker is near, it knows where to expect it. Amid a run that joins, a
+    point is believed where the marker by itself is expected less than half as far away as the pose filter expects it.
 
     Args:
         prepared: The recording.
         part: Its seen part.
         asked: (T, M) points that are asked about.
+        away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
     names, skeleton = part_names(prepared, part), prepared.skeleton
     own = TrialSet([marker_trial(prepared, part, hidden=asked)], anatomy_of(names, skeleton.trunk, skeleton.rigid))
-    fitted = EACH_MARKER.fit(own)
-    xyz, cov = _whole(prepared, part, track(prepared, part, fitted, hidden=asked))
+    xyz, _ = _whole(prepared, part, track(prepared, part, EACH_MARKER.fit(own), hidden=asked))
     known = np.isfinite(prepared.xyz_m[..., 0])
-    away = _distance(xyz - prepared.xyz_m, cov + prepared.cov_m2, where=asked)
-    out = np.zeros_like(asked)
-    for marker in np.flatnonzero(asked.any(axis=0)).tolist():
+    miss_m, out = np.linalg.norm(xyz - prepared.xyz_m, axis=-1), np.zeros_like(asked)
+    for marker in np.flatnonzero(np.isfinite(away_m).any(axis=0)).tolist():
         frames, others = np.flatnonzero(asked[:, marker]), known[:, marker] & ~asked[:, marker]
         for run in np.split(frames, np.flatnonzero(np.diff(frames) > PAUSE + 1) + 1):
+            contradicted = run[np.isfinite(away_m[run, marker])]
             ends = [(run[0], slice(max(0, run[0] - NEAR), run[0])), (run[-1], slice(run[-1] + 1, run[-1] + 1 + NEAR))]
-            misses = [away[end, marker] for end, beside in ends if others[beside].any()]
-            out[run, marker] = bool(misses) and max(misses) <= JOINS
+            misses = [miss_m[end, marker] for end, beside in ends if others[beside].any()]
+            if len(contradicted) and misses and max(misses) < JOINS * np.median(away_m[contradicted, marker]):
+                out[contradicted, marker] = miss_m[contradicted, marker] < 0.5 * away_m[contradicted, marker]
     return out
 
 

@@ -101,7 +101,7 @@ def test_scores_are_of_every_model_and_the_mixture(learned, flights):
     That is what the penalty on its offsets costs where one is the best at all of them.
     """
     assert list(learned.scores)[-1] == "mixture"
-    assert len(learned.scores) == len(learned.models) + 1 == 3
+    assert len(learned.scores) == len(learned.models) + 1 == 4
     lengths = learned.scores["mixture"]["gap_frames"]
     hidden = hide_neighbours(flights[0][0], np.random.default_rng(0))
     assert {int(n) for n in np.unique(hidden.length[hidden.mask])} <= set(lengths) <= {10, 25, 50}

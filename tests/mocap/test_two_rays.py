@@ -123,15 +123,30 @@ def test_two_cameras_have_no_third(scene):
 
 @pytest.mark.parametrize(("metres", "joins"), [(0.0, True), (0.015, False), (-0.03, False)])
 def test_a_run_that_goes_on_from_where_the_marker_was_is_believed(scene, metres, joins):
-    """Whatever a pose filter expects. One that jumps away from it and back is not; whole runs are, or are not."""
+    """Points near its ends, though a pose filter expects them 5 cm away; not where it jumps by 15 mm and back."""
     bat, pixels, (wrong, right) = scene
     one = prepared(bat, along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, metres))
+    asked, away_m = unconfirmed(one), np.full(one.xyz_m.shape[:2], np.nan)
+    for marker in (wrong, right):
+        frames = np.flatnonzero(asked[:, marker])
+        away_m[frames[[0, 1, 2, -3, -2, -1]], marker] = 0.05
+    found = continuing(one, seen_part(one), asked, away_m)
+    assert (found[np.isfinite(away_m[:, wrong]), wrong] == joins).all()
+    assert found[np.isfinite(away_m[:, right]), right].all()
+    assert not found[np.isnan(away_m)].any()
+
+
+def test_a_wrong_point_amid_a_run_that_joins_is_not_believed(scene):
+    """One click 3 cm off among right ones: the marker by itself, too, is expected elsewhere."""
+    bat, pixels, (wrong, _) = scene
+    one = prepared(bat, along_first_ray(pixels, bat.cameras, wrong, bat.truth.xyz_m, 0.0))
     asked = unconfirmed(one)
-    found = continuing(one, seen_part(one), asked)
-    assert asked[FRAMES, wrong].sum() > 15
-    assert (found[asked[:, wrong], wrong] == joins).all()
-    assert found[asked[:, right], right].all()
-    assert not found[~asked].any()
+    frame = int(np.flatnonzero(asked[:, wrong])[1])
+    xyz = one.xyz_m.copy()
+    xyz[frame, wrong] += 0.03 / np.sqrt(3)
+    away_m = np.full(asked.shape, np.nan)
+    away_m[frame, wrong] = 0.03
+    assert not continuing(replace(one, xyz_m=xyz), seen_part(one), asked, away_m).any()
 
 
 @pytest.fixture(scope="module")

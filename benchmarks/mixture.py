@@ -8,9 +8,9 @@ judged. A run that was broken off goes on where it was.
 
 Printed: the error of each way over that of the product, %, mean and standard error over sets, by cameras left and
 length of gap; the share of coordinates inside 95 % intervals; the negative log likelihood of a coordinate. ``mix.csv``
-has them by set. Then mixtures without each of the models (``members``), and what it would be worth to learn weights
-and widths in gaps that keep a ray (``by_rays``). Errors that last, which the product adds to its covariances, are not
-in these: with rays left more is inside in truth.
+has them by set. Then mixtures without each of the models (``fewer_models``), and what it would be worth to learn
+weights and widths in gaps that keep a ray (``by_rays``). Errors that last, which the product adds to its covariances,
+are not in these: where rays are left, more is inside the product's own intervals.
 """
 
 import argparse
@@ -36,7 +36,7 @@ from filters.anatomy import anatomy_of
 from filters.hidden_gaps import MODELS, hidden_gaps, own_gaps
 from filters.hide import gap_lengths
 from filters.mixture import Mixture, learn_mixture
-from filters.model import members_with, trials_for
+from filters.model import members, models_of, trials_for
 from filters.score import Residuals, score
 from mocap.arrays import Array
 from mocap.errors import MocapError
@@ -100,9 +100,10 @@ def filled(name: str, left_out: int, extent: Extent) -> Fold:
             prepared = recording(copy.shown)
             part = seen_part(prepared)
             names, own_trial = part_names(prepared, part), marker_trial(prepared, part)
-            own = own_gaps(trials_for(learned, names, own_trial))
+            every = trials_for(learned, names, own_trial)
+            own = own_gaps(every)
             seen = prepared.observations(part.frames, part.markers)
-            found = members_with(learned, names, own_trial, seen).found
+            found = members(models_of(learned, every), every, seen).found
             missed = own.fill(learned.models) if own.hidden else None
             truth = copy.trial.xyz_m[part.frames][:, part.markers]
             noise = np.broadcast_to(np.maximum(trials[-1].sd_m, LEAST_SD_M)[part.markers], truth.shape[:2])
@@ -197,10 +198,10 @@ def by_rays(folds: dict[tuple[str, int], Fold]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def members(folds: dict[tuple[str, int], Fold]) -> pd.DataFrame:
+def fewer_models(folds: dict[tuple[str, int], Fold]) -> pd.DataFrame:
     """The mixture of all models, and of all but one."""
     every = list(range(len(MODELS)))
-    kinds = {"all": every, **{f"no {MODELS[k].description[:24]}": [i for i in every if i != k] for k in every}}
+    kinds = {"all": every, **{f"no {type(MODELS[k]).__name__}": [i for i in every if i != k] for k in every}}
     tables = [
         pd.DataFrame(judged(some_models(fold, kept), product)).assign(set=name, way=kind)
         for kind, kept in kinds.items()
@@ -274,7 +275,7 @@ def main() -> int:
     by_set = shown(pd.concat(tables, ignore_index=True))
     by_set.assign(rmse_mm=np.exp(by_set["log_mm"])).drop(columns="log_mm").to_csv(args.out / "mix.csv")
     print("\n# What each model adds\n")
-    shown(members(folds))
+    shown(fewer_models(folds))
     left = by_rays(folds)
     if len(left):
         print("\n# One camera left: where should weights and widths be learned?\n")

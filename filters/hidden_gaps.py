@@ -27,8 +27,8 @@ MODELS: tuple[TrajectoryModel, ...] = (STEADY_MARKER, EACH_MARKER, POSE)
 that lasts, and the EAL model. Their settings are the same for all recordings (docs/explanation/decisions.md, "Fixed
 settings", "A velocity that hardly changes")."""
 WITH_JOINTS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
-"""With joint angles, for animals whose skeleton states rigid bones: nearer on most; tracking takes 1.5 to 2.3 times as
-long (docs/explanation/decisions.md, "Joint angles in the mixture")."""
+"""With joint angles in place of the steady velocity, for animals whose skeleton states rigid bones: nearer on most;
+tracking takes 1.5 to 2.3 times as long (docs/explanation/decisions.md, "Joint angles in the mixture")."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -190,26 +190,12 @@ def track_alone(
     gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
     if not gaps.hidden:
         return None
-    members, residuals = _estimates(_models_alone(settings, trials), trials, observations, gaps, asked, progress)
-    return members.mixed(learn_mixture(residuals))
+    every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress)
+    return every.mixed(learn_mixture(residuals))
 
 
-def members_alone(
-    names: Sequence[str],
-    trunk: Sequence[str],
-    recording: MarkerTrial,
-    observations: Observations,
-    settings: PoseSettings,
-    *,
-    bones: Sequence[tuple[str, str]] = (),
-    progress: Progress | None = None,
-) -> Members:
-    """What ``track_alone`` mixes, for a mixture that is learned elsewhere."""
-    trials = TrialSet([recording], anatomy_of(names, trunk, bones))
-    return _estimates(_models_alone(settings, trials), trials, observations, None, None, progress)[0]
-
-
-def _models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
+def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
+    """What ``track_alone`` mixes."""
     return [EACH_MARKER, settings.tuned(trials)]
 
 
@@ -330,8 +316,8 @@ def track_with(
 ) -> MixedTrack:
     """Track a recording by all models of a learned one, and mix what they say.
 
-    The mixture's intervals are widened until they hold in gaps that are hidden in the recording itself. The
-    last model stands in for one that this recording cannot be modelled by, as where it has no marker of a limb.
+    The mixture's intervals are widened until they hold in gaps that are hidden in the recording itself. The last
+    model stands in for one that this recording cannot be modelled by, as where it has no marker of a limb.
 
     Args:
         learned: The model.
@@ -343,32 +329,32 @@ def track_with(
     """
     trials = trials_for(learned, names, recording)
     gaps = own_gaps(trials)
-    members, residuals = _estimates(_models_of(learned, trials), trials, observations, gaps, asked, progress)
-    return members.mixed(learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture)
+    every, residuals = _estimates(models_of(learned, trials), trials, observations, gaps, asked, progress)
+    return every.mixed(learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture)
 
 
-def members_with(
-    learned: LearnedModel,
-    names: Sequence[str],
-    recording: MarkerTrial,
+def models_of(learned: LearnedModel, trials: TrialSet) -> list[TrajectoryModel]:
+    """What ``track_with`` mixes in a recording, the last of the trials."""
+    return [m if m.applies(trials.anatomy) else learned.models[-1] for m in learned.models]
+
+
+def members(
+    models: Sequence[TrajectoryModel],
+    trials: TrialSet,
     observations: Observations,
     *,
     progress: Progress | None = None,
 ) -> Members:
-    """What ``track_with`` mixes, for a mixture that is calibrated elsewhere."""
-    trials = trials_for(learned, names, recording)
-    return _estimates(_models_of(learned, trials), trials, observations, None, None, progress)[0]
-
-
-def _models_of(learned: LearnedModel, trials: TrialSet) -> list[TrajectoryModel]:
-    return [m if m.applies(trials.anatomy) else learned.models[-1] for m in learned.models]
+    """What models say of the last trial, for a mixture that is learned elsewhere."""
+    none = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=())
+    return _estimates(models, trials, observations, none, None, progress)[0]
 
 
 def _estimates(
     models: Sequence[TrajectoryModel],
     trials: TrialSet,
     observations: Observations,
-    gaps: HiddenGaps | None,
+    gaps: HiddenGaps,
     asked: Asked | None,
     progress: Progress | None,
 ) -> tuple[Members, tuple[Residuals, ...]]:
@@ -378,6 +364,6 @@ def _estimates(
         partial(estimate, model, trials, observations, asked=points)
         for model, points in zip(models, wanted, strict=True)
     ]
-    found = call_all([*whole[::-1], *([] if gaps is None else gaps.calls(models))], progress)
-    members = Members(found=tuple(found[: len(whole)][::-1]), recording=trials.trials[-1])
-    return members, () if gaps is None else gaps.together(found[len(whole) :], models)
+    found = call_all([*whole[::-1], *gaps.calls(models)], progress)
+    every = Members(found=tuple(found[: len(whole)][::-1]), recording=trials.trials[-1])
+    return every, gaps.together(found[len(whole) :], models)

@@ -96,7 +96,7 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
             *_BONES.splitlines(),
             *([f"Markers without a bone: {', '.join(map(quoted, alone))}"] if alone else []),
         ],
-        "trunk": (_TRUNK if trunk else _NO_TRUNK.format(calmest=_calmest(names, trial))).splitlines(),
+        "trunk": _TRUNK.splitlines() if trunk else [*_NO_TRUNK.splitlines(), *_calmest(names, trial)],
         "joints": [*_JOINTS.splitlines(), *(stiff or ()), *_model_lines(jointed)],
         "aliases": _ALIASES.format(old=quoted(names[0])).splitlines(),
         **{
@@ -110,11 +110,14 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
     return Proposal(skeleton=skeleton, text=skeleton_text(skeleton, comments=comments))
 
 
-def _calmest(names: Sequence[str], trial: MarkerTrial) -> str:
-    """Names of the three markers that accelerate least: of a flying bat mostly those of its trunk."""
+def _calmest(names: Sequence[str], trial: MarkerTrial) -> list[str]:
+    """A line with the three markers that accelerate least, of four or more: of a flying bat mostly its trunk's."""
     dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
     acceleration = marker_motion(trial.xyz_m, dt_s=dt_s)[:, 1]
-    return ", ".join(quoted(names[m]) for m in np.argsort(acceleration, kind="stable")[:3])
+    if np.isfinite(acceleration).sum() < 4:
+        return []
+    first, second, third = (quoted(names[m]) for m in np.argsort(acceleration, kind="stable")[:3])
+    return [f"{first}, {second} and {third} accelerate least of all."]
 
 
 def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -> list[Articulation]:
@@ -149,7 +152,7 @@ _TRUNK = (
 )
 _NO_TRUNK = """\
 No three markers move together as one rigid body: without a trunk all markers define the axes of the body.
-List those that move together, if there are any; {calmest} accelerate least of all."""
+List those that move together, if there are any."""
 _JOINTS = """\
 name = [parent, centre, child]: the shoulder, the elbow and the wrist describe the elbow. Each joint has its column
 in joints.csv and its potential. Proposed are places where two bones meet and the angle between them changes."""

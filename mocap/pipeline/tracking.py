@@ -15,10 +15,12 @@ from filters.model import (
     LearnedModel,
     Members,
     MixedTrack,
-    members_alone,
-    members_with,
+    members,
+    models_alone,
+    models_of,
     track_alone,
     track_with,
+    trials_for,
 )
 from filters.models.articulated import LAGRANGIAN, ArticulatedSettings
 from filters.models.base import FittedMotion, TrialSet, shares
@@ -323,15 +325,15 @@ def fill_hidden(
     seen = prepared.observations(part.frames, part.markers, hidden=hidden.mask)
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     if "mixture" in methods and posed:
-        found["mixture"] = members_alone(
-            names, skeleton.trunk, own, seen, settings, bones=skeleton.rigid, progress=steps["mixture"]
-        )
+        alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid))
+        found["mixture"] = members(models_alone(settings, alone), alone, seen, progress=steps["mixture"])
     for name in ALONE:
         if name in methods and (posed or name not in _OF_POSES) and not (name == "eal" and "mixture" in found):
             model = learn_motion(prepared, part, name, settings=settings, hidden=hidden.mask)
             found[name] = track(prepared, part, model, hidden=hidden.mask, progress=steps["rest"])
     if learned is not None:
-        found["learned"] = members_with(learned, names, own, seen, progress=steps["learned"])
+        trials = trials_for(learned, names, own)
+        found["learned"] = members(models_of(learned, trials), trials, seen, progress=steps["learned"])
     return found
 
 

@@ -32,6 +32,8 @@ JOINS, NEAR = 0.2, 3
 """A run of points joins the marker's motion if at its ends, of which another point is so many frames away at most, the
 marker by itself is expected less than such a share as far away as the pose filter expects it: in six flights and their
 copies with wrong clicks (docs/explanation/decisions.md) right runs have up to 0.2, wrong ones 0.24 to 1.5."""
+BELIEVED = 0.5
+"""Points of such a run are believed of which the marker by itself is expected less than such a share as far away."""
 LEFT = 1.5
 """A marker is looked at if it has so many times as many points in all: the filter learns from the others alone."""
 PAUSE = 5
@@ -178,7 +180,7 @@ def continuing(prepared: Prepared, part: Part, asked: Mask, away_m: Array) -> Ma
             ends = [(run[0], slice(max(0, run[0] - NEAR), run[0])), (run[-1], slice(run[-1] + 1, run[-1] + 1 + NEAR))]
             misses = [miss_m[end, marker] for end, beside in ends if others[beside].any()]
             if len(contradicted) and misses and max(misses) < JOINS * np.median(away_m[contradicted, marker]):
-                out[contradicted, marker] = miss_m[contradicted, marker] < 0.5 * away_m[contradicted, marker]
+                out[contradicted, marker] = miss_m[contradicted, marker] < BELIEVED * away_m[contradicted, marker]
     return out
 
 

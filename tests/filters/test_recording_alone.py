@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from filters.anatomy import Anatomy
-from filters.model import members_alone, track_alone
+from filters.model import members, models_alone, track_alone
 from filters.models.base import TrialSet, estimate
 from filters.models.constant_velocity import MarkerSettings
 from filters.models.pose import PoseSettings
@@ -58,7 +58,8 @@ def test_members_mixed_later_are_the_track():
     seen = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
     first = track_alone(NAMES, NAMES[:4], trial, seen, SETTINGS)
     assert first is not None
-    again = members_alone(NAMES, NAMES[:4], trial, seen, SETTINGS).mixed(first.mixture)
+    alone = TrialSet([trial], Anatomy((0, 1, 2, 3)))
+    again = members(models_alone(SETTINGS, alone), alone, seen).mixed(first.mixture)
     np.testing.assert_array_equal(again.markers.xyz_m, first.markers.xyz_m)
     np.testing.assert_array_equal(again.markers.cov_m2, first.markers.cov_m2)
 

@@ -151,7 +151,7 @@ def test_what_no_skeleton_comes_from(tmp_path):
     rng = np.random.default_rng(0)
     way = np.cumsum(np.cumsum(rng.normal(size=(200, 4, 3)), axis=0), axis=0)
     way *= np.array([2e-4, 3e-5, 1e-4, 1e-5])[:, None]
-    for count in (1, 4):
+    for count in (1, 3, 4):
         titles = ",".join(f"m{m}_{axis}" for m in range(count) for axis in "xyz")
         rows = "\n".join(",".join(map(repr, row.ravel().tolist())) for row in way[:, :count])
         (tmp_path / f"{count}.csv").write_text(f"{titles}\n{rows}\n")
@@ -160,7 +160,10 @@ def test_what_no_skeleton_comes_from(tmp_path):
     found = propose_skeleton(prepare(Recording(tracks=tmp_path / "4.csv", fps=100)))
     assert (found.skeleton.bones, found.skeleton.trunk, found.skeleton.joints) == ((), (), ())
     assert "No three markers move together as one rigid body" in found.text
-    assert '"m3", "m1", "m2" accelerate least of all' in found.text
+    assert '"m3", "m1" and "m2" accelerate least of all' in found.text
+    few = propose_skeleton(prepare(Recording(tracks=tmp_path / "3.csv", fps=100)))
+    assert "No three markers move together" in few.text
+    assert "accelerate least" not in few.text
     assert 'Markers without a bone: "m0", "m1", "m2", "m3"' in found.text
 
 

@@ -24,8 +24,8 @@ from statistics import median
 
 import pandas as pd
 import psutil
+from mocap.datasets import make_bat, write_recording
 
-from datasets import make_bat, write_recording
 from mocap.batches.summary import read_times
 
 FPS = 240.0

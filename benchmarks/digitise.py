@@ -25,12 +25,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from mocap.datasets.bats import bat_motion, make_bat
+from mocap.datasets.disturbances import ALL, CLEAN, TEXTURE, Disturbances
+from mocap.datasets.lizards import lizard_motion, make_lizard
+from mocap.datasets.movie import shown_pixels, write_movies
+from mocap.datasets.recording import SyntheticRecording
 
-from datasets.bats import bat_motion, make_bat
-from datasets.disturbances import ALL, CLEAN, TEXTURE, Disturbances
-from datasets.lizards import lizard_motion, make_lizard
-from datasets.movie import shown_pixels, write_movies
-from datasets.recording import SyntheticRecording
 from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import record, stacked, undistorted

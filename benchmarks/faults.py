@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mocap.datasets import make_lizard
+from mocap.datasets.bats import make_bat_wind_tunnel
+from mocap.datasets.recording import SyntheticRecording
 from threadpoolctl import threadpool_limits
 
-from datasets import make_lizard
-from datasets.bats import make_bat_wind_tunnel
-from datasets.recording import SyntheticRecording
 from mocap.arrays import Array
 from mocap.audit import Finding, alarms
 from mocap.audit.audit import audit_recording

@@ -15,11 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from mocap.datasets import SyntheticRecording, make_bat, make_lizard, write_recording
+from mocap.datasets.catalogue import make
+from mocap.filters.hide import interior_gaps
+from mocap.filters.score import compared
 
-from datasets import SyntheticRecording, make_bat, make_lizard, write_recording
-from datasets.catalogue import make
-from filters.hide import interior_gaps
-from filters.score import compared
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, record, stacked, undistorted
 from mocap.cameras.triangulate import linear

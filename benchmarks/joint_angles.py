@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from mocap.datasets import SyntheticRecording, make_bat, make_lizard
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.articulated import ArticulatedMotion
+from mocap.filters.poses import pose_trial
+from mocap.filters.records import Estimate
+from mocap.filters.tree import fit_poses
 
-from datasets import SyntheticRecording, make_bat, make_lizard
-from filters.models.pose import PoseSettings
-from filters.motion.articulated import ArticulatedMotion
-from filters.poses import pose_trial
-from filters.records import Estimate
-from filters.tree import fit_poses
 from mocap.arrays import Z95, Array
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.tracking import learn_motion, seen_part, track

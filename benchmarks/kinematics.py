@@ -15,18 +15,18 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
+from mocap.datasets.bats import bat_motion, make_bat
+from mocap.datasets.lizards import lizard_motion, make_lizard
+from mocap.datasets.scene import Motion as SceneMotion
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.interpolate import interpolated
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
 from scipy.interpolate import make_smoothing_spline
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
-from datasets.bats import bat_motion, make_bat
-from datasets.lizards import lizard_motion, make_lizard
-from datasets.scene import Motion as SceneMotion
-from filters.anatomy import Anatomy
-from filters.interpolate import interpolated
-from filters.models.base import TrialSet
-from filters.models.pose import PoseSettings
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import asked_for

@@ -28,11 +28,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from mocap.datasets.bat_skeleton import MARKERS, bat_skeleton
+from mocap.datasets.bats import bat_motion
+from mocap.datasets.rig import tunnel_cameras
+from mocap.datasets.scene import frame_times
 
-from datasets.bat_skeleton import MARKERS, bat_skeleton
-from datasets.bats import bat_motion
-from datasets.rig import tunnel_cameras
-from datasets.scene import frame_times
 from eal import fit_potential
 from eal.threads import one_blas_thread
 from mocap.arrays import Array

@@ -8,10 +8,10 @@ import argparse
 from time import perf_counter
 
 import numpy as np
+from mocap.filters.hide import interior_gaps
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.score import compared
 
-from filters.hide import interior_gaps
-from filters.models.pose import PoseSettings
-from filters.score import compared
 from mocap.pipeline.demo import Animal, measured_demo
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion

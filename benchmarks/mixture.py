@@ -23,6 +23,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from mocap.filters.anatomy import anatomy_of
+from mocap.filters.hidden_gaps import MODELS, hidden_gaps, own_gaps
+from mocap.filters.hide import gap_lengths
+from mocap.filters.mixture import Mixture, learn_mixture
+from mocap.filters.model import members, models_of, trials_for
+from mocap.filters.score import Residuals, score
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
@@ -32,12 +38,6 @@ from benchmarks.gaps.ours import effort
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import FULL, plan, shown_trials
 from benchmarks.gaps.sets import FILMED, SETS, size
-from filters.anatomy import anatomy_of
-from filters.hidden_gaps import MODELS, hidden_gaps, own_gaps
-from filters.hide import gap_lengths
-from filters.mixture import Mixture, learn_mixture
-from filters.model import members, models_of, trials_for
-from filters.score import Residuals, score
 from mocap.arrays import Array
 from mocap.errors import MocapError
 from mocap.pipeline.learning import learn_from

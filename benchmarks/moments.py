@@ -17,12 +17,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from mocap.datasets.folder import write_recording
+from mocap.datasets.lizards import lizard_motion, make_lizard
+from mocap.datasets.pendulum_film import STAND_M, make_pendulum_film, pendulum_skeleton
+from mocap.datasets.pendulums import GRAVITY_M_S2, Pendulum, pendulum_motion
 
 from benchmarks.kinematics import EDGE, tracked, true_motion
-from datasets.folder import write_recording
-from datasets.lizards import lizard_motion, make_lizard
-from datasets.pendulum_film import STAND_M, make_pendulum_film, pendulum_skeleton
-from datasets.pendulums import GRAVITY_M_S2, Pendulum, pendulum_motion
 from mocap.arrays import Z95, Array
 from mocap.kinematics.cycles import footfalls
 from mocap.kinematics.moments import ROD, moments

@@ -15,11 +15,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from mocap.datasets import make_bat, make_lizard, write_recording
+from mocap.datasets.recording import SyntheticRecording
+from mocap.filters.hide import interior_gaps
+from mocap.filters.score import compared
 
-from datasets import make_bat, make_lizard, write_recording
-from datasets.recording import SyntheticRecording
-from filters.hide import interior_gaps
-from filters.score import compared
 from mocap.arrays import Array
 from mocap.cleaning.swapped_rays import exchange_rays
 from mocap.cleaning.swaps import Swap, exchange

@@ -12,14 +12,14 @@ from types import CodeType, FrameType, FunctionType
 from typing import Any
 
 import numpy as np
+from mocap.filters import bones, track
+from mocap.filters.mixture import Mixture, learn_mixture
+from mocap.filters.models import delayed_poses, pose
+from mocap.filters.models.base import TrialSet
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.observe import observe
 
 from eal.threads import one_blas_thread
-from filters import bones, track
-from filters.mixture import Mixture, learn_mixture
-from filters.models import delayed_poses, pose
-from filters.models.base import TrialSet
-from filters.motion.pose import PoseMotion
-from filters.observe import observe
 from mocap.joints import joint_tracks
 from mocap.pipeline import potentials, prepare, report
 

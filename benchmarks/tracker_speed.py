@@ -21,21 +21,21 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from mocap.datasets import make_bat
+from mocap.datasets.rig import tunnel_cameras
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.live import live, looks
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.constant_velocity import learn_constant_velocity
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.base import MotionModel
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.observations import Observations, PixelObservations, PositionObservations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.track import filter_forward, smooth
 
 from benchmarks.stages import as_lines, by_stage, reference_s
-from datasets import make_bat
-from datasets.rig import tunnel_cameras
 from eal.threads import one_blas_thread
-from filters.anatomy import Anatomy
-from filters.live import live, looks
-from filters.models.base import TrialSet
-from filters.models.constant_velocity import learn_constant_velocity
-from filters.models.pose import PoseSettings
-from filters.motion.base import MotionModel
-from filters.motion.pose import PoseMotion
-from filters.observations import Observations, PixelObservations, PositionObservations
-from filters.poses import MarkerTrial
-from filters.track import filter_forward, smooth
 from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from mocap.datasets import Digitiser, make_bat
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from benchmarks.timing import interleaved
-from datasets import Digitiser, make_bat
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, project, stacked, undistorted
 from mocap.cameras.triangulate import linear, refine, robust

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
+from mocap.datasets.rig import tunnel_cameras
+from mocap.filters.ensemble import Gaussian, Update, default_points, predict, update
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.smoother import smooth_step
+from mocap.filters.unscented import UnscentedKalmanFilter as OurFilter
 from scipy.linalg.blas import dgemm  # type: ignore[attr-defined]  # made at run time
 from threadpoolctl import threadpool_limits
 
 from benchmarks.timing import interleaved
-from datasets.rig import tunnel_cameras
-from filters.ensemble import Gaussian, Update, default_points, predict, update
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.smoother import smooth_step
-from filters.unscented import UnscentedKalmanFilter as OurFilter
 from mocap.arrays import Array
 from mocap.cameras.camera import project, stacked
 
@@ -83,7 +83,7 @@ def main() -> None:
 
 
 def own_models(*, repeats: int, budget_s: float) -> None:
-    """Print what ``filters.UnscentedKalmanFilter`` takes for a model that is not ours, beside filterpy's."""
+    """Print what ``mocap.filters.UnscentedKalmanFilter`` takes for a model that is not ours, beside filterpy's."""
     columns = "".join(f"{c:>14}" for c in ("ours ms", "filterpy ms", "ratio"))
     print(f"\n{'n':>4} {'m':>5}  {'a model of your own':<20}{columns}")
     for n, m in ((4, 2), (12, 8), (60, 120), (204, 600)):

@@ -28,14 +28,14 @@ import argparse
 from itertools import product
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.hide import hide_neighbours
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.pose import Mechanics, PoseSettings, Potential
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.score import Residuals, residuals_of
 
-from filters.anatomy import Anatomy
-from filters.hide import hide_neighbours
-from filters.models.base import TrialSet, estimate
-from filters.models.pose import Mechanics, PoseSettings, Potential
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
-from filters.score import Residuals, residuals_of
 from mocap.arrays import Array
 
 FPS, FRAMES, NOISE_M = 200.0, 300, 2e-4

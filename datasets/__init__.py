@@ -1,13 +1,19 @@
 """Synthetic recordings with known truth, made from a random seed (part of eal-mocap).
 
-``datasets.bat(seed=0)`` flies and ``datasets.lizard(seed=0)`` walks: markers with their truth, cameras, pixels.
+``mocap.datasets.bat(seed=0)`` flies and ``mocap.datasets.lizard(seed=0)`` walks: markers with ground truth, cameras,
+pixels.
 """
 
-from datasets.bats import make_bat
-from datasets.folder import read_truth, write_recording
-from datasets.lizards import make_lizard
-from datasets.observe import PERFECT, Digitiser
-from datasets.recording import SyntheticRecording
+if __name__ == "datasets":  # the folder at the repository's root; it is installed as mocap.datasets
+    from mocap.same_module import hand_over
+
+    hand_over(__name__)
+
+from mocap.datasets.bats import make_bat
+from mocap.datasets.folder import read_truth, write_recording
+from mocap.datasets.lizards import make_lizard
+from mocap.datasets.observe import PERFECT, Digitiser
+from mocap.datasets.recording import SyntheticRecording
 
 bat, lizard = make_bat, make_lizard
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.datasets.linkage import turn
+from mocap.datasets.wander import Wander, draw_wander
 
-from datasets.linkage import turn
-from datasets.wander import Wander, draw_wander
 from mocap.arrays import Array
 
 _DEG = np.pi / 180

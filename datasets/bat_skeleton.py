@@ -1,9 +1,9 @@
 """The 34 markers of the bat, its bones, joints and membranes."""
 
 import numpy as np
+from mocap.datasets.bat_wing import DIGITS_M, SEGMENTS
 from numpy.typing import NDArray
 
-from datasets.bat_wing import DIGITS_M, SEGMENTS
 from mocap.measures import JointAxes, Measures, Segment
 from mocap.skeleton import Bone, Joint, Skeleton
 

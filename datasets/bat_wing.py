@@ -10,8 +10,8 @@ round numbers, not fitted to an animal; ``docs/explanation/decisions.md`` has th
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.datasets.linkage import hinged, rotated, turn
 
-from datasets.linkage import hinged, rotated, turn
 from mocap.arrays import Array
 
 # bone lengths in metres: a bat of 30 g, forearm 55 mm

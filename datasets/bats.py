@@ -6,18 +6,18 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+from mocap.datasets.bat_flight import level_flight, turning_flight
+from mocap.datasets.bat_skeleton import MARKERS, TRUNK, bat_skeleton, membranes, wing_tips
+from mocap.datasets.bat_wing import SEGMENTS, Beat, wing
+from mocap.datasets.film import film
+from mocap.datasets.linkage import rotated, turn
+from mocap.datasets.observe import WIND_TUNNEL, Digitiser
+from mocap.datasets.occlusion import Solid
+from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
+from mocap.datasets.scene import Motion, Scene, frame_times, start_times
+from mocap.datasets.wander import draw_wander, skin_motion
 
-from datasets.bat_flight import level_flight, turning_flight
-from datasets.bat_skeleton import MARKERS, TRUNK, bat_skeleton, membranes, wing_tips
-from datasets.bat_wing import SEGMENTS, Beat, wing
-from datasets.film import film
-from datasets.linkage import rotated, turn
-from datasets.observe import WIND_TUNNEL, Digitiser
-from datasets.occlusion import Solid
-from datasets.recording import SyntheticRecording
-from datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
-from datasets.scene import Motion, Scene, frame_times, start_times
-from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 

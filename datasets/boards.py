@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from mocap.datasets.rig import picture_size
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from datasets.rig import picture_size
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from mocap.datasets.boards import Board, photograph, viewfinder
+from mocap.datasets.linkage import turn, unit
+from mocap.datasets.rig import picture_size
 
-from datasets.boards import Board, photograph, viewfinder
-from datasets.linkage import turn, unit
-from datasets.rig import picture_size
 from mocap.arrays import Array, frozen
 from mocap.cameras.camera import Camera, decompose, record
 

@@ -4,18 +4,19 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from datasets.bats import bat_motion, make_bat, make_bat_wind_tunnel
-from datasets.boards import Board
-from datasets.calibration_session import board_session, write_board_session
-from datasets.disturbances import ALL, CLEAN, Disturbances
-from datasets.folder import write_recording
-from datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard
-from datasets.movie import shown_pixels, write_movies
-from datasets.pendulums import Pendulum, make_pendulum, write_pendulum
-from datasets.recording import SyntheticRecording
-from datasets.rig import LensKind, tank_cameras, tunnel_cameras
-from datasets.scene import Motion
-from datasets.wand import wand_sweep, write_wand_sweep
+from mocap.datasets.bats import bat_motion, make_bat, make_bat_wind_tunnel
+from mocap.datasets.boards import Board
+from mocap.datasets.calibration_session import board_session, write_board_session
+from mocap.datasets.disturbances import ALL, CLEAN, Disturbances
+from mocap.datasets.folder import write_recording
+from mocap.datasets.lizards import SLOPE_RAD, lizard_motion, make_lizard
+from mocap.datasets.movie import shown_pixels, write_movies
+from mocap.datasets.pendulums import Pendulum, make_pendulum, write_pendulum
+from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.rig import LensKind, tank_cameras, tunnel_cameras
+from mocap.datasets.scene import Motion
+from mocap.datasets.wand import wand_sweep, write_wand_sweep
+
 from mocap.cameras.camera import Camera
 from mocap.errors import MocapError
 from mocap.io.dltdv import write_pixels

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from mocap.datasets.recording import SyntheticRecording
 from numpy.typing import NDArray
 
-from datasets.recording import SyntheticRecording
 from mocap.arrays import Array
 from mocap.cameras.camera import dlt_coefficients, stacked, undistorted
 from mocap.cameras.lens import BrownLens

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 import numpy as np
+from mocap.datasets.gaps import gap_statistics
+from mocap.datasets.observe import Digitiser, click_noise, lost, misplace
+from mocap.datasets.occlusion import occluded
+from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.rig import picture_size
+from mocap.datasets.scene import Motion, Scene
 from numpy.typing import NDArray
 
-from datasets.gaps import gap_statistics
-from datasets.observe import Digitiser, click_noise, lost, misplace
-from datasets.occlusion import occluded
-from datasets.recording import SyntheticRecording
-from datasets.rig import picture_size
-from datasets.scene import Motion, Scene
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, record, stacked
 from mocap.records import PixelTracks

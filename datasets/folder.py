@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from mocap.datasets.dvproject import write_project
+from mocap.datasets.recording import SyntheticRecording
 
-from datasets.dvproject import write_project
-from datasets.recording import SyntheticRecording
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.triangulate import linear

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.datasets.linkage import ramp
 from numpy.typing import NDArray
 
-from datasets.linkage import ramp
 from mocap.arrays import Array
 
 # footholds are drawn for so many strides and then repeat: far more than a recording holds

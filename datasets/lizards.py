@@ -3,17 +3,17 @@
 from functools import partial
 
 import numpy as np
+from mocap.datasets.film import film
+from mocap.datasets.gait import Gait, Steps, steps
+from mocap.datasets.linkage import bent, rotated, turn
+from mocap.datasets.lizard_skeleton import LIMBS, MARKERS, extremities, lizard_skeleton
+from mocap.datasets.observe import Digitiser
+from mocap.datasets.occlusion import Solid
+from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.rig import tank_cameras
+from mocap.datasets.scene import Motion, Scene, frame_times, start_times
+from mocap.datasets.wander import draw_wander, skin_motion
 
-from datasets.film import film
-from datasets.gait import Gait, Steps, steps
-from datasets.linkage import bent, rotated, turn
-from datasets.lizard_skeleton import LIMBS, MARKERS, extremities, lizard_skeleton
-from datasets.observe import Digitiser
-from datasets.occlusion import Solid
-from datasets.recording import SyntheticRecording
-from datasets.rig import tank_cameras
-from datasets.scene import Motion, Scene, frame_times, start_times
-from datasets.wander import draw_wander, skin_motion
 from mocap.arrays import Array
 
 SLOPE_RAD = np.deg2rad(35)

@@ -1,6 +1,6 @@
 """Movies of a twin, one a camera: body, bones and membranes in grey, and the markers that the camera can see.
 
-What spoils films (blur, noise, reflections, ...) is in ``datasets.disturbances``.
+What spoils films (blur, noise, reflections, ...) is in ``mocap.datasets.disturbances``.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -9,14 +9,14 @@ from typing import Any
 
 import cv2
 import numpy as np
+from mocap.datasets.disturbances import CLEAN, Disturbances, Spoiler
+from mocap.datasets.film import outside, view
+from mocap.datasets.linkage import unit
+from mocap.datasets.occlusion import Solid
+from mocap.datasets.rig import picture_size
+from mocap.datasets.scene import Motion, Scene
 from numpy.typing import NDArray
 
-from datasets.disturbances import CLEAN, Disturbances, Spoiler
-from datasets.film import outside, view
-from datasets.linkage import unit
-from datasets.occlusion import Solid
-from datasets.rig import picture_size
-from datasets.scene import Motion, Scene
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, decompose, record
 from mocap.io.film import pyav

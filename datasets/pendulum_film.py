@@ -3,14 +3,14 @@
 from functools import partial
 
 import numpy as np
+from mocap.datasets.film import film
+from mocap.datasets.linkage import rotated, turn
+from mocap.datasets.observe import Digitiser
+from mocap.datasets.pendulums import GRAVITY_M_S2, Pendulum, pendulum_motion
+from mocap.datasets.recording import SyntheticRecording
+from mocap.datasets.rig import aimed
+from mocap.datasets.scene import Scene, frame_times
 
-from datasets.film import film
-from datasets.linkage import rotated, turn
-from datasets.observe import Digitiser
-from datasets.pendulums import GRAVITY_M_S2, Pendulum, pendulum_motion
-from datasets.recording import SyntheticRecording
-from datasets.rig import aimed
-from datasets.scene import Scene, frame_times
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import BrownLens

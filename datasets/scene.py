@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.datasets.occlusion import Solid
 from numpy.typing import NDArray
 
-from datasets.occlusion import Solid
 from mocap.arrays import Array, frozen
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from mocap.datasets.film import outside
+from mocap.datasets.linkage import rotated, turn
+from mocap.datasets.wander import draw_wander
 
-from datasets.film import outside
-from datasets.linkage import rotated, turn
-from datasets.wander import draw_wander
 from mocap.arrays import Array, frozen
 from mocap.cameras.camera import Camera, record
 from mocap.cameras.lens import BrownLens

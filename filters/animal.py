@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from mocap.filters.bodies import Bodies
+from mocap.filters.tree import left_jacobian, skew
 from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial.transform import Rotation
 
 from eal import EmpiricalPotential, bounds
 from eal.integrators import IntegrationError
-from filters.bodies import Bodies
-from filters.tree import left_jacobian, skew
 from mocap.arrays import Array
 
 HALVINGS = 6

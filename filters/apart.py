@@ -2,7 +2,7 @@
 
 The state of a model such as constant velocity falls into one block [position (3), velocity (3)] a marker: no dynamics,
 no noise and no observation joins two of them, so that the covariance of all is zero between markers at all times. What
-``filters.track`` does with one matrix of size 6M is done here with M matrices of size 6 (9 with accelerations), and
+``track`` does with one matrix of size 6M is done here with M matrices of size 6 (9 with accelerations), and
 gives the same numbers to rounding.
 """
 
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from mocap.filters.moving import EVERY, Rates, between
+from mocap.filters.observations import Observations, Sights
+from mocap.filters.observe import Observed, gate_groups, unused
+from mocap.filters.records import Estimate
 from numpy.typing import NDArray
 
-from filters.moving import EVERY, Rates, between
-from filters.observations import Observations, Sights
-from filters.observe import Observed, gate_groups, unused
-from filters.records import Estimate
 from mocap.arrays import Array
 from mocap.moving import Asked
 
@@ -67,7 +67,7 @@ def smooth_apart(
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
-    """Filter and smooth; arguments and result as in ``filters.track.smooth``.
+    """Filter and smooth; arguments and result as in ``mocap.filters.track.smooth``.
 
     Smoothing back x(t) = m + K (x(t+1) - F m) + r, K = P F' (P-)^-1, the smoothed covariance is the sum of squares
     D D' + K Q K' + K Ps K' with D = (1 - K F) L (Rauch, Tung & Striebel 1965, in the form of Joseph).
@@ -136,7 +136,7 @@ def _filter(
 def _observe(
     mean: Array, factor: Array, observations: Observations, frame: int, gate_sd: float, *, rounds: int = 3
 ) -> tuple[Array, Array, Observed]:
-    """Condition each marker on what a frame shows of it: ``filters.observe.observe``, by marker."""
+    """Condition each marker on what a frame shows of it: ``mocap.filters.observe.observe``, by marker."""
     lower = factor[:, :3, :3]
     cov = lower @ np.swapaxes(lower, 1, 2)
     sights = observations.sights(frame, mean[:, :3], cov)
@@ -197,7 +197,7 @@ def _seen(
     explained: float,
     log_det: float,
 ) -> Observed:
-    """The same numbers as ``filters.observe.observe`` gives."""
+    """The same numbers as ``mocap.filters.observe.observe`` gives."""
     n_rows = int(sights.size[used].sum())
     nis = float(np.sum(weight[:, None] * y**2)) - explained
     log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()
@@ -262,7 +262,7 @@ class _Later:
 
 
 class _Keeper:
-    """Velocities and joint covariances, as ``filters.moving.RateKeeper`` keeps them of states that are not apart."""
+    """Velocities and joint covariances, as ``moving.RateKeeper`` keeps them of states that are not apart."""
 
     def __init__(self, asked: Asked, count: int, n_frames: int) -> None:
         """Room for all frames."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mocap.filters.anatomy import Mass
+from mocap.filters.tree import Posed, Tree, cross, skew, turning_on
 
-from filters.anatomy import Mass
-from filters.tree import Posed, Tree, cross, skew, turning_on
 from mocap.arrays import Array
 
 UNKNOWN_KG = 1.0

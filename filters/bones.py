@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
+from mocap.filters.motion.bones import Bones
+from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
-from filters.motion.bones import Bones
-from filters.poses import MarkerTrial
 from mocap.arrays import Array
 
 INDEPENDENT = 0.1

@@ -14,15 +14,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mocap.filters.motion.bones import Bones
+from mocap.filters.motion.pose import PoseMotion, Regression
+from mocap.filters.motion.potential import PosePotential
+from mocap.filters.moving import Rates
+from mocap.filters.observations import Observations, some_markers
+from mocap.filters.observe import Observed
+from mocap.filters.records import Estimate
 from numpy.typing import NDArray
 
-from filters.motion.bones import Bones
-from filters.motion.pose import PoseMotion, Regression
-from filters.motion.potential import PosePotential
-from filters.moving import Rates
-from filters.observations import Observations, some_markers
-from filters.observe import Observed
-from filters.records import Estimate
 from mocap.arrays import Array
 from mocap.moving import Asked
 
@@ -102,7 +102,7 @@ def smooth_in_groups(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> Estimate:
-    """Smooth each group by itself; arguments and result as in ``filters.track.smooth``, which is ``smooth``."""
+    """Smooth each group by itself; arguments and result as in ``mocap.filters.track.smooth``, which is ``smooth``."""
     count = len(model.subspace.mean) // 3
     xyz, cov = np.empty((len(t_s), count, 3)), np.empty((len(t_s), count, 3, 3))
     observed: list[list[Observed]] = []

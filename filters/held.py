@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.motion.base import MotionModel
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.motion.potential import PosePotential
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian
-from filters.motion.base import MotionModel
-from filters.motion.pose import PoseMotion
-from filters.motion.potential import PosePotential
 from mocap.arrays import Array
 from mocap.held import HeldLimb
 

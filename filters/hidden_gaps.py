@@ -6,18 +6,18 @@ from functools import partial
 from itertools import count
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
+from mocap.filters.mixture import Mixture, learn_mixture
+from mocap.filters.models.articulated import ArticulatedSettings
+from mocap.filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
+from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.singer import LastingSettings
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.score import Residuals, joined, residuals_of
 
-from filters.anatomy import Anatomy
-from filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
-from filters.mixture import Mixture, learn_mixture
-from filters.models.articulated import ArticulatedSettings
-from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
-from filters.models.constant_velocity import MarkerSettings
-from filters.models.pose import PoseSettings
-from filters.models.singer import LastingSettings
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
-from filters.score import Residuals, joined, residuals_of
 from mocap.side_by_side import Call, call_all
 
 STEADY_MARKER, EACH_MARKER = MarkerSettings(acceleration=0.01), LastingSettings()

@@ -7,9 +7,9 @@ from itertools import product
 from typing import Generic, Literal, Protocol, TypeVar
 
 import numpy as np
+from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
-from filters.poses import MarkerTrial
 from mocap.arrays import Array
 
 Mask = NDArray[np.bool_]

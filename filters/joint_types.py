@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from mocap.filters.anatomy import Limb, anatomy_of
 
-from filters.anatomy import Limb, anatomy_of
 from mocap.arrays import Array
 from mocap.skeleton import Skeleton
 

@@ -3,7 +3,7 @@
 Here the state is the relative joint coordinates q of the paper and their velocities, with the true mass matrix M(q),
 and the step in time is the implicit midpoint step of that Lagrangian: without noise the filter's model conserves its
 energy to the integrator's order, and Theorem 3 of the paper is a statement about it. What the Lagrangian lacks
-(muscles, air) is white noise of the forces. The tracker of whole animals (``filters.models``) is another thing: it
+(muscles, air) is white noise of the forces. The tracker of whole animals (``models``) is another thing: it
 holds the coordinates of all markers, and its potentials are conditionings, no forces of a mechanics.
 """
 
@@ -13,6 +13,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from mocap.filters.ensemble import default_points
+from mocap.filters.unscented import UnscentedKalmanFilter
 from numpy.typing import NDArray
 
 from eal import bounds
@@ -20,8 +22,6 @@ from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.midpoint import midpoint_step
 from eal.threads import one_blas_thread
-from filters.ensemble import default_points
-from filters.unscented import UnscentedKalmanFilter
 from mocap.arrays import frozen
 
 Array = NDArray[Any]

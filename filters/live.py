@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, Prediction
+from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.observations import Observations, Sights
+from mocap.filters.observe import Observed
+from mocap.filters.smoother import smooth_step
+from mocap.filters.track import filter_frame, marker_moments
 
 from eal.threads import one_blas_thread
-from filters.ensemble import Gaussian, Prediction
-from filters.motion.base import MotionModel, Step
-from filters.observations import Observations, Sights
-from filters.observe import Observed
-from filters.smoother import smooth_step
-from filters.track import filter_frame, marker_moments
 from mocap.arrays import Array
 
 Look = Callable[[Array, Array], Sights]
@@ -80,7 +80,7 @@ def live(
 
     A frame is filtered as it comes. Then the last states are smoothed back, and those that have seen ``lag`` later
     frames are given away; when no more frames come, the rest follows with what hindsight there is. A frame is estimated
-    exactly as ``filters.track.smooth`` does it of a recording that ends where the window ends: with a lag of the whole
+    exactly as ``track.smooth`` does it of a recording that ends where the window ends: with a lag of the whole
     recording it is that to rounding, with lag 0 the filtered state.
 
     Cost a frame: one filter step and (lag + every - 1) / every smoothing steps; memory: lag + every states and

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.motion.shape import FieldShape, FreeShape, LinearShape
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist, pdist
 
-from filters.motion.shape import FieldShape, FreeShape, LinearShape
 from mocap.arrays import Array
 
 

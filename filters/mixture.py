@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mocap.filters.score import Residuals
 from numpy.typing import NDArray
 from scipy.optimize import minimize, root_scalar
 
-from filters.score import Residuals
 from mocap.arrays import Z95, Array, frozen
 
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-
-from filters.anatomy import anatomy_of
-from filters.hidden_gaps import (
+from mocap.filters.anatomy import anatomy_of
+from mocap.filters.hidden_gaps import (
     EACH_MARKER,
     MODELS,
     USUAL_EFFORT,
@@ -18,14 +17,15 @@ from filters.hidden_gaps import (
     mixed,
     own_gaps,
 )
-from filters.hide import gap_lengths
-from filters.mixture import Mixture, learn_mixture, mixed_residuals
-from filters.models.base import Progress, TrajectoryModel, TrialSet, estimate
-from filters.models.pose import PoseSettings
-from filters.observations import Observations
-from filters.poses import MarkerTrial
-from filters.records import Estimate
-from filters.score import Residuals
+from mocap.filters.hide import gap_lengths
+from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
+from mocap.filters.models.base import Progress, TrajectoryModel, TrialSet, estimate
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.observations import Observations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.records import Estimate
+from mocap.filters.score import Residuals
+
 from mocap.errors import MocapError
 from mocap.moving import Asked
 from mocap.side_by_side import Call, call_all

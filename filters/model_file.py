@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mocap.filters.mixture import Mixture
+from mocap.filters.model import LearnedModel, own_trials
+from mocap.filters.models.registry import read, written
+from mocap.filters.poses import MarkerTrial
 
 from eal import npz
-from filters.mixture import Mixture
-from filters.model import LearnedModel, own_trials
-from filters.models.registry import read, written
-from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.errors import FormatError
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, Prediction
+from mocap.filters.motion.base import MotionModel
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtrmm, dtrsm  # type: ignore[attr-defined]  # made at run time
 
-from filters.ensemble import Gaussian, Prediction
-from filters.motion.base import MotionModel
 from mocap.arrays import Array
 from mocap.moving import Asked
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, cholesky, condition, each_marker, marker_covariances
+from mocap.filters.observations import WHOLE, Sights
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
 
-from filters.ensemble import Gaussian, cholesky, condition, each_marker, marker_covariances
-from filters.observations import WHOLE, Sights
 from mocap.arrays import Array
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
 from numpy.typing import NDArray
 
-from filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
 from mocap.arrays import Array
 from mocap.body import BodyFrames, body_frames, smooth_series, trunk_shape
 

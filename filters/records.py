@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.moving import Rates
+from mocap.filters.observe import Observed
 from numpy.typing import NDArray
 
-from filters.moving import Rates
-from filters.observe import Observed
 from mocap.arrays import Array, frozen
 from mocap.held import HeldLimb
 from mocap.records import MarkerTracks

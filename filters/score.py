@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.hide import Hidden
+from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
-from filters.hide import Hidden
-from filters.poses import MarkerTrial
 from mocap.arrays import Z95, Array, varying
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
-from filters.poses import MarkerTrial
 from mocap.arrays import Array
 
 INDEPENDENT = 0.1

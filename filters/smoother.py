@@ -1,9 +1,8 @@
 """The Rauch-Tung-Striebel smoother in ensemble coordinates: what the prediction kept is all that it needs."""
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, Prediction, cholesky, gram, triangular
 from scipy.linalg.blas import dsyrk, dtrmm, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
-
-from filters.ensemble import Gaussian, Prediction, cholesky, gram, triangular
 
 
 def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) -> Gaussian:

@@ -5,21 +5,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mocap.filters.apart import smooth_apart
+from mocap.filters.ensemble import Gaussian, Prediction, gram, marker_covariances
+from mocap.filters.groups import MOST, groups_of, smooth_in_groups
+from mocap.filters.held import HeldKeeper
+from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.motion.singer import LastingAcceleration
+from mocap.filters.moving import RateKeeper
+from mocap.filters.observations import Observations, seen_from
+from mocap.filters.observe import Observed, observe, unused
+from mocap.filters.records import Estimate
+from mocap.filters.smoother import smooth_step
 from threadpoolctl import threadpool_limits
 
-from filters.apart import smooth_apart
-from filters.ensemble import Gaussian, Prediction, gram, marker_covariances
-from filters.groups import MOST, groups_of, smooth_in_groups
-from filters.held import HeldKeeper
-from filters.motion.base import MotionModel, Step
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.motion.pose import PoseMotion
-from filters.motion.singer import LastingAcceleration
-from filters.moving import RateKeeper
-from filters.observations import Observations, seen_from
-from filters.observe import Observed, observe, unused
-from filters.records import Estimate
-from filters.smoother import smooth_step
 from mocap.arrays import Array
 from mocap.moving import Asked
 

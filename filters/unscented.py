@@ -1,16 +1,16 @@
-"""An unscented Kalman filter for any model, with filterpy's names and the arithmetic of ``filters.ensemble``."""
+"""An unscented Kalman filter for any model, with filterpy's names and the arithmetic of ``mocap.filters.ensemble``."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints
+from mocap.filters.ensemble import Gaussian, Prediction, predict, triangular, update
+from mocap.filters.smoother import smooth_step
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
 
-from filters.ensemble import Gaussian, Prediction, predict, triangular, update
-from filters.smoother import smooth_step
 from mocap.arrays import Array
 
 Function = Callable[..., Any]

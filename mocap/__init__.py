@@ -4,10 +4,7 @@
 model from several recordings. What is heavy is imported when it is first used.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from mocap.neighbours import check_neighbours
 
 if TYPE_CHECKING:
     from mocap.batches.run import Batch, batch
@@ -71,7 +68,8 @@ def __getattr__(name: str) -> Any:
     """A public name, imported when it is first asked for."""
     if name not in _PLACES:
         raise AttributeError(f"module 'mocap' has no attribute {name!r}")
-    check_neighbours()
+    from importlib import import_module
+
     found = globals()[name] = getattr(import_module(_PLACES[name]), name)
     return found
 

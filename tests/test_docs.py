@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
 
 from docs.tools import columns, commands, html
 from docs.tools.made import PAGES
 from eal import fit_potential
-from filters.anatomy import Anatomy
-from filters.models.base import TrialSet, estimate
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
 from mocap.cli.main import COMMANDS, INSTALLING
 from mocap.cli.main import PAGES as COMMAND_PAGES
 from mocap.errors import FormatError, MocapError

@@ -1,10 +1,11 @@
-"""What is installed: the wheel alone runs the demo; extras that are absent and names that collide are told clearly."""
+"""What is installed: the wheel alone runs the demo, stands beside other packages, and names extras that are absent."""
 
 import json
 import os
 import subprocess
 import sys
 import tarfile
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from mocap import load
 from tests.mocap.test_main_job import assert_beats_others, assert_each_joint_has_a_potential, assert_intervals_hold
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES, SHIPPED = ("mocap", "eal", "filters", "datasets"), (".py", ".toml", ".html")
+PACKAGES, SHIPPED = ("mocap", "eal", "filters", "datasets"), (".py", ".toml", ".html", ".typed")
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def test_the_wheel_alone_runs_the_demo(installed, tmp_path):
 
     What the bat's demo is held to in ``tests/mocap/test_main_job.py`` holds for this one, of a lizard.
     """
-    where = run_there(installed, tmp_path, "-c", "import mocap, eal, filters, datasets; print(mocap.__file__)")
+    where = run_there(installed, tmp_path, "-c", "import mocap.filters, mocap.datasets, eal; print(mocap.__file__)")
     assert where.stdout.startswith(str(installed)), where.stderr
     shorter = "from functools import partial; from mocap.pipeline import demo; "
     shorter += "demo.run_demo = partial(demo.run_demo, n_frames=240); "
@@ -84,15 +85,67 @@ def test_wheel_and_sdist_carry_the_licence(installed):
     assert not {path.as_posix() for path in wanted} - inside
 
 
-def test_a_package_of_the_same_name_is_told(installed, tmp_path):
-    """Another distribution's ``datasets`` before ours: one line that says which file and what to do."""
-    (tmp_path / "other" / "datasets").mkdir(parents=True)
-    (tmp_path / "other" / "datasets" / "__init__.py").write_text('"""Somebody else\'s."""\n')
-    command = "from mocap.cli.main import main; main()"
-    done = run_there(installed, tmp_path, "-c", command, "--help", first=tmp_path / "other")
-    assert done.returncode == 1
-    assert "the package 'datasets' that Python finds" in done.stderr
-    assert "in its own environment" in done.stderr
+def test_the_wheel_has_two_names_of_its_own(installed):
+    """``mocap`` and ``eal``: no other distribution's folder is written to; every folder of sources is in the list."""
+    found = {path.name for path in installed.iterdir() if path.name != "bin" and path.suffix != ".dist-info"}
+    assert found == {"mocap", "eal"}
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    folders = {path.parent.relative_to(ROOT) for name in PACKAGES for path in (ROOT / name).rglob("*.py")}
+    names = {".".join(folder.parts) for folder in folders}
+    assert set(stated) == {f"mocap.{name}" if name.startswith(("filters", "datasets")) else name for name in names}
+    assert (installed / "mocap" / "py.typed").is_file()
+    assert (installed / "eal" / "py.typed").is_file()
+
+
+def test_another_datasets_is_left_alone(installed, tmp_path):
+    """A distribution with a package ``datasets``: whole, and imported as itself, while ours is there and after it goes.
+
+    It is installed first, as Hugging Face's is in most environments, and ours is removed again by pip.
+    """
+    source = tmp_path / "stub"
+    (source / "datasets").mkdir(parents=True)
+    (source / "datasets" / "__init__.py").write_text("OWNER = 'somebody else'\n")
+    (source / "pyproject.toml").write_text(
+        "[build-system]\nrequires = ['setuptools']\nbuild-backend = 'setuptools.build_meta'\n"
+        "[project]\nname = 'datasets'\nversion = '4.0'\n[tool.setuptools]\npackages = ['datasets']\n"
+    )
+    python = tmp_path / "env" / ("Scripts" if os.name == "nt" else "bin") / "python"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "env"], check=True)
+    pip = [sys.executable, "-m", "pip", "--python", python, "--quiet", "--disable-pip-version-check"]
+    tools = tmp_path / "tools"  # what the build needs, from the environment of the tests: no package index is asked
+    subprocess.run(
+        [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", tools, source],
+        check=True,
+    )
+    (stub,) = tools.iterdir()
+    (wheel,) = (installed.parent / "wheels").iterdir()
+    subprocess.run([*pip, "install", "--no-deps", "--no-index", stub], check=True)
+    ask = [python, "-c", "import datasets; print(datasets.OWNER)"]
+    for step in (["install", "--no-deps", "--no-index", wheel], ["uninstall", "--yes", "eal-mocap"]):
+        subprocess.run([*pip, *step], check=True)
+        answer = subprocess.run(ask, cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert answer.stdout.strip() == "somebody else"
+    assert not list((tmp_path / "env").rglob("mocap"))
+
+
+def test_folders_of_the_repository_are_the_installed_modules():
+    """At its root ``import filters`` gives the modules of ``mocap.filters``, submodules and classes included."""
+    script = (
+        "import filters, filters.models.base, datasets.rig, mocap.filters, mocap.datasets, mocap.datasets.rig as rig\n"
+        "from filters.track import smooth\n"
+        "from mocap.filters.track import smooth as same\n"
+        "import mocap.filters.models.base as base\n"
+        "assert filters is mocap.filters and datasets is mocap.datasets and smooth is same\n"
+        "assert filters.models.base is base and datasets.rig is rig and base.__spec__.name == base.__name__\n"
+    )
+    subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True)
+
+
+def test_importing_mocap_imports_nothing_else():
+    """Neither rooms of ours nor libraries: names are imported when they are first used."""
+    script = "import sys; import mocap; print([m for m in sys.modules if m.startswith(('mocap.', 'eal', 'numpy'))])"
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]"
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,9 @@ PLACES = {
 }
 """Libraries that only some folders may import (tests may import all of them)."""
 
+INSTALLED_BELOW = ("filters", "datasets")
+"""Folders at the top that are installed as packages of mocap; under their own names they are not imported."""
+
 OUTSIDE = ("tests", "benchmarks")
 """Folders of scripts; no package imports them."""
 
@@ -60,6 +63,7 @@ OUTSIDE = ("tests", "benchmarks")
 def imports(source: str, path: str) -> set[str]:
     """Full names of all modules that a source file imports, also inside functions, relative ones resolved."""
     package = path.removesuffix(".py").removesuffix("/__init__").split("/")
+    package = ["mocap", *package] if package[0] in INSTALLED_BELOW else package
     if not path.endswith("__init__.py"):
         package = package[:-1]
     found = set()
@@ -83,8 +87,9 @@ FACE = "mocap/__init__.py"
 
 def room(parts: list[str]) -> str:
     """The package or room that a file or a dotted name belongs to; files of mocap/ in no room are "mocap"."""
-    if parts[0] == "mocap" and len(parts) > 1 and f"mocap/{parts[1]}" in ALLOWED:
-        return f"mocap/{parts[1]}"
+    if parts[0] == "mocap" and len(parts) > 1:
+        below = f"mocap/{parts[1]}"
+        return below if below in ALLOWED else parts[1] if parts[1] in INSTALLED_BELOW else "mocap"
     return parts[0]
 
 
@@ -95,9 +100,11 @@ def trouble(source: str, path: str) -> list[str]:
     for name in sorted(imports(source, path)):
         top, there = name.split(".")[0], room(name.split("."))
         allowed = ALLOWED["mocap/cli"] if path == FACE else ALLOWED[here]
-        if there in ALLOWED and there != here and there not in allowed:
+        if there in ALLOWED and there != here and there not in allowed and top not in INSTALLED_BELOW:
             found.append(f"{path} imports {name}: {here} may import only {sorted(allowed) or 'nothing'}")
-        if top in OUTSIDE:
+        if top in INSTALLED_BELOW:
+            found.append(f"{path} imports {name}: it is installed as mocap.{name}")
+        elif top in OUTSIDE:
             found.append(f"{path} imports {name}: packages import no scripts")
         if top in PLACES and not path.startswith(PLACES[top]):
             found.append(f"{path} imports {name}: only {', '.join(PLACES[top])} may")
@@ -124,12 +131,13 @@ def test_every_package_is_in_the_table():
     ("path", "source"),
     [
         ("mocap/a.py", "import eal"),
-        ("mocap/io/a.py", "from filters.track import smooth"),
+        ("mocap/io/a.py", "from mocap.filters.track import smooth"),
+        ("mocap/pipeline/a.py", "from filters.track import smooth"),
         ("eal/a.py", "def f():\n    from mocap.arrays import Array"),
         ("eal/integrators/a.py", "from ... import mocap"),
         ("datasets/a.py", "import numpy, eal.kernels as k"),
         ("filters/a.py", "import mocap.pipeline.run"),
-        ("filters/a.py", "import importlib\nimportlib.import_module('datasets.bats')"),
+        ("filters/a.py", "import importlib\nimportlib.import_module('mocap.datasets.bats')"),
         ("filters/a.py", "import cv2"),
         ("mocap/cli/a.py", "import rerun as rr"),
         ("mocap/a.py", "from filterpy.kalman import KalmanFilter"),
@@ -149,7 +157,7 @@ def test_a_wrong_direction_is_seen(path, source):
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("mocap/rerun/deep/a.py", "import rerun\nfrom datasets import make_bat"),
+        ("mocap/rerun/deep/a.py", "import rerun\nfrom mocap.datasets import make_bat"),
         ("filters/motion/a.py", "from .base import MotionModel\nfrom eal import fit_potential\nimport filterpy"),
         ("datasets/a.py", "import cv2\nfrom mocap.cameras.camera import Camera"),
         ("mocap/io/a.py", "from ..errors import FormatError\nfrom . import csv_table"),

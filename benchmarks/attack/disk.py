@@ -29,9 +29,9 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
+from mocap.datasets.folder import write_recording
 
 import mocap.cli.main  # loaded before children are forked
-from datasets.folder import write_recording
 from mocap.io.manifest import PARTIAL, current_files, digest, read_manifest
 
 KILL, INTERRUPT, ERROR, FULL = 1, 2, 3, 4
@@ -93,7 +93,8 @@ def compiled(folder: Path) -> Path:
 
 def converting(files: Path) -> list[Case]:
     """Commands that read one recording and write another."""
-    from datasets.lizards import make_lizard
+    from mocap.datasets.lizards import make_lizard
+
     from mocap.io.contents import point_recording
     from mocap.io.registry import write
 
@@ -119,8 +120,9 @@ def converting(files: Path) -> list[Case]:
 
 def tracking(files: Path) -> list[Case]:
     """Commands that write what was tracked, learned or drawn; it is made here, once."""
-    from datasets.lizards import make_lizard
-    from filters.model import learn_model
+    from mocap.datasets.lizards import make_lizard
+    from mocap.filters.model import learn_model
+
     from mocap.pipeline.job import run_job
     from mocap.pipeline.prepare import prepare
     from mocap.pipeline.recording import Recording
@@ -159,7 +161,8 @@ def showing(files: Path) -> list[Case]:
     """Joint design, and the folder for a web server: with the viewer's own files."""
     import urllib.request
 
-    from datasets.lizards import make_lizard
+    from mocap.datasets.lizards import make_lizard
+
     from mocap.pipeline.job import run_job
     from mocap.pipeline.recording import Recording
     from mocap.rerun.record import write_recording as write_rrd

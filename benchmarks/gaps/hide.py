@@ -1,14 +1,14 @@
-"""Where the gaps of the benchmark lie: kinds of gaps of ``filters.hide``, and excerpts of trials."""
+"""Where the gaps of the benchmark lie: kinds of gaps of ``mocap.filters.hide``, and excerpts of trials."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from mocap.filters import hide as gaps
+from mocap.filters.hide import Gap, Group, Rules
 
 from benchmarks.gaps.method import Trial
 from benchmarks.gaps.rays import Shown
-from filters import hide as gaps
-from filters.hide import Gap, Group, Rules
 
 SCENARIOS = ("single", "pair", "limb", "all")
 """One marker of a limb, two of the same limb, a whole limb, all limbs at once."""

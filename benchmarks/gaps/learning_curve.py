@@ -13,6 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from mocap.datasets.bat_skeleton import bat_skeleton
+from mocap.datasets.bats import bat_motion
+from mocap.datasets.scene import frame_times
 from threadpoolctl import threadpool_limits
 
 from benchmarks.gaps.hide import cells
@@ -22,9 +25,6 @@ from benchmarks.gaps.protocol import evaluate, shown_trials
 from benchmarks.gaps.registry import methods
 from benchmarks.gaps.takes import Take, trials_of
 from benchmarks.gaps.twins import FRAMES
-from datasets.bat_skeleton import bat_skeleton
-from datasets.bats import bat_motion
-from datasets.scene import frame_times
 
 WING, TRUNK = ("elbow_l", "wrist_l", "d3_tip_l", "d5_tip_l"), ("sternum", "back", "pelvis", "shoulder_l")
 BONES = (("shoulder_l", "elbow_l"), ("elbow_l", "wrist_l"), ("wrist_l", "d3_tip_l"), ("wrist_l", "d5_tip_l"))

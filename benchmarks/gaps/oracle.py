@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mocap.filters.hidden_gaps import MODELS
+from mocap.filters.models.base import FittedMotion, TrialSet
+from mocap.filters.models.pose import PoseSettings, recorded_motion, with_potentials
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of
+from mocap.filters.subspace import PoseSubspace
 
 from benchmarks.gaps.method import Filler, Trial
 from benchmarks.gaps.ours import Ours
 from benchmarks.gaps.prepared import recording
-from filters.hidden_gaps import MODELS
-from filters.models.base import FittedMotion, TrialSet
-from filters.models.pose import PoseSettings, recorded_motion, with_potentials
-from filters.motion.pose import PoseMotion
-from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of
-from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 from mocap.body import smooth_series
 from mocap.pipeline.tracking import marker_trial, seen_part

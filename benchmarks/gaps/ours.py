@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mocap.filters.hidden_gaps import EACH_MARKER, JOINTS, MODELS, POSE, WITH_JOINTS, Effort
+from mocap.filters.models.base import TrajectoryModel
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
-from filters.hidden_gaps import EACH_MARKER, JOINTS, MODELS, POSE, WITH_JOINTS, Effort
-from filters.models.base import TrajectoryModel
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
 

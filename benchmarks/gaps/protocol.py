@@ -15,12 +15,12 @@ from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
+from mocap.filters import score as one_score
 
 from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, cells, excerpt, hide
 from benchmarks.gaps.method import Estimate, Filler, Method, Oracle, Trial, reads_rays
 from benchmarks.gaps.prepared import recording
 from benchmarks.gaps.rays import RAYS, Shown, with_rays
-from filters import score as one_score
 from mocap.arrays import Array
 
 TEST_FRAMES = 500

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from mocap.filters.hide import Gap, Hidden
 
 from benchmarks.gaps.method import Film, Trial
-from filters.hide import Gap, Hidden
 from mocap.arrays import Array
 
 RAYS = (0, 1, 2)

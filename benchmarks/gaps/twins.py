@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from mocap.datasets.bat_skeleton import bat_skeleton
+from mocap.datasets.bats import Manoeuvre, bat_motion
+from mocap.datasets.film import film
+from mocap.datasets.lizard_skeleton import lizard_skeleton
+from mocap.datasets.lizards import SLOPE_RAD, lizard_motion
+from mocap.datasets.observe import Digitiser
+from mocap.datasets.rig import tank_cameras, tunnel_cameras
+from mocap.datasets.scene import Motion, Scene, frame_times
 
 from benchmarks.gaps.method import Film
 from benchmarks.gaps.prepared import prepared_film
 from benchmarks.gaps.takes import Take
-from datasets.bat_skeleton import bat_skeleton
-from datasets.bats import Manoeuvre, bat_motion
-from datasets.film import film
-from datasets.lizard_skeleton import lizard_skeleton
-from datasets.lizards import SLOPE_RAD, lizard_motion
-from datasets.observe import Digitiser
-from datasets.rig import tank_cameras, tunnel_cameras
-from datasets.scene import Motion, Scene, frame_times
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.skeleton import Skeleton

@@ -6,20 +6,20 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy, Limb
+from mocap.filters.joint_types import DOUBTED, Articulation, joints_of
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.models.lagrangian import with_lagrangian
+from mocap.filters.models.limbs import held_together, known_poses, sides
+from mocap.filters.models.pose import PoseSettings, held_by, learn_pose, recorded_motion
+from mocap.filters.motion.articulated import ArticulatedMotion
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.motion.potential import PosePotential
+from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, radian, residual_rate, shapes_of
+from mocap.filters.subspace import PoseSubspace
+from mocap.filters.tree import FittedPoses, Tree, fit_poses
 from numpy.typing import NDArray
 
-from filters.anatomy import Anatomy, Limb
-from filters.joint_types import DOUBTED, Articulation, joints_of
-from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from filters.models.lagrangian import with_lagrangian
-from filters.models.limbs import held_together, known_poses, sides
-from filters.models.pose import PoseSettings, held_by, learn_pose, recorded_motion
-from filters.motion.articulated import ArticulatedMotion
-from filters.motion.pose import PoseMotion
-from filters.motion.potential import PosePotential
-from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, radian, residual_rate, shapes_of
-from filters.subspace import PoseSubspace
-from filters.tree import FittedPoses, Tree, fit_poses
 from mocap.arrays import Array
 from mocap.errors import MocapError
 
@@ -53,7 +53,7 @@ class ArticulatedSettings(TrajectoryModel):
             the segments keep.
         slip: Factor on the deviation of markers' places on their segments.
         mechanics: ``linear``: learned ones of a subspace of the angles; ``lagrangian``: those of the whole animal with
-            its true mass matrix (``filters.animal``).
+            its true mass matrix (``mocap.filters.animal``).
         trunk: Of the Lagrangian, factor on the mass of the trunk. Ground and air push back at what limbs do to it: at 1
             the trunk recoils from every muscle as if the animal were alone in space, much above it is held.
     """

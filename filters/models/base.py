@@ -1,6 +1,6 @@
 """What every motion model answers: it is settings that are fitted to trials, and then fill the last of these.
 
-A new model is a file with such a class, and a line in ``filters.models.registry``.
+A new model is a file with such a class, and a line in ``mocap.filters.models.registry``.
 """
 
 from abc import ABC, abstractmethod
@@ -9,18 +9,18 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.bones import rigid_bones
+from mocap.filters.motion.base import MotionModel
+from mocap.filters.motion.bones import Bones
+from mocap.filters.observations import Observations
+from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
+from mocap.filters.records import Estimate
+from mocap.filters.size import sized_like
+from mocap.filters.track import smooth
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from filters.anatomy import Anatomy
-from filters.bones import rigid_bones
-from filters.motion.base import MotionModel
-from filters.motion.bones import Bones
-from filters.observations import Observations
-from filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
-from filters.records import Estimate
-from filters.size import sized_like
-from filters.track import smooth
 from mocap.arrays import Array
 from mocap.moving import Asked
 

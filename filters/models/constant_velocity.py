@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.subspace import bridge
 
-from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.subspace import bridge
 from mocap.arrays import Array, varying
 from mocap.body import smooth_series
 

@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from mocap.filters.gaussian_process import Covariance, Rows, fitted, predict
+from mocap.filters.hide import unseen_runs
+from mocap.filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
+from mocap.filters.neighbours import Neighbours, body_itself
+from mocap.filters.observations import Observations
+from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian
+from mocap.filters.records import Estimate
 from numpy.typing import NDArray
 
-from filters.gaussian_process import Covariance, Rows, fitted, predict
-from filters.hide import unseen_runs
-from filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
-from filters.neighbours import Neighbours, body_itself
-from filters.observations import Observations
-from filters.poses import PoseTrial, Shapes, known_shapes, radian
-from filters.records import Estimate
 from mocap.arrays import Array
 from mocap.body import BodyFrames, smooth_series
 from mocap.moving import Asked

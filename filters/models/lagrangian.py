@@ -3,18 +3,18 @@
 from dataclasses import fields, replace
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.animal import Animal, Valley
+from mocap.filters.bodies import Bodies, cloud, rod, rod_masses
+from mocap.filters.mechanics import Motion, unexplained
+from mocap.filters.models.pose import PoseSettings, unseen_potential
+from mocap.filters.motion.articulated import ArticulatedMotion
+from mocap.filters.motion.lagrangian import LagrangianMotion
+from mocap.filters.motion.potential import PosePotential
+from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
 from eal import EmpiricalPotential, RotationKernel
-from filters.anatomy import Anatomy
-from filters.animal import Animal, Valley
-from filters.bodies import Bodies, cloud, rod, rod_masses
-from filters.mechanics import Motion, unexplained
-from filters.models.pose import PoseSettings, unseen_potential
-from filters.motion.articulated import ArticulatedMotion
-from filters.motion.lagrangian import LagrangianMotion
-from filters.motion.potential import PosePotential
-from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 
 FLESH = 0.3

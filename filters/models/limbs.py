@@ -5,12 +5,12 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy, reflection
+from mocap.filters.motion.potential import PosePotential, Pull
+from mocap.filters.poses import Shapes, known_shapes
+from mocap.filters.subspace import PoseSubspace
 
 from eal import RotationKernel
-from filters.anatomy import Anatomy, reflection
-from filters.motion.potential import PosePotential, Pull
-from filters.poses import Shapes, known_shapes
-from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 
 Learn = Callable[..., Callable[[Array], Array]]

@@ -6,21 +6,21 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.models.delayed_poses import DelaySettings
+from mocap.filters.models.limbs import limb_potentials
+from mocap.filters.motion.bones import Bones
+from mocap.filters.motion.pose import PoseMotion, Regression, body_path
+from mocap.filters.motion.potential import PosePotential, Pull
+from mocap.filters.motion.shape import ShapeMechanics
+from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate, shapes_of
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, Kernel, fit_potential
-from filters.anatomy import Anatomy
-from filters.ensemble import Gaussian
-from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
-from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from filters.models.delayed_poses import DelaySettings
-from filters.models.limbs import limb_potentials
-from filters.motion.bones import Bones
-from filters.motion.pose import PoseMotion, Regression, body_path
-from filters.motion.potential import PosePotential, Pull
-from filters.motion.shape import ShapeMechanics
-from filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate, shapes_of
 from mocap.arrays import Array
 
 Mechanics = Literal["free", "linear", "field"]
@@ -59,9 +59,9 @@ class PoseSettings(TrajectoryModel):
         least_known: Poses known better than this (``Components.known``) are samples of the potential.
         weight: Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units
             of the log density (``with_potential``).
-        bones: The same of rigid bones: how often V_b (``filters.motion.bones``) is charged while the motion turns by a
+        bones: The same of rigid bones: how often V_b (``motion.bones``) is charged while the motion turns by a
             radian. Bones are not counted anew in each frame, as what they say of neighbouring ones is the same.
-        passes: Of the iterated smoother, at most (``filters.track.smooth``).
+        passes: Of the iterated smoother, at most (``mocap.filters.track.smooth``).
         regression: What a regression on the other markers predicts (``DelaySettings``) is one more observation of a
             marker that is not seen. It errs alike for so many of the times in which the motion turns by a radian, and
             counts once in each; 0: there is none.

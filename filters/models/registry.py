@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
-from filters.models.articulated import ArticulatedSettings
-from filters.models.base import TrajectoryModel
-from filters.models.constant_velocity import MarkerSettings
-from filters.models.delayed_poses import DelaySettings
-from filters.models.pose import PoseSettings
-from filters.models.singer import LastingSettings
+from mocap.filters.models.articulated import ArticulatedSettings
+from mocap.filters.models.base import TrajectoryModel
+from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.delayed_poses import DelaySettings
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.singer import LastingSettings
 
 MODELS: dict[str, type[TrajectoryModel]] = {
     "articulated": ArticulatedSettings,

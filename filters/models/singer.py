@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
+from mocap.filters.models.constant_velocity import marker_motion
+from mocap.filters.motion.singer import LastingAcceleration
 
-from filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from filters.models.constant_velocity import marker_motion
-from filters.motion.singer import LastingAcceleration
 from mocap.arrays import Array
 
 

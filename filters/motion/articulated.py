@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, default_points
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.tree import Posed, Tree, left_jacobian, skew
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian, default_points
-from filters.motion.pose import PoseMotion
-from filters.tree import Posed, Tree, left_jacobian, skew
 from mocap.arrays import Array
 
 BENT_RAD = 0.1

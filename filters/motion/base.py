@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from filters.ensemble import Gaussian, Prediction, SigmaPoints, ensemble, predict, scale, spread
+from mocap.filters.ensemble import Gaussian, Prediction, SigmaPoints, ensemble, predict, scale, spread
+
 from mocap.arrays import Array
 
 ROUNDS = 10

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.motion.enforce import Term
 from numpy.typing import NDArray
 
-from filters.motion.enforce import Term
 from mocap.arrays import Array
 
 

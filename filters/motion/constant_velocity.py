@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, SigmaPoints, default_points
+from mocap.filters.motion.base import MotionModel
 
-from filters.ensemble import Gaussian, SigmaPoints, default_points
-from filters.motion.base import MotionModel
 from mocap.arrays import Array
 
 
@@ -75,13 +75,13 @@ class ConstantVelocity(MotionModel):
         return states.reshape(len(states), -1, 3)
 
     def starts(self) -> tuple[Array, Array]:
-        """Mean (M, 6) and lower factor (M, 6, 6) of each marker's [position, velocity] (``filters.apart``)."""
+        """Mean (M, 6) and lower factor (M, 6, 6) of each marker's [position, velocity] (``mocap.filters.apart``)."""
         mean = np.concatenate([self.start_m, np.zeros_like(self.start_m)], axis=1)
         sd = np.repeat([self.start_sd_m, self.speed_sd_m_s], 3)
         return mean, np.repeat(np.diag(sd)[None], len(mean), axis=0)
 
     def steps(self, dt_s: float) -> tuple[Array, Array]:
-        """Transition (6, 6) and noise (M, 6, 6) of each marker (``filters.apart``)."""
+        """Transition (6, 6) and noise (M, 6, 6) of each marker (``mocap.filters.apart``)."""
         l11, l21, l22 = white_acceleration(self.density, dt_s)
         entries = np.array([[l11**2, l11 * l21], [l11 * l21, l21**2 + l22**2]])
         noise = np.einsum("abm,ij->maibj", entries, np.eye(3)).reshape(-1, 6, 6)

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, condition, default_points, scale, triangular
 from scipy.linalg.blas import dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
 
-from filters.ensemble import Gaussian, condition, default_points, scale, triangular
 from mocap.arrays import Array
 
 

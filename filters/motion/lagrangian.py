@@ -4,16 +4,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mocap.filters.animal import Animal, Moving
+from mocap.filters.ensemble import Gaussian, Prediction, default_points, predicted
+from mocap.filters.motion.articulated import ArticulatedMotion
+from mocap.filters.motion.base import Step
+from mocap.filters.motion.constant_velocity import white_acceleration
+from mocap.filters.tree import left_jacobian, skew
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eal.integrators import IntegrationError
-from filters.animal import Animal, Moving
-from filters.ensemble import Gaussian, Prediction, default_points, predicted
-from filters.motion.articulated import ArticulatedMotion
-from filters.motion.base import Step
-from filters.motion.constant_velocity import white_acceleration
-from filters.tree import left_jacobian, skew
 from mocap.arrays import Array
 from mocap.errors import MocapError
 

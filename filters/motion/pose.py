@@ -7,17 +7,17 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, Prediction, SigmaPoints, condition, default_points, each_marker, predicted
+from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.bones import Bones, Differences, bones_term, differences
+from mocap.filters.motion.constant_velocity import white_acceleration
+from mocap.filters.motion.enforce import enforce, informed, potential_term
+from mocap.filters.motion.potential import PosePotential
+from mocap.filters.motion.shape import ShapeMechanics
+from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian, Prediction, SigmaPoints, condition, default_points, each_marker, predicted
-from filters.motion.base import MotionModel, Step
-from filters.motion.bones import Bones, Differences, bones_term, differences
-from filters.motion.constant_velocity import white_acceleration
-from filters.motion.enforce import enforce, informed, potential_term
-from filters.motion.potential import PosePotential
-from filters.motion.shape import ShapeMechanics
-from filters.subspace import PoseSubspace
 from mocap.arrays import Array
 from mocap.body import BodyFrames
 

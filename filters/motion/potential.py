@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, triangular
 
 from eal import EmpiricalPotential
-from filters.ensemble import Gaussian, triangular
 from mocap.arrays import Array
 
 

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, default_points, ensemble, scale, spread
+from mocap.filters.motion.constant_velocity import white_acceleration
 from scipy.linalg import expm
 
-from filters.ensemble import Gaussian, default_points, ensemble, scale, spread
-from filters.motion.constant_velocity import white_acceleration
 from mocap.arrays import Array
 
 

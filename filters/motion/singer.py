@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, SigmaPoints, default_points
+from mocap.filters.motion.base import MotionModel
 from scipy.linalg import expm
 
-from filters.ensemble import Gaussian, SigmaPoints, default_points
-from filters.motion.base import MotionModel
 from mocap.arrays import Array
 
 
@@ -90,7 +90,7 @@ class LastingAcceleration(MotionModel):
         return states.reshape(len(states), -1, 3)
 
     def starts(self) -> tuple[Array, Array]:
-        """Mean (M, 9) and lower factor (M, 9, 9) of each marker's state (``filters.apart``)."""
+        """Mean (M, 9) and lower factor (M, 9, 9) of each marker's state (``mocap.filters.apart``)."""
         mean = np.concatenate([self.start_m, np.zeros((len(self.start_m), 6))], axis=1)
         factor = np.zeros((len(mean), 9, 9))
         index = np.arange(9)
@@ -99,7 +99,7 @@ class LastingAcceleration(MotionModel):
         return mean, factor
 
     def steps(self, dt_s: float) -> tuple[Array, Array]:
-        """Transition (9, 9) and noise (M, 9, 9) of each marker (``filters.apart``)."""
+        """Transition (9, 9) and noise (M, 9, 9) of each marker (``mocap.filters.apart``)."""
         move, noise = lasting_acceleration(self.memory_s, dt_s)
         each = np.kron(noise, np.eye(3)) * (self.acceleration_m_s2**2)[:, None, None]
         return np.kron(move, np.eye(3)), each

@@ -15,8 +15,8 @@ data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known t
 @data.command("list")
 def list_data(as_json: AsJson = False) -> None:
     """List what can be made, and which real recordings are known and there."""
-    from datasets.catalogue import ENTRIES
-    from datasets.real import REAL, VARIABLE, folder
+    from mocap.datasets.catalogue import ENTRIES
+    from mocap.datasets.real import REAL, VARIABLE, folder
 
     where = folder()
     real = [{**vars(r), "there": (where / r.name).is_dir()} for r in REAL]
@@ -50,7 +50,7 @@ def make_data(
     force: Force = False,
 ) -> None:
     """Make a recording, a calibration session or a pendulum with its truth, as files of the programs people use."""
-    from datasets.catalogue import make
+    from mocap.datasets.catalogue import make
     from mocap.io.manifest import MANIFEST
     from mocap.stages import Stages
 
@@ -66,6 +66,6 @@ def make_data(
 @data.command("path")
 def data_path(name: Annotated[str, typer.Argument(help="A real recording: see mocap data list.")]) -> None:
     """Print the folder of a real recording that you have."""
-    from datasets.real import real_path
+    from mocap.datasets.real import real_path
 
     print(real_path(name))  # noqa: T201

@@ -4,7 +4,8 @@ import errno
 import os
 import sys
 import traceback
-from typing import Any
+from importlib import metadata
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -28,7 +29,6 @@ from mocap.cli.track import track
 from mocap.cli.triangulate import triangulate
 from mocap.cli.view import view
 from mocap.errors import MocapError
-from mocap.neighbours import NeighbourError, check_neighbours
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED = 1, 70, 130
@@ -97,8 +97,14 @@ mocap --help                          all commands; docs/tutorials/first_bat.md 
 
 
 @app.callback()
-def start(context: typer.Context) -> None:
+def start(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
     """Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials."""
+    if version:
+        show_text(f"mocap {metadata.version('eal-mocap')}")
+        raise typer.Exit
     if context.invoked_subcommand is None:
         show_text(START)
 
@@ -136,7 +142,6 @@ def main() -> None:
         debug = True
     in_words_of(lambda: typer.main.get_command(app))
     try:
-        check_neighbours()
         app(standalone_mode=True)
     except SystemExit:
         raise
@@ -204,10 +209,8 @@ def explain(error: BaseException) -> int:
 
 
 def _is_told(error: ImportError) -> bool:
-    """Whether an import failed for what its message says how to mend: an extra, or a package of the same name."""
-    if isinstance(error, NeighbourError):
-        return True
-    from eal.needs import MissingPackageError  # ours, as no neighbour is wrong
+    """Whether an import failed for an extra whose message says how to install it."""
+    from eal.needs import MissingPackageError
 
     return isinstance(error, MissingPackageError)
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.subspace import principal_components
 from mocap.arrays import Array
 from mocap.body import nearest_rotation, trunk_shape
+from mocap.filters.subspace import principal_components
 
 LEAST = 4
 """No pose is turned onto fewer markers."""

@@ -9,11 +9,11 @@ from scipy.spatial import KDTree
 
 from eal import EmpiricalPotential, load_potential
 from eal.archive import ArchiveError
-from filters.model import LearnedModel
-from filters.model_file import load_model
 from mocap.arrays import Array
 from mocap.body import BodyFrames
 from mocap.errors import FormatError, MocapError
+from mocap.filters.model import LearnedModel
+from mocap.filters.model_file import load_model
 from mocap.io.manifest import current_files
 from mocap.joints import joint_tracks
 from mocap.pipeline.potentials import joint_potentials

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from eal.threads import one_blas_thread
-from filters.records import TrackedMotion
 from mocap.body import body_frames
+from mocap.filters.records import TrackedMotion
 from mocap.io.output import result_folder
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics

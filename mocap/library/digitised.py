@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from filters.model import LearnedModel
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.digitising.asking import Question, pixel_sd, questions
@@ -17,6 +16,7 @@ from mocap.digitising.films import Films, check_order, open_films, open_windows
 from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.write import Report, named_pixels, report_of, write_digitised
 from mocap.errors import FormatError, MocapError
+from mocap.filters.model import LearnedModel
 from mocap.io.crop import crops_of
 from mocap.io.output import result_folder
 from mocap.io.profile import with_profile

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from filters.model import LearnedModel
 from mocap.digitising.label import Labelled
 from mocap.digitising.label import label as label_segments
 from mocap.digitising.pose import fit_poses
 from mocap.errors import FormatError
+from mocap.filters.model import LearnedModel
 from mocap.io.contents import FileContents
 from mocap.io.format import Hints
 from mocap.io.output import result_file

@@ -15,17 +15,17 @@ from typing import Literal
 
 import numpy as np
 
-from filters.hidden_gaps import EACH_MARKER, Effort
-from filters.model import LearnedModel, learn_model, renamed
-from filters.models.base import FittedMotion
-from filters.models.constant_velocity import learn_constant_velocity
-from filters.models.pose import PoseSettings
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.poses import MarkerTrial
-from filters.records import Estimate, TrackedMotion
 from mocap.arrays import Array
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
+from mocap.filters.hidden_gaps import EACH_MARKER, Effort
+from mocap.filters.model import LearnedModel, learn_model, renamed
+from mocap.filters.models.base import FittedMotion
+from mocap.filters.models.constant_velocity import learn_constant_velocity
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.records import Estimate, TrackedMotion
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.moving import Asked, Motion

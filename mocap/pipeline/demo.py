@@ -7,12 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from datasets import make_bat, make_lizard, write_recording
-from filters.hide import interior_gaps
-from filters.interpolate import interpolated
-from filters.models.pose import PoseSettings
-from filters.score import compared
 from mocap.arrays import Array
+from mocap.datasets import make_bat, make_lizard, write_recording
+from mocap.filters.hide import interior_gaps
+from mocap.filters.interpolate import interpolated
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.recording import Recording

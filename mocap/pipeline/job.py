@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from filters.joint_types import articulation
-from filters.model import LearnedModel, for_recording, renamed
-from filters.models.base import FittedMotion
-from filters.models.pose import PoseSettings
-from filters.motion.articulated import ArticulatedMotion
-from filters.motion.base import MotionModel
-from filters.records import Estimate
-from filters.size import size_factor
 from mocap.body import BodyFrames
 from mocap.errors import MocapError
+from mocap.filters.joint_types import articulation
+from mocap.filters.model import LearnedModel, for_recording, renamed
+from mocap.filters.models.base import FittedMotion
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.articulated import ArticulatedMotion
+from mocap.filters.motion.base import MotionModel
+from mocap.filters.records import Estimate
+from mocap.filters.size import size_factor
 from mocap.held import HeldLimb
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort, best_of
-from filters.model import LearnedModel, learn_model, own_trials
-from filters.models.base import TrajectoryModel
-from filters.poses import MarkerTrial
 from mocap.cameras.origin import OriginError
 from mocap.errors import MocapError
+from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort, best_of
+from mocap.filters.model import LearnedModel, learn_model, own_trials
+from mocap.filters.models.base import TrajectoryModel
+from mocap.filters.poses import MarkerTrial
 from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording

@@ -1,7 +1,7 @@
 """Limbs as the paper's models of motion: rods, a true mass matrix, V_z of the bones' directions.
 
 This is a Lagrangian, L = v^T M(q) v / 2 - V_z(q)/eps^2, and its implicit midpoint step is the prediction of an
-unscented Kalman filter. The pose model that fills gaps is none (``filters.motion.enforce``).
+unscented Kalman filter. The pose model that fills gaps is none (``mocap.filters.motion.enforce``).
 """
 
 from collections.abc import Collection, Sequence
@@ -16,13 +16,13 @@ from eal.bounds import theorem3
 from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.rods import DirectionPenalty, RodLimb
-from filters.anatomy import Limb, anatomy_of, masses_of
-from filters.bodies import rod_masses
-from filters.lagrangian import JointSights, JointTrack, learned_noise, track_joint
 from mocap.body import body_frames
 from mocap.cameras.camera import stacked
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.errors import MocapError
+from mocap.filters.anatomy import Limb, anatomy_of, masses_of
+from mocap.filters.bodies import rod_masses
+from mocap.filters.lagrangian import JointSights, JointTrack, learned_noise, track_joint
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status
@@ -32,7 +32,7 @@ Array = NDArray[Any]
 """Of any type of number: this file stands between libraries that name theirs."""
 
 BETA = 1.0
-"""Kernel width: over the median squared distance of the samples, as in ``filters.models.pose``."""
+"""Kernel width: over the median squared distance of the samples, as in ``mocap.filters.models.pose``."""
 LAMBDA = 1e-3
 MOST_SAMPLES = 150
 LEAST_SAMPLES = 30

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from filters.moving import Rates
 from mocap.arrays import Array
+from mocap.filters.moving import Rates
 from mocap.moving import Asked, Motion
 from mocap.records import MarkerTracks, Status
 

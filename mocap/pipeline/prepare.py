@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.observations import Observations, PixelObservations, PositionObservations
 from mocap import audit
 from mocap.arrays import Array
 from mocap.cameras import triangulate
@@ -30,6 +29,7 @@ from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.io.unstated_unit import too_long
 from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane

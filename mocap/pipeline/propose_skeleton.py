@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.bones import learn_bones
-from filters.joint_types import Articulation, articulation, undetermined
-from filters.models.constant_velocity import marker_motion
-from filters.poses import MarkerTrial
 from mocap.arrays import Array
 from mocap.body import body_frames, nearest_rotation
 from mocap.errors import MocapError
+from mocap.filters.bones import learn_bones
+from mocap.filters.joint_types import Articulation, articulation, undetermined
+from mocap.filters.models.constant_velocity import marker_motion
+from mocap.filters.poses import MarkerTrial
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
 from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text

@@ -7,11 +7,11 @@ from typing import cast
 import numpy as np
 from scipy.special import chdtri
 
-from filters.joint_types import Articulation, undetermined
-from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
+from mocap.filters.joint_types import Articulation, undetermined
+from mocap.filters.records import TrackedMotion
 from mocap.markdown import plain
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
-from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
+from mocap.filters.records import TrackedMotion
 from mocap.held import HeldLimb
 from mocap.io.movies import Movie
 from mocap.joint_angles import JointAngles

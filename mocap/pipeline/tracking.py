@@ -7,11 +7,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.anatomy import anatomy_of
-from filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
-from filters.interpolate import interpolated
-from filters.mixture import Mixture
-from filters.model import (
+from mocap.arrays import Array
+from mocap.body import BodyFrames, body_frames
+from mocap.cameras.camera import project
+from mocap.cleaning.persistence import lasting_share
+from mocap.filters.anatomy import anatomy_of
+from mocap.filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
+from mocap.filters.interpolate import interpolated
+from mocap.filters.mixture import Mixture
+from mocap.filters.model import (
     LearnedModel,
     Members,
     MixedTrack,
@@ -22,19 +26,15 @@ from filters.model import (
     track_with,
     trials_for,
 )
-from filters.models.articulated import LAGRANGIAN, ArticulatedSettings
-from filters.models.base import FittedMotion, TrialSet, shares
-from filters.models.constant_velocity import MarkerSettings
-from filters.models.pose import PoseSettings
-from filters.moving import asked_of
-from filters.observations import WHOLE
-from filters.poses import MarkerTrial
-from filters.records import Estimate, TrackedMotion
-from filters.score import compared
-from mocap.arrays import Array
-from mocap.body import BodyFrames, body_frames
-from mocap.cameras.camera import project
-from mocap.cleaning.persistence import lasting_share
+from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings
+from mocap.filters.models.base import FittedMotion, TrialSet, shares
+from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.moving import asked_of
+from mocap.filters.observations import WHOLE
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.records import Estimate, TrackedMotion
+from mocap.filters.score import compared
 from mocap.moving import Asked
 from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.lens_effect import filled

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.anatomy import anatomy_of
-from filters.hidden_gaps import EACH_MARKER
-from filters.model import LearnedModel, trials_for
-from filters.models.base import FittedMotion, TrialSet
-from filters.models.pose import PoseSettings
-from filters.observations import linearised_pixels
-from filters.records import Estimate
 from mocap.arrays import Array
 from mocap.cleaning.clean import REASONS
+from mocap.filters.anatomy import anatomy_of
+from mocap.filters.hidden_gaps import EACH_MARKER
+from mocap.filters.model import LearnedModel, trials_for
+from mocap.filters.models.base import FittedMotion, TrialSet
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.observations import linearised_pixels
+from mocap.filters.records import Estimate
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import Part, learn_motion, marker_trial, part_names, track, why_no_pose
 

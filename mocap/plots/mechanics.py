@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from filters.bodies import UNKNOWN_KG
+from mocap.filters.bodies import UNKNOWN_KG
 from mocap.pipeline.limb_mechanics import LimbMechanics
 
 

@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]  # its projection is asked for by name
 
-from datasets.bats import make_bat
-from datasets.lizards import make_lizard
-from datasets.recording import SyntheticRecording
 from eal.arrays import Array
+from mocap.datasets.bats import make_bat
+from mocap.datasets.lizards import make_lizard
+from mocap.datasets.recording import SyntheticRecording
 from mocap.reproduce.record import Figure, Verdict
 from mocap.reproduce.settings import DELTA_M, N
 from mocap.reproduce.sweep import Experiment, planar, spherical

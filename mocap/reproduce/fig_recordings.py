@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from eal.midpoint import simulate_midpoint
-from filters.lagrangian import substeps, theorem_3
+from mocap.filters.lagrangian import substeps, theorem_3
 from mocap.reproduce.record import Figure, Verdict
 from mocap.reproduce.recordings import Tracked, planar, spherical, wrist
 

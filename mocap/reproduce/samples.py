@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.bats import make_bat
-from datasets.lizards import make_lizard
 from eal.arrays import Array
+from mocap.datasets.bats import make_bat
+from mocap.datasets.lizards import make_lizard
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.recording import Recording
 

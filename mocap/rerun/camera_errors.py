@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.records import TrackedMotion
 from mocap.arrays import Array
+from mocap.filters.records import TrackedMotion
 from mocap.records import PixelTracks
 
 

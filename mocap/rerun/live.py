@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from filters.live import LiveEstimate
+from mocap.filters.live import LiveEstimate
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single

@@ -6,8 +6,8 @@ from tempfile import TemporaryDirectory
 
 from PIL import Image
 
-from datasets import make_bat
-from datasets import write_recording as write_files
+from mocap.datasets import make_bat
+from mocap.datasets import write_recording as write_files
 from mocap.pipeline.demo import Animal, run_demo
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import Recording

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import rerun as rr
 
-from filters.live import live, looks
-from filters.motion.base import MotionModel
+from mocap.filters.live import live, looks
+from mocap.filters.motion.base import MotionModel
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import Part
 from mocap.rerun.live import LiveView, live_blueprint

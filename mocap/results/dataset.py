@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from filters.records import TrackedMotion
+from mocap.filters.records import TrackedMotion
 from mocap.io.tables import WORDS
 from mocap.records import Status
 

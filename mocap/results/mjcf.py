@@ -12,12 +12,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from filters.anatomy import masses_of
-from filters.bodies import UNKNOWN_KG, rod_masses
-from filters.joint_types import Articulation, articulation
 from mocap.arrays import Array
 from mocap.body import body_frames
 from mocap.errors import MocapError
+from mocap.filters.anatomy import masses_of
+from mocap.filters.bodies import UNKNOWN_KG, rod_masses
+from mocap.filters.joint_types import Articulation, articulation
 from mocap.measures import AXES
 from mocap.pipeline.run import Run
 from mocap.records import Status
@@ -33,7 +33,7 @@ def write_mjcf(run: Run, path: Path) -> None:
     """Write the animal in its mean pose: the trunk with a free joint, segments as capsules, joints, markers as sites.
 
     Segments of constant (median) length hang on each other by the joints that the samples need
-    (``filters.joint_types``); masses are those that the skeleton states, else of uniform rods.
+    (``mocap.filters.joint_types``); masses are those that the skeleton states, else of uniform rods.
 
     Args:
         run: A tracked recording.

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from filters.joint_types import Articulation
 from mocap.arrays import Array
+from mocap.filters.joint_types import Articulation
 from mocap.measures import AXES
 from mocap.pipeline.run import Run
 from mocap.results.mjcf import GRAVITY_M_S2, fitted_animal, numbers, plain_name

@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 
 from eal import load_potential
-from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
+from mocap.filters.records import TrackedMotion
 from mocap.held import HeldLimb
 from mocap.io.netcdf import as_netcdf
 from mocap.joint_angles import JointAngles

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT
 
 from benchmarks.triangulation import (
     LINEAR,
@@ -16,7 +17,6 @@ from benchmarks.triangulation import (
     scipy_loop,
     table,
 )
-from datasets import PERFECT
 from mocap.arrays import Array
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, refine

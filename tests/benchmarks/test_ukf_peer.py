@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from mocap.filters.ensemble import Gaussian, predict
+from mocap.filters.smoother import smooth_step
 
 from benchmarks.ukf import DT_S, compare, problem
-from filters.ensemble import Gaussian, predict
-from filters.smoother import smooth_step
 
 
 @pytest.mark.parametrize("affine", [True, False])

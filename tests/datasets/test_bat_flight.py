@@ -1,10 +1,9 @@
 """The turning bat against mechanics: path, speed, energy, bank."""
 
 import numpy as np
+from mocap.datasets import make_bat
+from mocap.datasets.bat_flight import laps
 from scipy.integrate import solve_ivp
-
-from datasets import make_bat
-from datasets.bat_flight import laps
 
 GRAVITY_M_S2 = 9.81
 

@@ -3,10 +3,10 @@
 import json
 
 import pytest
+from mocap.datasets.catalogue import ENTRIES, make
+from mocap.datasets.real import real_path
 from typer.testing import CliRunner
 
-from datasets.catalogue import ENTRIES, make
-from datasets.real import real_path
 from mocap.cli.main import app
 from mocap.errors import MocapError
 from mocap.io.manifest import MANIFEST
@@ -51,7 +51,7 @@ def test_nothing_is_overwritten_and_nothing_half_made(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("datasets.catalogue.write_pendulum", fail)
+    monkeypatch.setattr("mocap.datasets.catalogue.write_pendulum", fail)
     with pytest.raises(MocapError, match="cannot be written: No space left"):
         make("pendulum_planar", tmp_path / "x")
     assert [path.name for path in tmp_path.iterdir()] == ["full"]

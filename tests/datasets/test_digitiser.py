@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, Digitiser, make_bat, make_lizard
+from mocap.datasets.observe import click_noise, lost, misplace
 
-from datasets import PERFECT, Digitiser, make_bat, make_lizard
-from datasets.observe import click_noise, lost, misplace
 from mocap.cameras.camera import record
 
 

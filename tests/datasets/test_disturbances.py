@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from datasets.disturbances import ALL, CLEAN, SINGLE, Disturbances
-from datasets.lizards import SLOPE_RAD, lizard_motion
-from datasets.movie import pictures, shown_pixels
-from datasets.rig import tank_cameras
+from mocap.datasets.disturbances import ALL, CLEAN, SINGLE, Disturbances
+from mocap.datasets.lizards import SLOPE_RAD, lizard_motion
+from mocap.datasets.movie import pictures, shown_pixels
+from mocap.datasets.rig import tank_cameras
 
 MOTION, CAMERA = lizard_motion(1), tank_cameras(2, slope_rad=SLOPE_RAD)[0]
 T_S = 0.3 + np.arange(4) / 250

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-
-from datasets import make_bat, make_lizard
-from datasets.linkage import bent, hinged, unit
+from mocap.datasets import make_bat, make_lizard
+from mocap.datasets.linkage import bent, hinged, unit
 
 
 def flexed(angle_rad):

@@ -4,9 +4,8 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-
-from datasets import make_bat, make_lizard
-from datasets.gaps import gap_statistics, interior_gaps
+from mocap.datasets import make_bat, make_lizard
+from mocap.datasets.gaps import gap_statistics, interior_gaps
 
 
 def test_against_a_walk_along_each_marker():

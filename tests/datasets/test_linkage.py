@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.linkage import bent, ramp, turn
 from scipy.spatial.transform import Rotation
-
-from datasets.linkage import bent, ramp, turn
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.bats import bat_motion
+from mocap.datasets.disturbances import Disturbances
+from mocap.datasets.film import view
+from mocap.datasets.lizards import SLOPE_RAD, lizard_motion
+from mocap.datasets.movie import FIRST_PIXEL, picture, write_movies
+from mocap.datasets.rig import tank_cameras, tunnel_cameras
 from scipy.ndimage import label
 
-from datasets.bats import bat_motion
-from datasets.disturbances import Disturbances
-from datasets.film import view
-from datasets.lizards import SLOPE_RAD, lizard_motion
-from datasets.movie import FIRST_PIXEL, picture, write_movies
-from datasets.rig import tank_cameras, tunnel_cameras
 from mocap.io.movies import open_movie
 
 SCENES = {

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.linkage import turn
+from mocap.datasets.occlusion import Solid, hidden_by_grazing, hidden_by_solid, hidden_by_triangles, occluded
+from mocap.datasets.rig import tunnel_cameras
 
-from datasets.linkage import turn
-from datasets.occlusion import Solid, hidden_by_grazing, hidden_by_solid, hidden_by_triangles, occluded
-from datasets.rig import tunnel_cameras
 from mocap.cameras.camera import decompose
 
 

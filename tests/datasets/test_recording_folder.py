@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat, make_lizard, read_truth, write_recording
+from mocap.datasets.dvproject import write_project
 
-from datasets import PERFECT, make_bat, make_lizard, read_truth, write_recording
-from datasets.dvproject import write_project
 from mocap.cameras.camera import project, record, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.errors import FormatError

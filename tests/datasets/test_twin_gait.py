@@ -14,9 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-
-from datasets import make_lizard
-from datasets.gait import Gait
+from mocap.datasets import make_lizard
+from mocap.datasets.gait import Gait
 
 JOINTS = {
     "knee": ("hip", "knee", "ankle", "foot"),

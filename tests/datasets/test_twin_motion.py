@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-
-from datasets import make_bat, make_lizard
-from datasets.gait import Gait
-from datasets.linkage import turn
-from datasets.lizards import SLOPE_RAD
+from mocap.datasets import make_bat, make_lizard
+from mocap.datasets.gait import Gait
+from mocap.datasets.linkage import turn
+from mocap.datasets.lizards import SLOPE_RAD
 
 
 def lengths_m(recording):

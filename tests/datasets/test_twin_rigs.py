@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat, make_lizard
 
-from datasets import PERFECT, make_bat, make_lizard
 from mocap.cameras.camera import decompose, dlt_coefficients, record
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.bats import make_bat_wind_tunnel
 
-from datasets.bats import make_bat_wind_tunnel
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.io.dvproject import read_project

@@ -1,9 +1,8 @@
 """The wind-tunnel twin shows what its cameras could see, with gaps as its clicks leave them."""
 
 import numpy as np
-
-from datasets import PERFECT
-from datasets.bats import make_bat_wind_tunnel
+from mocap.datasets import PERFECT
+from mocap.datasets.bats import make_bat_wind_tunnel
 
 
 def gaps(seen):

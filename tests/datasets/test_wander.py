@@ -1,9 +1,8 @@
 """Smooth random curves against quadrature and finite differences."""
 
 import numpy as np
+from mocap.datasets.wander import draw_wander, skin_motion
 from scipy.integrate import quad
-
-from datasets.wander import draw_wander, skin_motion
 
 
 def test_unit_mean_square():

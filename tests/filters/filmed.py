@@ -1,9 +1,9 @@
 """Markers filmed by a ring of cameras, as a tracker takes them."""
 
 import numpy as np
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.observations import PixelObservations
 
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.observations import PixelObservations
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, refine
 from tests.mocap.rigs import cloud, ring

@@ -3,11 +3,10 @@
 from dataclasses import fields
 
 import numpy as np
-
-from filters.mixture import Mixture
-from filters.model import LearnedModel
-from filters.models.constant_velocity import MarkerSettings
-from filters.poses import MarkerTrial
+from mocap.filters.mixture import Mixture
+from mocap.filters.model import LearnedModel
+from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.poses import MarkerTrial
 
 
 def small_model():

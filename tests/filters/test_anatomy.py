@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.bat_skeleton import bat_skeleton
+from mocap.datasets.lizard_skeleton import lizard_skeleton
+from mocap.filters.anatomy import Anatomy, Limb, anatomy_of, counterparts, reflection
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.poses import MarkerTrial
 from scipy.spatial.transform import Rotation
-
-from datasets.bat_skeleton import bat_skeleton
-from datasets.lizard_skeleton import lizard_skeleton
-from filters.anatomy import Anatomy, Limb, anatomy_of, counterparts, reflection
-from filters.models.base import TrialSet
-from filters.models.pose import PoseSettings
-from filters.poses import MarkerTrial
 
 
 @pytest.mark.parametrize(

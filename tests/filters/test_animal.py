@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.animal import Animal, Moving, Valley
+from mocap.filters.bodies import Bodies, cloud, rod
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.mechanics import Motion
+from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings, learn_articulated
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.lagrangian import inner_mass, with_lagrangian
+from mocap.filters.motion.base import Step
+from mocap.filters.observations import PositionObservations
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from eal import GaussianKernel, fit_potential
 from eal.integrators import IntegrationError
-from filters.animal import Animal, Moving, Valley
-from filters.bodies import Bodies, cloud, rod
-from filters.ensemble import Gaussian
-from filters.mechanics import Motion
-from filters.models.articulated import LAGRANGIAN, ArticulatedSettings, learn_articulated
-from filters.models.base import TrialSet, estimate
-from filters.models.lagrangian import inner_mass, with_lagrangian
-from filters.motion.base import Step
-from filters.observations import PositionObservations
 from tests.filters.test_articulated_motion import ARM, arm_trial, small_tree
 
 

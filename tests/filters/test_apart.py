@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.rig import tunnel_cameras
+from mocap.filters.apart import smooth_apart
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.motion.singer import LastingAcceleration
+from mocap.filters.observations import PixelObservations, PositionObservations
+from mocap.filters.track import smooth_together
 
-from datasets.rig import tunnel_cameras
-from filters.apart import smooth_apart
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.motion.singer import LastingAcceleration
-from filters.observations import PixelObservations, PositionObservations
-from filters.track import smooth_together
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked
 from mocap.moving import Asked

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.models.articulated import ArticulatedSettings, learn_articulated, rooted
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.enforce import Term, enforce
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.track import filter_frame
+from mocap.filters.tree import Tree, fit_poses
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from docs.tools.columns import undocumented
-from filters.anatomy import Anatomy
-from filters.ensemble import Gaussian
-from filters.models.articulated import ArticulatedSettings, learn_articulated, rooted
-from filters.models.base import TrialSet, estimate
-from filters.models.pose import PoseSettings
-from filters.motion.enforce import Term, enforce
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
-from filters.track import filter_frame
-from filters.tree import Tree, fit_poses
 from mocap.errors import MocapError
 from mocap.joint_angles import PARTS
 from mocap.pipeline.job import run_job
@@ -236,7 +236,7 @@ def test_a_marker_far_from_its_prediction_is_met(learned, monkeypatch):
     assert 0.5 * np.sum(away(own) ** 2) < 1.05 * mode.cost + 0.1
     white = at.factor @ np.linalg.inv(mode.jac.T @ mode.jac) @ at.factor.T
     np.testing.assert_allclose(found.factor @ found.factor.T, white, atol=0.1 * np.diag(white).max())
-    monkeypatch.setattr("filters.motion.articulated.BENT_RAD", np.inf)
+    monkeypatch.setattr("mocap.filters.motion.articulated.BENT_RAD", np.inf)
     once = filter_frame(learned, observations, 0, at, None, 6.0)[1]
     assert np.sum(away(np.linalg.solve(at.factor, once.mean - at.mean)) ** 2) > 4 * mode.cost
 

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mocap.filters.bodies import THICK, Bodies, cloud, rod
+from mocap.filters.tree import Tree, left_jacobian, turning_on
 from scipy.spatial.transform import Rotation
-
-from filters.bodies import THICK, Bodies, cloud, rod
-from filters.tree import Tree, left_jacobian, turning_on
 
 STORED = json.loads((Path(__file__).parents[1] / "reference" / "mujoco_tree.json").read_text())
 AXES = ([np.eye(3), np.eye(3), np.eye(3)], [np.eye(3), np.eye(3)[1:2], np.eye(3)[:2]])

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.motion.base import Step
+from mocap.filters.motion.pose import BodyPath, PoseMotion, body_path
+from mocap.filters.motion.shape import FreeShape
+from mocap.filters.observations import PositionObservations
+from mocap.filters.subspace import PoseSubspace
+from mocap.filters.track import filter_forward, marker_moments
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian
-from filters.motion.base import Step
-from filters.motion.pose import BodyPath, PoseMotion, body_path
-from filters.motion.shape import FreeShape
-from filters.observations import PositionObservations
-from filters.subspace import PoseSubspace
-from filters.track import filter_forward, marker_moments
 from mocap.body import BodyFrames
 
 DT_S, MARKERS, RANK = 0.005, 6, 2

@@ -4,17 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.bones import learn_bones, rigid_bones
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.bones import Bones, Differences, bones_term, differences
+from mocap.filters.motion.enforce import enforce
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
 from scipy.optimize import minimize
-
-from filters.anatomy import Anatomy
-from filters.bones import learn_bones, rigid_bones
-from filters.ensemble import Gaussian
-from filters.models.base import TrialSet, estimate
-from filters.models.pose import PoseSettings
-from filters.motion.bones import Bones, Differences, bones_term, differences
-from filters.motion.enforce import enforce
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
 
 PAIR = np.array([[0, 1]])
 

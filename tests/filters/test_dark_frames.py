@@ -1,13 +1,12 @@
 """Frames in which nothing at all is seen: wide, and right about how wide."""
 
 import numpy as np
-
-from filters.ensemble import Gaussian
-from filters.models.pose import PoseSettings, learn_pose
-from filters.motion.enforce import informed
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial, poses_of
-from filters.track import smooth
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.models.pose import PoseSettings, learn_pose
+from mocap.filters.motion.enforce import informed
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial, poses_of
+from mocap.filters.track import smooth
 
 
 def test_informed_is_bayes_rule():

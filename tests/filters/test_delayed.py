@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.delayed_poses import Delayed, DelaySettings, completed, fill_delayed, gaps_of
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.records import Estimate
 
-from filters.anatomy import Anatomy
-from filters.models.base import TrialSet, estimate
-from filters.models.delayed_poses import Delayed, DelaySettings, completed, fill_delayed, gaps_of
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
-from filters.records import Estimate
 from tests.filters.test_gaps_in_trials import trial_of
 
 SETTINGS = DelaySettings(ranks=(2,))

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from filters.ensemble import Gaussian, default_points, predict, update
+from mocap.filters.ensemble import Gaussian, default_points, predict, update
 
 START_SD = 10.0
 

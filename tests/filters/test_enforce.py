@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.motion.enforce import enforce, potential_term
 from scipy.optimize import brentq
-
-from filters.ensemble import Gaussian
-from filters.motion.enforce import enforce, potential_term
 
 
 def gaussian(rng, n):

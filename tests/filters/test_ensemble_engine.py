@@ -5,8 +5,7 @@ import pytest
 from filterpy.kalman import MerweScaledSigmaPoints
 from hypothesis import given
 from hypothesis import strategies as st
-
-from filters.ensemble import (
+from mocap.filters.ensemble import (
     Gaussian,
     cholesky,
     condition,
@@ -18,7 +17,8 @@ from filters.ensemble import (
     triangular,
     update,
 )
-from filters.smoother import smooth_step
+from mocap.filters.smoother import smooth_step
+
 from tests.reference import gaussian_filter as reference
 
 

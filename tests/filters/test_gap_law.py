@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat
+from mocap.filters.models.constant_velocity import learn_constant_velocity
+from mocap.filters.models.pose import PoseSettings, learn_pose
+from mocap.filters.observations import PixelObservations
+from mocap.filters.poses import pose_trial
+from mocap.filters.track import smooth
 from scipy.interpolate import CubicSpline
 
-from datasets import make_bat
-from filters.models.constant_velocity import learn_constant_velocity
-from filters.models.pose import PoseSettings, learn_pose
-from filters.observations import PixelObservations
-from filters.poses import pose_trial
-from filters.track import smooth
 from mocap.body import body_frames
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.triangulate import linear, refine, robust

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.hidden_gaps import Effort, HiddenGaps, hidden_gaps
+from mocap.filters.hide import Hidden
+from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.poses import MarkerTrial
 
-from filters.anatomy import Anatomy
-from filters.hidden_gaps import Effort, HiddenGaps, hidden_gaps
-from filters.hide import Hidden
-from filters.models.constant_velocity import MarkerSettings
-from filters.models.pose import PoseSettings
-from filters.poses import MarkerTrial
 from tests.filters.test_learned_models import DT_S, flapping
 
 

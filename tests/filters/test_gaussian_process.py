@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.gaussian_process import Apart, Covariance, Rows, fitted, predict
 from scipy.stats import multivariate_normal
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Matern, WhiteKernel
-
-from filters.gaussian_process import Apart, Covariance, Rows, fitted, predict
 
 NOTHING = 1e-12
 """A parameter that may not be zero."""

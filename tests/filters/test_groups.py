@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat
+from mocap.filters.anatomy import anatomy_of
+from mocap.filters.groups import groups_of, part_of, smooth_in_groups
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.motion.pose import PoseMotion
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.track import smooth, smooth_together
 
-from datasets import make_bat
-from filters.anatomy import anatomy_of
-from filters.groups import groups_of, part_of, smooth_in_groups
-from filters.models.base import TrialSet
-from filters.models.pose import PoseSettings
-from filters.motion.pose import PoseMotion
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
-from filters.track import smooth, smooth_together
 from mocap.moving import Asked
 
 T = 90
@@ -62,8 +62,8 @@ def test_groups_fill_gaps_as_well(bat, monkeypatch):
     model, seen, truth = bat
     asked = Asked(names=(*truth.names, "mean"), weights=((1 / 34,) * 34,))
     whole = smooth_together(model, seen, truth.t_s, asked=asked)
-    monkeypatch.setattr("filters.track.MOST", 30)
-    monkeypatch.setattr("filters.groups.GROUP", 17)
+    monkeypatch.setattr("mocap.filters.track.MOST", 30)
+    monkeypatch.setattr("mocap.filters.groups.GROUP", 17)
     found = smooth(model, seen, truth.t_s, asked=asked)
     assert len(found.observed) == T
     assert sorted(found.observed[0].where[:, 1].tolist()) == list(range(34))

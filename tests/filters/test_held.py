@@ -1,10 +1,10 @@
 """What is kept of the potentials of limbs: it is what the filter used."""
 
 import numpy as np
+from mocap.datasets import make_bat
+from mocap.filters.held import HeldKeeper
+from mocap.filters.models.pose import PoseSettings
 
-from datasets import make_bat
-from filters.held import HeldKeeper
-from filters.models.pose import PoseSettings
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.tracking import learn_motion, part_names, seen_part, track

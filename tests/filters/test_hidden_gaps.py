@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.hide import GAP_FRAMES, excerpt, hide_neighbours, unseen_runs
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.score import Residuals, joined, residuals_of, score
 from scipy.stats import multivariate_normal
 
-from filters.hide import GAP_FRAMES, excerpt, hide_neighbours, unseen_runs
-from filters.poses import MarkerTrial
-from filters.score import Residuals, joined, residuals_of, score
 from mocap.pipeline.tracking import hide_like_own
 from mocap.skeleton import Bone, Skeleton
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from filterpy.kalman import MerweScaledSigmaPoints
+from mocap.filters.ensemble import Gaussian, default_points, predict, update
+from mocap.filters.smoother import smooth_step
 
-from filters.ensemble import Gaussian, default_points, predict, update
-from filters.smoother import smooth_step
 from tests.reference import fifty_digits
 from tests.reference import gaussian_filter as reference
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.observations import PixelObservations, PositionObservations, seen_from
+from mocap.filters.track import smooth
 
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.observations import PixelObservations, PositionObservations, seen_from
-from filters.track import smooth
 from mocap.cameras.camera import project
 from tests.filters.filmed import hide, pixels, still
 

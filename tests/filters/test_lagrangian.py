@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from mocap.datasets.pendulums import GRAVITY_M_S2, pendulum_motion
+from mocap.filters.lagrangian import JointSights, learned_noise, substeps, theorem_3, track_joint
 
-from datasets.pendulums import GRAVITY_M_S2, pendulum_motion
 from eal import GaussianKernel, fit_potential
 from eal.integrators import integrate_adaptive
 from eal.lagrangian import PenalisedModel
 from eal.midpoint import midpoint_step, simulate_midpoint
 from eal.radius import valley_covariance
 from eal.systems import planar_pendulum
-from filters.lagrangian import JointSights, learned_noise, substeps, theorem_3, track_joint
 from mocap.cameras.camera import project, stacked
 from tests.mocap.rigs import ring
 

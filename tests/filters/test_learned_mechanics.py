@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.models.pose import PoseSettings, learn_mechanics, learn_pose, recorded_motion
+from mocap.filters.poses import pose_trial, residual_rate, shapes_of
 
-from filters.ensemble import Gaussian
-from filters.models.pose import PoseSettings, learn_mechanics, learn_pose, recorded_motion
-from filters.poses import pose_trial, residual_rate, shapes_of
 from mocap.body import BodyFrames
 from tests.filters.test_learned_models import DT_S, flapping
 

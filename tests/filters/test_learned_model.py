@@ -4,16 +4,16 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat
+from mocap.filters.hidden_gaps import WITH_JOINTS, Effort
+from mocap.filters.hide import hide_neighbours
+from mocap.filters.model import LearnedModel, learn_model, track_with, trials_for
+from mocap.filters.model_file import load_model, save_model
+from mocap.filters.models.constant_velocity import learn_constant_velocity
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.track import smooth
 
-from datasets import make_bat
-from filters.hidden_gaps import WITH_JOINTS, Effort
-from filters.hide import hide_neighbours
-from filters.model import LearnedModel, learn_model, track_with, trials_for
-from filters.model_file import load_model, save_model
-from filters.models.constant_velocity import learn_constant_velocity
-from filters.observations import PositionObservations
-from filters.poses import MarkerTrial
-from filters.track import smooth
 from mocap.errors import MocapError
 from tests.filters.small_model import same, small_model
 

@@ -4,10 +4,17 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from mocap.filters.models.constant_velocity import acceleration_density, learn_constant_velocity
+from mocap.filters.models.pose import (
+    PoseSettings,
+    learn_pose,
+    learn_potential,
+    penalty,
+    recorded_motion,
+    with_potential,
+)
+from mocap.filters.poses import pose_trial, shapes_of
 
-from filters.models.constant_velocity import acceleration_density, learn_constant_velocity
-from filters.models.pose import PoseSettings, learn_pose, learn_potential, penalty, recorded_motion, with_potential
-from filters.poses import pose_trial, shapes_of
 from mocap.body import body_frames
 
 DT_S = 0.005

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.ensemble import Gaussian, default_points, ensemble, scale, spread, update
+from mocap.filters.observations import PixelObservations, linearised_pixels
+from mocap.filters.observe import observe
 
-from filters.ensemble import Gaussian, default_points, ensemble, scale, spread, update
-from filters.observations import PixelObservations, linearised_pixels
-from filters.observe import observe
 from mocap.cameras.camera import project, stacked
 from tests.mocap.rigs import cloud, ring
 

@@ -4,13 +4,13 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from mocap.filters.live import live, looks
+from mocap.filters.models.pose import PoseSettings, learn_pose
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import pose_trial
+from mocap.filters.track import filter_forward, marker_moments, smooth
 
-from filters.live import live, looks
-from filters.models.pose import PoseSettings, learn_pose
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.observations import PositionObservations
-from filters.poses import pose_trial
-from filters.track import filter_forward, marker_moments, smooth
 from mocap.body import body_frames
 from tests.filters.filmed import pixels, still
 from tests.filters.test_learned_models import flapping

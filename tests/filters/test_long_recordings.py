@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.observations import PositionObservations
-from filters.track import smooth
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.observations import PositionObservations
+from mocap.filters.track import smooth
 
 
 def walk(n_frames: int) -> tuple[ConstantVelocity, PositionObservations, np.ndarray]:

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
+from mocap.filters.motion.shape import LinearShape
 from scipy.integrate import solve_ivp
-
-from filters.ensemble import Gaussian
-from filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
-from filters.motion.shape import LinearShape
 
 RANK, DT_S = 2, 1 / 240
 STIFFNESS = (2 * np.pi * np.array([[8.0, 1.0], [2.0, 5.0]])) ** 2

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.hide import gap_lengths
+from mocap.filters.mixture import Mixture, learn_mixture
+from mocap.filters.score import Residuals
 from scipy.stats import norm
-
-from filters.hide import gap_lengths
-from filters.mixture import Mixture, learn_mixture
-from filters.score import Residuals
 
 LENGTHS = np.array([10.0, 25.0, 50.0, 100.0])
 

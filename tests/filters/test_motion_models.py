@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.motion.base import Step
+from mocap.filters.motion.constant_velocity import ConstantVelocity, white_acceleration
+from mocap.filters.motion.pose import BodyPath, PoseMotion, Regression, body_path
+from mocap.filters.motion.potential import PosePotential
+from mocap.filters.motion.shape import FreeShape, LinearShape
+from mocap.filters.subspace import PoseSubspace
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from filters.ensemble import Gaussian
-from filters.motion.base import Step
-from filters.motion.constant_velocity import ConstantVelocity, white_acceleration
-from filters.motion.pose import BodyPath, PoseMotion, Regression, body_path
-from filters.motion.potential import PosePotential
-from filters.motion.shape import FreeShape, LinearShape
-from filters.subspace import PoseSubspace
 from mocap.body import BodyFrames
 
 RANK, MARKERS, FRAMES = 3, 4, 5

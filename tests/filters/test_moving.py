@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.moving import asked_of
+from mocap.filters.observations import PositionObservations
+from mocap.filters.track import smooth
 
-from filters.ensemble import Gaussian
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.moving import asked_of
-from filters.observations import PositionObservations
-from filters.track import smooth
 from mocap.body import BodyFrames
 from mocap.moving import Asked
 from tests.filters.test_motion_models import FRAMES, MARKERS, oscillating, pose

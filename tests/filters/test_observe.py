@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.ensemble import Gaussian, default_points, update
+from mocap.filters.observations import PixelObservations, Sights
+from mocap.filters.observe import observe
+from mocap.filters.track import smooth
 
-from filters.ensemble import Gaussian, default_points, update
-from filters.observations import PixelObservations, Sights
-from filters.observe import observe
-from filters.track import smooth
 from mocap.cameras.camera import project, stacked
 from tests.filters.filmed import pixels, still
 from tests.mocap.rigs import cloud, ring

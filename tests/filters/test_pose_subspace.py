@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-
-from filters.subspace import bridge, fit_subspace, hide_blocks, noise_share, principal_components, white_variance
+from mocap.filters.subspace import bridge, fit_subspace, hide_blocks, noise_share, principal_components, white_variance
 
 
 def low_rank(rng, *, n_frames=300, n_markers=8, rank=3, noise=1e-3, amplitudes=None):
@@ -174,7 +173,7 @@ def test_sums_over_parts_are_those_over_all(monkeypatch):
     y[rng.random(y.shape) < 0.2] = np.nan
     trial = np.repeat([0, 1], [40, 50])
     whole = principal_components(y, 3, trial=trial)
-    monkeypatch.setattr("filters.subspace.AT_ONCE", 7)
+    monkeypatch.setattr("mocap.filters.subspace.AT_ONCE", 7)
     parts = principal_components(y, 3, trial=trial)
     for name in ("mean", "trial_offset", "trial_sd", "loading", "scores", "known", "noise"):
         np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-8, atol=1e-10, err_msg=name)

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.model import members, models_alone, track_alone
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.observations import PositionObservations
 
-from filters.anatomy import Anatomy
-from filters.model import members, models_alone, track_alone
-from filters.models.base import TrialSet, estimate
-from filters.models.constant_velocity import MarkerSettings
-from filters.models.pose import PoseSettings
-from filters.observations import PositionObservations
 from tests.filters.test_gaps_in_trials import trial_of
 
 NAMES = tuple("abcdefgh")

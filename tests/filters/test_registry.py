@@ -5,17 +5,17 @@ from dataclasses import is_dataclass, replace
 
 import numpy as np
 import pytest
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.hidden_gaps import Effort, hidden_gaps, mixed
+from mocap.filters.models.articulated import ArticulatedSettings
+from mocap.filters.models.base import TrialSet, estimate
+from mocap.filters.models.constant_velocity import MarkerSettings
+from mocap.filters.models.delayed_poses import DelaySettings
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.registry import MODELS, read, written
+from mocap.filters.models.singer import LastingSettings
+from mocap.filters.observations import PositionObservations
 
-from filters.anatomy import Anatomy
-from filters.hidden_gaps import Effort, hidden_gaps, mixed
-from filters.models.articulated import ArticulatedSettings
-from filters.models.base import TrialSet, estimate
-from filters.models.constant_velocity import MarkerSettings
-from filters.models.delayed_poses import DelaySettings
-from filters.models.pose import PoseSettings
-from filters.models.registry import MODELS, read, written
-from filters.models.singer import LastingSettings
-from filters.observations import PositionObservations
 from tests.filters.test_gaps_in_trials import trial_of
 
 POSE = PoseSettings(ranks=(2,), mechanics="linear", weight=1 / 3)

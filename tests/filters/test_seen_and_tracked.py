@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.observations import WHOLE, PixelObservations, PositionObservations, Sights
+from mocap.filters.observe import gate_groups, observe
+from mocap.filters.track import smooth
 
-from filters.ensemble import Gaussian
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.observations import WHOLE, PixelObservations, PositionObservations, Sights
-from filters.observe import gate_groups, observe
-from filters.track import smooth
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import linear, refine
 from tests.filters.filmed import hide, pixels, still

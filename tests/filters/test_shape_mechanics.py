@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.ensemble import Gaussian
+from mocap.filters.motion.shape import FieldShape, FreeShape, LinearShape
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-
-from filters.ensemble import Gaussian
-from filters.motion.shape import FieldShape, FreeShape, LinearShape
 
 RANK = 3
 

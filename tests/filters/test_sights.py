@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mocap.filters.observations import WHOLE, PixelObservations, PositionObservations, linearised_pixels
 
-from filters.observations import WHOLE, PixelObservations, PositionObservations, linearised_pixels
 from mocap.cameras.camera import project
 from tests.filters.filmed import hide, pixels
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.ensemble import Gaussian, default_points, predict, update
+from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.observations import PositionObservations
+from mocap.filters.smoother import smooth_step
+from mocap.filters.track import smooth
 
-from filters.ensemble import Gaussian, default_points, predict, update
-from filters.motion.constant_velocity import ConstantVelocity
-from filters.observations import PositionObservations
-from filters.smoother import smooth_step
-from filters.track import smooth
 from tests.reference import gaussian_filter as reference
 
 

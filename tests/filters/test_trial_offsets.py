@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mocap.filters.subspace import hide_blocks, principal_components
 
-from filters.subspace import hide_blocks, principal_components
 from tests.filters.test_pose_subspace import low_rank, principal_angle
 
 TRIALS, FRAMES, MARKERS, RANK, NOISE, OFFSET = 6, 200, 8, 3, 1e-3, 0.02

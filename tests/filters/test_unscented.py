@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from filterpy.kalman import UnscentedKalmanFilter as Peer
-
-from filters import MerweScaledSigmaPoints, UnscentedKalmanFilter
+from mocap.filters import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 DT = 0.1
 

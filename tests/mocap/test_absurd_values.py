@@ -12,9 +12,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from mocap.filters.model_file import load_model
 
 from eal import archive
-from filters.model_file import load_model
 from mocap.errors import FormatError
 from mocap.io import apart
 from mocap.io.bounds import LEAST, most_bytes

@@ -5,10 +5,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from mocap.filters.joint_types import articulation, undetermined
+from mocap.filters.records import TrackedMotion
 from scipy.spatial.transform import Rotation
 
-from filters.joint_types import articulation, undetermined
-from filters.records import TrackedMotion
 from mocap.errors import MocapError
 from mocap.moving import without_rates
 from mocap.pipeline.run import Run

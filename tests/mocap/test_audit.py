@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, make_lizard
 
-from datasets import make_bat, make_lizard
 from mocap.audit import (
     alarms,
     audit_filmed,

@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from mocap.datasets import make_bat
 
 import mocap
-from datasets import make_bat
 from docs.tools import columns
 from mocap.cli.main import main
 from mocap.cli.view import detail

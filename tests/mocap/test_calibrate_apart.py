@@ -8,10 +8,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from mocap.datasets.boards import Board, photograph, viewfinder
+from mocap.datasets.calibration_session import board_session, write_board_session
 from scipy.spatial.transform import Rotation
 
-from datasets.boards import Board, photograph, viewfinder
-from datasets.calibration_session import board_session, write_board_session
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Corners
 from mocap.calibration.intrinsics import fit_intrinsics

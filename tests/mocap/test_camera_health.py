@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat, make_lizard, write_recording
 
-from datasets import PERFECT, make_bat, make_lizard, write_recording
 from mocap.cameras.camera import project, stacked, undistorted
 from mocap.cameras.linearised import fit, linearise
 from mocap.cameras.triangulate import linear, refine

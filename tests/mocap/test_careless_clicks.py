@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat
 
-from datasets import PERFECT, make_bat
 from mocap.cameras.camera import project, stacked
 from mocap.cameras.triangulate import linear, refine
 from mocap.cleaning.robust_rays import DOF, student_t

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from mocap.datasets import make_bat, write_recording
 
-from datasets import make_bat, write_recording
 from mocap.cli.main import main
 from mocap.io.dltdv import read_points
 from mocap.io.manifest import MANIFEST

@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from mocap.datasets import make_bat, write_recording
 
-from datasets import make_bat, write_recording
 from mocap.io.contents import point_recording
 from mocap.io.digits import decimals_in, decimals_of
 from mocap.io.dltdv import write_points

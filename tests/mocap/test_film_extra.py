@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
+from mocap.datasets.movie import write_movies
 
-from datasets.movie import write_movies
 from mocap.io.film import FilmError
 from mocap.io.movies import open_movie
 from mocap.rerun.log_video import av1

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, make_lizard
 
-from datasets import make_bat, make_lizard
 from mocap.audit import alarms, audit_filmed, jump_findings
 from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import decide_origin

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+from mocap.datasets import make_bat
 
-from datasets import make_bat
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.tracking import lasting_cov
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.model_file import save_model
 
-from filters.model_file import save_model
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.pipeline.job import run_job

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from mocap.datasets import make_bat
+from mocap.filters.hidden_gaps import EACH_MARKER, Effort
+from mocap.filters.hide import hide_neighbours
+from mocap.filters.model import learn_model, renamed, track_with
+from mocap.filters.model_file import load_model, save_model
+from mocap.filters.models.articulated import ArticulatedSettings
+from mocap.filters.models.constant_velocity import learn_constant_velocity
+from mocap.filters.observations import PositionObservations
+from mocap.filters.score import joined, residuals_of
+from mocap.filters.track import smooth
 
-from datasets import make_bat
-from filters.hidden_gaps import EACH_MARKER, Effort
-from filters.hide import hide_neighbours
-from filters.model import learn_model, renamed, track_with
-from filters.model_file import load_model, save_model
-from filters.models.articulated import ArticulatedSettings
-from filters.models.constant_velocity import learn_constant_velocity
-from filters.observations import PositionObservations
-from filters.score import joined, residuals_of
-from filters.track import smooth
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST

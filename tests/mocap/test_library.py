@@ -11,9 +11,9 @@ import pytest
 import xarray as xr
 from matplotlib import pyplot
 from matplotlib.figure import Figure
+from mocap.datasets import make_lizard, write_recording
 
 import mocap
-from datasets import make_lizard, write_recording
 from docs.tools import columns
 from mocap.cli.main import main
 from mocap.io.registry import read as read_file

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat
 
 import mocap
-from datasets import PERFECT, make_bat
 from mocap.cameras.camera import project, stacked
 from mocap.cleaning.likelihoods import likelihood_noise
 from mocap.io.anipose import write_calibration

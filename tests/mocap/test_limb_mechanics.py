@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.anatomy import Limb, masses_of
+from mocap.filters.bodies import rod_masses
 
 from eal.rods import RodLimb
-from filters.anatomy import Limb, masses_of
-from filters.bodies import rod_masses
 from mocap.cameras.camera import project, stacked
 from mocap.errors import MocapError
 from mocap.measures import Segment

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from mocap.datasets import PERFECT, make_bat
 from rerun.chunk import RrdReader
 
-from datasets import PERFECT, make_bat
 from docs.tools import columns
 from mocap import Tracked
 from mocap.cli.main import main

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat
 
 import mocap
-from datasets import make_bat
 from eal import fit_potential
 from eal.sums import total
 from mocap.errors import MocapError

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
+from mocap.datasets import make_bat, write_recording
+from mocap.filters.models.pose import PoseSettings
 
-from datasets import make_bat, write_recording
-from filters.models.pose import PoseSettings
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import table
 from mocap.pipeline.prepare import prepare

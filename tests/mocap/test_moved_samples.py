@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat
+from mocap.filters.observations import WHOLE
+from mocap.filters.observe import Observed
+from mocap.filters.records import Estimate
 
-from datasets import PERFECT, make_bat
-from filters.observations import WHOLE
-from filters.observe import Observed
-from filters.records import Estimate
 from mocap.pipeline.moved import moved_report
 from mocap.pipeline.prepare import prepare_tracks
 from mocap.pipeline.tracking import seen_part, tracked_motion

@@ -1,8 +1,8 @@
 """Files are found beside others in whatever case a system of files keeps their names."""
 
 import pytest
+from mocap.datasets import make_lizard, write_recording
 
-from datasets import make_lizard, write_recording
 from mocap.pipeline.recording import Recording, stored_points
 
 

@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from mocap.datasets.lizards import make_lizard
 
 import mocap
-from datasets.lizards import make_lizard
 from mocap.cameras.camera import record
 from mocap.errors import MocapError
 from mocap.io.dltdv import write_pixels

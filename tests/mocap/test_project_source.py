@@ -5,8 +5,8 @@ import json
 import h5py
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat, write_recording
 
-from datasets import PERFECT, make_bat, write_recording
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import with_profile

@@ -5,11 +5,11 @@ import sys
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, make_lizard, write_recording
+from mocap.filters.poses import MarkerTrial
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
-from datasets import make_bat, make_lizard, write_recording
-from filters.poses import MarkerTrial
 from mocap.cli.main import main
 from mocap.errors import MocapError
 from mocap.pipeline.prepare import prepare

@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, write_recording
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.hidden_gaps import EACH_MARKER, Effort, hidden_gaps
 
 import mocap
-from datasets import make_bat, write_recording
-from filters.anatomy import Anatomy
-from filters.hidden_gaps import EACH_MARKER, Effort, hidden_gaps
 from mocap.errors import MocapError
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import Recording

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, write_recording
 
-from datasets import make_bat, write_recording
 from mocap.io.dltdv import read_points
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.recording import Recording

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, make_lizard
 
-from datasets import make_bat, make_lizard
 from mocap.cameras.camera import project, stacked, undistorted
 from mocap.cameras.triangulate import robust
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays

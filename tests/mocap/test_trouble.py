@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, write_recording
 
-from datasets import make_bat, write_recording
 from mocap.cli.console import visible
 from mocap.cli.main import FAULT, STOPPED, TROUBLE
 from mocap.errors import MocapError

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import PERFECT, make_bat
+from mocap.filters.hidden_gaps import EACH_MARKER, Effort
+from mocap.filters.models.pose import PoseSettings
 
-from datasets import PERFECT, make_bat
-from filters.hidden_gaps import EACH_MARKER, Effort
-from filters.models.pose import PoseSettings
 from mocap.cameras.camera import record
 from mocap.pipeline.blocks import learn_once, track_block
 from mocap.pipeline.job import run_job

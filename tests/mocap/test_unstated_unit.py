@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, write_recording
 
-from datasets import make_bat, write_recording
 from mocap.cli.main import main
 from mocap.io.dltdv import write_coefficients
 from mocap.io.registry import read

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian
 from scipy.interpolate import CubicSpline
 
 from benchmarks.gaps.method import Filler, Method, Trial
@@ -23,7 +24,6 @@ from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentModel, linear_dynamics, regress
 from benchmarks.gaps.peers.manifold import LatentFiller
 from benchmarks.gaps.peers.poses import completed
-from filters.ensemble import Gaussian
 from mocap.arrays import Array
 
 POSES = 200

@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.ensemble import Gaussian, default_points, ensemble, predict, scale, update
+from mocap.filters.ensemble import spread as spread_points
+from mocap.filters.smoother import smooth_step
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
-from filters.ensemble import Gaussian, default_points, ensemble, predict, scale, update
-from filters.ensemble import spread as spread_points
-from filters.smoother import smooth_step
 from mocap.arrays import Array
 
 

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from mocap.filters.subspace import principal_components
 from numpy.typing import NDArray
 
 from benchmarks.gaps.peers.coordinates import Placed
-from filters.subspace import principal_components
 from mocap.arrays import Array
 
 
@@ -27,7 +27,7 @@ def usable(poses: Array, *, share: float = 0.3) -> Array:
 def completed(trials: Sequence[Placed], *, rank: int = 12) -> list[Array]:
     """Poses (T, D) of each trial without NaN: what is missing is filled by principal components of all trials.
 
-    The misfit of the components (``filters.subspace.principal_components``) is interpolated over every gap, so that the
+    The misfit of the components (``principal_components``) is interpolated over every gap, so that the
     filled track joins the measured one. Rows that show nothing take the components' own guess.
     """
     rows = [placed.poses for placed in trials]

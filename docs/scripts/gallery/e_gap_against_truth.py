@@ -7,13 +7,13 @@ what the filter makes of it with its 95 % interval, and where the tip really was
 """
 
 import matplotlib.pyplot as plt
+import mocap.datasets
 import numpy as np
 
-import datasets
 import mocap
 
 tip = mocap.load("out/demo").markers.sel(keypoint="d4_tip_l", individual="id_0")
-truth = datasets.bat(seed=0).truth
+truth = mocap.datasets.bat(seed=0).truth
 z, t, filled = tip.position.sel(space="z"), tip.time.values, (tip.status != 1).values
 sd = np.sqrt(tip.covariance.sel(space="z", space_to="z"))
 runs = np.split(np.arange(len(t)), np.flatnonzero(np.diff(filled)) + 1)

@@ -7,13 +7,13 @@ intervals were exact, both would follow the curve; narrower means that intervals
 """
 
 import matplotlib.pyplot as plt
+import mocap.datasets
 import numpy as np
 
-import datasets
 import mocap
 
 markers = mocap.load("out/demo").run.tracked.markers
-error = markers.xyz_m - datasets.bat(seed=0).truth.xyz_m
+error = markers.xyz_m - mocap.datasets.bat(seed=0).truth.xyz_m
 sd = np.sqrt(np.diagonal(markers.cov_m2, axis1=-2, axis2=-1))
 x = np.linspace(-4, 4, 81)
 for name, code in (("measured", 1), ("filled", 4)):

@@ -9,11 +9,12 @@ diagram.
 from pathlib import Path
 from tempfile import mkdtemp
 
-import datasets
+import mocap.datasets
+
 import mocap
 
-walk = datasets.lizard(seed=0, n_frames=180)
-files = datasets.write_recording(walk, Path(mkdtemp()))
+walk = mocap.datasets.lizard(seed=0, n_frames=180)
+files = mocap.datasets.write_recording(walk, Path(mkdtemp()))
 recording = mocap.read(files["pixels"], calibration=files["coefficients"], fps=walk.fps, skeleton=files["skeleton"])
 result = mocap.track(recording, model="constant_velocity", validate=False)
 result.plot.gait()

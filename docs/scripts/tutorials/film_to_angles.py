@@ -14,16 +14,16 @@ track``. You need films of an animal with dots on its joints, and calibrated cam
 from pathlib import Path
 from tempfile import mkdtemp
 
+import mocap.datasets
 import numpy as np
+from mocap.datasets.bats import bat_motion
+from mocap.datasets.movie import shown_pixels, write_movies
 
-import datasets
 import mocap
-from datasets.bats import bat_motion
-from datasets.movie import shown_pixels, write_movies
 
-flight = datasets.bat(seed=0, n_cameras=4, n_frames=30)
+flight = mocap.datasets.bat(seed=0, n_cameras=4, n_frames=30)
 folder = Path(mkdtemp())
-files = datasets.write_recording(flight, folder, others=True)
+files = mocap.datasets.write_recording(flight, folder, others=True)
 (folder / "films").mkdir()
 scene = (bat_motion(0), flight.truth.t_s, flight.cameras)
 write_movies(*scene, folder / "films", fps=flight.fps, start_s=flight.start_s)

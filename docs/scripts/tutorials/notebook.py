@@ -15,11 +15,12 @@ it, and goes on with pandas and xarray. Download it as a notebook at its foot.
 from pathlib import Path
 from tempfile import mkdtemp
 
-import datasets
+import mocap.datasets
+
 import mocap
 
-flight = datasets.bat(seed=3, n_frames=90)
-files = datasets.write_recording(flight, Path(mkdtemp()))
+flight = mocap.datasets.bat(seed=3, n_frames=90)
+files = mocap.datasets.write_recording(flight, Path(mkdtemp()))
 print(*sorted(path.name for path in files.values()), sep="\n")
 
 # %%

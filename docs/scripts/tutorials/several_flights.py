@@ -16,15 +16,15 @@ third, in which a wing was hidden for a while. On the command line the same is `
 from pathlib import Path
 from tempfile import mkdtemp
 
+import mocap.datasets
 import numpy as np
 
-import datasets
 import mocap
 
 
 def recording(seed, hidden=None):
     """A flight as positions in a table; ``hidden``: frames in which the left hand is not seen."""
-    flight = datasets.bat(seed=seed, n_frames=90)
+    flight = mocap.datasets.bat(seed=seed, n_frames=90)
     names, true = flight.truth.names, flight.truth.xyz_m
     xyz = true + np.random.default_rng(seed).normal(0, 2e-4, true.shape)
     hand = [m for m, name in enumerate(names) if name.startswith(("d3", "d4", "wrist")) and name.endswith("_l")]

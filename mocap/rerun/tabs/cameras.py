@@ -5,8 +5,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
-from filters.records import TrackedMotion
 from mocap.arrays import Array
+from mocap.filters.records import TrackedMotion
 from mocap.pipeline.run import Run
 from mocap.records import PixelTracks
 from mocap.rerun import palette, paths

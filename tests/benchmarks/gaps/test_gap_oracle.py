@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.anatomy import Anatomy
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.subspace import PoseSubspace
 
 from benchmarks.gaps.oracle import EalOracle, Informed, shapes_in
 from benchmarks.what_vz_adds import TRUNK, trial
-from filters.anatomy import Anatomy
-from filters.models.base import TrialSet
-from filters.models.pose import PoseSettings
-from filters.subspace import PoseSubspace
 
 
 def test_shapes_are_those_that_poses_were_made_of():

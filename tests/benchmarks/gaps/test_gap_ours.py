@@ -5,12 +5,12 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from mocap.datasets import make_bat
 
 from benchmarks.gaps.hide import hide
 from benchmarks.gaps.method import Trial
 from benchmarks.gaps.ours import Ours
 from benchmarks.gaps.prepared import recording, tracks_of
-from datasets import make_bat
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 

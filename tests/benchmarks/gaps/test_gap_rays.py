@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets.rig import tank_cameras
 
 from benchmarks.gaps.hide import hide
 from benchmarks.gaps.method import Estimate, Film, Trial
@@ -12,7 +13,6 @@ from benchmarks.gaps.peers.kalman import filter_series, smooth_series, transitio
 from benchmarks.gaps.peers.rays import Rays, filter_rays, projected
 from benchmarks.gaps.protocol import evaluate
 from benchmarks.gaps.rays import CLICK_PX, with_rays, wrong_clicks
-from datasets.rig import tank_cameras
 from mocap.cameras.camera import project, record, stacked
 from mocap.records import PixelTracks
 

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets.bats import bat_motion
+from mocap.datasets.lizards import lizard_motion
 
 from benchmarks.gaps import sets, twins
 from benchmarks.gaps.cells import trained_on
@@ -11,8 +13,6 @@ from benchmarks.gaps.method import Trial
 from benchmarks.gaps.sets import SETS, load, stations, teachers
 from benchmarks.gaps.takes import noise_sd
 from benchmarks.gaps.twins import scaled_scene, sped_scene
-from datasets.bats import bat_motion
-from datasets.lizards import lizard_motion
 from tests.real_data import FOLDER
 
 REAL = {

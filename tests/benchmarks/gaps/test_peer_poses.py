@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.score import score
 from scipy.stats import multivariate_normal
 
 from benchmarks.gaps import protocol
@@ -15,7 +16,6 @@ from benchmarks.gaps.peers.gaussian import Choice, ConditionalGaussian, moments
 from benchmarks.gaps.peers.low_rank import LowRank, RandomWalk
 from benchmarks.gaps.peers.neighbours import NearestNeighbours, nearest_mean
 from benchmarks.gaps.peers.pca import PcaReconstruction
-from filters.score import score
 from tests.benchmarks.gaps.peer_trials import LIMBS, hidden, in_subspace, make_trial
 
 GAP = np.arange(60, 100)

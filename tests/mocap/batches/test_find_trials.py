@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, write_recording
 
-from datasets import make_bat, write_recording
 from mocap.batches.find import find_trials
 from mocap.batches.manifest import read_manifest, write_manifest
 from mocap.errors import FormatError, MocapError

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from mocap.datasets.rig import aimed
 
-from datasets.rig import aimed
 from mocap.cameras.camera import Camera, record
 from mocap.cameras.lens import BrownLens
 from mocap.digitising.clicks import Click

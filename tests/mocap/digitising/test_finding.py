@@ -5,9 +5,9 @@ import struct
 import cv2
 import numpy as np
 import pytest
+from mocap.datasets.rig import tunnel_cameras
 from scipy.spatial.distance import cdist
 
-from datasets.rig import tunnel_cameras
 from mocap.digitising.dots import DotLook, Strength, find_dots, look_of, strength_of
 from mocap.digitising.films import grey_levels
 from mocap.digitising.straight import straightening_of

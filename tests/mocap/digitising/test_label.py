@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from mocap.datasets import bat, lizard
+from mocap.filters.hidden_gaps import EACH_MARKER, Effort
+from mocap.filters.model import learn_model
+from mocap.filters.poses import MarkerTrial
 
 import mocap as library
-from datasets import bat, lizard
-from filters.hidden_gaps import EACH_MARKER, Effort
-from filters.model import learn_model
-from filters.poses import MarkerTrial
 from mocap.digitising.label import cut, label
 from mocap.digitising.pose import fit_poses, rigid
 from mocap.digitising.register import recognise

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from mocap.datasets import make_lizard
+from mocap.datasets.bats import BEAT_HZ, bat_motion, make_bat
+from mocap.datasets.lizards import GAIT, lizard_motion
 
-from datasets import make_lizard
-from datasets.bats import BEAT_HZ, bat_motion, make_bat
-from datasets.lizards import GAIT, lizard_motion
 from mocap.arrays import true_runs
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import cycles, cycles_table, ensemble, footfalls

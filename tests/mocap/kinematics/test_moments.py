@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from mocap.datasets.bat_skeleton import bat_skeleton
+from mocap.datasets.lizard_skeleton import lizard_skeleton
+from mocap.datasets.pendulum_film import pendulum_skeleton
+from mocap.datasets.pendulums import make_pendulum
 
-from datasets.bat_skeleton import bat_skeleton
-from datasets.lizard_skeleton import lizard_skeleton
-from datasets.pendulum_film import pendulum_skeleton
-from datasets.pendulums import make_pendulum
 from mocap.kinematics.cycles import Footfalls
 from mocap.kinematics.distal import Distal, distal_parts
 from mocap.kinematics.moments import GRAVITY_M_S2, moments

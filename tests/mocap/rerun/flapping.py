@@ -3,10 +3,10 @@
 from itertools import pairwise
 
 import numpy as np
+from mocap.filters.records import TrackedMotion
 
 from eal.kernels import GaussianKernel
 from eal.potential import fit_potential
-from filters.records import TrackedMotion
 from mocap.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
 from mocap.moving import without_rates

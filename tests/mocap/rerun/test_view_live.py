@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 import rerun as rr
 from flapping import make_run
+from mocap.filters.live import LiveEstimate
+from mocap.filters.observations import WHOLE
+from mocap.filters.observe import Observed
 from PIL import Image
 from readback import column
 from test_view_pictures import amount
 from vulkan import need_vulkan
 
-from filters.live import LiveEstimate
-from filters.observations import WHOLE
-from filters.observe import Observed
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.headless import Headless

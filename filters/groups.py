@@ -79,6 +79,7 @@ def part_of(model: PoseMotion, markers: Markers) -> PoseMotion:
     ]
     return replace(
         model,
+        residual_rate_hz=model.residual_rate_hz[rows],
         subspace=replace(
             subspace,
             mean=subspace.mean[rows],

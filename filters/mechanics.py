@@ -40,23 +40,22 @@ class Motion:
         return float(np.sqrt(np.sum(self.z.var(axis=0)) / np.sum(self.rate.var(axis=0))))
 
 
-def free_shape(motion: Motion, *, process_noise: float = 1.0) -> FreeShape:
+def free_shape(motion: Motion) -> FreeShape:
     """White acceleration of the density S = 2 sd(velocity) sd(acceleration) of each coordinate.
 
     For an oscillation of variance a^2 at w, S = 2 a^2 w^3: its acceleration has variance a^2 w^4 and keeps its sign for
     about 1 / w.
     """
     density = 2 * motion.rate.std(axis=0) * motion.acceleration.std(axis=0)
-    return FreeShape(np.diag(np.sqrt(process_noise * np.maximum(density, 1e-6 * max(density.max(), 1e-12)))))
+    return FreeShape(np.diag(np.sqrt(np.maximum(density, 1e-6 * max(density.max(), 1e-12)))))
 
 
-def linear_shape(motion: Motion, *, ridge: float, process_noise: float = 1.0) -> LinearShape:
+def linear_shape(motion: Motion, *, ridge: float) -> LinearShape:
     """Ridge regression of accelerations on shapes and velocities: stiffness, damping and a constant force.
 
     Args:
         motion: What was recorded.
         ridge: Penalty on coefficients of standardised regressors, as a share of the number of frames.
-        process_noise: Factor on the density of what is left.
     """
     r = motion.z.shape[1]
     tau = motion.tau_s
@@ -71,11 +70,11 @@ def linear_shape(motion: Motion, *, ridge: float, process_noise: float = 1.0) ->
         stiffness=-slope[:, :r],
         damping=-tau * slope[:, r:],
         force=target.mean(axis=0) - slope @ mean,
-        density=unexplained(left, motion, process_noise),
+        density=unexplained(left, motion),
     )
 
 
-def field_shape(motion: Motion, *, ridge: float, beta: float, centres: int, process_noise: float = 1.0) -> FieldShape:
+def field_shape(motion: Motion, *, ridge: float, beta: float, centres: int) -> FieldShape:
     """Linear mechanics plus a kernel ridge regression of what they leave, over [z, tau zdot].
 
     Gaussian kernel of width beta over the median squared distance, on ``centres`` of the frames (subset of
@@ -86,7 +85,6 @@ def field_shape(motion: Motion, *, ridge: float, beta: float, centres: int, proc
         ridge: Penalty, as a share of the number of frames, of both regressions.
         beta: Width of the kernel.
         centres: Number of centres.
-        process_noise: Factor on the density of what is left.
     """
     linear = linear_shape(motion, ridge=ridge)
     states = np.column_stack([motion.z, motion.rate])
@@ -106,14 +104,14 @@ def field_shape(motion: Motion, *, ridge: float, beta: float, centres: int, proc
         near = np.exp(-width * cdist(at * scale, chosen, "sqeuclidean"))
         return linear.acceleration(at) + near @ weights
 
-    return FieldShape(acceleration=acceleration, density=unexplained(left - k @ weights, motion, process_noise))
+    return FieldShape(acceleration=acceleration, density=unexplained(left - k @ weights, motion))
 
 
-def unexplained(left: Array, motion: Motion, process_noise: float) -> Array:
+def unexplained(left: Array, motion: Motion) -> Array:
     """Lower factor of the spectral density of unexplained accelerations: 2 (their correlation time) (covariance)."""
     change = np.diff(left, axis=0)[np.diff(motion.trial) == 0]
     time = motion.dt_s * np.sqrt(np.mean(left**2) / max(float(np.mean(change**2)), 1e-30))
-    cov = process_noise * 2 * time * left.T @ left / len(left)
+    cov = 2 * time * left.T @ left / len(left)
     floor = 1e-6 * np.trace(cov) / len(cov) + 1e-18
     return np.linalg.cholesky(cov + floor * np.eye(len(cov)))
 

@@ -151,14 +151,19 @@ def _derivative(series: Array, dt_s: float) -> Array:
     return np.gradient(series, dt_s, axis=0) if len(series) > 1 else np.zeros_like(series)
 
 
-def residual_rate(residual: Sequence[Array], dt_s: float, turn_s: float, *, hidden_sd: Array | float = 0.0) -> float:
-    """Rate a of a Matern-3/2 process, 1/s, that loses its memory as residuals do.
+MATERN_HALF = 2.3303
+"""Lag at which the correlation of a Matern-5/2 process of unit rate, (1 + s + s^2 / 3) exp(-s), is a half."""
 
-    Its structure function is E (e(t + s) - e(t))^2 = 2 var (1 - (1 + a s) exp(-a s)): half of 2 var at a s = 1.678,
-    found on a line between two lags. It begins as a parabola: what remains of two lags at s = 0 is twice the variance
-    of measurement noise. Where noise hides the residual (less than two standard errors of that are left), or where a
-    subspace that holds the poses whole leaves less than a hundredth of ``hidden_sd``, it is taken to change four times
-    as fast as the motion turns.
+
+def residual_memory_s(
+    residual: Sequence[Array], dt_s: float, turn_s: float, *, hidden_sd: Array | float = 0.0
+) -> float:
+    """Time in seconds in which residuals lose half of their correlation.
+
+    Their structure function E (e(t + s) - e(t))^2 is half of 2 var there, found on a line between two lags. It begins
+    as a parabola: what remains of two lags at s = 0 is twice the variance of measurement noise. Where noise hides the
+    residual (less than two standard errors of that are left), or where a subspace that holds the poses whole leaves
+    less than a hundredth of ``hidden_sd``, it is taken to be 0.42 of the time in which the motion turns by a radian.
 
     Args:
         residual: (T, 3M) residuals of each trial; NaN where not seen.
@@ -171,7 +176,7 @@ def residual_rate(residual: Sequence[Array], dt_s: float, turn_s: float, *, hidd
     noise = white_variance(series, trial)
     left = variance - noise
     if left <= max(4 * variance * np.sqrt(2 / count), 1e-4 * float(np.mean(np.square(hidden_sd)))):
-        return 4 / turn_s
+        return 0.42 * turn_s
     longest = max(2, max(len(part) for part in residual) // 2)
     before = changed = 0.0
     for lag in np.unique(np.geomspace(1, longest, 40).astype(int)).tolist():
@@ -181,7 +186,7 @@ def residual_rate(residual: Sequence[Array], dt_s: float, turn_s: float, *, hidd
             break
         if changes > changed:
             before, changed = float(lag), changes
-    return 1.678 / (lag * dt_s)
+    return lag * dt_s
 
 
 def known_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArray[np.bool_]]:

@@ -15,7 +15,7 @@ from mocap.filters.models.pose import PoseSettings, held_by, learn_pose, recorde
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, radian, residual_rate, shapes_of
+from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, radian, residual_memory_s, shapes_of
 from mocap.filters.subspace import PoseSubspace
 from mocap.filters.tree import FittedPoses, Tree, fit_poses
 from numpy.typing import NDArray
@@ -36,10 +36,6 @@ FREE = {"ball": 3, "universal": 2, "hinge": 1, "fixed": 0}
 ANGLES = PoseSettings(ranks=(8,), bones=0.0, body=1.0)
 """How joint angles move, as the pose model's settings have it of marker coordinates; their bones are segments."""
 Mechanics = Literal["linear", "lagrangian"]
-OF_OU = np.log(2) / 1.678
-"""Rates of processes that lose half of their memory in the same time: of the first order over Matern-3/2."""
-
-
 LAGRANGIAN = replace(ANGLES, potential="limbs", regression=0.0)
 """V_z of each limb's joint angles as a potential energy, and no regression on other markers."""
 
@@ -317,8 +313,8 @@ def learn_articulated(
             "length_m": np.linalg.norm(trees[-1].place_m[build.child], axis=1),
             "length_sd_m": lengths(build, body[-1], noise[-1])[1],
             "slip_sd": settings.slip * sd,
-            "slip_rate_hz": OF_OU
-            * residual_rate([one.reshape(len(one), -1) for one in left], poses[-1].dt_s, radian(shapes)),
+            "slip_rate_hz": np.log(2)
+            / residual_memory_s([one.reshape(len(one), -1) for one in left], poses[-1].dt_s, radian(shapes)),
         }
     )
     if settings.mechanics == "linear":

@@ -11,6 +11,7 @@ from mocap.filters.models.pose import PoseSettings, unseen_potential
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.lagrangian import LagrangianMotion
 from mocap.filters.motion.potential import PosePotential
+from mocap.filters.poses import MATERN_HALF
 from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
@@ -67,8 +68,8 @@ def with_lagrangian(
     - W is the density of the accelerations that K leaves unexplained: the noise.
     - D R + R D = W: the damping that takes out what this noise feeds in. It dissipates, because W is positive.
 
-    For an angle by itself that is the process that ``ArticulatedMotion`` has for it, Matern-3/2: K = a^2, D = 2a,
-    W = 4 a^3 S.
+    For an angle by itself that is a Matern-3/2 process of the same memory as that of ``ArticulatedMotion``: K = a^2,
+    D = 2a, W = 4 a^3 S.
 
     Args:
         model: Joints, subspace and process of the angles.
@@ -79,7 +80,8 @@ def with_lagrangian(
         trunk: Factor on the mass of the root (``ArticulatedSettings.trunk``).
     """
     bodies = bodies_of(model, anatomy, trunk)
-    arm, basis, own, rate = model.arm_m, model.subspace.basis, model.subspace.residual_sd, model.residual_rate_hz
+    arm, basis, own = model.arm_m, model.subspace.basis, model.subspace.residual_sd
+    rate = 1.6783 / MATERN_HALF * model.residual_rate_hz  # at which a Matern-3/2 process is as correlated
     count = len(arm)
     rest = model.subspace.mean / arm
     root = np.linalg.cholesky(inner_mass(bodies, rest)).T
@@ -90,8 +92,8 @@ def with_lagrangian(
     stiffness = solve_continuous_lyapunov(bring @ spread @ bring.T, 2 * rates)
     felt = np.linalg.pinv(basis) @ np.linalg.solve(bring, stiffness @ bring @ basis)
     left = motion.acceleration + (motion.z - motion.z.mean(axis=0)) @ felt.T
-    factor = unexplained(left, motion, settings.process_noise)
-    white = _whole(factor @ factor.T, basis, settings.process_noise * 4 * rate**3 * own**2)
+    factor = unexplained(left, motion)
+    white = _whole(factor @ factor.T, basis, 4 * rate**3 * own**2)
     damping = solve_continuous_lyapunov(rates, bring @ white @ bring.T)
     found, strength = _valleys(model, 0.5 * float(np.trace(rates)), settings)
     curved = sum((v.potential.curvature_limit * v.scale.T @ v.scale for v in found), np.zeros((count, count)))

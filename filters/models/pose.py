@@ -16,7 +16,10 @@ from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
 from mocap.filters.motion.potential import PosePotential, Pull
 from mocap.filters.motion.shape import ShapeMechanics
-from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate, shapes_of
+from mocap.filters.observations import PositionObservations
+from mocap.filters.poses import MATERN_HALF, PoseTrial, Shapes, known_shapes, radian, residual_memory_s, shapes_of
+from mocap.filters.roughness import marker_rates, out_of_sample
+from mocap.filters.track import filter_forward
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
@@ -31,6 +34,10 @@ Potential = Literal[
 ]
 
 
+MOST_LIKELY = 100
+"""So many frames judge the process noise: they tell factors of 4 apart by 20 to 650 in log likelihood (bat, lizards)."""
+FARTHEST_POWER = 4
+"""Factors of 4 to this power at most."""
 LEAST_M = 1e-6
 """No regression is surer of a coordinate than that, not even of that which points of one plane share."""
 
@@ -45,7 +52,7 @@ class PoseSettings(TrajectoryModel):
         rotating: Whether the body's axes follow its rotation.
         mechanics: Forces that are known: none, linear ones, or a field; identified from the trials.
         ridge: Penalty of that identification.
-        process_noise: Factor on the process noise that follows from it.
+        process_noise: Factor on the process noise that follows from it; 0: the likeliest (``likely_noise``).
         residual: Factor on the deviation of what the subspace leaves, found on hidden samples.
         residual_rate: Factor on the rate at which that changes.
         body: Factor on the density of the body's accelerations.
@@ -73,7 +80,7 @@ class PoseSettings(TrajectoryModel):
     rotating: bool = True
     mechanics: Mechanics = "linear"
     ridge: float = 1e-3
-    process_noise: float = 1.0
+    process_noise: float = 0.0
     residual: float = 1.0
     residual_rate: float = 0.5
     body: float = 0.1
@@ -101,16 +108,19 @@ class PoseSettings(TrajectoryModel):
         return DelaySettings(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating, covariance=self.covariance)
 
     def tuned(self, trials: TrialSet) -> "PoseSettings":
-        """With the covariance of its regression."""
-        if not self.regression:
-            return self
-        return replace(self, covariance=self._regression.tuned(trials).covariance)
+        """With the covariance of its regression, and the likeliest process noise."""
+        covariance = self._regression.tuned(trials).covariance if self.regression else ()
+        return replace(self, covariance=covariance, process_noise=likely_noise(self._learned(trials), trials))
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn subspace, mechanics and potential from all trials, for the last one."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
-        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        model = self._learned(trials)
+        model = with_noise(model, self.process_noise or likely_noise(model, trials))
         return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s, self.passes)
+
+    def _learned(self, trials: TrialSet) -> PoseMotion:
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        return learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
 
     def regressed(self, trials: TrialSet) -> Regression | None:
         """What a regression on the other markers has where markers of the last trial are not seen."""
@@ -168,12 +178,10 @@ def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, least_known:
 def learn_mechanics(motion: Motion, settings: PoseSettings) -> ShapeMechanics:
     """The equation of motion that the settings name."""
     if settings.mechanics == "free":
-        return free_shape(motion, process_noise=settings.process_noise)
+        return free_shape(motion)
     if settings.mechanics == "linear":
-        return linear_shape(motion, ridge=settings.ridge, process_noise=settings.process_noise)
-    return field_shape(
-        motion, ridge=settings.ridge, beta=settings.beta, centres=settings.centres, process_noise=settings.process_noise
-    )
+        return linear_shape(motion, ridge=settings.ridge)
+    return field_shape(motion, ridge=settings.ridge, beta=settings.beta, centres=settings.centres)
 
 
 def learn_pose(
@@ -200,6 +208,8 @@ def learn_pose(
     trial, subspace = trials[target], shapes.subspace
     density = np.median([body_density(t) for t in trials], axis=0)
     left_sd = settings.residual * np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[target]))
+    memory_s = residual_memory_s(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd)
+    common_hz = settings.residual_rate * MATERN_HALF / memory_s
     own = replace(subspace, mean=subspace.mean + shapes.offset[target], residual_sd=left_sd)
     spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
     extent = float(np.sqrt(np.nanmean((trial.y - np.nan_to_num(own.mean)) ** 2)))
@@ -210,14 +220,55 @@ def learn_pose(
         body_density=settings.body * density,
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
-        residual_rate_hz=settings.residual_rate
-        * residual_rate(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd),
+        residual_rate_hz=marker_rates(
+            *out_of_sample(shapes.residual[target], trial.sd_m, subspace.basis), trial.dt_s, left_sd, common_hz
+        ),
         usual=usual_motion(motion),
         bones=bones if bones is not None and len(bones.ends) and settings.bones else None,
         bone_stiffness=settings.bones / motion.tau_s,
         name="pose_constant_velocity",
     )
     return with_potentials(model, shapes, motion, settings, anatomy)
+
+
+def with_noise(model: PoseMotion, factor: float) -> PoseMotion:
+    """The model with its shape's process noise times a factor."""
+    return replace(model, mechanics=replace(model.mechanics, density=np.sqrt(factor) * model.mechanics.density))
+
+
+def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
+    """The factor on the process noise of the shape under which the last trial's positions are likeliest.
+
+    What linear mechanics leave of smoothed accelerations is too small by what the smoothing took: bats want 4 to 16
+    times of it, lizards what it is. Factors of 4 up or down as long as the likelihood rises, then the vertex of a
+    parabola through the logarithms of the best three; by the shape, body and residuals alone, in ``MOST_LIKELY``
+    frames that show most.
+    """
+    trial = trials.trials[-1]
+    plain = replace(model, potentials=(), bones=None, regression=None)
+    stop = min(len(trial.t_s), MOST_LIKELY)
+    sums = np.concatenate([[0], np.cumsum(trial.seen.sum(axis=1))])
+    start = int(np.argmax(sums[stop:] - sums[: len(sums) - stop]))
+    observations = PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m)
+
+    def likelihood(power: int) -> float:
+        candidate = with_noise(plain, 4.0**power)
+        found = filter_forward(candidate, observations, trial.t_s, frames=range(start, start + stop), keep=False)
+        return sum(seen.log_likelihood for seen in found.observed)
+
+    known = {power: likelihood(power) for power in (0, 1)}
+    step = 1 if known[1] > known[0] else -1
+    best = max(known, key=lambda power: known[power])
+    while abs(best + step) <= FARTHEST_POWER:
+        known[best + step] = likelihood(best + step)
+        if known[best + step] <= known[best]:
+            break
+        best += step
+    if best - 1 not in known or best + 1 not in known:
+        return 4.0**best
+    low, middle, high = (known[best + i] for i in (-1, 0, 1))
+    bend = low - 2 * middle + high
+    return float(4.0 ** (best + (0.5 * (low - high) / bend if bend < 0 else 0.0)))
 
 
 def with_potentials(

@@ -20,11 +20,11 @@ STEP_RAD = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArticulatedMotion(PoseMotion):
-    """State [z (r), zdot (r), g (6), e (F), s (3M), gdot (6), edot (F)].
+    """State [z (r), zdot (r), g (6), e (F), s (3M), gdot (6), edot (F), eddot (F)].
 
     What ``PoseMotion`` says of marker coordinates holds of the F joint angles, each in arc length: angle * arm =
     mean + basis z + e. So z is what joints do together, with mechanics that were learned, and e what each does by
-    itself, a Matern-3/2 process of its own variance. The root moves near its path as the body does. Segments keep their
+    itself, a Matern-5/2 process of its own variance. The root moves near its path as the body does. Segments keep their
     length; each marker slips on its own by s, a stationary process of the first order (Ornstein & Uhlenbeck 1930).
     V_z is of angles and their velocities. It is kinematic: no masses, no energy.
 
@@ -66,11 +66,9 @@ class ArticulatedMotion(PoseMotion):
 
     def initial(self) -> Gaussian:
         """The mean pose at rest, with the deviations of the samples."""
-        left, sd = self.subspace.residual_sd, np.zeros(self.points.n)
-        shape, g, e, g_rate, e_rate = self.parts
-        sd[shape], sd[g], sd[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
-        sd[e], sd[e_rate], sd[self.slip] = left, self.residual_rate_hz * left, np.repeat(self.slip_sd, 3)
-        return Gaussian(np.zeros(len(sd)), np.diag(sd))
+        found = super().initial()
+        found.factor[self.slip, self.slip] = np.diag(np.repeat(self.slip_sd, 3))
+        return found
 
     def advance(self, states: Array, dt_s: float) -> Array:
         """As a pose; slip is forgotten."""

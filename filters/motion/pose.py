@@ -120,13 +120,14 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseMotion(MotionModel):
-    """State [z (r), zdot (r), g (6), e (3M), gdot (6), edot (3M)].
+    """State [z (r), zdot (r), g (6), e (3M), gdot (6), edot (3M), eddot (3M)].
 
     Markers are R exp(w) (mean + basis z + e) + c + p, where R, c is the body's path and g = [p, w] the body's own
     deviation from it, gdot its velocity less the path's (angular: in body axes). The body moves with white acceleration
     and angular acceleration: the path is where it is linearised, and drops out of what is predicted. The shape z has
-    ``mechanics``; the residual e of each coordinate is a Matern-3/2 process, e'' + 2 a e' + a^2 e = noise, with its own
-    variance. With an empirical potential the shape is held by that (``enforce``), in place of the constraints that
+    ``mechanics``; the residual e of each coordinate is a Matern-5/2 process, (d/dt + a)^3 e = noise, with its own
+    variance and rate: positions of animals have accelerations, and a rougher process states velocities twice as
+    uncertain as they are. With an empirical potential the shape is held by that (``enforce``), in place of the constraints that
     nobody knows, as in the paper's empirical-analytical models. Constraints that are known, the lengths of
     rigid bones, hold shape and residual (``hold_bones``).
 
@@ -137,7 +138,7 @@ class PoseMotion(MotionModel):
         body_density: (6,) spectral density of the accelerations of the body: m^2/s^3, rad^2/s^3.
         shape_sd: (2r,) standard deviations of z and zdot before anything is seen.
         body_sd: (12,) the same of g and gdot.
-        residual_rate_hz: The rate a of the residual, 1/s.
+        residual_rate_hz: (3M,) the rate a of the residual of each coordinate, 1/s.
         usual: Recorded z and zdot: what they are when nothing is seen.
         potentials: What holds the pose.
         regression: Where a regression has markers that are not seen; None: there is none.
@@ -153,7 +154,7 @@ class PoseMotion(MotionModel):
     body_density: Array
     shape_sd: Array
     body_sd: Array
-    residual_rate_hz: float
+    residual_rate_hz: Array
     usual: Gaussian | None = None
     regression: Regression | None = None
     bones: Bones | None = None
@@ -171,7 +172,7 @@ class PoseMotion(MotionModel):
         rank, size = self.subspace.basis.shape[1], len(self.subspace.mean)
         object.__setattr__(self, "rank", rank)
         object.__setattr__(self, "reads", 2 * rank + 6 + size)
-        object.__setattr__(self, "points", default_points(2 * rank + 12 + 2 * size))
+        object.__setattr__(self, "points", default_points(2 * rank + 12 + 3 * size))
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
@@ -181,20 +182,27 @@ class PoseMotion(MotionModel):
         shape, g, e, g_rate, e_rate = (slice(a, b) for a, b in itertools.pairwise(ends.tolist()))
         return shape, g, e, g_rate, e_rate
 
+    @property
+    def residual(self) -> Array:
+        """(3, D) components of the state that e, edot and eddot of each coordinate are."""
+        _, _, e, _, e_rate = self.parts
+        return np.array([e.start, e_rate.start, e_rate.stop])[:, None] + np.arange(len(self.residual_rate_hz))
+
     def initial(self) -> Gaussian:
         """The mean pose at rest, with the deviations of the samples."""
-        sd = self.subspace.residual_sd
-        start = np.concatenate([self.shape_sd, self.body_sd[:6], sd, self.body_sd[6:], self.residual_rate_hz * sd])
-        return Gaussian(np.zeros(len(start)), np.diag(start))
+        shape, g, _, g_rate, _ = self.parts
+        factor = np.zeros((self.points.n, self.points.n))
+        for part, sd in ((shape, self.shape_sd), (g, self.body_sd[:6]), (g_rate, self.body_sd[6:])):
+            factor[part, part] = np.diag(sd)
+        factor[self.residual[:, None], self.residual] = self._scaled(np.linalg.cholesky(STATIONARY))
+        return Gaussian(np.zeros(len(factor)), factor)
 
     def advance(self, states: Array, dt_s: float) -> Array:
         """Body deviation and residual move on; the shape is left as it is (``predict`` moves it)."""
-        _, g, e, g_rate, e_rate = self.parts
+        _, g, _, g_rate, _ = self.parts
         out = states.copy()
         out[:, g] += dt_s * states[:, g_rate]
-        (keep, drift), (pull, slow) = self._matern(dt_s)
-        out[:, e] = keep * states[:, e] + drift * states[:, e_rate]
-        out[:, e_rate] = pull * states[:, e] + slow * states[:, e_rate]
+        out[:, self.residual] = np.einsum("ijd,sjd->sid", self._flow(dt_s), states[:, self.residual])
         return out
 
     def predict(self, state: Gaussian, step: Step) -> Prediction:
@@ -231,28 +239,28 @@ class PoseMotion(MotionModel):
             return PathStep(*(part[frame - 1] for part in steps))
         return PathStep(*(part[0] for part in path_steps(self.path, dt_s, slice(frame - 1, frame + 1))))
 
-    def _matern(self, dt_s: float) -> Array:
-        """(2, 2) transition of the residual and its rate."""
+    def _flow(self, dt_s: float) -> Array:
+        """(3, 3, D) transition of e, edot and eddot of each coordinate."""
         a = self.residual_rate_hz
-        return np.exp(-a * dt_s) * np.array([[1 + a * dt_s, dt_s], [-(a**2) * dt_s, 1 - a * dt_s]])
+        power = np.arange(3)[:, None]
+        return matern_flow(a * dt_s) * a ** (power[:, None] - power)
+
+    def _scaled(self, factor: Array) -> Array:
+        """(3, 3, D) factor of e, edot and eddot from that of a process of unit rate and variance, (3, 3) or (3, 3, D)."""
+        whole = factor if factor.ndim == 3 else factor[..., None]
+        return whole * self.residual_rate_hz ** np.arange(3)[:, None, None] * self.subspace.residual_sd
 
     def noise(self, dt_s: float) -> Array:
         """That of the mechanics; white acceleration of the body; for the residual what keeps its variance."""
-        shape, g, e, g_rate, e_rate = self.parts
+        shape, g, _, g_rate, _ = self.parts
         factor = np.zeros((self.points.n, self.points.n))
         factor[shape, shape] = self.mechanics.noise(dt_s)
-        transition, stationary = self._matern(dt_s), np.diag([1.0, self.residual_rate_hz**2])
-        matern = np.linalg.cholesky(stationary - transition @ stationary @ transition.T)
-        sd = self.subspace.residual_sd
-        blocks = (
-            (g, g_rate, white_acceleration(self.body_density, dt_s)),
-            (e, e_rate, (matern[0, 0] * sd, matern[1, 0] * sd, matern[1, 1] * sd)),
-        )
+        l11, l21, l22 = white_acceleration(self.body_density, dt_s)
         index = np.arange(self.points.n)
-        for position, rate, (l11, l21, l22) in blocks:
-            factor[index[position], index[position]] = l11
-            factor[index[rate], index[position]] = l21
-            factor[index[rate], index[rate]] = l22
+        factor[index[g], index[g]] = l11
+        factor[index[g_rate], index[g]] = l21
+        factor[index[g_rate], index[g_rate]] = l22
+        factor[self.residual[:, None], self.residual] = self._scaled(matern_noise(self.residual_rate_hz * dt_s))
         return factor
 
     def markers(self, states: Array, frame: int) -> Array:
@@ -369,6 +377,34 @@ class PoseMotion(MotionModel):
     def informed(self, state: Gaussian) -> Gaussian:
         """The shape and its velocity are some that were recorded."""
         return state if self.usual is None else informed(state, self.usual)
+
+
+STATIONARY = np.array([[1.0, 0.0, -1 / 3], [0.0, 1 / 3, 0.0], [-1 / 3, 0.0, 1.0]])
+"""Covariance of a Matern-5/2 process e of unit variance and rate with e' and e'' (Hartikainen & Sarkka 2010)."""
+
+
+def matern_flow(step: Array) -> Array:
+    """(3, 3, D) transition of [e, e', e''] of a Matern-5/2 process of unit rate, over steps (D,) times the rate.
+
+    exp(A s) = exp(-s) (I + N s + N^2 s^2 / 2): A, the companion of (d/dt + 1)^3, is -I + N with N^3 = 0.
+    """
+    nilpotent = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [-1.0, -3.0, -2.0]])
+    powers = np.stack([np.eye(3), nilpotent, nilpotent @ nilpotent / 2], axis=-1)
+    return np.exp(-step) * (powers @ np.stack([np.ones_like(step), step, step**2]))
+
+
+def matern_noise(step: Array) -> Array:
+    """(3, 3, D) lower factor of what noise adds to [e, e', e''] of a Matern-5/2 process of unit variance and rate.
+
+    The covariance is 16/3 times the integral of g g^T, g the last column of ``matern_flow``. By Gauss-Legendre
+    quadrature it stays positive at any step, where 1 - F F^T of short steps is a difference of nearly equal numbers.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    end = np.minimum(step, 20.0)  # exp(-40) of it is left beyond
+    times = 0.5 * end * (nodes[:, None] + 1)  # (24, D)
+    last = np.moveaxis(matern_flow(times.ravel())[:, 2].reshape(3, *times.shape), 1, -1)  # (3, D, 24)
+    cov = 16 / 3 * np.einsum("idq,jdq,dq->dij", last, last, 0.5 * end[:, None] * weights)
+    return np.moveaxis(np.linalg.cholesky(cov), 0, -1)
 
 
 def _scaled(gradient: Callable[[Array], Array], factor: float, q: Array) -> Array:

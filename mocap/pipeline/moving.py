@@ -11,9 +11,10 @@ from mocap.records import MarkerTracks, Status
 def motion_of(markers: MarkerTracks, frames: slice, rates: Rates | None, asked: Asked) -> Motion:
     """Velocities and joint covariances of the smoother, for the positions that were returned.
 
-    Where the returned covariance of a marker is not the smoother's own (mixed and widened in gaps, calibration errors
-    added), its block P is carried over as A P A' with A = C^(1/2) P^(-1/2), C the returned one, which keeps the
-    correlations with other markers and with velocities.
+    Where the returned covariance of a marker's position is not the smoother's own (mixed and widened in gaps,
+    calibration errors added), its block P is carried over as A P A' with A = C^(1/2) P^(-1/2), C the returned one, which
+    keeps the correlations with other markers. Velocities keep the smoother's: an error of calibration that lasts moves
+    positions alone.
 
     Args:
         markers: The markers as returned.
@@ -83,8 +84,8 @@ def _power(matrix: Array, power: float) -> Array:
 
 
 def _carried(left: Array, block: np.ndarray, right: Array) -> np.ndarray:
-    """(..., 6, 6) blocks with the position and the velocity of both sides scaled."""
-    parts = np.swapaxes(block.reshape(*block.shape[:-2], 2, 3, 2, 3), -3, -2)
-    a, b = left.astype(np.float32)[..., None, None, :, :], right.astype(np.float32)[..., None, None, :, :]
-    done = np.swapaxes(a @ parts @ np.swapaxes(b, -1, -2), -3, -2)
-    return done.reshape(block.shape)
+    """(..., 6, 6) blocks with the position of both sides scaled."""
+    done = block.copy()
+    done[..., :3, :] = left.astype(np.float32) @ done[..., :3, :]
+    done[..., :3] = done[..., :3] @ np.swapaxes(right.astype(np.float32), -1, -2)
+    return done

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from threadpoolctl import threadpool_limits
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.io.registry import read
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import prepare_tracks

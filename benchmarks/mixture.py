@@ -38,7 +38,7 @@ from benchmarks.gaps.ours import effort
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import FULL, plan, shown_trials
 from benchmarks.gaps.sets import FILMED, SETS, size
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part

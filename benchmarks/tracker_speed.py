@@ -35,8 +35,8 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import filter_forward, smooth
 
 from benchmarks.stages import as_lines, by_stage, reference_s
+from eal.arrays import Array
 from eal.threads import one_blas_thread
-from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked
 from mocap.io.qualisys import read_mat

@@ -36,7 +36,7 @@ from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.score import Residuals, residuals_of
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 FPS, FRAMES, NOISE_M = 200.0, 300, 2e-4
 TRUNK = (0, 1, 2, 3)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from mocap.datasets.linkage import hinged, rotated, turn
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 # bone lengths in metres: a bat of 30 g, forearm 55 mm
 HUMERUS_M, RADIUS_M = 0.032, 0.055

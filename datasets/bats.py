@@ -18,7 +18,7 @@ from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
 from mocap.datasets.scene import Motion, Scene, frame_times, start_times
 from mocap.datasets.wander import draw_wander, skin_motion
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 
 Manoeuvre = Literal["level", "turn"]

@@ -8,7 +8,7 @@ from mocap.filters.score import Residuals
 from numpy.typing import NDArray
 from scipy.optimize import minimize, root_scalar
 
-from mocap.arrays import Z95, Array, frozen
+from eal.arrays import Z95, Array, frozen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,9 +7,9 @@ import numpy as np
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.subspace import bridge
+from mocap.filters.whittaker import smooth_series
 
-from mocap.arrays import Array, varying
-from mocap.body import smooth_series
+from eal.arrays import Array, varying
 
 
 @dataclass(frozen=True, kw_only=True)

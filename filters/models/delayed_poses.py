@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian_process import Covariance, Rows, fitted, predict
 from mocap.filters.hide import unseen_runs
 from mocap.filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
@@ -20,11 +21,11 @@ from mocap.filters.neighbours import Neighbours, body_itself
 from mocap.filters.observations import Observations
 from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian
 from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked
+from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames, smooth_series
-from mocap.moving import Asked
+from eal.arrays import Array
 
 EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""

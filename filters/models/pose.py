@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, Kernel, fit_potential
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Mechanics = Literal["free", "linear", "field"]
 Over = Callable[[Kernel], Kernel]

@@ -8,7 +8,7 @@ from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.motion.singer import LastingAcceleration
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

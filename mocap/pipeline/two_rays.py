@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.hidden_gaps import EACH_MARKER

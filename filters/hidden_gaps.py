@@ -22,11 +22,11 @@ STEADY_MARKER, EACH_MARKER = MarkerSettings(acceleration=0.01), LastingSettings(
 JOINTS, POSE = ArticulatedSettings(), PoseSettings(ranks=(8,))
 MODELS: tuple[TrajectoryModel, ...] = (STEADY_MARKER, EACH_MARKER, POSE)
 """What a learned tracker is made of: each marker by itself, at a velocity that hardly changes and with an acceleration
-that lasts, and the EAL model. Their settings are the same for all recordings (docs/explanation/decisions.md, "Fixed
-settings", "A velocity that hardly changes")."""
+that lasts, and the EAL model. Their settings are the same for all recordings (docs/experiments/steady_velocity.md and
+regression_in_the_filter.md)."""
 WITH_JOINTS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
 """With joint angles in place of the steady velocity, for animals whose skeleton states rigid bones: nearer on most;
-tracking takes 1.5 to 2.3 times as long (docs/explanation/decisions.md, "Joint angles in the mixture")."""
+tracking takes 1.5 to 2.3 times as long (docs/experiments/joint_angles.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -102,7 +102,7 @@ def learn_constant_velocity(
         xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
         dt_s: Time step.
         others: Other recordings of the same markers and rate. Of each marker's densities in all the geometric mean is
-            taken: one short recording may show it at rest (docs/explanation/decisions.md, "Noise of a marker").
+            taken: one short recording may show it at rest (docs/experiments/marker_noise.md).
         settings: Choices.
     """
     seen = np.isfinite(xyz_m[..., 0])

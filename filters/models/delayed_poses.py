@@ -5,7 +5,7 @@ Its linear part is the standard imputation of missing markers by the covariance 
 Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
 the marker's neighbours (``filters/neighbours.py``), and both estimates are averaged. It knows nothing of dynamics, and
 so errs differently from the motion models, which makes a mixture of both better than either
-(docs/explanation/decisions.md, "The mixture").
+(docs/experiments/mixture.md).
 """
 
 from collections.abc import Iterator, Sequence

@@ -17,7 +17,7 @@ class LastingSettings(TrajectoryModel):
 
     Attributes:
         memory: An acceleration lasts for so many times sd(velocity) / sd(acceleration): of an oscillation, for so many
-            radians. docs/explanation/decisions.md, "Accelerations that last".
+            radians. docs/experiments/lasting_acceleration.md.
     """
 
     memory: float = 1.0

@@ -18,7 +18,7 @@ from mocap.filters.poses import pose_trial
 from mocap.filters.records import Estimate
 from mocap.filters.tree import fit_poses
 
-from mocap.arrays import Z95, Array
+from eal.arrays import Z95, Array
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.tracking import learn_motion, seen_part, track
 

@@ -15,10 +15,10 @@ from mocap.filters.moving import EVERY, Rates, between
 from mocap.filters.observations import Observations, Sights
 from mocap.filters.observe import Observed, gate_groups, unused
 from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.moving import Asked
+from eal.arrays import Array
 
 Progress = Callable[[float], None]
 

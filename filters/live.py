@@ -12,8 +12,8 @@ from mocap.filters.observe import Observed
 from mocap.filters.smoother import smooth_step
 from mocap.filters.track import filter_frame, marker_moments
 
+from eal.arrays import Array
 from eal.threads import one_blas_thread
-from mocap.arrays import Array
 
 Look = Callable[[Array, Array], Sights]
 """What one frame shows of markers predicted at (M, 3) with covariance (M, 3, 3)."""

@@ -8,7 +8,7 @@ from mocap.filters.motion.shape import FieldShape, FreeShape, LinearShape
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist, pdist
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

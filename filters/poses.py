@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames, body_frames, trunk_shape
 from mocap.filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
+from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames, body_frames, smooth_series, trunk_shape
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

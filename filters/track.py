@@ -8,7 +8,7 @@ import numpy as np
 from mocap.filters.apart import smooth_apart
 from mocap.filters.ensemble import Gaussian, Prediction, gram, marker_covariances
 from mocap.filters.groups import MOST, groups_of, smooth_in_groups
-from mocap.filters.held import HeldKeeper
+from mocap.filters.limb_potential import HeldKeeper
 from mocap.filters.motion.base import MotionModel, Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.motion.pose import PoseMotion
@@ -18,10 +18,10 @@ from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import Observed, observe, unused
 from mocap.filters.records import Estimate
 from mocap.filters.smoother import smooth_step
+from mocap.filters.velocities import Asked
 from threadpoolctl import threadpool_limits
 
-from mocap.arrays import Array
-from mocap.moving import Asked
+from eal.arrays import Array
 
 Progress = Callable[[float], None]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 _NEAR = 1e-2
 """Squared angle below which series stand for quotients that lose digits."""

@@ -15,12 +15,12 @@ from mocap.filters.models.pose import PoseSettings, recorded_motion, with_potent
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of
 from mocap.filters.subspace import PoseSubspace
+from mocap.filters.whittaker import smooth_series
 
 from benchmarks.gaps.method import Filler, Trial
 from benchmarks.gaps.ours import Ours
 from benchmarks.gaps.prepared import recording
-from mocap.arrays import Array
-from mocap.body import smooth_series
+from eal.arrays import Array
 from mocap.pipeline.tracking import marker_trial, seen_part
 
 

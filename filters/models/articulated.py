@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy, Limb
+from mocap.filters.errors import FilterError
 from mocap.filters.joint_types import DOUBTED, Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.lagrangian import with_lagrangian
@@ -20,8 +21,7 @@ from mocap.filters.subspace import PoseSubspace
 from mocap.filters.tree import FittedPoses, Tree, fit_poses
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.errors import MocapError
+from eal.arrays import Array
 
 KNOWN = 0.97
 """An angle is a sample where a frame leaves less than 3 % of the variance of a radian: 10 degrees."""
@@ -79,7 +79,7 @@ class ArticulatedSettings(TrajectoryModel):
         """Find joints and lengths, fit the angles of each frame, learn how they move.
 
         Raises:
-            MocapError: no bones are known by which segments could hang on each other.
+            FilterError: no bones are known by which segments could hang on each other.
         """
         model = learn_articulated(_taught_by(trials.trials), trials.anatomy, self)
         model = replace(model, regression=self.pose.regressed(trials))
@@ -125,12 +125,12 @@ def rooted(anatomy: Anatomy) -> Anatomy:
     """An animal without a trunk, a chain, hangs on the marker in its middle: nearest to the farthest along the bones.
 
     Raises:
-        MocapError: there are no bones.
+        FilterError: there are no bones.
     """
     if anatomy.limbs:
         return anatomy
     if not anatomy.bones:
-        raise MocapError(
+        raise FilterError(
             "the articulated model needs rigid bones that hang on the trunk, and the skeleton states none: add them, "
             "or let `mocap skeleton` propose them"
         )

@@ -18,13 +18,17 @@ from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes
 from mocap.filters.records import Estimate
 from mocap.filters.size import sized_like
 from mocap.filters.track import smooth
+from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from mocap.arrays import Array
-from mocap.moving import Asked
+from eal.arrays import Array
 
 Progress = Callable[[float], None]
+Call = Callable[..., Any]
+"""Takes ``progress``, which is called with the share done, or is None; may be made in another process."""
+CallAll = Callable[[Sequence[Call], Progress | None], list[Any]]
+"""What calls that do not wait for each other return, in their order (``in_turn``); it may make them side by side."""
 
 
 @dataclass(eq=False)
@@ -145,3 +149,13 @@ def shares(progress: Progress | None, count: int) -> list[Progress | None]:
             progress((part + share) / count)
 
     return [None if progress is None else partial(tell, part) for part in range(count)]
+
+
+def in_turn(calls: Sequence[Call], progress: Progress | None = None) -> list[Any]:
+    """What calls return, made one after the other.
+
+    Args:
+        calls: See ``Call``.
+        progress: Called with the share done of all of them together.
+    """
+    return [call(progress=tell) for call, tell in zip(calls, shares(progress, len(calls)), strict=True)]

@@ -5,7 +5,7 @@ Its linear part is the standard imputation of missing markers by the covariance 
 Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
 the marker's neighbours (``filters/neighbours.py``), and both estimates are averaged. It knows nothing of dynamics, and
 so errs differently from the motion models, which makes a mixture of both better than either
-(docs/explanation/decisions.md, "The mixture").
+(docs/experiments/mixture.md).
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian_process import Covariance, Rows, fitted, predict
 from mocap.filters.hide import unseen_runs
 from mocap.filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
@@ -20,11 +21,11 @@ from mocap.filters.neighbours import Neighbours, body_itself
 from mocap.filters.observations import Observations
 from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian
 from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked
+from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames, smooth_series
-from mocap.moving import Asked
+from eal.arrays import Array
 
 EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""

@@ -11,7 +11,7 @@ from mocap.filters.poses import Shapes, known_shapes
 from mocap.filters.subspace import PoseSubspace
 
 from eal import RotationKernel
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Learn = Callable[..., Callable[[Array], Array]]
 ALIKE = 0.3

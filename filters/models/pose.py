@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, Kernel, fit_potential
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Mechanics = Literal["free", "linear", "field"]
 Over = Callable[[Kernel], Kernel]
@@ -44,7 +44,7 @@ LEAST_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings(TrajectoryModel):
-    """Choices of the pose model; the numbers that settled the defaults are in docs/explanation/decisions.md.
+    """Choices of the pose model; the numbers that settled the defaults are in docs/experiments/.
 
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
@@ -327,7 +327,7 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     The stiffness 1/eps^2 of V_z follows from what the potential says of poses that it has not seen: learned without a
     fifth of the motion it has the mean value v there, and 1/eps^2 = weight w / v a second, w the rate sd(zdot) / sd(z)
     of the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
-    cycles it is soft. The numbers are in docs/explanation/decisions.md, "Stiffness of V_z".
+    cycles it is soft. The numbers are in docs/experiments/stiffness.md.
     """
     if settings.potential == "none":
         return model

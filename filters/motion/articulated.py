@@ -10,7 +10,7 @@ from mocap.filters.tree import Posed, Tree, left_jacobian, skew
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 BENT_RAD = 0.1
 """Rotations by less than so many radians move markers along nearly straight lines."""

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from mocap.filters.ensemble import Gaussian, Prediction, SigmaPoints, ensemble, predict, scale, spread
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 ROUNDS = 10
 """An iterated update ends after so many at the latest."""

@@ -6,7 +6,7 @@ import numpy as np
 from mocap.filters.motion.enforce import Term
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,7 +6,7 @@ import numpy as np
 from mocap.filters.ensemble import Gaussian, SigmaPoints, default_points
 from mocap.filters.motion.base import MotionModel
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def white_acceleration(density: Array, dt_s: float) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ import numpy as np
 from mocap.filters.ensemble import Gaussian, condition, default_points, scale, triangular
 from scipy.linalg.blas import dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from mocap.filters.ensemble import Gaussian, triangular
 
 from eal import EmpiricalPotential
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

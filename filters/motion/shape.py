@@ -9,7 +9,7 @@ from mocap.filters.ensemble import Gaussian, default_points, ensemble, scale, sp
 from mocap.filters.motion.constant_velocity import white_acceleration
 from scipy.linalg import expm
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 class ShapeMechanics(ABC):

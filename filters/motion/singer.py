@@ -7,7 +7,7 @@ from mocap.filters.ensemble import Gaussian, SigmaPoints, default_points
 from mocap.filters.motion.base import MotionModel
 from scipy.linalg import expm
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def lasting_acceleration(memory_s: float, dt_s: float) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def cross(a: Array, b: Array) -> Array:

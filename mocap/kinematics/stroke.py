@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import hilbert
 
-from mocap.arrays import Array
+from eal.arrays import Array
+from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.delta import Naming, Points, called, with_rates
 from mocap.kinematics.records import Quantity
 from mocap.measures import Line
-from mocap.moving import Motion
 from mocap.skeleton import Skeleton
 
 

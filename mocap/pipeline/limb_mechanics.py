@@ -16,12 +16,12 @@ from eal.bounds import theorem3
 from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.rods import DirectionPenalty, RodLimb
-from mocap.body import body_frames
 from mocap.cameras.camera import stacked
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.errors import MocapError
 from mocap.filters.anatomy import Limb, anatomy_of, masses_of
 from mocap.filters.bodies import rod_masses
+from mocap.filters.body_axes import body_frames
 from mocap.filters.lagrangian import JointSights, JointTrack, learned_noise, track_joint
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.run import Run
@@ -223,7 +223,7 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
     unit = bones_m / length[..., None]
     mean = unit[whole].mean(axis=0)
     mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
-    masses = masses_of(names, filmed.skeleton.measures.segments.values())
+    masses = masses_of(names, filmed.skeleton.measures.masses)
     mass, centre, stated = rod_masses([(p, c) for c, p in ends], length_m, masses)
     rods = RodLimb(parents=parents, length_m=length_m, mass_kg=mass, centre=centre, mean=mean)
     q = rods.coordinates(np.where(np.isfinite(unit), unit, rods.mean))

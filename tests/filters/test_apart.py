@@ -8,10 +8,10 @@ from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.motion.singer import LastingAcceleration
 from mocap.filters.observations import PixelObservations, PositionObservations
 from mocap.filters.track import smooth_together
+from mocap.filters.velocities import Asked
 
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked
-from mocap.moving import Asked
 
 T, M = 60, 4
 

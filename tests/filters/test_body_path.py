@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.ensemble import Gaussian
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.pose import BodyPath, PoseMotion, body_path
@@ -12,8 +13,6 @@ from mocap.filters.observations import PositionObservations
 from mocap.filters.subspace import PoseSubspace
 from mocap.filters.track import filter_forward, marker_moments
 from scipy.spatial.transform import Rotation
-
-from mocap.body import BodyFrames
 
 DT_S, MARKERS, RANK = 0.005, 6, 2
 SHAPE = np.random.default_rng(0).normal(0, 0.1, 3 * MARKERS)

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.ensemble import Gaussian
 from mocap.filters.models.pose import PoseSettings, learn_mechanics, learn_pose, recorded_motion
 from mocap.filters.poses import pose_trial, residual_rate, shapes_of
 
-from mocap.body import BodyFrames
 from tests.filters.test_learned_models import DT_S, flapping
 
 SETTINGS = PoseSettings(ranks=(2,), potential="none")

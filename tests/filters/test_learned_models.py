@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from mocap.filters.body_axes import body_frames
 from mocap.filters.models.constant_velocity import acceleration_density, learn_constant_velocity
 from mocap.filters.models.pose import (
     PoseSettings,
@@ -14,8 +15,6 @@ from mocap.filters.models.pose import (
     with_potential,
 )
 from mocap.filters.poses import pose_trial, shapes_of
-
-from mocap.body import body_frames
 
 DT_S = 0.005
 

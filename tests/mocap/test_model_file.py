@@ -6,11 +6,11 @@ from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
-from mocap.filters.model_file import load_model, save_model
 from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.errors import FormatError
+from mocap.pipeline.model_file import load_model, save_model
 from tests.filters.small_model import same, small_model
 
 

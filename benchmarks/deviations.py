@@ -24,14 +24,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-
-from benchmarks.kinematics import EDGE, true_acceleration, true_motion
-from eal.arrays import Array
-from mocap.arrays import Z95, true_runs
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.datasets.bats import bat_motion
 from mocap.datasets.lizards import lizard_motion
+from numpy.typing import NDArray
+
+from benchmarks.kinematics import EDGE, true_acceleration, true_motion
+from eal.arrays import Z95, Array, true_runs
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.records import Rests
 from mocap.pipeline.job import run_job
@@ -109,7 +108,7 @@ def simulated(animal: str, seed: int, n_frames: int) -> list[dict[str, object]]:
     return [r for r in rows_of(name, run, truth, acceleration) if r is not None]
 
 
-def rows_of(name: str, run: Run, truth, acceleration: Array) -> Iterator[dict[str, object] | None]:  # noqa: ANN001
+def rows_of(name: str, run: Run, truth, acceleration: Array) -> Iterator[dict[str, object] | None]:
     """All rows of a tracked recording beside its true motion and the markers' accelerations (T, M, 3)."""
     markers, motion = run.tracked.markers, run.motion
     count = len(markers.names)
@@ -198,7 +197,7 @@ def real(name: str, run: Run, digitised: Array, sd_m: Array) -> list[dict[str, o
 
 
 def cells(table: pd.DataFrame, *, draws: int = 1000) -> pd.DataFrame:
-    """z of each animal, quantity and kind over recordings, with a 95 % interval from resampling whole recordings."""
+    """Z of each animal, quantity and kind over recordings, with a 95 % interval from resampling whole recordings."""
     rng = np.random.default_rng(0)
     table = table.assign(animal=table.recording.str.rsplit(" ", n=1).str[0])
     out = []

@@ -3,7 +3,7 @@
 import numpy as np
 from mocap.filters.motion.pose import STATIONARY, matern_flow, matern_noise
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 RANGE, STEPS = 4.0, 9
 """Rates from a ``RANGE``-th to ``RANGE`` times the common one are looked at, in so many equal ratios."""

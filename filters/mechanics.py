@@ -71,7 +71,13 @@ def linear_shape(motion: Motion, *, ridge: float) -> LinearShape:
         damping=-tau * slope[:, r:],
         force=target.mean(axis=0) - slope @ mean,
         density=unexplained(left, motion),
+        memory_s=memory(left, motion),
     )
+
+
+def memory(left: Array, motion: Motion) -> float:
+    change = np.diff(left, axis=0)[np.diff(motion.trial) == 0]
+    return motion.dt_s * np.sqrt(np.mean(left**2) / max(float(np.mean(change**2)), 1e-30))
 
 
 def field_shape(motion: Motion, *, ridge: float, beta: float, centres: int) -> FieldShape:

@@ -213,12 +213,13 @@ def learn_pose(
     own = replace(subspace, mean=subspace.mean + shapes.offset[target], residual_sd=left_sd)
     spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
     extent = float(np.sqrt(np.nanmean((trial.y - np.nan_to_num(own.mean)) ** 2)))
+    mechanics = learn_mechanics(motion, settings)
     model = PoseMotion(
         path=body_path(trial.frames, trial.t_s),
         subspace=own,
-        mechanics=learn_mechanics(motion, settings),
+        mechanics=mechanics,
         body_density=settings.body * density,
-        shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
+        shape_sd=np.concatenate([2 * np.maximum(spread, 1e-4 * spread.max()), np.sqrt(np.diag(mechanics.density @ mechanics.density.T) / 2 / mechanics.memory_s)]),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
         residual_rate_hz=marker_rates(
             *out_of_sample(shapes.residual[target], trial.sd_m, subspace.basis), trial.dt_s, left_sd, common_hz

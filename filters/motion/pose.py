@@ -171,13 +171,13 @@ class PoseMotion(MotionModel):
         """Sizes."""
         rank, size = self.subspace.basis.shape[1], len(self.subspace.mean)
         object.__setattr__(self, "rank", rank)
-        object.__setattr__(self, "reads", 2 * rank + 6 + size)
-        object.__setattr__(self, "points", default_points(2 * rank + 12 + 3 * size))
+        object.__setattr__(self, "reads", len(self.shape_sd) + 6 + size)
+        object.__setattr__(self, "points", default_points(len(self.shape_sd) + 12 + 3 * size))
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
         """Where [z, zdot], g, e, gdot and edot are."""
-        r, d = 2 * self.rank, len(self.subspace.mean)
+        r, d = len(self.shape_sd), len(self.subspace.mean)
         ends = np.cumsum([0, r, 6, d, 6, d])
         shape, g, e, g_rate, e_rate = (slice(a, b) for a, b in itertools.pairwise(ends.tolist()))
         return shape, g, e, g_rate, e_rate
@@ -208,7 +208,7 @@ class PoseMotion(MotionModel):
     def predict(self, state: Gaussian, step: Step) -> Prediction:
         """The shape by its mechanics, linearised under the state's uncertainty; everything else is linear."""
         shape, g, _, g_rate, _ = self.parts
-        r = 2 * self.rank
+        r = len(self.shape_sd)
         mean, transition, bent = self.mechanics.linearised(Gaussian(state.mean[:r], state.factor[:r, :r]), step.dt_s)
         states = np.concatenate([state.mean[None], state.factor.T])
         both = self.advance(states, step.dt_s)

@@ -73,6 +73,30 @@ class LinearShape(ShapeMechanics):
     damping: Array
     force: Array
     density: Array
+    memory_s: float = 0.0
+
+    def _generator(self) -> Array:
+        r = len(self.force)
+        g = np.zeros((3 * r + 1, 3 * r + 1))
+        g[:r, r : 2 * r] = np.eye(r)
+        g[r : 2 * r, :r], g[r : 2 * r, r : 2 * r], g[r : 2 * r, 2 * r : 3 * r] = -self.stiffness, -self.damping, np.eye(r)
+        g[r : 2 * r, -1] = self.force
+        g[2 * r : 3 * r, 2 * r : 3 * r] = -np.eye(r) / self.memory_s
+        return g
+
+    def noise(self, dt_s: float) -> Array:
+        r = len(self.force)
+        n = 3 * r
+        a = self._generator()[:n, :n]
+        q = np.zeros((n, n))
+        q[2 * r :, 2 * r :] = self.density @ self.density.T / self.memory_s**2  # white density of u: 2 var/tau, density = 2 tau var
+        block = np.block([[-a, q], [np.zeros((n, n)), a.T]])
+        e = expm(block * dt_s)
+        cov = e[n:, n:].T @ e[:n, n:]
+        cov = 0.5 * (cov + cov.T)
+        scale = np.sqrt(np.maximum(np.diag(cov), 1e-300))
+        corr = cov / scale / scale[:, None]
+        return scale[:, None] * np.linalg.cholesky(corr + 1e-9 * np.eye(n))
 
     def arrays(self) -> dict[str, Array]:
         """Stiffness and damping."""
@@ -86,13 +110,9 @@ class LinearShape(ShapeMechanics):
     def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
         """The exact flow (matrix exponential)."""
         r = len(self.force)
-        generator = np.zeros((2 * r + 1, 2 * r + 1))
-        generator[:r, r : 2 * r] = np.eye(r)
-        generator[r : 2 * r, :r], generator[r : 2 * r, r : 2 * r] = -self.stiffness, -self.damping
-        generator[r : 2 * r, -1] = self.force
-        flow = expm(dt_s * generator)
+        flow = expm(dt_s * self._generator())
         transition = flow[:-1, :-1]
-        return transition @ state.mean + flow[:-1, -1], transition, np.zeros((2 * r, 0))
+        return transition @ state.mean + flow[:-1, -1], transition, np.zeros((3 * r, 0))
 
 
 @dataclass(frozen=True, eq=False)

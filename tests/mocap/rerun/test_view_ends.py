@@ -90,9 +90,10 @@ def test_its_own_end_is_passed_on():
 def test_what_does_not_listen_is_killed():
     """A command that ignores the request to end ends all the same, after a while."""
     stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(1e6)"
-    running = guardian.started([sys.executable, "-c", stubborn], environment=os.environ, said=subprocess.PIPE)
-    assert running.stdout is not None
-    with running.stdout as said:
+    reading, writing = os.pipe()
+    with open(reading) as said:
+        with open(writing, "wb") as end:
+            running = guardian.started([sys.executable, "-c", stubborn], environment=os.environ, said=end)
         said.readline()
         guardian.end(running)
     assert running.returncode in (128 + signal.SIGKILL, 1) if sys.platform != "win32" else True

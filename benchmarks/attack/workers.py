@@ -7,6 +7,7 @@ disturbed makes, and leave what was done before as it was.
 """
 
 import argparse
+import json
 import subprocess
 import tempfile
 import time
@@ -56,11 +57,10 @@ def _attacked(twins: Path, whole: Path, out: Path, way: str, after: int) -> dict
     with tempfile.TemporaryFile() as said:
         running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
         while running.poll() is None and time.perf_counter() - begun < MOST_S:
-            done = len(finished(out))
-            for worker in _workers(running.pid) if done >= after else ():
+            for worker in _workers(running.pid) if len(finished(out)) >= after else ():
                 if way != "all, again and again" and len(killed) >= 2:
                     break
-                if worker.pid not in killed and (after < 0 or out.is_dir()):
+                if worker.pid not in killed:
                     with suppress(psutil.NoSuchProcess):
                         worker.kill()
                     killed.add(worker.pid)
@@ -73,7 +73,9 @@ def _attacked(twins: Path, whole: Path, out: Path, way: str, after: int) -> dict
         took = time.perf_counter() - begun
         said.seek(0)
         errors = said.read().decode()
-    before = {path: path.stat().st_mtime_ns for path in finished(out)}
+    # a trial whose worker died twice has failed, and is to be done again
+    done = [path for path in finished(out) if json.loads(path.read_text(encoding="utf-8"))["status"] == "done"]
+    before = {path: path.stat().st_mtime_ns for path in done}
     spent(batch(twins, out, jobs=2))
     told = [line for line in errors.splitlines() if line.startswith("error: ")]
     troubles = {

@@ -33,7 +33,7 @@ def usual_speed(xyz_m: Array, t_s: Array) -> float:
     return FAST * float(np.quantile(speed, QUANTILE)) if len(speed) >= FEWEST_STEPS else np.inf
 
 
-def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str = "m") -> list[Finding]:
+def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True) -> list[Finding]:
     """Markers that jump from one place to another, in one frame or in a hole of a few.
 
     A step is a jump where it is faster than ``usual_speed``, and far longer than the motion before and after it
@@ -43,13 +43,13 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str =
         xyz_m: (T, M, 3) positions; NaN where not seen.
         t_s: (T,) times.
         names: The M markers.
-        unit: Of the positions, for the text; lengths in metres are told in mm.
+        timed: Whether the frame rate is known; else times are in frames, and so speeds are told.
     """
     limit = usual_speed(xyz_m, t_s)
     if not np.isfinite(limit):
         return []
     usual = limit / FAST
-    scale, small = (1e3, "mm") if unit == "m" else (1.0, unit)
+    told = "{:.3g} m/s".format if timed else (lambda speed: f"{1e3 * speed:.4g} mm per frame")
     found = []
     for m, name in enumerate(names):
         frames = np.flatnonzero(np.isfinite(xyz_m[:, m, 0]))
@@ -73,10 +73,10 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str =
                 Finding(
                     kind="jump",
                     alarm=True,
-                    text=f"{name!r} jumps by {scale * length:.4g} {small} between frames {frames[i] + 1} and "
-                    f"{frames[i + 1] + 1} ({speed[i]:.3g} {unit}/s; 99.9 % of all steps are slower than {usual:.3g} "
-                    f"{unit}/s): it was another marker before or after, or its clicks are wrong there; do not trust a "
-                    "gap filled between the two",
+                    text=f"{name!r} jumps by {1e3 * length:.4g} mm between frames {frames[i] + 1} and "
+                    f"{frames[i + 1] + 1} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): it "
+                    "was another marker before or after, or its clicks are wrong there; do not trust a gap filled "
+                    "between the two",
                     numbers={"length": length, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),
                     frames=(int(frames[i]) + 1, int(frames[i + 1]) + 1),

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -10,15 +11,20 @@ from pathlib import Path
 from typing import Any, Literal
 
 from mocap.batches.trial import Trial
-from mocap.errors import OutputError
+from mocap.errors import MocapError, OutputError
 from mocap.io.crop import crops_beside
-from mocap.io.manifest import current_files, digest
-from mocap.io.output import result_folder
+from mocap.io.lock import locked
+from mocap.io.manifest import PARTIAL, current_files, digest
+from mocap.io.output import recovered, result_folder
 from mocap.results.stored import REST
 
 RECORD = "trial.json"
 """The file of a trial's folder that says how it went, and what of."""
 Outcome = Literal["done", "failed", "skipped"]
+
+
+class NoWorkers(MocapError):
+    """The cluster that tracks has no worker left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,8 +143,12 @@ def keep(record: Record, folder: Path) -> None:
 
 def known(trial: Trial, options: Options, out: Path) -> Record | None:
     """How a trial went, if that was of the same files, options and version; None: it is to be tracked."""
-    record = read_record(out / trial.name)
-    try:
-        return record if record is not None and record.key and record.key == key_of(trial, options) else None
-    except OSError:
-        return None
+    folder = out / trial.name
+    record = read_record(folder)
+    with suppress(OSError, OutputError):
+        if record is not None and record.key and record.key == key_of(trial, options):
+            if any(folder.glob(f"{PARTIAL}*")):  # nothing else is written there that would clean up
+                with suppress(OSError, OutputError), locked(folder):
+                    recovered(folder)
+            return record
+    return None

@@ -45,14 +45,10 @@ def session_of(scene, folder, start=None):
     )
 
 
-def until(driver, script, seconds=30.0):
+def until(driver, script):
     """Wait for a condition of the page."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if driver.execute_script(f"return {script}"):
-            return
+    while not driver.execute_script(f"return {script}"):
         time.sleep(0.05)
-    raise TimeoutError(f"{script}: {driver.find_element('id', 'said').text}")
 
 
 def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
@@ -87,7 +83,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
             assert np.abs(off).max() < AIM_PX / scale
         body = driver.find_element("tag name", "body")
         body.send_keys(Keys.ENTER)
-        until(driver, "document.body.dataset.tracked === '1'", 60)
+        until(driver, "document.body.dataset.tracked === '1'")
         found = session.found
         assert found is not None
         away = np.linalg.norm(found.pixels.uv_px - scene.uv_px, axis=-1)
@@ -162,7 +158,7 @@ def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
     session.clicks += scene.clicks()
 
     def asked(address, path, **given):
-        with urlopen(Request(address + path, data=json.dumps(given).encode()), timeout=60) as answer:
+        with urlopen(Request(address + path, data=json.dumps(given).encode())) as answer:
             return json.load(answer)["said"]
 
     with served(session) as address:
@@ -228,13 +224,13 @@ def test_other_hosts_and_nonsense_are_refused(scene, tmp_path):
             ("frame?frame=0", None, {}, 400),
         ):
             with pytest.raises(HTTPError) as refused:
-                urlopen(Request(address + path, data=data, headers=headers), timeout=10)
+                urlopen(Request(address + path, data=data, headers=headers))
             assert refused.value.code == code
             refused.value.close()
         assert not session.clicks
-        with urlopen(Request(address + "click", data=good), timeout=10) as answer:
+        with urlopen(Request(address + "click", data=good)) as answer:
             assert json.load(answer)["said"] == "1 clicks"
-        with urlopen(address + "track", data=b"{}", timeout=30) as answer:
+        with urlopen(address + "track", data=b"{}") as answer:
             assert "two cameras" in json.load(answer)["said"]
 
 

@@ -18,6 +18,7 @@ _SHOWN = _FLOW | {
     "mocap/reproduce",
     "mocap/rerun",
     "mocap/digitising",
+    "mocap/web",
 }
 
 ALLOWED = {
@@ -38,6 +39,7 @@ ALLOWED = {
     "mocap/joint_design": _FLOW,
     "mocap/reproduce": _FLOW,
     "mocap/rerun": _FLOW | {"mocap/joint_design", "mocap/results"},
+    "mocap/web": {"mocap", "eal"},
     "mocap/library": _SHOWN,
     "mocap/batches": _SHOWN | {"mocap/library"},
     "mocap/cli": _SHOWN | {"mocap/library", "mocap/batches"},

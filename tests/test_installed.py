@@ -153,7 +153,7 @@ def test_importing_mocap_imports_nothing_else():
     [
         ("jax", ["reproduce", "7"], "mechanics"),
         ("trimesh", ["design-joint", "somewhere"], "joint-design"),
-        ("pydantic", ["digitise", "films", "--calibration", "c", "--skeleton", "s", "--web"], "web"),
+        ("starlette", ["digitise", "films", "--calibration", "c", "--skeleton", "s", "--web"], "web"),
     ],
 )
 def test_an_absent_extra_is_named(tmp_path, package, words, extra):

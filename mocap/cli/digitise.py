@@ -56,7 +56,7 @@ def digitise(
     from mocap.io.output import result_folder
 
     if web:
-        import mocap.web  # before all that needs the extra, which it names
+        from mocap import web as pages  # before all that needs the extra, which it names
         from mocap.library.digitise_page import digitise_page, open_session
 
         session = open_session(
@@ -72,7 +72,7 @@ def digitise(
             crop=crop,
             error_px=error_px,
         )
-        with mocap.web.served(digitise_page(session), port=port) as page:
+        with pages.served(digitise_page(session), port=port) as page:
             say(
                 f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
                 "Who has this address can see the films and change the clicks: keep it to yourself.",

@@ -15,6 +15,8 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
+HEAD_BYTES = 16_384
+"""Of the address and headers of a request. A browser's have 1,000."""
 BODY_BYTES = 65_536
 """Of the largest request. A click takes 60."""
 REQUEST_S = 10.0
@@ -86,6 +88,9 @@ class Guard:
 
     def _check(self, scope: Scope) -> None:
         headers = Headers(scope=scope)
+        texts = [scope["path"], scope["query_string"], *(text for pair in headers.raw for text in pair)]
+        if sum(len(text) for text in texts) > HEAD_BYTES:
+            raise Refusal(431, f"address and headers have at most {HEAD_BYTES} bytes")
         if headers.getlist("host") != [self.host]:
             raise Refusal(403, f"this page is at http://{self.host}/, and nowhere else")
         root, first, *_ = [*scope["path"].split("/", 2), ""]
@@ -104,6 +109,8 @@ async def _received(receive: Receive) -> Receive:
         async with asyncio.timeout(REQUEST_S):
             while more and len(body) <= BODY_BYTES:
                 message = await receive()
+                if message["type"] == "http.disconnect":
+                    raise Refusal(400, "the request ended before it was whole")
                 body += message.get("body", b"")
                 more = message.get("more_body", False)
     except TimeoutError:

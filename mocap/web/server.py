@@ -15,11 +15,9 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mocap.errors import MocapError
-from mocap.web.guard import REQUEST_S, Guard
+from mocap.web.guard import HEAD_BYTES, REQUEST_S, Guard
 
 HOST = "127.0.0.1"
-HEAD_BYTES = 16_384
-"""Of a request without its body, at most."""
 CONNECTIONS = 256
 """At once, at most: a browser opens six, and Linux lets a process open 1024 files, films among them."""
 ANSWER_S = 60.0

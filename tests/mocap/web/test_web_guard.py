@@ -225,6 +225,20 @@ def test_a_body_that_does_not_come_is_given_up(monkeypatch):
         assert asyncio.run(asked(app(), receive, []))[0]["status"] == 408
 
 
+def test_a_request_that_is_cut_is_none():
+    """What came so far would be one by itself, but its end did not come: nothing is done."""
+    made = app()
+    messages = iter(
+        [{"type": "http.request", "body": b'{"number": 1}', "more_body": True}, {"type": "http.disconnect"}]
+    )
+
+    async def receive():
+        return next(messages)
+
+    assert asyncio.run(asked(made, receive, []))[0]["status"] == 400
+    assert not made.state.done
+
+
 async def asked(made, receive, headers):
     """Messages that the guarded application sends when it is asked for a change."""
     sent = []

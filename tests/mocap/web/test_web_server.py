@@ -81,7 +81,6 @@ def asked(address, text, *, headers=""):
     head = text.replace("PATH", url.path) + f"\r\nHost: {url.netloc}\r\nOrigin: http://{url.netloc}\r\n{headers}\r\n"
     with connected(address) as one:
         one.sendall(head.encode("latin-1"))
-        one.shutdown(socket.SHUT_WR)
         return until_closed(one)
 
 
@@ -96,19 +95,17 @@ def asked(address, text, *, headers=""):
         ("POST PATHpost HTTP/1.1", "Transfer-Encoding: chunked\r\n\r\nzz\r\n"),
         ("GET PATH HTTP/1.1", "Host: 127.0.0.1\r\n"),
         ("GET PATH HTTP/1.1", "X: " + "x" * 20_000 + "\r\n"),
-        ("GET PATH" + "x" * 20_000 + " HTTP/1.1", ""),
+        ("GET PATH?" + "x" * 20_000 + " HTTP/1.1", ""),
         ("GET PATH", ""),
-        ("GET PATH HTTP/9.9", ""),
         ("G\x00T PATH HTTP/1.1", ""),
         ("GET PATH\xc2\xb2 HTTP/1.1", ""),
         ("\x16\x03\x01\x02\x00", ""),
     ],
 )
 def test_what_is_no_request_is_answered(first, headers, capfd):
-    """With status 400, or by closing; nothing is written on the terminal, and the next request finds the page."""
+    """With status 400; nothing is written on the terminal, and the next request finds the page."""
     with served(small()) as site:
-        answer = asked(site.address, first, headers=headers)
-        assert answer.startswith(b"HTTP/1.1 4") or not answer
+        assert asked(site.address, first, headers=headers).startswith(b"HTTP/1.1 4")
         assert httpx2.get(site.address).text == "whole"
     assert capfd.readouterr() == ("", "")
 

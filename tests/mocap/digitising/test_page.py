@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
 
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
 from mocap.library.digitise_page import SAVED, digitise_page, open_session
-from mocap.web import served
+from mocap.web import page, served
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
 from tests.mocap.rerun.browser import chromium
 
@@ -51,8 +53,8 @@ def session_of(scene, folder, start=None):
 @contextmanager
 def shown(session):
     """The address of its page."""
-    with served(digitise_page(session)) as page:
-        yield page.address
+    with served(digitise_page(session)) as site:
+        yield site.address
 
 
 def client(address):
@@ -291,6 +293,36 @@ def test_there_are_no_other_files(open_page, path):
     answer = open_page[1].get(path)
     assert answer.status_code == 404
     assert answer.json()["said"] == "Not Found"
+
+
+TRIES = """
+const [address, done] = arguments, tries = [];
+for (const how of [{ mode: "no-cors", method: "POST", body: "{}" }, { mode: "cors", method: "POST", body: "{}" }, {}])
+  tries.push(fetch(address + "undo", how).then(r => r.type, e => "refused"));
+for (const [kind, path] of [["img", "picture?camera=0&frame=0"], ["script", "info"]])
+  tries.push(new Promise(then => {
+    const part = document.createElement(kind);
+    part.onload = () => then("seen"); part.onerror = () => then("refused"); part.src = address + path;
+    document.body.append(part);
+  }));
+Promise.all(tries).then(done);
+"""
+
+
+def test_another_page_in_the_browser_can_do_nothing(scene, tmp_path):
+    """A page of another port that has got the token all the same: nothing is undone, no picture is shown there."""
+    session = session_of(scene, tmp_path / "out")
+    session.click(Click(camera=0, frame=0, marker=1, uv_px=(10.0, 20.0)))
+    free = {"Content-Security-Policy": "default-src * 'unsafe-inline'"}
+    other = page([Route("/", lambda _: HTMLResponse("<title>other</title><body></body>", headers=free))])
+    with shown(session) as address, served(other) as site, chromium() as driver:
+        driver.get(site.address)
+        driver.set_script_timeout(60)
+        found = driver.execute_async_script(TRIES, address)
+        assert found == ["refused"] * 5
+        asked = requests_of(driver)
+        assert sum(url == f"{address}undo" for url in asked) >= 2  # they were sent
+    assert len(session.clicks) == 1
 
 
 def test_two_hundred_at_once_are_answered(open_page):

@@ -153,6 +153,7 @@ def test_importing_mocap_imports_nothing_else():
     [
         ("jax", ["reproduce", "7"], "mechanics"),
         ("trimesh", ["design-joint", "somewhere"], "joint-design"),
+        ("starlette", ["digitise", "films", "--calibration", "c", "--skeleton", "s", "--web"], "web"),
     ],
 )
 def test_an_absent_extra_is_named(tmp_path, package, words, extra):
@@ -173,7 +174,8 @@ def test_the_main_job_needs_no_extra():
     """What track imports has no package of an extra in it."""
     script = (
         "import sys\n"
-        "for name in ('jax', 'trimesh', 'manifold3d', 'networkx', 'lxml', 'av', 'openpyxl', 'pytest', 'sklearn'):\n"
+        "for name in ('jax', 'trimesh', 'manifold3d', 'networkx', 'lxml', 'av', 'openpyxl', 'uvicorn', 'pytest', "
+        "'sklearn'):\n"
         "    sys.modules[name] = None\n"
         "import mocap, mocap.library.tracked, mocap.library.learning, mocap.rerun.record, mocap.pipeline.demo\n"
     )

@@ -8,12 +8,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import disk, files, workers
+from benchmarks.attack import disk, files, page, workers
 
 STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "files": files.run,
     "workers": workers.run,
     "disk": lambda options: disk.main(["--quick"] if options.quick else []),
+    "page": page.run,
 }
 """What is attacked, in this order; each returns the number of its defects."""
 

@@ -76,13 +76,27 @@ def from_toml(text: str, where: str) -> dict[str, Any]:
     """What TOML says.
 
     Raises:
-        FormatError: it is no TOML, nested too deeply, or has a number that is not finite, or of thousands of digits.
+        FormatError: it is no TOML, nested too deeply, or has a number of thousands of digits.
     """
     try:
         found = tomllib.loads(text.replace("\r\n", "\n"))
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{where}: not a readable TOML file: {one_line(error)}") from None
-    return _checked(found, where, finite=True)
+    return _checked(found, where, finite=False)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a TOML file in UTF-8 says.
+
+    Raises:
+        FormatError: it cannot be read, or as of ``from_toml``.
+    """
+    try:
+        return from_toml(regular_bytes(path).decode("utf-8-sig"), path.name)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path.name}: not a readable TOML file: {error}") from None
 
 
 def one_line(error: Exception) -> str:

@@ -92,7 +92,7 @@ def checked(
     for name, entry in schema.items():
         if name not in found or (found[name] is None and not entry.needed):
             if entry.needed:
-                raise FormatError(f"{where}: {name} is missing: {again}")
+                raise FormatError(f"{where}: {name!r} is missing: {again}")
             continue
         try:
             out[name] = _entry(found[name], entry, sizes, out)
@@ -101,10 +101,25 @@ def checked(
     return out
 
 
+def tables(
+    where: str, found: Any, schema: Schema, *, sizes: dict[str, int] | None = None, again: str
+) -> list[dict[str, NDArray[Any]]]:
+    """``checked`` of each record of a list; each has sizes of its own beside those that are known.
+
+    Raises:
+        FormatError: it is no list, or as of ``checked``.
+    """
+    if not isinstance(found, list):
+        raise FormatError(f"{where} is {type(found).__name__}, expected a list: {again}")
+    return [checked(f"{where}[{i}]", one, schema, sizes=dict(sizes or {}), again=again) for i, one in enumerate(found)]
+
+
 def _entry(value: Any, entry: Entry, sizes: dict[str, int], before: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
     array = _array(value, entry.kind)
     if isinstance(value, list | tuple) and not value:
         array = array.reshape(0, *(n if isinstance(n, int) else 0 for n in entry.shape[1:]))  # of no rows
+    if not array.ndim and entry.shape:
+        raise ValueError(f"is {repr(value)[:60]}, expected a list of {_WORDS[entry.kind]}")
     expected = tuple(sizes.get(n, n) if isinstance(n, str) else n for n in entry.shape)
     fits = [
         n is None or isinstance(n, str) or (m in n if isinstance(n, tuple) else m == n)
@@ -121,7 +136,9 @@ def _entry(value: Any, entry: Entry, sizes: dict[str, int], before: Mapping[str,
         _check_numbers(array, entry, sizes)
     if entry.there in before:
         other = before[entry.there]
-        lacks = np.isnan(array) & ~np.isnan(other).any(axis=tuple(range(array.ndim, other.ndim)))
+        shared = min(array.ndim, other.ndim)
+        own, its = (np.isnan(part).any(axis=tuple(range(shared, part.ndim))) for part in (array, other))
+        lacks = own & ~its
         if lacks.any():
             raise ValueError(f"is missing{_at(lacks)}, where {entry.there} is not")
     return array
@@ -133,7 +150,7 @@ def _array(value: Any, kind: str) -> NDArray[Any]:
     Raises:
         ValueError: its values are of another kind, or its lists are ragged.
     """
-    wrong = ValueError(f"is not {_WORDS[kind]}")
+    wrong = ValueError(f"is {repr(value)[:60]}, expected {_WORDS[kind]}")
     stored = isinstance(value, np.ndarray | np.generic)
     array = np.asarray(value) if stored else _objects(value)
     if stored and array.dtype.kind not in _KINDS[kind]:
@@ -163,7 +180,7 @@ def _objects(value: Any) -> NDArray[np.object_]:
 def _check_text(texts: list[str], entry: Entry, known: NDArray[Any] | None) -> None:
     among = set() if known is None else set(known.ravel().tolist())
     for text in texts:
-        if not text.strip() and entry.unique:
+        if not text and entry.unique:
             raise ValueError("has a name without letters")
         if _CONTROLS.search(text):
             raise ValueError(f"has the name {text!r}, which contains control characters")

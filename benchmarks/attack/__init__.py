@@ -1,1 +1,1 @@
-"""Attacks on the program, from seeds: damaged files, foreign folders, and interrupted writing; what becomes of each is counted."""
+"""Attacks on the program: damaged and foreign files, interrupted writing; what becomes of each is counted."""

@@ -68,15 +68,13 @@ def read(path: Path) -> dict[str, Any]:
     try:
         with npz.opened(path) as stored:
             settings = json.loads(str(stored["settings"]))
-            if settings.get("version") != VERSION:
-                told = settings.get("version")
-                raise ArchiveError(f"{path}: version {told!r}, but this program reads {VERSION}: fit again")
-            return _checked({name: stored[name] for name in ARRAYS}, settings)
-    except ArchiveError:
-        raise
+            version = settings.get("version")
+            if version == VERSION:
+                return _checked({name: stored[name] for name in ARRAYS}, settings)
     except _DAMAGE as error:
         told = " ".join(str(error).split())
         raise ArchiveError(f"{path}: not a potential written by EmpiricalPotential.save: {told}") from None
+    raise ArchiveError(f"{path}: version {version!r}, but this program reads {VERSION}: fit again")
 
 
 def _checked(arrays: dict[str, Array], settings: dict[str, Any]) -> dict[str, Any]:

@@ -8,11 +8,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import disk, files, foreign
+from benchmarks.attack import disk, files, foreign, records
 
 STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "files": files.run,
     "foreign": foreign.run,
+    "records": records.run,
     "disk": lambda options: disk.main(["--quick"] if options.quick else []),
 }
 """What is attacked, in this order; each returns the number of its defects."""

@@ -266,27 +266,29 @@ def _leads_out(folder: Path, file: str) -> OutputError:
     )
 
 
-def digest(path: Path | str, *, within: int | None = None) -> str:
-    """SHA-256 of a file's content; empty where there is no regular file (a link is none).
+def digest(path: Path) -> str:
+    """SHA-256 of a file's content."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def is_still(path: Path | str, content: str, *, within: int | None = None) -> bool:
+    """Whether a path is a plain file (no link) with that SHA-256.
 
     Args:
         path: The file.
+        content: The SHA-256.
         within: Opened folder that it is in (``place_of``); None: that of the path.
     """
     try:
         with open_regular(path, within=within) as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
+            return hashlib.file_digest(stream, "sha256").hexdigest() == content
     except (FormatError, FileNotFoundError):
-        return ""
+        return False
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENXIO, errno.ENOTDIR, errno.EISDIR):
-            return ""
+            return False
         raise
-
-
-def is_still(path: Path | str, content: str, *, within: int | None = None) -> bool:
-    """Whether a path is a plain file with that SHA-256."""
-    return bool(content) and digest(path, within=within) == content
 
 
 def sync_folder(folder: Path) -> None:

@@ -21,6 +21,8 @@ from eal.spectral import FILTERS, Scaling
 
 VERSION = 1
 ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
+LARGEST = 1e19
+"""No number of a potential is larger."""
 ROUNDING = 1e-9
 """Of eigenvalues, which are between 0 and 1: far above that of float64 for thousands of samples."""
 _DAMAGE = (
@@ -78,8 +80,8 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _checked(arrays: dict[str, Array], settings: dict[str, Any]) -> dict[str, Any]:
-    if odd := [name for name, part in arrays.items() if part.dtype.kind != "f"]:
-        raise ValueError(f"{odd[0]} has {arrays[odd[0]].dtype}, expected real numbers")
+    if odd := [name for name, part in arrays.items() if part.dtype.kind != "f" or (np.abs(part) > LARGEST).any()]:
+        raise ValueError(f"{odd[0]} has {arrays[odd[0]].dtype}, expected real numbers up to {LARGEST:g}")
     z = checked_samples(arrays["samples"])
     weights = checked_weights(arrays["weights"], len(z))
     scaling, method = settings["scaling"], settings["method"]
@@ -94,7 +96,11 @@ def _checked(arrays: dict[str, Array], settings: dict[str, Any]) -> dict[str, An
         raise ValueError("eigenvalues must decrease from 1 or less to 0 or more")
     if not -ROUNDING <= missing <= 1.0 + ROUNDING:
         raise ValueError(f"missing is {missing:g}, expected 0 to 1")
-    names, units, findings = (tuple(map(str, settings[name])) for name in ("names", "units", "findings"))
+    names, units, findings = (settings[name] for name in ("names", "units", "findings"))
+    if not all(
+        isinstance(part, list) and all(isinstance(one, str) for one in part) for part in (names, units, findings)
+    ):
+        raise ValueError("names, units and findings must be lists of text")
     checked_labels(names, units, z.shape[1])
     checked_lambda(settings["lam"], float(weights.sum()), scaling)
     return arrays | {
@@ -104,9 +110,9 @@ def _checked(arrays: dict[str, Array], settings: dict[str, Any]) -> dict[str, An
         "scaling": scaling,
         "missing": missing,
         "method": method,
-        "names": names,
-        "units": units,
-        "findings": findings,
+        "names": tuple(names),
+        "units": tuple(units),
+        "findings": tuple(findings),
     }
 
 

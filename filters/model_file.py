@@ -29,7 +29,7 @@ _HEADER: Schema = {
 }
 _TRIAL: Schema = {
     "t_s": Entry(shape=("frames",), rising=True, filled=True),
-    "xyz_m": Entry(shape=("frames", "markers", 3), missing=1),
+    "xyz_m": Entry(shape=("frames", "markers", 3), missing=1, filled=True),
     "sd_m": Entry(shape=("frames", "markers"), least=POSITIVE, missing=0, there="xyz_m"),
 }
 _MIXTURE: Schema = {
@@ -123,7 +123,7 @@ def load_model(path: Path) -> LearnedModel:
             shown = {name: file[name] for name in _SHOWN if name in file}
             checked("file", shown, _SHOWN, sizes=sizes, again=again)
             for name, by in header["scores"].items():
-                checked(f"scores of {name}", by, {key: Entry(shape=(None,)) for key in by}, again=again)
+                checked(f"scores of {name}", by, {key: Entry(shape=("gaps",), least=0.0) for key in by}, again=again)
         check_rates(trials)
     except (MocapError, *_DAMAGE) as error:
         told = str(error) if isinstance(error, MocapError) else f"{one_line(error)}: {again}"

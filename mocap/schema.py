@@ -42,7 +42,7 @@ class Entry:
         words: Texts that it may be; empty: any.
         among: Entry before it, of which every text must be one; empty: any.
         there: Entry before it; numbers must be there wherever that one's are; empty: need not.
-        filled: Whether every axis must be at least one long.
+        filled: Whether every axis must be at least one long, and a number somewhere.
         needed: Whether it must be there.
     """
 
@@ -197,6 +197,8 @@ def _check_numbers(array: NDArray[Any], entry: Entry, sizes: Mapping[str, int]) 
     if missing.any():
         if entry.missing is None:
             raise ValueError(f"is not a number{_at(missing)}")
+        if entry.filled and missing.all():
+            raise ValueError("is missing everywhere")
         together = tuple(range(array.ndim - entry.missing, array.ndim))
         some = missing.any(axis=together) & ~missing.all(axis=together)
         if some.any():

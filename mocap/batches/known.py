@@ -124,11 +124,11 @@ def read_record(folder: Path) -> Record | None:
     try:
         found = from_json(regular_bytes(files[RECORD], follow=False), RECORD)
         told = {name: value[()] for name, value in checked(RECORD, found, _ENTRIES, again="").items()}
-        row = found["row"]
+        row = dict(found["row"])
         kinds = {key: Entry(kind="s" if isinstance(row[key], str) else "f", needed=False) for key in row}
         checked(RECORD, row, kinds, again="")
         record = Record(row=row, **told)
-    except (KeyError, OSError, TypeError, FormatError):
+    except (KeyError, OSError, TypeError, ValueError, FormatError):
         return None
     whole = record.status != "done" or REST in files
     return record if whole and all(path.is_file() for path in files.values()) else None

@@ -19,6 +19,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
 from mocap.records import Status
+from mocap.schema import LARGEST, Entry, checked
 
 _FIELDS = ("x", "y", "z", "error", "ncams", "score")
 _FRAME = [*(f"M_{i}{j}" for i in range(3) for j in range(3)), *(f"center_{i}" for i in range(3))]
@@ -88,8 +89,11 @@ def _camera(path: Path, key: str, section: Any) -> Camera:
             "lengths: calibrate again"
         )
     lens = models[len(distortions)].of(f_px, centre, distortions)
+    name = section.get("name", key)
+    told = {"name": str(name) if type(name) is int else name}  # caliscope numbers its cameras
+    known = checked(f"{path.name}: {key}", told, {"name": Entry(kind="s")}, again="name each camera")
     return pinhole_camera(
-        str(section.get("name", key)),
+        known["name"][()],
         intrinsic=matrix,
         rotation=rotation,
         translation_m=shift,
@@ -103,7 +107,7 @@ def _array(path: Path, key: str, section: dict[str, Any], name: str, shape: tupl
         values = np.array(section[name], dtype=np.float64)
     except (KeyError, TypeError, ValueError, OverflowError):
         values = np.full(0, np.nan)
-    if (shape is not None and values.shape != shape) or not values.size or not np.isfinite(values).all():
+    if (shape is not None and values.shape != shape) or not values.size or not (np.abs(values) <= LARGEST).all():
         expected = "a list" if shape is None else " x ".join(map(str, shape))
         raise FormatError(f"{path.name}: {key}.{name} is {section.get(name)!r}; expected {expected} of finite numbers")
     return values

@@ -138,9 +138,12 @@ def read_skeleton(path: Path) -> Skeleton:
     """
     try:
         text, _ = decoded(path, regular_bytes(path))  # > of PowerShell writes UTF-16, that of cmd Windows-1252
-        table = from_toml(text, path.name)
     except (OSError, FormatError) as error:
         raise SkeletonError(f"{path}: not a readable TOML file: {error}") from None
+    try:
+        table = from_toml(text, str(path))
+    except FormatError as error:
+        raise SkeletonError(str(error)) from None
     unknown = set(table) - _KEYS
     if unknown:
         raise SkeletonError(f"{path}: unknown key {min(unknown)!r}: a skeleton has {', '.join(sorted(_KEYS))}")

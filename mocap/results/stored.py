@@ -157,6 +157,9 @@ def _limb(i: int) -> Schema:
 def _motion_of(path: Path, n_frames: int) -> Motion:
     data, _ = _opened(path)
     found = variables(str(path), data, _MOTION, sizes={**_AXES, "row": 6, "column": 6, "time": n_frames}, again=_AGAIN)
+    for name in ("covariance", "pair_covariance"):  # velocities may be unknown where positions are not
+        parts = {f"{name}[{i}, {j}]": found[name][..., i : i + 3, j : j + 3] for i in (0, 3) for j in (0, 3)}
+        checked(str(path), parts, dict.fromkeys(parts, Entry(shape=(None, None, 3, 3), missing=2)), again=_AGAIN)
     return Motion(
         names=tuple(found["point"]),
         t_s=found["time"],

@@ -8,10 +8,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import disk, files, page, workers
+from benchmarks.attack import disk, files, foreign, page, records, workers
 
 STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "files": files.run,
+    "foreign": foreign.run,
+    "records": records.run,
     "workers": workers.run,
     "disk": lambda options: disk.main(["--quick"] if options.quick else []),
     "page": page.run,

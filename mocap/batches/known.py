@@ -8,15 +8,17 @@ from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from mocap.batches.trial import Trial
-from mocap.errors import MocapError, OutputError
+from mocap.documents import from_json, regular_bytes
+from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io.crop import crops_beside
 from mocap.io.lock import locked
 from mocap.io.manifest import PARTIAL, current_files, digest
 from mocap.io.output import recovered, result_folder
 from mocap.results.stored import REST
+from mocap.schema import Entry, Schema, checked
 
 RECORD = "trial.json"
 """The file of a trial's folder that says how it went, and what of."""
@@ -114,13 +116,25 @@ def _digest(path: Path, _size: int, _changed_ns: int, _node: int) -> str:
     return digest(path)
 
 
+_ENTRIES: Schema = {
+    "trial": Entry(kind="s"),
+    "status": Entry(kind="s", words=get_args(Outcome)),
+    "error": Entry(kind="s"),
+    "key": Entry(kind="s"),
+}
+
+
 def read_record(folder: Path) -> Record | None:
     """How a trial went, by its folder; None where nothing was finished there, or files of the result are gone."""
     files = current_files(folder) if folder.is_dir() else {}
     try:
-        found = json.loads(files[RECORD].read_text(encoding="utf-8"))
-        record = Record(**found)
-    except (KeyError, OSError, ValueError, TypeError):
+        found = from_json(regular_bytes(files[RECORD], follow=False), RECORD)
+        told = {name: value[()] for name, value in checked(RECORD, found, _ENTRIES, again="").items()}
+        row = dict(found["row"])
+        kinds = {key: Entry(kind="s" if isinstance(row[key], str) else "f", needed=False) for key in row}
+        checked(RECORD, row, kinds, again="")
+        record = Record(row=row, **told)
+    except (KeyError, OSError, TypeError, ValueError, FormatError):
         return None
     whole = record.status != "done" or REST in files
     return record if whole and all(path.is_file() for path in files.values()) else None

@@ -3,8 +3,10 @@
 import csv
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from html import escape
 from importlib.resources import files
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,8 @@ import pandas as pd
 from mocap.batches.known import Record
 from mocap.batches.roles import DATA
 from mocap.batches.trial import some
+from mocap.documents import regular_bytes
+from mocap.errors import FormatError
 from mocap.io.cells import as_cell
 from mocap.io.output import result_file
 
@@ -91,8 +95,9 @@ def read_times(out: Path) -> dict[str, float]:
     """Seconds that each trial took, as far as they are known."""
     found: dict[str, float] = {}
     for path in sorted(out.glob(f"{TIMES}*.csv")):
-        with path.open(encoding="utf-8", newline="") as stream:
-            found |= {row["trial"]: float(row["seconds"]) for row in csv.DictReader(stream)}
+        with suppress(OSError, ValueError, KeyError, TypeError, csv.Error, FormatError):  # a damaged one tells nothing
+            rows = csv.DictReader(regular_bytes(path).decode("utf-8").splitlines())
+            found |= {row["trial"]: seconds for row in rows if isfinite(seconds := float(row["seconds"]))}
     return found
 
 

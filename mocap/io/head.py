@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
+from mocap.documents import open_regular
 from mocap.errors import FormatError
 from mocap.io.apart import read_apart
 from mocap.io.lines import one_kind
@@ -95,7 +96,7 @@ def head(path: Path) -> Head:
     if path.is_dir():
         raise FormatError(f"{path}: is a folder; expected a file")
     try:
-        with path.open("rb") as stream:
+        with open_regular(path, follow=True) as stream:
             start = stream.read(LENGTH)
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None

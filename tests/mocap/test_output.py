@@ -213,12 +213,12 @@ def test_a_kill_between_renames_leaves_the_new_result_whole(tmp_path, monkeypatc
     (out / "mine").write_text("mine")
     real, done = os.replace, []
 
-    def dies(source, target):
+    def dies(source, target, **at):
         if Path(target).name != MANIFEST:
             if len(done) == renames:
                 raise SystemExit("killed")
             done.append(target)
-        real(source, target)
+        real(source, target, **at)
 
     monkeypatch.setattr(output.os, "replace", dies)
     monkeypatch.setattr(output.shutil, "rmtree", lambda *_, **__: None)

@@ -50,7 +50,8 @@ class _Pool:
                 return self.executor.submit(call, progress=None)
             except BrokenProcessPool:  # by a call that was begun before
                 self.close()
-        self.executor = ProcessPoolExecutor(self.count, mp_context=self.context)
+        count = min(self.count, 61) if sys.platform == "win32" else self.count  # its wait takes 63 handles, two its own
+        self.executor = ProcessPoolExecutor(count, mp_context=self.context)
         return self.executor.submit(call, progress=None)
 
     def close(self) -> None:

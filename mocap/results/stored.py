@@ -21,6 +21,7 @@ from mocap.pipeline.run import JointPotential, Run
 from mocap.records import JointTracks, MarkerTracks, PixelTracks
 from mocap.results.dataset import INDIVIDUAL, markers_dataset
 from mocap.skeleton import read_skeleton, write_skeleton
+from mocap.text import file_names
 
 FORMAT = "eal-mocap run 2"
 MARKERS, REST, MOTION, SKELETON = "markers.nc", "run.nc", "motion.nc", "skeleton.toml"
@@ -42,7 +43,7 @@ def write_arrays(run: Run, folder: Path) -> None:
     (folder / MOTION).write_bytes(as_netcdf(_motion(run.motion)))
     write_skeleton(folder / SKELETON, run.skeleton)
     for kind, potentials in _potentials(run).items():
-        for name, potential in potentials.items():
+        for name, potential in zip(file_names(potentials), potentials.values(), strict=True):
             (folder / kind).mkdir(exist_ok=True)
             potential.potential.save(folder / kind / f"{name}.npz")
 
@@ -137,8 +138,8 @@ def _rest(run: Run) -> xr.Dataset:
         "joints": [joint.name for joint in run.skeleton.joints],
         "potentials": {
             kind: {
-                name: {"frame": p.frame, "scale_m": p.scale_m, "samples": len(p.samples_m)}
-                for name, p in potentials.items()
+                name: {"frame": p.frame, "scale_m": p.scale_m, "samples": len(p.samples_m), "file": file}
+                for (name, p), file in zip(potentials.items(), file_names(potentials), strict=True)
             }
             for kind, potentials in _potentials(run).items()
         },
@@ -199,7 +200,7 @@ def read_run(folder: Path) -> Run:
                 frame=one["frame"],
                 scale_m=one["scale_m"],
                 samples_m=samples,
-                potential=load_potential(folder / kind / f"{name}.npz"),
+                potential=load_potential(folder / kind / f"{one.get('file', name)}.npz"),  # absent until 0.2
             )
             for (name, one), samples in zip(found.items(), _samples(rest, kind, found), strict=True)
         }

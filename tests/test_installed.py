@@ -188,6 +188,7 @@ OTHERS = ("deeplabcut>=3", "movement", "sleap-io", "napari")
 @pytest.mark.parametrize("version", ["3.11", "3.12"])
 def test_it_can_stand_beside_the_other_programs_of_the_field(tmp_path, version):
     """One environment can hold all of them and us, with all our extras; only resolved, not installed."""
+    pytest.importorskip("uv", reason="a tool of the locked environment")
     (tmp_path / "others.in").write_text("\n".join(OTHERS) + "\n")
     uv = [sys.executable, "-m", "uv", "pip", "compile", "--no-header", "--no-annotate", "--python-version", version]
     command = [*uv, "--all-extras", ROOT / "pyproject.toml", tmp_path / "others.in"]

@@ -173,7 +173,7 @@ def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(ins
     (editable,) = (tmp_path / "editable").iterdir()
     subprocess.run([*pip, "install", "--no-deps", "--no-index", editable], check=True)
     script = (
-        "from importlib.resources import files; import eal, mocap; from importlib.util import find_spec as find\n"
+        "from importlib.resources import files; import mocap; from importlib.util import find_spec as find\n"
         "print(find('mocap.filters').origin, find('mocap.datasets').origin, files('mocap').joinpath('py.typed'))"
     )
     done = subprocess.run([python, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)

@@ -46,8 +46,9 @@ class _Pool:
 
     def submit(self, call: Call) -> Future:
         """Begin a call; if no process can be started for it, its future is that of a process that died."""
+        count = min(self.count, 61) if sys.platform == "win32" else self.count  # its wait takes 63 handles, two its own
         for _ in range(2):
-            self.executor = self.executor or ProcessPoolExecutor(self.count, mp_context=self.context)
+            self.executor = self.executor or ProcessPoolExecutor(count, mp_context=self.context)
             try:
                 return self.executor.submit(call, progress=None)
             except (BrokenProcessPool, OSError, EOFError):  # a process died, or that which it is forked from

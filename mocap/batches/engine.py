@@ -22,7 +22,7 @@ from mocap.batches.known import NoWorkers, Options, Record
 from mocap.batches.one import stated_of
 from mocap.batches.trial import Trial
 from mocap.batches.worker import TOPIC, track_here
-from mocap.errors import MocapError
+from mocap.errors import MocapError, shown_elsewhere
 
 CONFIG = {
     "distributed.scheduler.allowed-failures": 1,  # a trial whose worker dies is tried once more
@@ -220,7 +220,8 @@ def _why(future: Future) -> str:
     if isinstance(error, MocapError):
         return text
     if isinstance(error, OSError) and error.filename:
-        return f"{error.filename}: {error.strerror}"
+        advice = f"{shown_elsewhere(error)}check that it is there and that you may use it"
+        return f"{error.filename}: {error.strerror}: {advice}"
     place = traceback.extract_tb(future.traceback())  # type: ignore[arg-type]
     where = f" at {Path(place[-1].filename).name}:{place[-1].lineno}" if place else ""
     return f"{type(error).__name__}{where}: {text[:300]}: this is an error in mocap, not in your data: please report it"

@@ -1,7 +1,6 @@
 """``mocap track``."""
 
 import json
-import shlex
 import sys
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
@@ -239,7 +238,7 @@ def in_blocks(
 
 def again() -> str:
     """The command as it was called, and with which version."""
-    return f"{as_text(shlex.join(['mocap', *sys.argv[1:]]))}    # version {version('eal-mocap')}"
+    return f"{as_text(typed('mocap', *sys.argv[1:]))}    # version {version('eal-mocap')}"
 
 
 def existing_model(model: str) -> Path:

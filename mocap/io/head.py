@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 from mocap.documents import open_regular
-from mocap.errors import FormatError
+from mocap.errors import FormatError, shown_elsewhere
 from mocap.io.apart import read_apart
 from mocap.io.lines import one_kind
 from mocap.io.matlab import SECONDS, variables
@@ -99,7 +99,8 @@ def head(path: Path) -> Head:
         with open_regular(path, follow=True) as stream:
             start = stream.read(LENGTH)
     except OSError as error:
-        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+        told = f": {shown_elsewhere(error)}check that you may read it" if isinstance(error, PermissionError) else ""
+        raise FormatError(f"{path}: cannot be read: {error.strerror}{told}") from None
     if not start.strip():
         raise FormatError(f"{path.name}: the file is empty: export it again")
     return Head(path, start)

@@ -22,7 +22,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from mocap.errors import OutputError
+from mocap.errors import OutputError, shown_elsewhere
 from mocap.io.lock import LOCK, locked
 from mocap.io.manifest import (
     MANIFEST,
@@ -264,7 +264,8 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
     except OSError as error:
         raise OutputError(
             f"{folder}: the new result is complete, but {error.filename or 'a file'} could not be moved to its place "
-            f"({error.strerror or error}): mocap view reads it; the next command that writes there finishes it",
+            f"({error.strerror or error}): {shown_elsewhere(error)}mocap view reads it; the next command that writes "
+            "there finishes it",
             kept="the new result is complete",
         ) from None
     shutil.rmtree(stage, ignore_errors=True)
@@ -415,7 +416,7 @@ def _answering(place: Path) -> Iterator[None]:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         raise OutputError(
             f"{place}: cannot be written: {reason}; nothing there was changed: "
-            + ("free some space, or choose another place" if full else "choose another place"),
+            + ("free some space, or choose another place" if full else f"{shown_elsewhere(error)}choose another place"),
             kept=getattr(error, "kept", ""),
         ) from error
 

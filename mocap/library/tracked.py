@@ -40,6 +40,7 @@ from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
+from mocap.text import file_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -326,8 +327,8 @@ class Tracked:
 
         limbs = self.limb_mechanics()
         write_mechanics(limbs, self.run.tracked.markers.t_s, folder / FILE)
-        for limb in limbs:
-            draw_mechanics(limb).savefig(folder / f"mechanics_{limb.markers[-1]}.png", dpi=200)
+        for limb, name in zip(limbs, file_names(limb.markers[-1] for limb in limbs), strict=True):
+            draw_mechanics(limb).savefig(folder / f"mechanics_{name}.png", dpi=200)
         return limbs
 
     def export_kinematics(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:

@@ -1,7 +1,7 @@
 """A first skeleton from a recording alone: which markers keep their distance, and where the chains of them bend."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
 from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text
+from mocap.text import file_names
 
 RIGID = 0.05
 """Largest variation of a rigid bone relative to its length, as where models look for bones (``filters.bones``)."""
@@ -258,7 +259,7 @@ def _joints(
     """Joints with the angles that they bend from and to, and comments on where bones meet that do not bend."""
     triples = joint_triples(kept, bones, trunk)
     children = np.bincount([centre for _, centre, _ in triples], minlength=len(names)) if triples else []
-    joints, stiff, used = [], [], set()
+    joints, called, stiff = [], [], []
     for parent, centre, child in triples:
         angle, noise = bend(trial, parent, centre, child)
         if len(angle) < 2:
@@ -270,19 +271,12 @@ def _joints(
                 f"Not proposed, because the angle changes by {max(high - low, noise):.0f} degrees or less: {shown}"
             )
             continue
-        name = _file_name(names[centre] if children[centre] == 1 else f"{names[centre]}_{names[child]}", used)
-        joint = Joint(name=name, parent=names[parent], centre=names[centre], child=names[child])
+        called.append(names[centre] if children[centre] == 1 else f"{names[centre]}_{names[child]}")
+        joint = Joint(name=called[-1], parent=names[parent], centre=names[centre], child=names[child])
         joints.append((joint, (float(low), float(high))))
-    return joints, stiff
-
-
-def _file_name(name: str, used: set[str]) -> str:
-    """A name for a joint that can name a file, and that no other joint has."""
-    plain = "".join("_" if letter in "/\\:" or not letter.isprintable() else letter for letter in name).lstrip(".")
-    plain = plain or "joint"
-    found = next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, len(used) + 3))) if n not in used)
-    used.add(found)
-    return found
+    return [
+        (replace(joint, name=name), bent) for (joint, bent), name in zip(joints, file_names(called), strict=True)
+    ], stiff
 
 
 def joint_triples(kept: Kept, bones: Sequence[tuple[int, int]], trunk: Sequence[int]) -> list[tuple[int, int, int]]:

@@ -23,6 +23,7 @@ from mocap.records import JointTracks, MarkerTracks, PixelTracks, Status, Tracke
 from mocap.results.dataset import INDIVIDUAL, markers_dataset
 from mocap.schema import POSITIVE, Entry, Schema, checked, names, tables
 from mocap.skeleton import read_skeleton, write_skeleton
+from mocap.text import file_names
 
 FORMAT = "eal-mocap run 2"
 MARKERS, REST, MOTION, SKELETON = "markers.nc", "run.nc", "motion.nc", "skeleton.toml"
@@ -44,7 +45,7 @@ def write_arrays(run: Run, folder: Path) -> None:
     (folder / MOTION).write_bytes(as_netcdf(_motion(run.motion)))
     write_skeleton(folder / SKELETON, run.skeleton)
     for kind, potentials in _potentials(run).items():
-        for name, potential in potentials.items():
+        for name, potential in zip(file_names(potentials), potentials.values(), strict=True):
             (folder / kind).mkdir(exist_ok=True)
             potential.potential.save(folder / kind / f"{name}.npz")
 
@@ -333,14 +334,15 @@ def _potentials_of(
     stored = {f"{kind}_samples_m": Entry(shape=(f"{kind}_sample", axis))}
     samples = variables(str(path), rest, stored, sizes=sizes, again=_AGAIN)[f"{kind}_samples_m"]
     out = {}
-    for (name, one), own in zip(told.items(), np.split(samples, ends[:-1]), strict=True):
+    files = file_names(told)
+    for (name, one), own, file in zip(told.items(), np.split(samples, ends[:-1]), files, strict=True):
         try:
-            potential = load_potential(folder / kind / f"{name}.npz")
+            potential = load_potential(folder / kind / f"{file}.npz")
         except ArchiveError as error:
             raise FormatError(f"{error}: {_AGAIN}") from None
         if potential.dimension != own.shape[1]:
             raise FormatError(
-                f"{folder / kind / name}.npz: has {potential.dimension} coordinates, expected {own.shape[1]}: {_AGAIN}"
+                f"{folder / kind / file}.npz: has {potential.dimension} coordinates, expected {own.shape[1]}: {_AGAIN}"
             )
         out[name] = JointPotential(
             joint=name,

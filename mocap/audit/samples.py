@@ -1,4 +1,4 @@
-"""Checks of tracks alone: zeros that mean missing, quantised pixels, copied frames and cameras, wrong units."""
+"""Checks of tracks alone: quantised pixels, copied frames and cameras, wrong units."""
 
 from collections.abc import Sequence
 
@@ -15,55 +15,17 @@ BODY_M = (2e-3, 15.0)
 
 
 def pixel_findings(pixels: PixelTracks) -> list[Finding]:
-    """Zeros, quantisation, repeated frames and copied cameras of pixel tracks."""
+    """Quantisation, repeated frames and copied cameras of pixel tracks."""
     found = []
     for c, camera in enumerate(pixels.cameras):
         uv = pixels.uv_px[c]
-        found += [*_zeros(uv, pixels.names, "pixels", camera), *_steps(uv, camera), *_repeats(uv, camera)]
+        found += [*_steps(uv, camera), *_repeats(uv, camera)]
     return found + _copied_tracks(pixels)
 
 
 def point_findings(points: MarkerTracks) -> list[Finding]:
-    """Zeros, repeated frames and lengths that no animal has, of positions."""
-    return [*_zeros(points.xyz_m, points.names, "positions", None), *_repeats(points.xyz_m, None), *sizes(points.xyz_m)]
-
-
-def _zeros(values: Array, names: Sequence[str], what: str, camera: str | None) -> list[Finding]:
-    """All coordinates of (T, M, 2 or 3) tracks exactly zero, where the marker was nowhere near before and after.
-
-    A marker may pass through zero; it then comes from near by. Zeros count as missing where the nearest samples that
-    are not zero are further off than 10 of the track's usual steps.
-    """
-    zero = (values == 0).all(axis=-1)
-    markers, frames = [], []
-    for m in np.flatnonzero(zero.any(axis=0)):
-        real = np.flatnonzero(np.isfinite(values[:, m, 0]) & ~zero[:, m])
-        if not len(real):
-            markers, frames = [*markers, m], [*frames, *np.flatnonzero(zero[:, m])]
-            continue
-        steps = np.linalg.norm(np.diff(values[real, m], axis=0), axis=-1) / np.diff(real)
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        at = np.flatnonzero(zero[:, m])
-        near = real[np.abs(real[None, :] - at[:, None]).argmin(axis=1)]
-        far = np.linalg.norm(values[near, m], axis=-1) > 10 * usual * np.abs(near - at) + 1e-12
-        if far.any():
-            markers.append(m)
-            frames += list(at[far])
-    if not frames:
-        return []
-    whose = "" if camera is None else f" of camera {camera!r}"
-    return [
-        Finding(
-            kind="zeros",
-            alarm=True,
-            text=f"{len(frames)} {what}{whose} are exactly zero although the marker is far from there before and "
-            "after: they mark missing samples and must not be read as positions",
-            numbers={"samples": len(frames)},
-            cameras=() if camera is None else (camera,),
-            markers=tuple(str(names[int(m)]) for m in markers),
-            frames=_first(frames),
-        )
-    ]
+    """Repeated frames and lengths that no animal has, of positions."""
+    return [*_repeats(points.xyz_m, None), *sizes(points.xyz_m)]
 
 
 def _steps(uv: Array, camera: str) -> list[Finding]:

@@ -117,7 +117,9 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
             )
         ]
     jitter = _jitter(ideal_px)
-    if whole > max(0.02 * extent, LARGE_PX):
+    if whole <= max(LARGE_PX, MANY_SD * jitter):  # as near as careless clicks let rays meet
+        return []
+    if whole > 0.02 * extent:
         cropped = may_be_cropped(cameras, ideal_px)
         return [
             Finding(
@@ -129,19 +131,17 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
                 cameras=tuple(c.name for c in cameras),
             )
         ]
-    if whole > LARGE_PX and whole > MANY_SD * jitter:
-        against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
-        return [
-            Finding(
-                kind="large residual",
-                alarm=True,
-                text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: the rays do not meet, "
-                "and 3D points are wrong by about as much: check cameras, lenses and the order of the files",
-                numbers={"residual_px": whole, "jitter_px": jitter},
-                cameras=tuple(c.name for c in cameras),
-            )
-        ]
-    return []
+    against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
+    return [
+        Finding(
+            kind="large residual",
+            alarm=True,
+            text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: the rays do not meet, "
+            "and 3D points are wrong by about as much: check cameras, lenses and the order of the files",
+            numbers={"residual_px": whole, "jitter_px": jitter},
+            cameras=tuple(c.name for c in cameras),
+        )
+    ]
 
 
 def _jitter(ideal_px: Array) -> float:
@@ -212,9 +212,9 @@ def lens_findings(
         )
         return [Finding(kind="distortion", alarm=False, text=text, numbers=numbers)]
     why = (
-        "the pixels are already undistorted: leave the camera profile out"
+        "the pixels are already undistorted (leave the camera profile out), or the lens is another camera's"
         if best == "not at all"
-        else "the coefficients were computed from pixels that had been undistorted twice"
+        else "the lenses bend more than the profile states, or the coefficients are of pixels undistorted twice"
     )
     return [
         Finding(

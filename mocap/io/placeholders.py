@@ -79,12 +79,12 @@ def placeholders(values: Array, measured: NDArray[np.bool_] | None = None) -> ND
     low, high = (others.min(), others.max()) if len(others) else (-np.inf, np.inf)
     beyond = np.maximum(low - numbers, numbers - high) > OUTSIDE * (high - low)
     chosen = numbers[(numbers == 0) | ((counts > 1) & beyond)]
-    rounding = _rounding(values) * np.sqrt(values.shape[-1]) if len(chosen) else 0.0
+    coarse = rounding(values) * np.sqrt(values.shape[-1]) if len(chosen) else 0.0
     for number in chosen:
         here = alike & (values[..., 0] == number)
         away = seen & ~here
         for m in np.flatnonzero(here.any(axis=0) & away.any(axis=0)):
-            out[:, m] |= _elsewhere(values[:, m] - number, away[:, m], here[:, m], rounding)
+            out[:, m] |= _elsewhere(values[:, m] - number, away[:, m], here[:, m], coarse)
         if number == 0:
             always = here & ~away.any(axis=0)
             out |= always if measured is None else always & ~measured
@@ -93,14 +93,14 @@ def placeholders(values: Array, measured: NDArray[np.bool_] | None = None) -> ND
     return out
 
 
-def _elsewhere(places: Array, away: NDArray[np.bool_], here: NDArray[np.bool_], rounding: float) -> NDArray[np.bool_]:
+def _elsewhere(places: Array, away: NDArray[np.bool_], here: NDArray[np.bool_], coarse: float) -> NDArray[np.bool_]:
     """(T,) samples at a placeholder that their marker does not move through.
 
     Args:
         places: (T, d) coordinates, from the placeholder.
         away: (T,) samples elsewhere.
         here: (T,) samples at the placeholder.
-        rounding: How far rounded coordinates are apart at least.
+        coarse: How far rounded coordinates are apart at least.
     """
     frames, zeros = np.flatnonzero(away), np.flatnonzero(here)
     far = np.linalg.norm(places[frames], axis=-1)
@@ -114,11 +114,11 @@ def _elsewhere(places: Array, away: NDArray[np.bool_], here: NDArray[np.bool_], 
         usual = step[around].max() if around else step[k - 1] if 0 < k <= len(step) else 0.0
         sides = [(k - 1, run[0] - frames[k - 1])] if k > 0 else []
         sides += [(k, frames[k] - run[-1])] if k < len(frames) else []
-        out[run] = any(far[i] > FASTER * usual * off + rounding for i, off in sides)
+        out[run] = any(far[i] > FASTER * usual * off + coarse for i, off in sides)
     return out
 
 
-def _rounding(values: Array) -> float:
+def rounding(values: Array) -> float:
     """The smallest difference between two numbers of a table: 1 of whole numbers, next to nothing of others.
 
     0 where it is more than a hundredth of their range: of few numbers it tells nothing.

@@ -107,7 +107,7 @@ def _frame_findings(recording: FileContents) -> list[str]:
     steps = np.diff(frames)
     found = []
     if len(frames) and frames[0] < 0:
-        found.append(f"the first frame number is {frames[0]}: frames before a trigger, or a damaged number")
+        found.append(f"the first frame number is {frames[0]}: frames before a trigger are counted so")
     if (steps != 1).any():
         at = int(np.argmax(steps))
         found.append(

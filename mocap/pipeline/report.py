@@ -12,6 +12,7 @@ from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.filters.joint_types import Articulation, undetermined
 from mocap.filters.records import TrackedMotion
+from mocap.io.unstated_unit import unit_told
 from mocap.markdown import plain
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
@@ -285,6 +286,7 @@ def readable(report: Mapping, *, title: str) -> str:
         f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
         f"{len(report['cameras'])} cameras; tracked from frame {first} to {last}.",
         f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
+        *(["", f"**{plain(unit)}**"] if (unit := unit_told(report["findings"])) else []),
         "",
         "| samples of the tracked frames | share |",
         "|---|---|",

@@ -7,6 +7,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
+from mocap.cameras.arrangement import by_camera
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
@@ -16,6 +17,8 @@ from mocap.cameras.triangulate import linear, residual_px
 LARGE_PX = 8.0
 """A median residual above this, and above ``MANY_SD`` deviations of the clicks' jitter, is warned of."""
 MANY_SD = 4.0
+UNEVEN, LEAST_UNEVEN_PX = 3.0, 1.0
+"""One camera's median residual is so many times another's, and so large, where that is a finding."""
 BARREL = 1.1
 """Barrel distortion is named where the residual is lower with it by this factor: errors of focal lengths of 0.5 % look
 like pincushion distortion, and lower it by as much."""
@@ -116,6 +119,8 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
                 cameras=(camera.name,),
             )
         ]
+    if (uneven := _uneven(cameras, ideal_px, uv)) is not None:
+        return [uneven]
     jitter = _jitter(ideal_px)
     if whole <= max(LARGE_PX, MANY_SD * jitter):  # as near as careless clicks let rays meet
         return []
@@ -142,6 +147,33 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
             cameras=tuple(c.name for c in cameras),
         )
     ]
+
+
+def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | None:
+    """Cameras whose points miss by ``UNEVEN`` times as much as another's, and by more than their clicks scatter.
+
+    Args:
+        cameras: The C cameras.
+        ideal_px: (C, T, M, 2) ideal pixels.
+        uv: (C, K, 2) those of points to judge by.
+    """
+    matrices = stacked(cameras)
+    own = by_camera(residual_px(matrices, uv, linear(matrices, uv)), np.isfinite(uv[..., 0]))
+    scatter = np.array([_jitter(one[None]) for one in ideal_px])
+    best = int(np.nanargmin(own))
+    bad = (own > UNEVEN * own[best]) & (own > np.maximum(MANY_SD * scatter, LEAST_UNEVEN_PX))
+    if not bad.any():
+        return None
+    names = [c.name for c in cameras]
+    each = ", ".join(f"{names[c]!r} {own[c]:.1f} px" for c in np.flatnonzero(bad))
+    return Finding(
+        kind="uneven cameras",
+        alarm=True,
+        text=f"WARNING: points of some cameras miss by far more than others': {each} (median), {names[best]!r} "
+        f"{own[best]:.2f} px, and their clicks scatter less: their calibration, lens or pixels are wrong",
+        numbers={"worst_px": float(np.nanmax(own)), "best_px": float(own[best])},
+        cameras=tuple(names[c] for c in np.flatnonzero(bad)),
+    )
 
 
 def _jitter(ideal_px: Array) -> float:

@@ -64,16 +64,20 @@ def inspect(
 
 def _audited(found: dict[str, Any], recording: FileContents, corners: StatedOrigin) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
+    refused = False
     try:
         check_cameras(recording.cameras, recording.paths[0].name)
     except CalibrationError as error:
         found["findings"].append(str(error))
+        refused = True
     try:
         with np.errstate(all="ignore"):  # of cameras that are none
-            audited = [f for f in audit_recording(recording, corners) if f.as_json() not in found.get("audit", [])]
+            audited = audit_recording(recording, corners)
     except (ValueError, ArithmeticError) as error:  # NumPy's LinAlgError is one: numbers that no rig has
-        found["findings"].append(f"the audit could not be completed: {error}")
-        audited = []
+        if not refused:
+            found["findings"].append(f"the audit could not be completed: {error}")
+        audited = audit_recording(replace(recording, cameras=()), corners)
+    audited = [f for f in audited if f.as_json() not in found.get("audit", [])]
     found["audit"] = [*found.get("audit", []), *(f.as_json() for f in audited)]
     found["findings"] += [f.text for f in audited]
     return found

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
+from mocap.audit.inspect import inspect
 from mocap.calibration.distinct import distinct
 from mocap.calibration.dlt import fit_dlt
 from mocap.calibration.places import place_camera
 from mocap.calibration.refine import refine_cameras
 from mocap.calibration.wand import calibrate_wand
-from mocap.cameras.camera import project, record, stacked
+from mocap.cameras.camera import check_cameras, dlt_camera, project, record, stacked
 from mocap.cameras.known_lens import KnownLens
 from mocap.errors import CalibrationError
+from mocap.io.format import Hints
 from tests.mocap.board_scenes import SIZE, rig
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_calibrate_wand import waved
@@ -91,6 +93,21 @@ def test_a_parallel_projection_is_named(rng):
     points = cloud(rng, 20)
     with pytest.raises(CalibrationError, match="parallel projection"):
         fit_dlt("a", points, 1000 * points[:, :2])
+
+
+def test_parallel_coefficients_are_named(tmp_path):
+    """Views along two axes project to a plane, not to a line; ``info`` says so once, and goes on without cameras."""
+    along = np.array([[1000.0, 0, 0, 0, 0, 1000, 0, 0, 0, 0, 0], [0, 1000, 0, 0, 0, 0, 1000, 0, 0, 0, 0]])
+    cameras = [dlt_camera(f"cam{c + 1}", one) for c, one in enumerate(along)]
+    with pytest.raises(CalibrationError, match=r"parallel projection .* mocap cannot use"):
+        check_cameras(cameras, "x")
+    line = dlt_camera("cam1", np.array([1000.0, 0, 0, 0, 2000, 0, 0, 0, 0, 0, 0]))
+    with pytest.raises(CalibrationError, match="to a line or a point"):
+        check_cameras([line], "x")
+    np.savetxt(tmp_path / "dltCoefs.csv", along.T, delimiter=",")
+    (found,) = inspect([tmp_path / "dltCoefs.csv"], Hints())
+    assert sum("parallel projection" in said for said in found["findings"]) == 1
+    assert not any("could not be completed" in said for said in found["findings"])
 
 
 def test_a_wand_that_lies_still_is_one_place(rng):

@@ -7,7 +7,7 @@ import numpy as np
 
 from mocap.arrays import Array
 from mocap.audit.finding import Finding
-from mocap.cameras.arrangement import by_camera
+from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
@@ -159,7 +159,10 @@ def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | 
     """
     matrices = stacked(cameras)
     own = by_camera(residual_px(matrices, uv, linear(matrices, uv)), np.isfinite(uv[..., 0]))
-    scatter = np.array([_jitter(one[None]) for one in ideal_px])
+    own[np.isfinite(uv[..., 0]).sum(axis=1) < FEWEST_SHARED] = np.nan
+    if not np.isfinite(own).any():
+        return None
+    scatter = np.array([_jitter(one[None]) or np.inf for one in ideal_px])  # where it is not known, clicks may be it
     best = int(np.nanargmin(own))
     bad = (own > UNEVEN * own[best]) & (own > np.maximum(MANY_SD * scatter, LEAST_UNEVEN_PX))
     if not bad.any():

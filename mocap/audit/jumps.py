@@ -18,7 +18,8 @@ FAR, ACROSS = 4.0, 2.5
 """A jump is longer by that factor than what speeds before and after it explain: between neighbouring frames, where a
 careless click looks like one, and across a hole."""
 APART = 0.1
-"""No jump is shorter than that share of the way to the nearest other marker: soft tissue and noise move one as far."""
+"""No jump is shorter than that share of the way to the nearest other marker: soft tissue and noise move one as far.
+It goes to another marker's place where it ends within that share of its own length from there."""
 
 
 def usual_speed(xyz_m: Array, t_s: Array) -> float:
@@ -75,7 +76,7 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str =
             if length < APART * near:
                 continue
             cause = "its clicks are wrong before or after, or it was set elsewhere"
-            if other is not None and FAR * near < length:
+            if other is not None and near < APART * length:
                 cause = f"as if it had been {str(names[other])!r} before or after, {scale * near:.4g} {small} away"
             found.append(
                 Finding(

@@ -200,7 +200,8 @@ class _Part:
         """The median residual of the worst camera with a change, every ``step``-th point."""
         ideal = np.empty_like(self.uv[:, ::step])
         for i, (kind, to) in enumerate(zip(change.kinds, change.order, strict=True)):
-            ideal[to] = self._view(i, kind, to, *(stretch if kind else np.ones(2)), step)
+            wide, high = stretch if kind else np.ones(2)
+            ideal[to] = self._view(i, kind, to, float(wide), float(high), step)
         with np.errstate(all="ignore"):
             miss = residual_px(self._matrices, ideal, linear(self._matrices, ideal))
         own = by_camera(miss, np.isfinite(ideal[..., 0]))

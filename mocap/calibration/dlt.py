@@ -115,7 +115,7 @@ def _fitted(name: str, x: Array, u: Array) -> tuple[Array, float] | None:
             np.concatenate([zero, homogeneous, -un[:, 1:] * homogeneous], axis=1),
         ]
     )
-    _, size, axes = np.linalg.svd(rows)
+    _, size, axes = np.linalg.svd(rows, full_matrices=False)
     if size[10] < OPEN * size[0]:
         return None
 
@@ -152,7 +152,7 @@ def _gain(p: Array, homogeneous: Array) -> float:
             axis=1,
         )
 
-    _, size, axes = np.linalg.svd(slopes(homogeneous).reshape(-1, 12))
+    _, size, axes = np.linalg.svd(slopes(homogeneous).reshape(-1, 12), full_matrices=False)
     if size[10] < OPEN * size[0]:
         return float("inf")
     first, second = np.triu_indices(len(homogeneous), k=1)

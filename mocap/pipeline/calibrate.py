@@ -263,13 +263,7 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
         f"# DLT coefficients of {len(fits)} cameras from {max(f.places for f in fits)} known points",
         "",
         *table(
-            [
-                "camera",
-                "points",
-                "RMS px (2n - 11)",
-                "RMS px of points left out of the fit",
-                "px moved by a click of 1 px",
-            ],
+            ["camera", "points", "RMS px (2n - 11)", "RMS px of points left out of the fit", "gain"],
             rows,
         ),
         "Lengths are in metres; pixels are counted from the same corner as in the file. Gain: by how many pixels a "

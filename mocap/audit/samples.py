@@ -58,7 +58,7 @@ def _steps(uv: Array, camera: str) -> list[Finding]:
         numbers = {"step_px": coarsest, "sd_px": coarsest / np.sqrt(12)}
     elif step is not None:
         text = (
-            f"are {'whole numbers' if step == 1 else f'multiples of {step:g} px'}: rounding alone gives errors of "
+            f"are multiples of {step:g} px{' (whole pixels)' if step == 1 else ''}: rounding alone gives errors of "
             f"{step / np.sqrt(12):.2f} px (standard deviation)"
         )
         numbers = {"step_px": step, "sd_px": step / np.sqrt(12)}

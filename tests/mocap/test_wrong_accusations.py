@@ -110,7 +110,9 @@ def test_clicks_on_a_grid_are_not_float16(step):
     pixels = replace(scene.pixels, names=("a", "b", "c"), cameras=("cam1",), uv_px=uv)
     said = [f.text for f in pixel_findings(pixels)]
     assert not any("float16" in text for text in said)
-    assert any(("whole numbers" if step == 1 else f"multiples of {step:g} px") in text for text in said) == (step > 0.1)
+    assert any(f"multiples of {step:g} px" in text and ("whole pixels" in text) == (step == 1) for text in said) == (
+        step > 0.1
+    )
 
 
 def test_an_animal_that_lies_still_is_no_stalled_recording():

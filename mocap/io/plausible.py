@@ -7,6 +7,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
+from mocap.io.placeholders import without_placeholders
 
 _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
@@ -19,11 +20,12 @@ _MOST_SCORE = 2.0
 
 
 def plausible(recording: FileContents) -> FileContents:
-    """The recording, with findings on what is unusual in its numbers.
+    """The recording without placeholders, with findings on what is unusual in its numbers.
 
     Raises:
         FormatError: a position, pixel, rate, covariance or other number is none that can have been measured.
     """
+    recording = without_placeholders(recording)
     name, findings = recording.paths[0].name, []
     if recording.fps is not None and not _RATES_HZ[0] <= recording.fps <= _RATES_HZ[1]:
         raise FormatError(
@@ -105,7 +107,7 @@ def _frame_findings(recording: FileContents) -> list[str]:
     steps = np.diff(frames)
     found = []
     if len(frames) and frames[0] < 0:
-        found.append(f"the first frame number is {frames[0]}: frames before a trigger, or a damaged number")
+        found.append(f"the first frame number is {frames[0]}: frames before a trigger are counted so")
     if (steps != 1).any():
         at = int(np.argmax(steps))
         found.append(

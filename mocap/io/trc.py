@@ -19,7 +19,7 @@ _SAME_RATE = 0.01
 
 
 def _read(path: Path, _hints: Hints) -> FileContents:
-    """Positions at the times of the column Time; empty, ``NaN`` and (0, 0, 0) mean not seen.
+    """Positions at the times of the column Time; empty and ``NaN`` mean not seen.
 
     Raises:
         FormatError: the head or a row is not that of a TRC file; the message names the line.
@@ -52,13 +52,9 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
     xyz = points(values[:, 2:], unit_m=1.0)
-    zero = (xyz == 0).all(axis=-1)
-    xyz[zero] = np.nan
     fps, findings = _rate(path, times, head.get("DataRate", ""))
     if str(len(rows)) != head["NumFrames"]:
         findings.append(f"{len(rows)} rows, but NumFrames says {head['NumFrames']}: the file is cut, or was edited")
-    if zero.any():
-        findings.append(f"{zero.sum()} samples at exactly (0, 0, 0) were read as missing")
     unit = head["Units"].lower()
     if unit not in UNIT_M:
         metres(path, unit)

@@ -22,7 +22,7 @@ from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
 from mocap.io.together import joined
-from mocap.io.unstated_unit import in_metres
+from mocap.io.unstated_unit import in_metres, of_cameras
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
@@ -328,6 +328,25 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         fit_lens=source.fit_lens,
         told=told,
     )
+
+
+def load_in_unit(source: Recording, *, iterations: int | None) -> tuple[Recording, Filmed]:
+    """As ``load_filmed``, with the unit of a calibration that nobody states: by the animal's length, told first of all.
+
+    Raises:
+        FormatError: no unit makes it an animal.
+    """
+    filmed = load_filmed(source, iterations=iterations)
+    stated = source.unit or source.contents.unit
+    if stated is None and source.calibration is not None:
+        stated = _calibration(source.calibration).unit
+    if stated is not None:
+        return source, filmed
+    unit, said = of_cameras(filmed.matrices, filmed.ideal_px, where=(source.calibration or source.tracks).name)
+    if unit != "m":
+        source = replace(source, unit=unit)
+        filmed = load_filmed(source, iterations=iterations)
+    return source, replace(filmed, told=(*said, *filmed.told))
 
 
 def film_of(

@@ -174,7 +174,7 @@ def test_covariances_are_checked(tmp_path, covariance, definite):
     """A covariance is symmetric with eigenvalues not below 0, here known in closed form; never assumed to be."""
     cov = np.full((2, 1, 3, 3), np.nan)
     cov[1, 0] = 1e-6 * covariance
-    recording = point_recording(tmp_path / "a.x", "made", names=["a"], xyz=np.zeros((2, 1, 3)), unit="m", fps=1.0)
+    recording = point_recording(tmp_path / "a.x", "made", names=["a"], xyz=np.ones((2, 1, 3)), unit="m", fps=1.0)
     tracks = recording.points
     points = MarkerTracks(names=("a",), t_s=tracks.t_s, xyz_m=tracks.xyz_m, cov_m2=cov, status=tracks.status)
     if definite:

@@ -83,8 +83,8 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool
                     kind="jump",
                     alarm=True,
                     text=f"{name!r} jumps by {1e3 * length:.4g} mm between frames {frames[i] + 1} and "
-                    f"{frames[i + 1] + 1} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): {cause}; "
-                    "do not trust a gap filled between the two",
+                    f"{frames[i + 1] + 1} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
+                    f"{cause}; do not trust a gap filled between the two",
                     numbers={"length": length, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),
                     frames=(int(frames[i]) + 1, int(frames[i + 1]) + 1),

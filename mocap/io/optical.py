@@ -1,6 +1,7 @@
 """What the readers of optical motion-capture systems share: units, and records from positions with their origin."""
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -44,10 +45,11 @@ def rate(path: Path, value: object) -> float:
 
 
 def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of which none is empty or another's, and findings on what was changed."""
+    """Names of which none is empty or another's (U_1, U_2, ... are unnamed), and findings on what was changed."""
     found, changed = [], []
+    unnamed = (new for new in map("U_{}".format, count(1)) if new not in names)
     for place, name in enumerate(names, start=1):
-        new = name or f"point{place}"
+        new = name or next(unnamed)
         while new in found:
             new = f"{new}_{place}"
         if new != name:

@@ -11,7 +11,7 @@ from mocap.errors import FormatError
 from mocap.io import (
     anipose,
     argus,
-    c3d_files,
+    c3d,
     deeplabcut,
     dltdv_files,
     dltdv_set,
@@ -55,7 +55,7 @@ FORMATS: tuple[Format, ...] = (
     *vicon.FORMATS,
     *optitrack.FORMATS,
     *trc.FORMATS,
-    *c3d_files.FORMATS,
+    *c3d.FORMATS,
     *tables_long.FORMATS,
     *tables_wide.FORMATS,
     *typed_pixels.FORMATS,

@@ -104,6 +104,8 @@ def _identify(path: Path, hints: Hints) -> Format:
     beginning = head(path)
     if hints.format is not None:
         return by_name(hints.format)
+    if beginning.lines and plain.is_mapped(beginning, hints):
+        return by_name("csv")
     for format in FORMATS:
         if format.knows(beginning):
             return format
@@ -127,7 +129,7 @@ def read(path: Path, hints: Hints | None = None) -> FileContents:
 
 
 def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
-    """Read a file of a known format; a text whose last line has no end is told to be so.
+    """Read a file of a known format.
 
     Raises:
         FormatError: it is not what the format promises.
@@ -166,15 +168,7 @@ def _of(path: Path, told: Sequence[str], recording: FileContents) -> FileContent
 
 def _read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
-    recording = plausible(format.read(path, hints))
-    with path.open("rb") as stream:
-        text = b"\0" not in stream.read(1024)
-        stream.seek(-1, 2)
-        open_end = stream.read(1) not in b"\r\n"
-    if not (text and open_end):
-        return recording
-    doubt = "the last line has no line end: if the file was cut there, its last number is wrong"
-    return replace(recording, findings=(*recording.findings, doubt))
+    return plausible(format.read(path, hints))
 
 
 def writer(path: Path, name: str | None) -> Format:

@@ -10,6 +10,7 @@ from mocap.arrays import unique
 from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
+from mocap.text import visible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +143,7 @@ def read_skeleton(path: Path) -> Skeleton:
             bones=tuple(_bone(entry) for entry in table.get("bones", ())),
             joints=tuple(_joint(name, entry) for name, entry in table.get("joints", {}).items()),
             trunk=_markers("trunk", table.get("trunk", ())),
-            aliases={str(k): str(v) for k, v in table.get("aliases", {}).items()},
+            aliases={visible(str(k)): visible(str(v)) for k, v in table.get("aliases", {}).items()},
             max_speed_m_s=float(table["max_speed_m_s"]) if "max_speed_m_s" in table else None,
             measures=read_measures(table.get("measures", {})),
         )
@@ -202,16 +203,18 @@ def write_skeleton(path: Path, skeleton: Skeleton) -> None:
 def _markers(key: str, entry: Sequence[str]) -> tuple[str, ...]:
     if isinstance(entry, str):
         raise ValueError(f'{key} is a list of names ["a", "b"], not {entry!r}')
-    return tuple(map(str, entry))
+    return tuple(visible(str(name)) for name in entry)
 
 
 def _bone(entry: Sequence[str]) -> Bone:
     if isinstance(entry, str) or len(entry) not in (2, 3) or (len(entry) == 3 and entry[2] not in ("rigid", "soft")):
         raise ValueError(f'a bone is ["a", "b"] or ["a", "b", "soft"], not {entry!r}')
-    return Bone(a=str(entry[0]), b=str(entry[1]), rigid=len(entry) == 2 or entry[2] == "rigid")
+    return Bone(a=visible(str(entry[0])), b=visible(str(entry[1])), rigid=len(entry) == 2 or entry[2] == "rigid")
 
 
 def _joint(name: str, entry: Sequence[str]) -> Joint:
     if isinstance(entry, str) or len(entry) != 3:
         raise ValueError(f'joint {name!r} is ["parent", "centre", "child"], not {entry!r}')
-    return Joint(name=name, parent=str(entry[0]), centre=str(entry[1]), child=str(entry[2]))
+    return Joint(
+        name=visible(name), **{k: visible(str(v)) for k, v in zip(("parent", "centre", "child"), entry, strict=True)}
+    )

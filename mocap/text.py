@@ -3,6 +3,9 @@
 import re
 
 _BYTES = re.compile("[\udc80-\udcff]+")
+_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Controls of terminals (ESC, CSI, ...), turns of the writing direction, line ends that are none; not the tab and
+the new line."""
 
 
 def as_text(text: str) -> str:
@@ -15,3 +18,16 @@ def as_text(text: str) -> str:
 
 def _decoded(escaped: str) -> str:
     return bytes(ord(letter) - 0xDC00 for letter in escaped).decode("utf-8", errors="backslashreplace")
+
+
+def visible(text: str) -> str:
+    r"""Text as it is, but for characters that act on a terminal or change how text reads, written as \\x1b is.
+
+    Names of markers, cameras and animals are read so, and all that is printed is.
+    """
+    return _ACTS.sub(_escape, as_text(text))
+
+
+def _escape(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

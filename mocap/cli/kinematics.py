@@ -67,7 +67,7 @@ def kinematics(
     place = run / "kinematics" if out is None else out
     inputs = [run, *(path for path in (skeleton, scale_osim) if path is not None)]
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
-        result.write_kinematics(folder, exports=export or (), progress=tell)
+        refused = result.write_kinematics(folder, exports=export or (), progress=tell)
         if scale_osim is not None:
             scaled = result.write_scaled_osim(scale_osim, folder)
             told = ", ".join(f"{body} {one.factor:.3g}" for body, one in scaled.items() if one.pairs)
@@ -81,3 +81,7 @@ def kinematics(
     for note in (*result.kinematics.notes, *(result.moments.notes if moments else ())):
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")
+    for reason in refused:
+        say(f"not written: {reason}")
+    if refused:
+        raise typer.Exit(1)

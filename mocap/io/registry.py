@@ -12,11 +12,15 @@ from mocap.io import (
     anipose,
     argus,
     c3d,
+    caliscope,
+    coco,
+    dannce,
     deeplabcut,
     dltdv_files,
     dltdv_set,
     dltdv_sparse,
     easywand,
+    kinovea,
     movement,
     optitrack,
     other_rigs,
@@ -25,6 +29,7 @@ from mocap.io import (
     profile,
     qualisys,
     sleap,
+    storage,
     tables_long,
     tables_wide,
     trc,
@@ -50,7 +55,12 @@ FORMATS: tuple[Format, ...] = (
     *movement.FORMATS,
     *anipose.FORMATS,
     *other_rigs.FORMATS,
+    *coco.FORMATS,
     *pose_json.FORMATS,
+    *dannce.FORMATS,
+    *caliscope.FORMATS,
+    *kinovea.FORMATS,
+    *storage.FORMATS,
     *qualisys.FORMATS,
     *vicon.FORMATS,
     *optitrack.FORMATS,
@@ -249,13 +259,13 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
     """
     format = writer(path, name)
     held = parts(recording)
-    if not format.holds & held.keys() & {"pixels", "points", "cameras", "lenses", "transforms"}:
+    if not format.holds & held.keys() & {"pixels", "points", "cameras", "lenses", "transforms", "quantities"}:
         there = ", ".join(held.values()) or "nothing"
         raise FormatError(
             f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})"
             + (": triangulate first: mocap triangulate" if "pixels" in held and "points" in format.holds else "")
         )
-    for need in sorted(format.needs - held.keys()):
+    for need in sorted(format.needs - held.keys() - ({"unit"} if "quantities" in held else set())):
         option = {"fps": "the frame rate (give `fps`)", "unit": "the unit of lengths (give `unit`)"}[need]
         raise FormatError(
             f"{path.name}: {format.title} needs {option}, because {recording.paths[0].name} does not state it"

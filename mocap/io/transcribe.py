@@ -10,6 +10,7 @@ import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -110,8 +111,8 @@ def _whole_end(path: Path, text: str) -> str:
     """
     *above, last = text[-_TAIL:].split("\n")
     mark = max(",\t; ", key=last.count)
-    column = [row.rpartition(mark)[2].strip() for row in above[-50:] if row.count(mark) == last.count(mark)]
-    column = [cell for cell in column if _NUMBER.fullmatch(cell)]
+    rows = takewhile(lambda row: row.count(mark) == last.count(mark), reversed(above[-50:]))
+    column = [cell for row in rows if _NUMBER.fullmatch(cell := row.rpartition(mark)[2].strip())]
     cell = last.rpartition(mark)[2].strip()
     decimals = {len(other.partition(".")[2]) for other in column if other.strip("nNaA")}
     short = len(decimals) == 1 and cell.strip("nNaA") and len(cell.partition(".")[2]) < min(decimals)

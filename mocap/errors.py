@@ -42,3 +42,7 @@ class OutputError(MocapError):
         """With what was kept, if anything is to be said of it."""
         super().__init__(message)
         self.kept = kept
+
+
+class NoRateError(MocapError):
+    """The frame rate is in no file, and not stated."""

@@ -54,6 +54,7 @@ def kinematics(
     import mocap
     from mocap.errors import MocapError
     from mocap.io.output import result_folder
+    from mocap.kinematics.cycles import why_none
     from mocap.results.exports import EXPORTS
     from mocap.skeleton import read_skeleton
 
@@ -78,7 +79,8 @@ def kinematics(
         if mechanics:
             limbs = result.write_limb_mechanics(folder)
             say("limbs followed by their own mechanics: " + ", ".join(limb.name for limb in limbs))
-    for note in (*result.kinematics.notes, *(result.moments.notes if moments else ())):
+    empty = [why_none(result.run.skeleton)] if result.cycles.empty else []
+    for note in (*empty, *result.kinematics.notes, *(result.moments.notes if moments else ())):
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")
     for reason in refused:

@@ -8,10 +8,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import disk, files
+from benchmarks.attack import disk, files, sound
 
 STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "files": files.run,
+    "sound": sound.run,
     "disk": lambda options: disk.main(["--quick"] if options.quick else []),
 }
 """What is attacked, in this order; each returns the number of its defects."""

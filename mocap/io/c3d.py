@@ -44,7 +44,7 @@ def read_c3d(path: Path) -> FileContents:
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     head = read_head(path, data)
-    layout, findings = _layout(path, head, len(data))
+    layout, findings = _layout(path, head, data)
     values, residual, odd = _samples(head, layout, data)
     if odd:
         findings.append(f"{odd} samples have an invalid entry for residual and cameras")
@@ -105,7 +105,7 @@ class _Layout:
         return (4 * self.points + self.analog) * (4 if self.scale < 0 else 2)
 
 
-def _layout(path: Path, head: Head, size: int) -> tuple[_Layout, list[str]]:
+def _layout(path: Path, head: Head, data: bytes) -> tuple[_Layout, list[str]]:
     """The layout that fills the file, of all that head and parameters state, and a finding for each other statement.
 
     Most files state each number twice, and many programs state one of them wrongly. The size of the file says which:
@@ -114,7 +114,7 @@ def _layout(path: Path, head: Head, size: int) -> tuple[_Layout, list[str]]:
     Raises:
         FormatError: the file is cut, no layout fits its size, or two do as well as each other.
     """
-    stated = _statements(head)
+    stated, size = _statements(head), len(data)
     if not any(stated["points"].values()):
         raise FormatError(f"{path.name}: contains no points: export the trajectories, not only analog channels")
     if not stated["scale"]:
@@ -122,7 +122,7 @@ def _layout(path: Path, head: Head, size: int) -> tuple[_Layout, list[str]]:
     if max(stated["frames"].values()) < 1:
         raise FormatError(f"{path.name}: contains no frames: export the trajectories again")
     more = (head.number("ROTATION:USED") or 0) > 0  # its data follow those of the points
-    ranks: dict[_Layout, tuple[bool, int]] = {}
+    ranks: dict[_Layout, tuple[bool, int, bool]] = {}
     for values in product(*(dict.fromkeys(own.values()) for own in stated.values())):
         layout = _Layout(*values)
         if not layout.points or layout.frames < 1:
@@ -136,7 +136,8 @@ def _layout(path: Path, head: Head, size: int) -> tuple[_Layout, list[str]]:
         # bytes that were inserted are fewer than a block: only more than one can be what a writer reserved
         if whole or (agreed and left >= (BLOCK if size % BLOCK == 0 else 2 * BLOCK)):
             others = sum(not _agrees(k, v, getattr(layout, k)) for k, own in stated.items() for v in own.values())
-            ranks[layout] = (not whole, others)
+            tail = data[layout.data_at + layout.frames * layout.frame_bytes :]
+            ranks[layout] = (not whole, others, any(tail[:BLOCK]))  # what fills a block up is mostly 0
     best = [layout for layout, rank in ranks.items() if rank == min(ranks.values())]
     # of reals the scale is only that of residuals: the first is used
     if len({replace(one, scale=one.scale if one.scale > 0 else -1.0) for one in best}) == 1:

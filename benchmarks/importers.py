@@ -134,9 +134,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=100_000)
     parser.add_argument("--peer-frames", type=int, default=3000, help="frames that the peer does")
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument(
-        "--strangers", type=Path, help="folder of other people's files: read them all, and nothing else"
-    )
+    parser.add_argument("--strangers", type=Path, help="folder of other people's files: read only these")
     parser.add_argument("--out", type=Path, help="folder for table.csv of strangers' files")
     options = parser.parse_args()
     if options.strangers is not None:

@@ -16,7 +16,7 @@ from mocap.cameras.triangulate import linear
 from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.anipose import write_calibration
-from mocap.io.c3d_files import write_c3d
+from mocap.io.c3d import write_c3d
 from mocap.io.contents import FileContents
 from mocap.io.csv_table import write_table
 from mocap.io.dltdv import write_coefficients, write_pixels, write_points

@@ -50,3 +50,7 @@ def shown_elsewhere(error: OSError) -> str:
     if not isinstance(error, PermissionError) or place is None or not os.path.isfile(place):
         return ""
     return f"close {os.path.basename(os.fsdecode(place))} in the program that has it open, such as Excel; "
+
+
+class NoRateError(MocapError):
+    """The frame rate is in no file, and not stated."""

@@ -12,6 +12,7 @@ from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
 from mocap.schema import POSITIVE, Entry, Schema, checked, names
+from mocap.text import visible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,15 +146,12 @@ def read_skeleton(path: Path) -> Skeleton:
     try:
         found = checked("skeleton", table, _ENTRIES, again=_AGAIN)
         return Skeleton(
-            name=found["name"][()] if "name" in found else path.stem,
-            markers=tuple(found["markers"]),
+            name=visible(found["name"][()]) if "name" in found else path.stem,
+            markers=tuple(map(visible, found["markers"])),
             bones=tuple(_bone(entry) for entry in table.get("bones", ())),
             joints=tuple(_joint(name, entry) for name, entry in _named(table, "joints").items()),
-            trunk=tuple(found.get("trunk", ())),
-            aliases={
-                name: checked("aliases", {name: alias}, {name: Entry(kind="s")}, again=_AGAIN)[name][()]
-                for name, alias in _named(table, "aliases").items()
-            },
+            trunk=tuple(map(visible, found.get("trunk", ()))),
+            aliases={visible(name): visible(_alias(name, alias)) for name, alias in _named(table, "aliases").items()},
             max_speed_m_s=float(found["max_speed_m_s"]) if "max_speed_m_s" in found else None,
             measures=read_measures(_named(table, "measures")),
         )
@@ -215,16 +213,21 @@ def write_skeleton(path: Path, skeleton: Skeleton) -> None:
         stream.write(skeleton_text(skeleton))
 
 
+def _alias(name: str, alias: Any) -> str:
+    return checked("aliases", {name: alias}, {name: Entry(kind="s")}, again=_AGAIN)[name][()]
+
+
 def _bone(entry: Any) -> Bone:
     if not _is_text(entry) or len(entry) not in (2, 3) or (len(entry) == 3 and entry[2] not in ("rigid", "soft")):
         raise ValueError(f'a bone is ["a", "b"] or ["a", "b", "soft"], not {entry!r}')
-    return Bone(a=entry[0], b=entry[1], rigid=len(entry) == 2 or entry[2] == "rigid")
+    return Bone(a=visible(entry[0]), b=visible(entry[1]), rigid=len(entry) == 2 or entry[2] == "rigid")
 
 
 def _joint(name: str, entry: Any) -> Joint:
     if not _is_text(entry) or len(entry) != 3:
         raise ValueError(f'joint {name!r} is ["parent", "centre", "child"], not {entry!r}')
-    return Joint(name=name, parent=entry[0], centre=entry[1], child=entry[2])
+    parent, centre, child = map(visible, entry)
+    return Joint(name=visible(name), parent=parent, centre=centre, child=child)
 
 
 def _is_text(entry: Any) -> bool:

@@ -8,6 +8,9 @@ _BYTES = re.compile("[\udc80-\udcff]+")
 _NO_FILE = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff<>:"/\\|?*]|^\.+|[. ]+$')
 _DEVICE = re.compile(r"(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³])(?=$|\.)", re.IGNORECASE)
 """What Windows reads as a device, whatever stands behind the dot."""
+_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Controls of terminals (ESC, CSI, ...), turns of the writing direction, line ends that are none; not the tab and
+the new line."""
 
 
 def as_text(text: str) -> str:
@@ -38,3 +41,16 @@ def file_names(names: Iterable[str]) -> list[str]:
             one = f"{plain}_{number}"
         found[key] = one
     return list(found.values())
+
+
+def visible(text: str) -> str:
+    r"""Text as it is, but for characters that act on a terminal or change how text reads, written as \\x1b is.
+
+    Names of markers, cameras and animals are read so, and all that is printed is.
+    """
+    return _ACTS.sub(_escape, as_text(text))
+
+
+def _escape(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

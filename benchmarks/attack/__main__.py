@@ -8,10 +8,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import disk, files, foreign, page, records, workers
+from benchmarks.attack import disk, files, foreign, page, records, sound, workers
 
 STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "files": files.run,
+    "sound": sound.run,
     "foreign": foreign.run,
     "records": records.run,
     "workers": workers.run,

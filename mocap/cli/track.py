@@ -102,6 +102,7 @@ def track(
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
     import mocap
     from mocap.io.output import result_folder
+    from mocap.kinematics.cycles import why_none
     from mocap.pipeline.blocks import BLOCK
     from mocap.pipeline.long import long_recording
 
@@ -156,6 +157,8 @@ def track(
                 )
             result.write(folder, progress=tell)
         finish(result.report, result.run.report_text, out, as_json)
+        if not as_json and (out / "cycles.csv").exists() and result.cycles.empty:
+            say(why_none(result.run.skeleton))
         if watched is not None:
             watched[0].show(out / "recording.rrd", result.recording_id)
             with suppress(KeyboardInterrupt):

@@ -14,7 +14,7 @@ from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, check_cameras, stacked
-from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
+from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
 from mocap.io import dltdv
 from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
@@ -88,7 +88,7 @@ class Recording:
         recording = self._whole()
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
-            raise MocapError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
+            raise NoRateError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
         if self.fps is None and recording.fps is not None:
             check_rate(recording.fps, self.tracks.name)
         recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))

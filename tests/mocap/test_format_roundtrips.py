@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mocap.cameras.camera import Camera, dlt_camera, pinhole_camera, project, stacked
 from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from mocap.errors import FormatError
-from mocap.io.c3d_files import MOST_FRAMES
+from mocap.io.c3d import _MOST_FRAMES as MOST_FRAMES
 from mocap.io.contents import FILLED
 from mocap.io.registry import FORMATS, identify, read, write
 from mocap.records import Status

@@ -108,9 +108,7 @@ def write_unseen(path: Path, clicks: Iterable[Click]) -> None:
         table.writerows([n + 1 for n in place] for place, uv_px in last.items() if uv_px is None)
 
 
-_UNSEEN: Schema = dict.fromkeys(
-    ("camera", "frame", "marker"), Entry(kind="i", shape=("clicks",), least=1, most=MOST_FRAMES)
-)
+_UNSEEN: Schema = {"rows": Entry(kind="i", shape=(None, 3), least=1, most=MOST_FRAMES)}
 
 
 def read_unseen(path: Path) -> list[Click]:
@@ -121,13 +119,12 @@ def read_unseen(path: Path) -> list[Click]:
     """
     again = "expected a table of camera, frame and marker, counted from 1: delete it to go on"
     try:
-        rows = list(csv.reader(regular_bytes(path).decode("utf-8").splitlines()))[1:]
-        columns = dict(zip(_UNSEEN, zip(*([int(text) for text in row] for row in rows), strict=True), strict=True))
+        lines = regular_bytes(path).decode("utf-8").splitlines()
+        rows = [[int(text) for text in row] for row in list(csv.reader(lines))[1:]]
     except (ValueError, csv.Error) as error:
         raise FormatError(f"{path.name}: {one_line(error)}: {again}") from None
-    found = checked(path.name, columns, _UNSEEN, again=again) if rows else dict.fromkeys(_UNSEEN, np.zeros(0, int))
-    places = zip(*(found[name].tolist() for name in _UNSEEN), strict=True)
-    return [Click(camera=c - 1, frame=t - 1, marker=m - 1, uv_px=None) for c, t, m in places]
+    found = checked(path.name, {"rows": rows}, _UNSEEN, again=again)["rows"] - 1
+    return [Click(camera=c, frame=t, marker=m, uv_px=None) for c, t, m in found.tolist()]
 
 
 def places(clicks: Iterable[Click], shape: tuple[int, int, int]) -> Array:

@@ -34,6 +34,8 @@ def _read(path: Path, _hints: Hints) -> FileContents:
 
 def _laid_out(path: Path, data: Any) -> Any:
     """With the names of dimensions of this version, of which none is missing."""
+    if odd := [name for name, one in data.variables.items() if one.dtype.kind == "c"]:
+        raise FormatError(f"{path.name}: {odd[0]} is complex, expected real numbers: save it again")
     data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
     if "shape" in data or data.attrs.get("ds_type") == "bboxes":
         raise FormatError(f"{path.name}: contains bounding boxes; expected poses (ds_type = poses)")

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.attack.records import KINDS, as_text, judged, sound, tampered
+from mocap.digitising.clicks import read_unseen, write_unseen
 
 FEW = ("missing", "NaN")
 """Of results, which take a second each to be read: these tamperings alone, and of their headers what is at the top."""
@@ -41,3 +42,9 @@ def test_numbers_that_cannot_be_are_never_read(folder, title):
     for entry, name, change in tampered(kind, folder):
         if name in ("infinite", "complex", "text", "objects", "above every code", "another axis", "nested", "digits"):
             assert judged(kind, folder, change, shown)[0] in ("refused", "same"), (entry, name)
+
+
+def test_a_table_without_a_row_is_sound(tmp_path):
+    """Nobody said of any marker that it is not to be seen."""
+    write_unseen(tmp_path / "unseen.csv", [])
+    assert read_unseen(tmp_path / "unseen.csv") == []

@@ -17,7 +17,7 @@ from mocap.filters.model import LearnedModel, own_trials
 from mocap.filters.models.registry import read, written
 from mocap.filters.poses import MarkerTrial
 
-FORMAT = "eal-mocap model 9"
+FORMAT = "eal-mocap model 10"
 _DAMAGE = (
     OSError,
     LookupError,

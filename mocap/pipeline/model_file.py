@@ -19,7 +19,7 @@ from mocap.filters.models.registry import read, written
 from mocap.filters.poses import MarkerTrial
 from mocap.schema import POSITIVE, Entry, Schema, checked, names
 
-FORMAT = "eal-mocap model 9"
+FORMAT = "eal-mocap model 10"
 _HEADER: Schema = {
     "names": names("markers", filled=True),
     "trunk": names(among="names"),

@@ -1,8 +1,8 @@
 PYTHON ?= python3
-BIN := .venv/bin
+BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 STAMP := .venv/.installed
 
-.PHONY: setup demo test quick check bench pictures docs lock clean
+.PHONY: setup demo test test-lowest quick check lint bench pictures docs licences lock clean
 
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 RUN_STAMP := .venv/.installed-to-run
@@ -28,10 +28,25 @@ demo: $(RUN_STAMP)
 test: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4
 
+# the oldest versions that pyproject.toml admits; what these say of each other's age is not ours to mend
+LOWEST := .venv-lowest
+LOWEST_PYTHON := $(LOWEST)/$(notdir $(BIN))/python
+
+$(LOWEST)/.installed: requirements-lowest.lock pyproject.toml
+	test -x $(LOWEST_PYTHON) || $(PYTHON) -m venv $(LOWEST)
+	$(LOWEST_PYTHON) -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-lowest.lock
+	$(LOWEST_PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	touch $@
+
+test-lowest: $(LOWEST)/.installed
+	OMP_NUM_THREADS=1 $(LOWEST_PYTHON) -m pytest --numprocesses auto --maxprocesses 4 -W ignore::DeprecationWarning
+
 quick: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 -m "not slow"
 
-check: test
+check: test lint
+
+lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
@@ -43,14 +58,18 @@ bench: setup
 pictures: setup
 	$(BIN)/python -m mocap.rerun.pictures docs/pictures
 
+licences: setup
+	$(BIN)/python -m docs.tools.licences
+
 docs: setup
 	OMP_NUM_THREADS=1 $(BIN)/python docs/build.py build/docs
 
-LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links
+LOCK := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links
 
-lock:
-	$(LOCK) --extra build pyproject.toml -o requirements.lock
-	$(LOCK) --all-extras --constraint requirements.lock pyproject.toml -o requirements-dev.lock
+lock: setup
+	$(LOCK) --group build pyproject.toml -o requirements.lock
+	$(LOCK) --all-extras --group dev --constraint requirements.lock pyproject.toml -o requirements-dev.lock
+	$(LOCK) --all-extras --group test --resolution lowest-direct pyproject.toml -o requirements-lowest.lock
 
 clean:
-	rm -rf .venv .venv-movement out build *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv .venv-lowest .venv-movement out build *.egg-info .pytest_cache .ruff_cache

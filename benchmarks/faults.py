@@ -211,11 +211,6 @@ def rounded(_r: SyntheticRecording, case: Case, step: float, _rng: np.random.Gen
     return replace(case, uv_px=np.round(case.uv_px / step) * step, stored_m=None)
 
 
-def zeros(_r: SyntheticRecording, case: Case, _size: float, _rng: np.random.Generator) -> Case:
-    """Missing samples written as zero."""
-    return replace(case, uv_px=np.nan_to_num(case.uv_px), stored_m=None)
-
-
 def repeated(_r: SyntheticRecording, case: Case, count: float, rng: np.random.Generator) -> Case:
     """So many frames of one camera stored twice."""
     uv, c = case.uv_px.copy(), int(rng.integers(len(case.cameras)))
@@ -268,7 +263,6 @@ FAULTS: dict[str, Fault] = {
     "columns of points swapped": Fault(_kinds("wrong columns"), (2,), "markers", columns),
     "points shifted in time": Fault(_kinds("time shift"), (1, 5), "frames", time_shift),
     "pixels rounded": Fault(_kinds("quantised pixels"), (1.0, 0.5), "px", rounded),
-    "zeros for missing": Fault(_kinds("zeros"), (0,), "", zeros),
     "frames repeated": Fault(_kinds("repeated frames"), (1, 4), "frames", repeated),
     "camera copied": Fault(_kinds("copied cameras"), (1,), "cameras", copied),
     "marker jumps": Fault(_kinds("jump"), (4, 8, 20), "x the 99.9 % step", jump),

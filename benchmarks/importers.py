@@ -21,7 +21,9 @@ import pandas as pd
 
 from eal.arrays import Array
 from mocap.cameras.camera import dlt_coefficients, project, stacked
+from mocap.errors import MocapError
 from mocap.io.dltdv import read_coefficients, write_coefficients
+from mocap.io.optical import metres
 from mocap.io.registry import read
 from mocap.pipeline.triangulate_file import linear_in_blocks
 from tests.mocap.rigs import ring
@@ -87,13 +89,62 @@ def _measure(path: str) -> None:
     print(cpu, wall, grown)
 
 
+def strangers(folder: Path) -> list[dict[str, object]]:
+    """A row for each file of strangers below a folder: what it is read as, whose values are right, or the refusal.
+
+    C3D is compared with ezc3d, sample by sample, where that reads it; of others the size of what was read is told.
+    """
+    import ezc3d
+
+    rows = []
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        row: dict[str, object] = {
+            "file": path.name,
+            "whose": path.parent.name,
+            "format": "",
+            "right_by": "",
+            "message": "",
+        }
+        rows.append(row)
+        try:
+            found = read(path)
+        except MocapError as error:
+            row |= {"verdict": "refused", "message": str(error)}
+            continue
+        row |= {"format": found.format, "verdict": "read", "message": f"{len(found.names)} x {len(found.frames)}"}
+        if found.format != "c3d" or found.points is None:
+            continue
+        try:
+            theirs = ezc3d.c3d(str(path))
+        except (OSError, RuntimeError, ValueError):
+            continue
+        labels, scale = theirs["parameters"]["POINT"]["LABELS"]["value"], metres(path, found.unit or "m")
+        own = [m for m, name in enumerate(found.names) if labels.count(name) == 1]
+        xyz = np.transpose(theirs["data"]["points"][:3], (2, 1, 0))[:, [labels.index(found.names[m]) for m in own]]
+        same = xyz.shape == found.points.xyz_m[:, own].shape and np.allclose(
+            found.points.xyz_m[:, own], xyz * scale, rtol=1e-6, atol=0, equal_nan=True
+        )
+        row |= {"right_by": "ezc3d", "verdict": "right" if same else "other values"}
+    return rows
+
+
 def main() -> None:
     """Run both and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=100_000)
     parser.add_argument("--peer-frames", type=int, default=3000, help="frames that the peer does")
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--strangers", type=Path, help="folder of other people's files: read only these")
+    parser.add_argument("--out", type=Path, help="folder for table.csv of strangers' files")
     options = parser.parse_args()
+    if options.strangers is not None:
+        table = pd.DataFrame(strangers(options.strangers))
+        print(table.to_string(index=False, max_colwidth=70))
+        print(table["verdict"].value_counts().to_string())
+        if options.out is not None:
+            options.out.mkdir(parents=True, exist_ok=True)
+            table.to_csv(options.out / "table.csv", index=False)
+        return
     frames, few = (2000, 200) if options.quick else (options.frames, min(options.peer_frames, options.frames))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "made_xypts.csv"

@@ -188,7 +188,6 @@ def main() -> None:
         "pose, no forces": PoseSettings(potential="none", bones=0.0),
         "pose, V_z": PoseSettings(bones=0.0),
         "pose, V_z, bones": PoseSettings(),
-        "pose, field, V_z of motion, bones": PoseSettings(mechanics="field", potential="motion"),
     }.items():
         case = twin(n_frames, settings)
         assert isinstance(case.model, PoseMotion)

@@ -1,6 +1,8 @@
 """A recording with its truth as files: the DLTdv set, the skeleton, the truth, and what other programs would write."""
 
 import json
+import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,14 +13,16 @@ from mocap.datasets.recording import SyntheticRecording
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.triangulate import linear
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.anipose import write_calibration
-from mocap.io.c3d_files import write_c3d
+from mocap.io.c3d import write_c3d
 from mocap.io.contents import FileContents
 from mocap.io.csv_table import write_table
 from mocap.io.dltdv import write_coefficients, write_pixels, write_points
 from mocap.io.profile import write_profile
 from mocap.records import MarkerTracks, Status, marker_tracks
+from mocap.schema import Entry, Schema, checked, names
 from mocap.skeleton import write_skeleton
 
 _KINDS = {
@@ -108,20 +112,30 @@ def _write_others(recording: SyntheticRecording, paths: Mapping[str, Path]) -> N
     write_c3d(paths["c3d"], file)
 
 
+_TRUTH: Schema = {
+    "names": names("markers", filled=True),
+    "t_s": Entry(shape=("frames",), rising=True),
+    "xyz_m": Entry(shape=("frames", "markers", 3)),
+}
+
+
 def read_truth(path: Path) -> MarkerTracks:
     """The true markers of ``truth.npz``, complete, with zero covariance.
 
     Raises:
         FormatError: the file is not such a truth.
     """
+    again = "it is not the truth of a synthetic recording: write it again"
     try:
         with np.load(path) as table:
-            names, t_s, xyz_m = tuple(map(str, table["names"])), table["t_s"], table["xyz_m"]
-    except (OSError, ValueError, KeyError) as error:
-        raise FormatError(f"{path}: not the truth of a synthetic recording: {error}; write it again") from None
+            parts = {name: table[name] for name in _TRUTH}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise FormatError(f"{path}: {one_line(error)}: {again}") from None
+    found = checked(str(path), parts, _TRUTH, again=again)
+    xyz_m = found["xyz_m"]
     return MarkerTracks(
-        names=names,
-        t_s=t_s,
+        names=tuple(found["names"]),
+        t_s=found["t_s"],
         xyz_m=xyz_m,
         cov_m2=np.zeros((*xyz_m.shape, 3)),
         status=np.full(xyz_m.shape[:2], Status.MEASURED),

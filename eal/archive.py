@@ -6,18 +6,37 @@ import tempfile
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from eal import npz
 from eal.arrays import Array
+from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.composite import CoordinateKernel, ProductKernel, SumKernel
+from eal.fitting import Method
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel, Radial
 from eal.rotations import RotationKernel
+from eal.spectral import FILTERS, Scaling
 
 VERSION = 1
 ARRAYS = ("samples", "weights", "centres", "root", "eigenvalues")
+LARGEST = 1e19
+"""No number of a potential is larger."""
+ROUNDING = 1e-9
+"""Of eigenvalues, which are between 0 and 1: far above that of float64 for thousands of samples."""
+_DAMAGE = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    EOFError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy, zipfile, json and constructors raise on files that are cut, changed, or something else."""
 
 _RADIAL: dict[str, type[Radial]] = {
     k.__name__: k for k in (GaussianKernel, LaplaceKernel, Matern32Kernel, Matern52Kernel)
@@ -42,21 +61,59 @@ def write(path: Path, *, arrays: dict[str, Array], kernel: Kernel, settings: dic
         raise
 
 
-def read(path: Path) -> tuple[dict[str, Array], Kernel, dict[str, Any]]:
-    """Arrays, kernel and settings.
+def read(path: Path) -> dict[str, Any]:
+    """Arrays, kernel and settings, as ``EmpiricalPotential`` takes them.
 
     Raises:
-        ArchiveError: the file is not a potential, or of another version.
+        ArchiveError: the file is not a potential, of another version, or has numbers that no fit gives.
     """
     try:
         with npz.opened(path) as stored:
             settings = json.loads(str(stored["settings"]))
-            arrays = {name: stored[name] for name in ARRAYS}
-    except (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        raise ArchiveError(f"{path}: not a potential written by EmpiricalPotential.save: {error}") from None
-    if settings.get("version") != VERSION:
-        raise ArchiveError(f"{path}: version {settings.get('version')!r}, but this program reads {VERSION}: fit again")
-    return arrays, kernel_from_dict(settings["kernel"]), settings
+            version = settings.get("version")
+            if version == VERSION:
+                return _checked({name: stored[name] for name in ARRAYS}, settings)
+    except _DAMAGE as error:
+        told = " ".join(str(error).split())
+        raise ArchiveError(f"{path}: not a potential written by EmpiricalPotential.save: {told}") from None
+    raise ArchiveError(f"{path}: version {version!r}, but this program reads {VERSION}: fit again")
+
+
+def _checked(arrays: dict[str, Array], settings: dict[str, Any]) -> dict[str, Any]:
+    if odd := [name for name, part in arrays.items() if part.dtype.kind != "f" or (np.abs(part) > LARGEST).any()]:
+        raise ValueError(f"{odd[0]} has {arrays[odd[0]].dtype}, expected real numbers up to {LARGEST:g}")
+    z = checked_samples(arrays["samples"])
+    weights = checked_weights(arrays["weights"], len(z))
+    scaling, method = settings["scaling"], settings["method"]
+    if scaling not in get_args(Scaling) or method not in get_args(Method):
+        raise ValueError(f"scaling {scaling!r} or method {method!r} is not known")
+    sizes = (len(arrays["centres"]), len(arrays["eigenvalues"]), z.shape[1])
+    for name, shape in (("centres", (sizes[0], sizes[2])), ("root", sizes[:2]), ("eigenvalues", sizes[1:2])):
+        if arrays[name].shape != shape or not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} must be finite numbers of shape {shape}, but has shape {arrays[name].shape}")
+    sigma, missing = arrays["eigenvalues"], float(settings["missing"])
+    if not (np.abs(sigma - 0.5) <= 0.5 + ROUNDING).all() or (np.diff(sigma) > ROUNDING).any():
+        raise ValueError("eigenvalues must decrease from 1 or less to 0 or more")
+    if not -ROUNDING <= missing <= 1.0 + ROUNDING:
+        raise ValueError(f"missing is {missing:g}, expected 0 to 1")
+    names, units, findings = (settings[name] for name in ("names", "units", "findings"))
+    if not all(
+        isinstance(part, list) and all(isinstance(one, str) for one in part) for part in (names, units, findings)
+    ):
+        raise ValueError("names, units and findings must be lists of text")
+    checked_labels(names, units, z.shape[1])
+    checked_lambda(settings["lam"], float(weights.sum()), scaling)
+    return arrays | {
+        "kernel": kernel_from_dict(settings["kernel"]),
+        "lam": float(settings["lam"]),
+        "spectral_filter": FILTERS[settings["spectral_filter"]],
+        "scaling": scaling,
+        "missing": missing,
+        "method": method,
+        "names": tuple(names),
+        "units": tuple(units),
+        "findings": tuple(findings),
+    }
 
 
 def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:

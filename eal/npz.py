@@ -21,9 +21,11 @@ def opened(path: Path) -> Iterator[Mapping[str, Any]]:
     """The arrays of an archive by name, read where they are asked for; no pickled objects.
 
     Raises:
-        ValueError: the archive announces more than a file of its size can hold, or an array has another size than its
-            part of the archive.
+        ValueError: it is no regular file; the archive announces more than a file of its size can hold; or an array has
+            another size than its part of the archive.
     """
+    if path.exists() and not path.is_file():
+        raise ValueError("it is a folder, a pipe or a device")
     with path.open("rb") as stream:
         _check(path, stream)
         stream.seek(0)

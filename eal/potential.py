@@ -16,7 +16,7 @@ from eal.checks import checked_labels, checked_lambda, checked_samples, checked_
 from eal.findings import findings_of
 from eal.fitting import Root
 from eal.kernels import GaussianKernel, Kernel
-from eal.spectral import FILTERS, Projection, Scaling, SpectralFilter, Tail, effective_lambda
+from eal.spectral import Projection, Scaling, SpectralFilter, Tail, effective_lambda
 from eal.threads import one_blas_thread
 
 SMALL = 2000
@@ -297,16 +297,4 @@ def load_potential(path: Path | str) -> EmpiricalPotential:
     Raises:
         ArchiveError: the file is not one, or of another version.
     """
-    arrays, kernel, settings = archive.read(Path(path))
-    return EmpiricalPotential(
-        kernel=kernel,
-        lam=settings["lam"],
-        spectral_filter=FILTERS[settings["spectral_filter"]],
-        scaling=settings["scaling"],
-        missing=settings["missing"],
-        method=settings["method"],
-        names=tuple(settings["names"]),
-        units=tuple(settings["units"]),
-        findings=tuple(settings["findings"]),
-        **arrays,
-    )
+    return EmpiricalPotential(**archive.read(Path(path)))

@@ -1,9 +1,9 @@
-"""How rough the residual of each marker is: the rate of its Matern-5/2 process, by the likelihood of what was measured."""
+"""How rough the residual of each marker is: the rate of its Matern-5/2 process, by the likelihood of its samples."""
 
 import numpy as np
+from mocap.filters.motion.pose import STATIONARY, matern_flow, matern_noise
 
 from eal.arrays import Array
-from mocap.filters.motion.pose import STATIONARY, matern_flow, matern_noise
 
 RATES = 2.0 ** np.arange(0, 3.5, 0.5)
 """Multiples of the common rate that are looked at."""
@@ -14,11 +14,11 @@ MOST_FRAMES = 400
 def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, common_hz: float) -> Array:
     """Rate of each marker's residual, the same for its three coordinates: the common one, or a higher one.
 
-    Elbows and knees move by themselves in ways that no shape has, at twice the rate of other markers. Each coordinate is
-    a Matern-5/2 process of standard deviation ``sd`` seen with white noise; its likelihood is that of a Kalman filter of
-    three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once. The rate is the mean of its
-    logarithm under that likelihood. Lower rates than the common one are not looked at: where noise hides a residual
-    they are likeliest, and state velocities too well.
+    Elbows and knees move by themselves in ways that no shape has, at twice the rate of other markers. Each coordinate
+    is a Matern-5/2 process of standard deviation ``sd`` seen with white noise; its likelihood is that of a Kalman
+    filter of three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once. The rate is the mean
+    of its logarithm under that likelihood. Lower rates than the common one are not looked at: where noise hides a
+    residual they are likeliest, and make velocities look certain.
 
     Args:
         residual: (T, 3M) what the subspace leaves of each coordinate in metres; NaN where not seen.
@@ -33,7 +33,7 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, commo
     middle = max(0, (len(residual) - MOST_FRAMES) // 2)
     part = slice(middle, middle + MOST_FRAMES)
     rates = common_hz * RATES
-    turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)[:, None]  # (K, 1, 3, 3), from here on of processes of unit rate
+    turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)[:, None]  # (K, 1, 3, 3), of [e, e' / rate, e'' / rate^2]
     root = np.moveaxis(matern_noise(rates * dt_s), -1, 0)[:, None]
     size = (sd**2)[:, None, None]
     added = root @ np.swapaxes(root, -1, -2) * size  # (K, D, 3, 3)

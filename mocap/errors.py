@@ -1,5 +1,7 @@
 """One class for each kind of trouble that a caller can act on; the message says what to do."""
 
+import os
+
 from eal.errors import MocapError
 
 __all__ = ["CalibrationError", "FormatError", "MocapError", "OutputError", "SkeletonError"]
@@ -36,3 +38,19 @@ class OutputError(MocapError):
         """With what was kept, if anything is to be said of it."""
         super().__init__(message)
         self.kept = kept
+
+
+def shown_elsewhere(error: OSError) -> str:
+    """What to do about a file that is there and may not be used: on Windows Excel keeps others from what it shows.
+
+    Returns:
+        The words, to stand before what else can be done, or none for other errors.
+    """
+    place = error.filename2 or error.filename
+    if not isinstance(error, PermissionError) or place is None or not os.path.isfile(place):
+        return ""
+    return f"close {os.path.basename(os.fsdecode(place))} in the program that has it open, such as Excel; "
+
+
+class NoRateError(MocapError):
+    """The frame rate is in no file, and not stated."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mocap.errors import SkeletonError
+from mocap.schema import POSITIVE, Entry, Schema, checked
 
 AXES = {
     "x": (1.0, 0, 0),
@@ -177,9 +178,9 @@ def measures_lines(measures: Measures, quoted: Callable[[object], str]) -> list[
 
 
 def _several(key: str, entry: Any) -> tuple[str, ...]:
-    if isinstance(entry, str) or not isinstance(entry, Sequence):
+    if not isinstance(entry, Sequence) or isinstance(entry, str) or not all(isinstance(one, str) for one in entry):
         raise ValueError(f'measures.{key} is a list of markers ["a", "b", ...], not {entry!r}')
-    return tuple(map(str, entry))
+    return tuple(entry)
 
 
 def _line(key: str, entry: Any) -> Line:
@@ -196,14 +197,18 @@ def _axes(key: str, entry: Any) -> JointAxes:
         )
     found = []
     for part in ("parent", "child"):
-        if isinstance(entry[part], str) or len(entry[part]) != 2:
+        if not isinstance(entry[part], list) or len(entry[part]) != 2:
             raise ValueError(f'measures.{key}.{part} is two directions [["a", "b"], ["c", "d"]], not {entry[part]!r}')
         found.append((_line(f"{key}.{part}", entry[part][0]), _line(f"{key}.{part}", entry[part][1])))
     return JointAxes(parent=found[0], child=found[1])
+
+
+_SEGMENT: Schema = {"mass_g": Entry(least=POSITIVE), "centre": Entry(needed=False)}
 
 
 def _segment(key: str, entry: Any) -> Segment:
     if not isinstance(entry, Mapping) or not {"ends", "mass_g"} <= set(entry) <= {"ends", "mass_g", "centre"}:
         raise ValueError(f'measures.{key} is {{ ends = ["a", "b"], mass_g = 1.2, centre = 0.5 }}, not {entry!r}')
     start, end = _line(f"{key}.ends", entry["ends"])
-    return Segment(start=start, end=end, mass_g=float(entry["mass_g"]), centre=float(entry.get("centre", 0.5)))
+    found = checked(f"measures.{key}", entry, _SEGMENT, again="correct it")
+    return Segment(start=start, end=end, mass_g=float(found["mass_g"]), centre=float(found.get("centre", 0.5)))

@@ -45,13 +45,18 @@ class _Pool:
         return cls(count, context)
 
     def submit(self, call: Call) -> Future:
-        if self.executor is not None:
+        """Begin a call; if no process can be started for it, its future is that of a process that died."""
+        count = min(self.count, 61) if sys.platform == "win32" else self.count  # its wait takes 63 handles, two its own
+        for _ in range(2):
+            self.executor = self.executor or ProcessPoolExecutor(count, mp_context=self.context)
             try:
                 return self.executor.submit(call, progress=None)
-            except BrokenProcessPool:  # by a call that was begun before
-                self.close()
-        self.executor = ProcessPoolExecutor(self.count, mp_context=self.context)
-        return self.executor.submit(call, progress=None)
+            except (BrokenProcessPool, OSError, EOFError):  # a process died, or that which it is forked from
+                self.executor.shutdown(wait=True)  # calls that were begun come to their end
+                self.executor = None
+        died: Future = Future()
+        died.set_exception(BrokenProcessPool("no process can be started"))
+        return died
 
     def close(self) -> None:
         if self.executor is not None:

@@ -1,15 +1,18 @@
 """The skeleton of an animal: its markers, bones, joints and trunk, read from TOML."""
 
 import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from eal.arrays import unique
+from mocap.documents import from_toml, regular_bytes
 from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
+from mocap.schema import POSITIVE, Entry, Schema, checked, names
+from mocap.text import visible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +112,13 @@ class Skeleton:
         return tuple(self.aliases.get(name, name) for name in names)
 
 
+_AGAIN = "correct it"
+_ENTRIES: Schema = {
+    "name": Entry(kind="s", needed=False),
+    "markers": Entry(kind="s", shape=(None,)),
+    "trunk": Entry(kind="s", shape=(None,), needed=False),
+    "max_speed_m_s": Entry(least=POSITIVE, needed=False),
+}
 _KEYS = {"name", "markers", "bones", "joints", "trunk", "aliases", "max_speed_m_s", "measures"}
 
 
@@ -123,30 +133,39 @@ def read_skeleton(path: Path) -> Skeleton:
         SkeletonError: the file cannot be read as that.
     """
     try:
-        text, _ = decoded(path, path.read_bytes())  # > of PowerShell writes UTF-16, that of cmd Windows-1252
-        table = tomllib.loads(text.replace("\r\n", "\n"))
-    except (OSError, FormatError, tomllib.TOMLDecodeError) as error:
+        text, _ = decoded(path, regular_bytes(path))  # > of PowerShell writes UTF-16, that of cmd Windows-1252
+    except (OSError, FormatError) as error:
         raise SkeletonError(f"{path}: not a readable TOML file: {error}") from None
+    try:
+        table = from_toml(text, str(path))
+    except FormatError as error:
+        raise SkeletonError(str(error)) from None
     unknown = set(table) - _KEYS
     if unknown:
         raise SkeletonError(f"{path}: unknown key {min(unknown)!r}: a skeleton has {', '.join(sorted(_KEYS))}")
     try:
+        found = checked("skeleton", table, _ENTRIES, again=_AGAIN)
         return Skeleton(
-            name=str(table.get("name", path.stem)),
-            markers=_markers("markers", table["markers"]),
+            name=visible(found["name"][()]) if "name" in found else path.stem,
+            markers=tuple(map(visible, found["markers"])),
             bones=tuple(_bone(entry) for entry in table.get("bones", ())),
-            joints=tuple(_joint(name, entry) for name, entry in table.get("joints", {}).items()),
-            trunk=_markers("trunk", table.get("trunk", ())),
-            aliases={str(k): str(v) for k, v in table.get("aliases", {}).items()},
-            max_speed_m_s=float(table["max_speed_m_s"]) if "max_speed_m_s" in table else None,
-            measures=read_measures(table.get("measures", {})),
+            joints=tuple(_joint(name, entry) for name, entry in _named(table, "joints").items()),
+            trunk=tuple(map(visible, found.get("trunk", ()))),
+            aliases={visible(name): visible(_alias(name, alias)) for name, alias in _named(table, "aliases").items()},
+            max_speed_m_s=float(found["max_speed_m_s"]) if "max_speed_m_s" in found else None,
+            measures=read_measures(_named(table, "measures")),
         )
-    except KeyError as error:
-        raise SkeletonError(f"{path}: {error.args[0]!r} is missing") from None
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, FormatError, SkeletonError) as error:
         raise SkeletonError(f"{path}: {error}") from None
-    except SkeletonError as error:
-        raise SkeletonError(f"{path}: {error}") from None
+
+
+def _named(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A table of the file by its names."""
+    found = table.get(key, {})
+    if not isinstance(found, Mapping):
+        raise FormatError(f"{key} is {found!r}, expected a table [{key}]")
+    checked(key, {"names": [*found]}, {"names": names()}, again=_AGAIN)
+    return found
 
 
 def quoted(value: object) -> str:
@@ -194,19 +213,22 @@ def write_skeleton(path: Path, skeleton: Skeleton) -> None:
         stream.write(skeleton_text(skeleton))
 
 
-def _markers(key: str, entry: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(entry, str):
-        raise ValueError(f'{key} is a list of names ["a", "b"], not {entry!r}')
-    return tuple(map(str, entry))
+def _alias(name: str, alias: Any) -> str:
+    return checked("aliases", {name: alias}, {name: Entry(kind="s")}, again=_AGAIN)[name][()]
 
 
-def _bone(entry: Sequence[str]) -> Bone:
-    if isinstance(entry, str) or len(entry) not in (2, 3) or (len(entry) == 3 and entry[2] not in ("rigid", "soft")):
+def _bone(entry: Any) -> Bone:
+    if not _is_text(entry) or len(entry) not in (2, 3) or (len(entry) == 3 and entry[2] not in ("rigid", "soft")):
         raise ValueError(f'a bone is ["a", "b"] or ["a", "b", "soft"], not {entry!r}')
-    return Bone(a=str(entry[0]), b=str(entry[1]), rigid=len(entry) == 2 or entry[2] == "rigid")
+    return Bone(a=visible(entry[0]), b=visible(entry[1]), rigid=len(entry) == 2 or entry[2] == "rigid")
 
 
-def _joint(name: str, entry: Sequence[str]) -> Joint:
-    if isinstance(entry, str) or len(entry) != 3:
+def _joint(name: str, entry: Any) -> Joint:
+    if not _is_text(entry) or len(entry) != 3:
         raise ValueError(f'joint {name!r} is ["parent", "centre", "child"], not {entry!r}')
-    return Joint(name=name, parent=str(entry[0]), centre=str(entry[1]), child=str(entry[2]))
+    parent, centre, child = map(visible, entry)
+    return Joint(name=visible(name), parent=parent, centre=centre, child=child)
+
+
+def _is_text(entry: Any) -> bool:
+    return isinstance(entry, list) and all(isinstance(one, str) for one in entry)

@@ -1,8 +1,16 @@
-"""Text that is safe to write: names of files are bytes, and not all of them are text."""
+"""Text that is safe to write: names of files are bytes, and not all of them are text, nor all text a name of a file."""
 
 import re
+import unicodedata
+from collections.abc import Iterable
 
 _BYTES = re.compile("[\udc80-\udcff]+")
+_NO_FILE = re.compile(r'[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff<>:"/\\|?*]|^\.+|[. ]+$')
+_DEVICE = re.compile(r"(?:con|prn|aux|nul|conin\$|conout\$|(?:com|lpt)[0-9¹²³])(?=$|\.)", re.IGNORECASE)
+"""What Windows reads as a device, whatever stands behind the dot."""
+_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Controls of terminals (ESC, CSI, ...), turns of the writing direction, line ends that are none; not the tab and
+the new line."""
 
 
 def as_text(text: str) -> str:
@@ -15,3 +23,34 @@ def as_text(text: str) -> str:
 
 def _decoded(escaped: str) -> str:
     return bytes(ord(letter) - 0xDC00 for letter in escaped).decode("utf-8", errors="backslashreplace")
+
+
+def file_names(names: Iterable[str]) -> list[str]:
+    """A name for the file of each of these, without its ending: every system takes it, and keeps all of them apart.
+
+    Names stay as they are where they can. Disks of Windows and macOS ignore case, and ways to code an accent; what such
+    a disk would take for an earlier name gets a number.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        plain = _NO_FILE.sub("_", name) or "_"
+        plain = _DEVICE.sub(r"\g<0>_", plain) if _DEVICE.match(plain) else plain
+        number, one = 1, plain
+        while (key := unicodedata.normalize("NFC", unicodedata.normalize("NFD", one).casefold())) in found:
+            number += 1
+            one = f"{plain}_{number}"
+        found[key] = one
+    return list(found.values())
+
+
+def visible(text: str) -> str:
+    r"""Text as it is, but for characters that act on a terminal or change how text reads, written as \\x1b is.
+
+    Names of markers, cameras and animals are read so, and all that is printed is.
+    """
+    return _ACTS.sub(_escape, as_text(text))
+
+
+def _escape(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"

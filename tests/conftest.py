@@ -92,6 +92,7 @@ SLOW = {
     "mocap/test_swapped_names.py": 16,
     "mocap/test_trouble.py": 9,
     "mocap/test_unstated_unit.py": 3,
+    "mocap/web/test_web_server.py": 60,
     "test_installed.py": 70,
 }
 """Files that take long, with roughly how many seconds; ``make quick`` leaves them out."""

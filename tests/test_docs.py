@@ -12,7 +12,7 @@ from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 
-from docs.tools import columns, commands, html
+from docs.tools import columns, commands, html, licences
 from docs.tools.made import PAGES
 from eal import fit_potential
 from mocap.cli.main import COMMANDS, INSTALLING
@@ -231,4 +231,27 @@ def test_a_column_that_nobody_described_is_seen():
         "root_x",
         "tip_xyz",
         "tip_sd_m",
+    ]
+
+
+def test_the_licences_page_has_every_package_of_the_locks():
+    """In the version that a lock has, extras too, and nothing else; the site shows what is installed."""
+    table = licences.PAGE.read_text(encoding="utf-8").split(licences.BEGIN)[1].split(licences.END)[0]
+    rows = [line.split("|")[1].split() for line in table.splitlines() if line.startswith("| ")][1:]
+    locks = [(ROOT / f"requirements{kind}.lock").read_text(encoding="utf-8") for kind in ("", "-dev")]
+    pinned = [set(re.findall(r"^([\w.-]+)==([^\s;]+)", lock, re.MULTILINE)) for lock in locks]
+    assert {row[0] for row in rows} == {name for name, _ in pinned[0] | pinned[1]}
+    assert {tuple(row) for row in rows if len(row) == 2} <= pinned[0] | pinned[1]
+    made = licences.page().split(licences.BEGIN)[1]
+    assert "x264" in next(line for line in made.splitlines() if line.startswith("| av "))
+    assert len(next(line for line in made.splitlines() if line.startswith("| pillow ")).split(", ")) >= 10
+    assert not [line for line in rows if len(line) > 2]
+
+
+def test_locks_name_no_hosts():
+    """Where packages come from is the business of who installs."""
+    locks = sorted(ROOT.glob("requirements*.lock"))
+    assert len(locks) == 3
+    assert not [
+        lock.name for lock in locks if re.search(r"https?:|--(extra-)?index|--find", lock.read_text(encoding="utf-8"))
     ]

@@ -6,6 +6,8 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+import zipfile
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -109,9 +111,7 @@ def test_another_datasets_is_left_alone(installed, tmp_path):
         "[build-system]\nrequires = ['setuptools']\nbuild-backend = 'setuptools.build_meta'\n"
         "[project]\nname = 'datasets'\nversion = '4.0'\n[tool.setuptools]\npackages = ['datasets']\n"
     )
-    python = tmp_path / "env" / ("Scripts" if os.name == "nt" else "bin") / "python"
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "env"], check=True)
-    pip = [sys.executable, "-m", "pip", "--python", python, "--quiet", "--disable-pip-version-check"]
+    python, pip = environment(tmp_path / "env")
     tools = tmp_path / "tools"  # what the build needs, from the environment of the tests: no package index is asked
     subprocess.run(
         [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", tools, source],
@@ -126,6 +126,100 @@ def test_another_datasets_is_left_alone(installed, tmp_path):
         answer = subprocess.run(ask, cwd=tmp_path, capture_output=True, text=True, check=True)
         assert answer.stdout.strip() == "somebody else"
     assert not list((tmp_path / "env").rglob("mocap"))
+
+
+def test_hugging_faces_datasets_is_left_alone(installed, tmp_path):
+    """The real one: every file of it is as it was, while ours is there and after ours has gone."""
+    _, pip = environment(tmp_path / "env")
+    from_the_index([*pip, "install", "--no-deps", "--no-compile", "--only-binary", ":all:", "datasets>=4"])
+    (theirs,) = (tmp_path / "env").rglob("datasets/__init__.py")
+    before = contents(theirs.parents[1])
+    assert len(before) > 100
+    (wheel,) = (installed.parent / "wheels").iterdir()
+    subprocess.run([*pip, "install", "--no-deps", "--no-index", "--no-compile", wheel], check=True)
+    found = contents(theirs.parents[1])
+    assert {place: found[place] for place in before} == before
+    assert {place.parts[0] for place in found.keys() - before} == {
+        "mocap",
+        "eal",
+        wheel.name.split("-py")[0] + ".dist-info",
+    }
+    subprocess.run([*pip, "uninstall", "--yes", "eal-mocap"], check=True)
+    assert contents(theirs.parents[1]) == before
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    """SHA-256 of each file below a folder."""
+    return {p.relative_to(folder): sha256(p.read_bytes()).digest() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(installed, tmp_path):
+    """As a packager of another system has it, and who develops with it from a folder elsewhere, with its resources."""
+    folder = installed.parent
+    build = "import sys, setuptools.build_meta as b; b.build_sdist(sys.argv[1])"
+    subprocess.run([sys.executable, "-c", build, tmp_path], cwd=folder / "source", check=True, capture_output=True)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    python, pip = environment(tmp_path / "env")
+    built = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*built, "-w", tmp_path / "again", archive], cwd=tmp_path, check=True)
+    (wheel,), (again,) = (folder / "wheels").iterdir(), (tmp_path / "again").iterdir()
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(again) as other:
+        assert {e.filename: e.CRC for e in one.infolist()} == {e.filename: e.CRC for e in other.infolist()}
+    make = "import sys, setuptools.build_meta as b; b.build_editable(sys.argv[1])"
+    (tmp_path / "editable").mkdir()
+    subprocess.run(
+        [sys.executable, "-c", make, tmp_path / "editable"], cwd=folder / "source", check=True, capture_output=True
+    )
+    (editable,) = (tmp_path / "editable").iterdir()
+    subprocess.run([*pip, "install", "--no-deps", "--no-index", editable], check=True)
+    script = (
+        "from importlib.resources import files; import mocap; from importlib.util import find_spec as find\n"
+        "print(find('mocap.filters').origin, find('mocap.datasets').origin, files('mocap').joinpath('py.typed'))"
+    )
+    done = subprocess.run([python, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    source = folder / "source"
+    wanted = [source / "filters" / "__init__.py", source / "datasets" / "__init__.py", source / "mocap" / "py.typed"]
+    assert done.stdout.split() == [str(place) for place in wanted]
+
+
+OTHERS = ("deeplabcut>=3", "movement", "sleap-io", "napari")
+
+
+@pytest.mark.parametrize("version", ["3.11", "3.12"])
+def test_it_can_stand_beside_the_other_programs_of_the_field(tmp_path, version):
+    """One environment can hold all of them and us, with all our extras; only resolved, not installed."""
+    pytest.importorskip("uv", reason="a tool of the locked environment")
+    (tmp_path / "others.in").write_text("\n".join(OTHERS) + "\n")
+    uv = [sys.executable, "-m", "uv", "pip", "compile", "--no-header", "--no-annotate", "--python-version", version]
+    command = [*uv, "--all-extras", ROOT / "pyproject.toml", tmp_path / "others.in"]
+    found = from_the_index(command, "No solution found").stdout
+    versions = dict(line.partition(" ")[0].split("==") for line in found.splitlines() if "==" in line)
+    assert {"deeplabcut", "movement", "sleap-io", "napari", "rerun-sdk", "pandas"} <= versions.keys()
+    assert versions["deeplabcut"].startswith("3.")
+
+
+def from_the_index(command: list, but: str = "\0") -> subprocess.CompletedProcess[str]:
+    """Run what asks a package index: the one that pip is told of.
+
+    Where none answers the test is skipped, in continuous integration it fails, and everywhere with the words ``but``.
+    """
+    told = subprocess.run(
+        [sys.executable, "-m", "pip", "config", "get", "global.index-url"], capture_output=True, text=True, check=False
+    )
+    index = os.environ.get("PIP_INDEX_URL") or told.stdout.strip()
+    variables = os.environ | ({"UV_DEFAULT_INDEX": index} if index else {})
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=500, env=variables)
+    if done.returncode != 0 and but not in done.stderr and not os.environ.get("CI"):
+        pytest.skip(f"no package index answers here: {done.stderr.strip().splitlines()[-1:]}")
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def environment(folder: Path) -> tuple[Path, list]:
+    """Python of a new and empty environment, and the pip that installs into it."""
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    return python, [sys.executable, "-m", "pip", "--python", python, "--quiet", "--disable-pip-version-check"]
 
 
 def test_folders_of_the_repository_are_the_installed_modules():
@@ -153,6 +247,7 @@ def test_importing_mocap_imports_nothing_else():
     [
         ("jax", ["reproduce", "7"], "mechanics"),
         ("trimesh", ["design-joint", "somewhere"], "joint-design"),
+        ("starlette", ["digitise", "films", "--calibration", "c", "--skeleton", "s", "--web"], "web"),
     ],
 )
 def test_an_absent_extra_is_named(tmp_path, package, words, extra):
@@ -173,7 +268,8 @@ def test_the_main_job_needs_no_extra():
     """What track imports has no package of an extra in it."""
     script = (
         "import sys\n"
-        "for name in ('jax', 'trimesh', 'manifold3d', 'networkx', 'lxml', 'av', 'openpyxl', 'pytest', 'sklearn'):\n"
+        "for name in ('jax', 'trimesh', 'manifold3d', 'networkx', 'lxml', 'av', 'openpyxl', 'uvicorn', 'pytest', "
+        "'sklearn'):\n"
         "    sys.modules[name] = None\n"
         "import mocap, mocap.library.tracked, mocap.library.learning, mocap.rerun.record, mocap.pipeline.demo\n"
     )

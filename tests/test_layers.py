@@ -47,6 +47,7 @@ ALLOWED = {
         "mocap/kinematics",
         "mocap/pipeline",
     },
+    "mocap/web": {"eal", "mocap"},
     "mocap/library": {
         "eal",
         "filters",
@@ -59,6 +60,7 @@ ALLOWED = {
         "mocap/plots",
         "mocap/rerun",
         "mocap/results",
+        "mocap/web",
     },
     "mocap/batches": {"eal", "mocap", "mocap/cameras", "mocap/io", "mocap/library", "mocap/pipeline", "mocap/results"},
     "mocap/cli": {

@@ -1,1 +1,1 @@
-"""Attacks on the program, from seeds: damaged files, and interrupted writing; what becomes of each is counted."""
+"""Attacks on the program, from seeds: damaged and foreign files, interrupted writing, killed workers, the page."""

@@ -8,11 +8,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.attack import disk, files
+from benchmarks.attack import disk, files, foreign, page, records, sound, workers
 
 STAGES: dict[str, Callable[[argparse.Namespace], int]] = {
     "files": files.run,
+    "sound": sound.run,
+    "foreign": foreign.run,
+    "records": records.run,
+    "workers": workers.run,
     "disk": lambda options: disk.main(["--quick"] if options.quick else []),
+    "page": page.run,
 }
 """What is attacked, in this order; each returns the number of its defects."""
 

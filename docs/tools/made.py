@@ -1,10 +1,11 @@
 """Pages of the reference that are made from the program's own code."""
 
-from docs.tools import columns, commands, formats
+from docs.tools import columns, commands, formats, licences
 
 PAGES = {
     "reference/commands.md": commands.page,
     "reference/formats.md": formats.page,
     "reference/files.md": columns.page,
+    "reference/licences.md": licences.page,
 }
 """Where each lies in the site, and what makes it."""

@@ -12,7 +12,7 @@ from mocap.filters.joint_types import DOUBTED, Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.lagrangian import with_lagrangian
 from mocap.filters.models.limbs import held_together, known_poses, sides
-from mocap.filters.models.pose import PoseSettings, held_by, learn_pose, recorded_motion
+from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
@@ -83,7 +83,7 @@ class ArticulatedSettings(TrajectoryModel):
         """
         model = learn_articulated(_taught_by(trials.trials), trials.anatomy, self)
         model = replace(model, regression=self.pose.regressed(trials))
-        return FittedMotion(model, trials.trials[-1].t_s, self.pose.passes)
+        return FittedMotion(model, trials.trials[-1].t_s)
 
 
 def _taught_by(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:
@@ -268,7 +268,7 @@ def learn_articulated(
 ) -> ArticulatedMotion:
     """Learn the model from trials, for tracking the last one."""
     pose, tree_anatomy = settings.pose, rooted(anatomy)
-    poses = poses_of(trials, anatomy.trunk, body_hz=pose.body_hz, rotating=pose.rotating)
+    poses = poses_of(trials, anatomy.trunk, body_hz=pose.body_hz)
     body = [trial.y.reshape(len(trial.y), -1, 3) for trial in poses]
     noise = [trial.sd_m for trial in trials]
     build = find_build(np.concatenate(body), np.concatenate(noise), tree_anatomy, chain=not anatomy.limbs)
@@ -437,7 +437,7 @@ def _potentials(
         if other is not None and all(c in joint for c in other.children) and len(chosen(other)) == len(maps[0]):
             maps.append(chosen(other))
         tau_s = motion.tau_s if "motion" in settings.potential else None
-        learn = partial(held_by, settings=settings, rate=settings.weight / motion.tau_s)
+        learn = partial(settings.pull, rate=settings.weight / motion.tau_s)
         joints = [(len(build.axes[joint[c]]), float(arm[joint[c]])) for c in limb.children if len(build.axes[joint[c]])]
         held = held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints)
         out.append(replace(held, root=limb.parents[0], children=limb.children))

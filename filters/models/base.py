@@ -43,7 +43,7 @@ class TrialSet:
 
     trials: Sequence[MarkerTrial]
     anatomy: Anatomy
-    _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
+    _poses: dict[float, list[PoseTrial]] = field(default_factory=dict)
     _shapes: dict[tuple, Shapes] = field(default_factory=dict)
     regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
 
@@ -51,14 +51,13 @@ class TrialSet:
         """Other animals are scaled to the size of the last trial's."""
         self.trials = [*sized_like(self.trials[:-1], self.trials[-1]), self.trials[-1]]
 
-    def shapes(self, *, ranks: tuple[int, ...], body_hz: float, rotating: bool) -> tuple[list[PoseTrial], Shapes]:
+    def shapes(self, *, ranks: tuple[int, ...], body_hz: float) -> tuple[list[PoseTrial], Shapes]:
         """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
-        body = (body_hz, rotating)
-        if body not in self._poses:
-            self._poses[body] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz, rotating=rotating)
-        if (body, ranks) not in self._shapes:
-            self._shapes[body, ranks] = shapes_of(self._poses[body], ranks=ranks)
-        return self._poses[body], self._shapes[body, ranks]
+        if body_hz not in self._poses:
+            self._poses[body_hz] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz)
+        if (body_hz, ranks) not in self._shapes:
+            self._shapes[body_hz, ranks] = shapes_of(self._poses[body_hz], ranks=ranks)
+        return self._poses[body_hz], self._shapes[body_hz, ranks]
 
     @cached_property
     def bones(self) -> Bones:
@@ -93,13 +92,12 @@ class FittedMotion(Fitted):
 
     motion: MotionModel
     t_s: Array
-    passes: int = 1
 
     def fill(
         self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
     ) -> Estimate:
         """Filter forward, smooth backward."""
-        return smooth(self.motion, observations, self.t_s, passes=self.passes, asked=asked, progress=progress)
+        return smooth(self.motion, observations, self.t_s, asked=asked, progress=progress)
 
 
 @dataclass(frozen=True)

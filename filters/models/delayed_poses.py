@@ -40,7 +40,6 @@ class DelaySettings(TrajectoryModel):
     Attributes:
         ranks: As in ``PoseSettings``, of the subspace that completes poses.
         body_hz: As there.
-        rotating: As there.
         lags: Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot).
         cutoff: Faster motion in a gap is taken for noise, in radians a unit of the same time.
         rows: Frames of the other trials to learn from, at most.
@@ -52,7 +51,6 @@ class DelaySettings(TrajectoryModel):
 
     ranks: tuple[int, ...]
     body_hz: float = 3.0
-    rotating: bool = True
     lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
     cutoff: float = 4.0
     rows: int = 300
@@ -68,7 +66,7 @@ class DelaySettings(TrajectoryModel):
 
     def tuned(self, trials: TrialSet) -> "DelaySettings":
         """With the covariance under which the trials are likeliest."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
         return replace(self, covariance=tuple(Delayed(poses, shapes, self).covariance().logarithms.tolist()))
 
     def fit(self, trials: TrialSet) -> "FittedDelays":
@@ -93,7 +91,7 @@ class FittedDelays(Fitted):
         """From the trial's own positions; once for all that ask."""
         known, own = self.trials.regressed, self.settings
         if own not in known:
-            poses, shapes = self.trials.shapes(ranks=own.ranks, body_hz=own.body_hz, rotating=own.rotating)
+            poses, shapes = self.trials.shapes(ranks=own.ranks, body_hz=own.body_hz)
             known[own] = fill_delayed(self.trials.trials[-1].seen, poses, shapes, own)
         if progress is not None:
             progress(1.0)

@@ -6,11 +6,12 @@ from functools import cached_property
 import numpy as np
 from mocap.filters.ensemble import Gaussian, default_points
 from mocap.filters.motion.pose import PoseMotion
-from mocap.filters.tree import Posed, Tree, left_jacobian, skew
+from mocap.filters.tree import Posed, Tree, left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
+from eal.vectors import skew
 
 BENT_RAD = 0.1
 """Rotations by less than so many radians move markers along nearly straight lines."""
@@ -20,7 +21,7 @@ STEP_RAD = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArticulatedMotion(PoseMotion):
-    """State [z (r), zdot (r), g (6), e (F), s (3M), gdot (6), edot (F), eddot (F)].
+    """State [z (r), zdot (r), u, g (6), e (F), s (3M), gdot (6), edot (F), eddot (F)].
 
     What ``PoseMotion`` says of marker coordinates holds of the F joint angles, each in arc length: angle * arm =
     mean + basis z + e. So z is what joints do together, with mechanics that were learned, and e what each does by
@@ -61,7 +62,7 @@ class ArticulatedMotion(PoseMotion):
     @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
         """Where [z, zdot], g, e, gdot and edot are."""
-        r, d, end = 2 * self.rank, len(self.subspace.mean), self.slip.stop
+        r, d, end = self.shape_states, len(self.subspace.mean), self.slip.stop
         return slice(0, r), slice(r, r + 6), slice(r + 6, r + 6 + d), slice(end, end + 6), slice(end + 6, end + 6 + d)
 
     def initial(self) -> Gaussian:

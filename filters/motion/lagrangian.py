@@ -10,12 +10,13 @@ from mocap.filters.errors import FilterError
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import white_acceleration
-from mocap.filters.tree import left_jacobian, skew
+from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
 from eal.integrators import IntegrationError
+from eal.vectors import skew
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -120,16 +120,16 @@ class Reference(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseMotion(MotionModel):
-    """State [z (r), zdot (r), g (6), e (3M), gdot (6), edot (3M), eddot (3M)].
+    """State [z (r), zdot (r), u, g (6), e (3M), gdot (6), edot (3M), eddot (3M)], u forces of the shape that last.
 
     Markers are R exp(w) (mean + basis z + e) + c + p, where R, c is the body's path and g = [p, w] the body's own
     deviation from it, gdot its velocity less the path's (angular: in body axes). The body moves with white acceleration
     and angular acceleration: the path is where it is linearised, and drops out of what is predicted. The shape z has
     ``mechanics``; the residual e of each coordinate is a Matern-5/2 process, (d/dt + a)^3 e = noise, with its own
     variance and rate: positions of animals have accelerations, and a rougher process states velocities twice as
-    uncertain as they are. With an empirical potential the shape is held by that (``enforce``), in place of the constraints that
-    nobody knows, as in the paper's empirical-analytical models. Constraints that are known, the lengths of
-    rigid bones, hold shape and residual (``hold_bones``).
+    uncertain as they are. With an empirical potential the shape is held by that (``enforce``), in place of the
+    constraints that nobody knows, as in the paper's empirical-analytical models. Constraints that are known, the
+    lengths of rigid bones, hold shape and residual (``hold_bones``).
 
     Attributes:
         path: Path of the body.
@@ -138,7 +138,7 @@ class PoseMotion(MotionModel):
         body_density: (6,) spectral density of the accelerations of the body: m^2/s^3, rad^2/s^3.
         shape_sd: (2r,) standard deviations of z and zdot before anything is seen.
         body_sd: (12,) the same of g and gdot.
-        residual_rate_hz: (3M,) the rate a of the residual of each coordinate, 1/s.
+        residual_rate_hz: (3M,) the rate a of the residual of each coordinate, 1/s; or one of all.
         usual: Recorded z and zdot: what they are when nothing is seen.
         potentials: What holds the pose.
         regression: Where a regression has markers that are not seen; None: there is none.
@@ -171,16 +171,22 @@ class PoseMotion(MotionModel):
         """Sizes."""
         rank, size = self.subspace.basis.shape[1], len(self.subspace.mean)
         object.__setattr__(self, "rank", rank)
-        object.__setattr__(self, "reads", len(self.shape_sd) + 6 + size)
-        object.__setattr__(self, "points", default_points(len(self.shape_sd) + 12 + 3 * size))
+        object.__setattr__(self, "residual_rate_hz", np.broadcast_to(self.residual_rate_hz, size))
+        object.__setattr__(self, "reads", self.shape_states + 6 + size)
+        object.__setattr__(self, "points", default_points(self.shape_states + 12 + 3 * size))
 
     @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
         """Where [z, zdot], g, e, gdot and edot are."""
-        r, d = len(self.shape_sd), len(self.subspace.mean)
+        r, d = self.shape_states, len(self.subspace.mean)
         ends = np.cumsum([0, r, 6, d, 6, d])
         shape, g, e, g_rate, e_rate = (slice(a, b) for a, b in itertools.pairwise(ends.tolist()))
         return shape, g, e, g_rate, e_rate
+
+    @property
+    def shape_states(self) -> int:
+        """Components of the state that belong to the shape: z, zdot, and forces that last."""
+        return 2 * self.rank + len(self.mechanics.lasting_sd)
 
     @property
     def residual(self) -> Array:
@@ -192,7 +198,8 @@ class PoseMotion(MotionModel):
         """The mean pose at rest, with the deviations of the samples."""
         shape, g, _, g_rate, _ = self.parts
         factor = np.zeros((self.points.n, self.points.n))
-        for part, sd in ((shape, self.shape_sd), (g, self.body_sd[:6]), (g_rate, self.body_sd[6:])):
+        shape_sd = np.concatenate([self.shape_sd, self.mechanics.lasting_sd])
+        for part, sd in ((shape, shape_sd), (g, self.body_sd[:6]), (g_rate, self.body_sd[6:])):
             factor[part, part] = np.diag(sd)
         factor[self.residual[:, None], self.residual] = self._scaled(np.linalg.cholesky(STATIONARY))
         return Gaussian(np.zeros(len(factor)), factor)
@@ -208,7 +215,7 @@ class PoseMotion(MotionModel):
     def predict(self, state: Gaussian, step: Step) -> Prediction:
         """The shape by its mechanics, linearised under the state's uncertainty; everything else is linear."""
         shape, g, _, g_rate, _ = self.parts
-        r = len(self.shape_sd)
+        r = self.shape_states
         mean, transition, bent = self.mechanics.linearised(Gaussian(state.mean[:r], state.factor[:r, :r]), step.dt_s)
         states = np.concatenate([state.mean[None], state.factor.T])
         both = self.advance(states, step.dt_s)
@@ -246,7 +253,7 @@ class PoseMotion(MotionModel):
         return matern_flow(a * dt_s) * a ** (power[:, None] - power)
 
     def _scaled(self, factor: Array) -> Array:
-        """(3, 3, D) factor of e, edot and eddot from that of a process of unit rate and variance, (3, 3) or (3, 3, D)."""
+        """(3, 3, D) factor of e, edot and eddot from that of a process of unit rate and variance."""
         whole = factor if factor.ndim == 3 else factor[..., None]
         return whole * self.residual_rate_hz ** np.arange(3)[:, None, None] * self.subspace.residual_sd
 

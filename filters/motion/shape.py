@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mocap.filters.ensemble import Gaussian, default_points, ensemble, scale, spread
@@ -20,6 +21,11 @@ class ShapeMechanics(ABC):
     """
 
     density: Array
+
+    @property
+    def lasting_sd(self) -> Array:
+        """Standard deviations of forces that last, which are states after z and zdot; here there are none."""
+        return np.zeros(0)
 
     def arrays(self) -> dict[str, Array]:
         """What model files show of it, by name; here nothing."""
@@ -57,62 +63,67 @@ class FreeShape(ShapeMechanics):
 
 @dataclass(frozen=True, eq=False)
 class LinearShape(ShapeMechanics):
-    """zddot = force - stiffness z - damping zdot, fitted to recordings.
+    """zddot = force - stiffness z - damping zdot + u, fitted to recordings; u' = -u / memory + white noise.
 
     It is no Lagrangian system: neither matrix is held to be symmetric (on real sets the antisymmetric part of the
-    stiffness is 0.5 to 0.7 of the symmetric one), and damping may be negative, as muscles do work.
+    stiffness is 0.5 to 0.7 of the symmetric one), and damping may be negative, as muscles do work. The force u that is
+    left unexplained lasts: were it white, velocities of bats' wings would be stated three times too uncertain.
 
     Attributes:
         stiffness: (r, r) in 1/s^2, the mass being 1.
         damping: (r, r) in 1/s.
         force: (r,) constant force.
-        density: See ``ShapeMechanics``.
+        density: (r, r) lower factor of the spectral density of u at low frequencies.
+        memory_s: Time after which u has lost all but 1/e of its correlation.
     """
 
     stiffness: Array
     damping: Array
     force: Array
     density: Array
-    memory_s: float = 0.0
+    memory_s: float
 
-    def _generator(self) -> Array:
-        r = len(self.force)
-        g = np.zeros((3 * r + 1, 3 * r + 1))
-        g[:r, r : 2 * r] = np.eye(r)
-        g[r : 2 * r, :r], g[r : 2 * r, r : 2 * r], g[r : 2 * r, 2 * r : 3 * r] = -self.stiffness, -self.damping, np.eye(r)
-        g[r : 2 * r, -1] = self.force
-        g[2 * r : 3 * r, 2 * r : 3 * r] = -np.eye(r) / self.memory_s
-        return g
-
-    def noise(self, dt_s: float) -> Array:
-        r = len(self.force)
-        n = 3 * r
-        a = self._generator()[:n, :n]
-        q = np.zeros((n, n))
-        q[2 * r :, 2 * r :] = self.density @ self.density.T / self.memory_s**2  # white density of u: 2 var/tau, density = 2 tau var
-        block = np.block([[-a, q], [np.zeros((n, n)), a.T]])
-        e = expm(block * dt_s)
-        cov = e[n:, n:].T @ e[:n, n:]
-        cov = 0.5 * (cov + cov.T)
-        scale = np.sqrt(np.maximum(np.diag(cov), 1e-300))
-        corr = cov / scale / scale[:, None]
-        return scale[:, None] * np.linalg.cholesky(corr + 1e-9 * np.eye(n))
+    @property
+    def lasting_sd(self) -> Array:
+        """(r,) standard deviation of u, whose density is 2 (memory) (covariance)."""
+        return np.linalg.norm(self.density, axis=1) / np.sqrt(2 * self.memory_s)
 
     def arrays(self) -> dict[str, Array]:
         """Stiffness and damping."""
         return {"stiffness": self.stiffness, "damping": self.damping}
 
     def acceleration(self, states: Array) -> Array:
-        """(S, 2r) states to (S, r) accelerations."""
+        """(S, 2r) states to (S, r) accelerations without u."""
         r = len(self.force)
-        return self.force - states[:, :r] @ self.stiffness.T - states[:, r:] @ self.damping.T
+        return self.force - states[:, :r] @ self.stiffness.T - states[:, r : 2 * r] @ self.damping.T
+
+    @cached_property
+    def _generator(self) -> Array:
+        """(3r + 1, 3r + 1) of [z, zdot, u, 1]."""
+        r = len(self.force)
+        z, rate, u = (slice(k * r, (k + 1) * r) for k in range(3))
+        out = np.zeros((3 * r + 1, 3 * r + 1))
+        out[z, rate] = out[rate, u] = np.eye(r)
+        out[rate, z], out[rate, rate], out[rate, -1] = -self.stiffness, -self.damping, self.force
+        out[u, u] = -np.eye(r) / self.memory_s
+        return out
+
+    def noise(self, dt_s: float) -> Array:
+        """(3r, 3r) lower factor of the process noise of [z, zdot, u] in one step (Van Loan 1978)."""
+        n, r = 3 * len(self.force), len(self.force)
+        flow, white = self._generator[:n, :n], np.zeros((n, n))
+        white[2 * r :, 2 * r :] = self.density @ self.density.T / self.memory_s**2
+        both = expm(dt_s * np.block([[-flow, white], [np.zeros((n, n)), flow.T]]))
+        cov = both[n:, n:].T @ both[:n, n:]
+        size = np.sqrt(np.diag(cov))
+        alike = 0.5 * (cov + cov.T) / size / size[:, None]  # positions, velocities and forces differ by powers of dt
+        return size[:, None] * np.linalg.cholesky(alike + 1e-9 * np.eye(n))
 
     def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
         """The exact flow (matrix exponential)."""
-        r = len(self.force)
-        flow = expm(dt_s * self._generator())
+        flow = expm(dt_s * self._generator)
         transition = flow[:-1, :-1]
-        return transition @ state.mean + flow[:-1, -1], transition, np.zeros((3 * r, 0))
+        return transition @ state.mean + flow[:-1, -1], transition, np.zeros((len(transition), 0))
 
 
 @dataclass(frozen=True, eq=False)

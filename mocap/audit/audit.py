@@ -28,6 +28,7 @@ def audit_filmed(
     *,
     stored: MarkerTracks | None = None,
     stored_px: Array | None = None,
+    timed: bool = True,
 ) -> list[Finding]:
     """All checks of pixels, cameras and stored points against each other, and of the pixels alone.
 
@@ -38,6 +39,7 @@ def audit_filmed(
         decision: Where rows are counted from.
         stored: Points that were stored with them; None: there are none.
         stored_px: Ideal pixels as the program that stored the points made them; None: ``ideal_px``.
+        timed: Whether the frame rate is known.
 
     Returns:
         Findings, alarms first.
@@ -64,7 +66,8 @@ def audit_filmed(
         found += [*late, *lenses, *([] if alarms(lenses) else foreign)]
     matrices = stacked(cameras)
     xyz = linear(matrices, ideal_px)
-    found += [*sizes(xyz), *jump_findings(_believed(matrices, ideal_px, xyz), pixels.t_s, pixels.names)]
+    believed = _believed(matrices, ideal_px, xyz)
+    found += [*sizes(xyz), *jump_findings(believed, pixels.t_s, pixels.names, timed=timed)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
         solved = ideal_px if stored_px is None else stored_px
         found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])
@@ -98,7 +101,7 @@ def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin
         found += [] if len(cameras) < 2 else camera_findings(cameras, y_up=None)
         if points is not None:
             found += [f for f in point_findings(points) if recording.unit is not None or f.kind != "units"]
-            found += jump_findings(points.xyz_m, points.t_s, points.names)
+            found += jump_findings(points.xyz_m, points.t_s, points.names, timed=recording.fps is not None)
         return sorted(found, key=lambda f: not f.alarm)
     try:
         decision = decide_origin(
@@ -130,5 +133,6 @@ def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin
             iterations=iterations,
         )
 
-    found = audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3))
+    timed = recording.fps is not None
+    found = audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3), timed=timed)
     return [f for f in found if recording.unit is not None or f.kind != "units"]

@@ -7,6 +7,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.audit.finding import Finding
+from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
@@ -16,6 +17,8 @@ from mocap.cameras.triangulate import linear, residual_px
 LARGE_PX = 8.0
 """A median residual above this, and above ``MANY_SD`` deviations of the clicks' jitter, is warned of."""
 MANY_SD = 4.0
+UNEVEN, LEAST_UNEVEN_PX = 3.0, 1.0
+"""One camera's median residual is so many times another's, and so large, where that is a finding."""
 BARREL = 1.1
 """Barrel distortion is named where the residual is lower with it by this factor: errors of focal lengths of 0.5 % look
 like pincushion distortion, and lower it by as much."""
@@ -116,8 +119,12 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
                 cameras=(camera.name,),
             )
         ]
+    if (uneven := _uneven(cameras, ideal_px, uv)) is not None:
+        return [uneven]
     jitter = _jitter(ideal_px)
-    if whole > max(0.02 * extent, LARGE_PX):
+    if whole <= max(LARGE_PX, MANY_SD * jitter):  # as near as careless clicks let rays meet
+        return []
+    if whole > 0.02 * extent:
         cropped = may_be_cropped(cameras, ideal_px)
         return [
             Finding(
@@ -129,19 +136,47 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
                 cameras=tuple(c.name for c in cameras),
             )
         ]
-    if whole > LARGE_PX and whole > MANY_SD * jitter:
-        against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
-        return [
-            Finding(
-                kind="large residual",
-                alarm=True,
-                text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: the rays do not meet, "
-                "and 3D points are wrong by about as much: check cameras, lenses and the order of the files",
-                numbers={"residual_px": whole, "jitter_px": jitter},
-                cameras=tuple(c.name for c in cameras),
-            )
-        ]
-    return []
+    against = f", {whole / jitter:.0f} times the jitter of the clicks ({jitter:.2f} px)" if jitter else ""
+    return [
+        Finding(
+            kind="large residual",
+            alarm=True,
+            text=f"WARNING: the median triangulation residual is {whole:.1f} px{against}: the rays do not meet, "
+            "and 3D points are wrong by about as much: check cameras, lenses and the order of the files",
+            numbers={"residual_px": whole, "jitter_px": jitter},
+            cameras=tuple(c.name for c in cameras),
+        )
+    ]
+
+
+def _uneven(cameras: Sequence[Camera], ideal_px: Array, uv: Array) -> Finding | None:
+    """Cameras whose points miss by ``UNEVEN`` times as much as another's, and by more than their clicks scatter.
+
+    Args:
+        cameras: The C cameras.
+        ideal_px: (C, T, M, 2) ideal pixels.
+        uv: (C, K, 2) those of points to judge by.
+    """
+    matrices = stacked(cameras)
+    own = by_camera(residual_px(matrices, uv, linear(matrices, uv)), np.isfinite(uv[..., 0]))
+    own[np.isfinite(uv[..., 0]).sum(axis=1) < FEWEST_SHARED] = np.nan
+    if not np.isfinite(own).any():
+        return None
+    scatter = np.array([_jitter(one[None]) or np.inf for one in ideal_px])  # where it is not known, clicks may be it
+    best = int(np.nanargmin(own))
+    bad = (own > UNEVEN * own[best]) & (own > np.maximum(MANY_SD * scatter, LEAST_UNEVEN_PX))
+    if not bad.any():
+        return None
+    names = [c.name for c in cameras]
+    each = ", ".join(f"{names[c]!r} {own[c]:.1f} px" for c in np.flatnonzero(bad))
+    return Finding(
+        kind="uneven cameras",
+        alarm=True,
+        text=f"WARNING: points of some cameras miss by far more than others': {each} (median), {names[best]!r} "
+        f"{own[best]:.2f} px, and their clicks scatter less: their calibration, lens or pixels are wrong",
+        numbers={"worst_px": float(np.nanmax(own)), "best_px": float(own[best])},
+        cameras=tuple(names[c] for c in np.flatnonzero(bad)),
+    )
 
 
 def _jitter(ideal_px: Array) -> float:
@@ -212,9 +247,9 @@ def lens_findings(
         )
         return [Finding(kind="distortion", alarm=False, text=text, numbers=numbers)]
     why = (
-        "the pixels are already undistorted: leave the camera profile out"
+        "the pixels are already undistorted (leave the camera profile out), or the lens is another camera's"
         if best == "not at all"
-        else "the coefficients were computed from pixels that had been undistorted twice"
+        else "the lenses bend more than the profile states, or the coefficients are of pixels undistorted twice"
     )
     return [
         Finding(

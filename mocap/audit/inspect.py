@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap.audit import audit_recording
-from mocap.cameras.camera import check_cameras, stacked
+from mocap.cameras.camera import check_cameras, stacked, undistorted
 from mocap.cameras.origin import StatedOrigin, decide_origin
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.contents import FileContents
@@ -16,7 +16,7 @@ from mocap.io.describe import summary
 from mocap.io.format import Hints
 from mocap.io.registry import identify, read_as
 from mocap.io.together import joined
-from mocap.io.unstated_unit import in_metres
+from mocap.io.unstated_unit import in_metres, of_cameras
 
 _NOTHING = {"points": 0, "cameras": 0, "frames": 0, "fps": None, "units": None, "missing": None}
 
@@ -45,7 +45,7 @@ def inspect(
             name = format.name
             recording = read_as(format, path, hints)
             recording = recording if fps is None else recording.with_rate(fps)
-            told = in_metres(recording, unit)[1]
+            told = _unit_told(recording, unit)
             recording = recording if unit is None else recording.with_unit(unit)
             recording = replace(recording, findings=(*told, *recording.findings))
         except Exception as error:  # whatever it is, the other files are looked at too
@@ -64,16 +64,20 @@ def inspect(
 
 def _audited(found: dict[str, Any], recording: FileContents, corners: StatedOrigin) -> dict[str, Any]:
     """With what the audit says: sentences among ``findings``, everything under ``audit``."""
+    refused = False
     try:
         check_cameras(recording.cameras, recording.paths[0].name)
     except CalibrationError as error:
         found["findings"].append(str(error))
+        refused = True
     try:
         with np.errstate(all="ignore"):  # of cameras that are none
-            audited = [f for f in audit_recording(recording, corners) if f.as_json() not in found.get("audit", [])]
+            audited = audit_recording(recording, corners)
     except (ValueError, ArithmeticError) as error:  # NumPy's LinAlgError is one: numbers that no rig has
-        found["findings"].append(f"the audit could not be completed: {error}")
-        audited = []
+        if not refused:
+            found["findings"].append(f"the audit could not be completed: {error}")
+        audited = audit_recording(replace(recording, cameras=()), corners)
+    audited = [f for f in audited if f.as_json() not in found.get("audit", [])]
     found["audit"] = [*found.get("audit", []), *(f.as_json() for f in audited)]
     found["findings"] += [f.text for f in audited]
     return found
@@ -92,7 +96,26 @@ def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners
         f"together with {', '.join(path.name for path in whole.paths[1:])}: {len(whole.names)} points, "
         f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
     )
+    found["findings"] += _unit_told(whole, None)
     _audited(found, whole, corners)
+
+
+def _unit_told(recording: FileContents, unit: str | None) -> tuple[str, ...]:
+    """What is assumed of the unit of positions, or of pixels with their calibration; also that no unit would do."""
+    try:
+        if recording.pixels is None or not recording.cameras or recording.unit is not None or unit is not None:
+            return in_metres(recording, unit)[1]
+        if not len(recording.pixels.cameras) == len(recording.cameras) > 1:
+            return ()
+        check_cameras(recording.cameras, recording.paths[0].name)
+        ideal = undistorted(recording.cameras, recording.pixels.uv_px)
+        return of_cameras(stacked(recording.cameras), ideal, where=recording.paths[0].name)[1]
+    except CalibrationError:
+        return ()  # told by the audit
+    except FormatError as error:
+        if unit is not None:
+            raise
+        return (str(error),)
 
 
 def _two_calibrations(recordings: Sequence[FileContents]) -> str | None:

@@ -17,6 +17,9 @@ BESIDE = 3
 FAR, ACROSS = 4.0, 2.5
 """A jump is longer by that factor than what speeds before and after it explain: between neighbouring frames, where a
 careless click looks like one, and across a hole."""
+APART = 0.1
+"""No jump is shorter than that share of the way to the nearest other marker: soft tissue and noise move one as far.
+It goes to another marker's place where it ends within that share of its own length from there."""
 
 
 def usual_speed(xyz_m: Array, t_s: Array) -> float:
@@ -33,7 +36,7 @@ def usual_speed(xyz_m: Array, t_s: Array) -> float:
     return FAST * float(np.quantile(speed, QUANTILE)) if len(speed) >= FEWEST_STEPS else np.inf
 
 
-def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str = "m") -> list[Finding]:
+def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True) -> list[Finding]:
     """Markers that jump from one place to another, in one frame or in a hole of a few.
 
     A step is a jump where it is faster than ``usual_speed``, and far longer than the motion before and after it
@@ -43,13 +46,13 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str =
         xyz_m: (T, M, 3) positions; NaN where not seen.
         t_s: (T,) times.
         names: The M markers.
-        unit: Of the positions, for the text; lengths in metres are told in mm.
+        timed: Whether the frame rate is known; else times are in frames, and so speeds are told.
     """
     limit = usual_speed(xyz_m, t_s)
     if not np.isfinite(limit):
         return []
     usual = limit / FAST
-    scale, small = (1e3, "mm") if unit == "m" else (1.0, unit)
+    told = "{:.3g} m/s".format if timed else (lambda speed: f"{1e3 * speed:.4g} mm per frame")
     found = []
     for m, name in enumerate(names):
         frames = np.flatnonzero(np.isfinite(xyz_m[:, m, 0]))
@@ -69,17 +72,41 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, unit: str =
             if left < (FAR if hole[i] == 1 else ACROSS) * explained or left < 0.5 * np.linalg.norm(step[i]):
                 continue
             length = float(np.linalg.norm(step[i]))
+            other, near = _nearest(xyz_m, m, (frames[i], frames[i + 1]))
+            if length < APART * near:
+                continue
+            cause = "its clicks are wrong before or after, or it was set elsewhere"
+            if other is not None and near < APART * length:
+                cause = f"as if it had been {str(names[other])!r} before or after, {1e3 * near:.4g} mm away"
             found.append(
                 Finding(
                     kind="jump",
                     alarm=True,
-                    text=f"{name!r} jumps by {scale * length:.4g} {small} between frames {frames[i] + 1} and "
-                    f"{frames[i + 1] + 1} ({speed[i]:.3g} {unit}/s; 99.9 % of all steps are slower than {usual:.3g} "
-                    f"{unit}/s): it was another marker before or after, or its clicks are wrong there; do not trust a "
-                    "gap filled between the two",
+                    text=f"{name!r} jumps by {1e3 * length:.4g} mm between frames {frames[i] + 1} and "
+                    f"{frames[i + 1] + 1} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
+                    f"{cause}; do not trust a gap filled between the two",
                     numbers={"length": length, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),
                     frames=(int(frames[i]) + 1, int(frames[i + 1]) + 1),
                 )
             )
     return found
+
+
+def _nearest(xyz_m: Array, marker: int, frames: tuple[int, int]) -> tuple[int | None, float]:
+    """The other marker nearest to where one goes, in the frame before, or to where it was, in the frame after.
+
+    Args:
+        xyz_m: (T, M, 3) positions.
+        marker: Which jumps.
+        frames: From where and to where.
+
+    Returns:
+        Its number and distance; None and 0 where no other marker is seen.
+    """
+    before, after = frames
+    ways = np.stack([xyz_m[before] - xyz_m[after, marker], xyz_m[after] - xyz_m[before, marker]])
+    far = np.linalg.norm(ways, axis=-1).min(axis=0, initial=np.inf, where=np.isfinite(ways).all(axis=-1))
+    far[marker] = np.inf
+    nearest = int(np.argmin(far))
+    return (nearest, float(far[nearest])) if np.isfinite(far[nearest]) else (None, 0.0)

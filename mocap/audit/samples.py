@@ -1,4 +1,4 @@
-"""Checks of tracks alone: zeros that mean missing, quantised pixels, copied frames and cameras, wrong units."""
+"""Checks of tracks alone: quantised pixels, copied frames and cameras, wrong units."""
 
 from collections.abc import Sequence
 
@@ -10,79 +10,56 @@ from mocap.audit.finding import MOST, Finding
 from mocap.records import MarkerTracks, PixelTracks
 
 STEPS_PX = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
+BESIDE = 2
+"""Steps on each side of repeated frames of which one has at least half of the usual length."""
+FEWEST_COARSE = 20
+"""Numbers beyond 2048 steps that all lie on every second one: by chance once in a million."""
 BODY_M = (2e-3, 15.0)
 """Sizes of animals and parts of them, from the wing of a fly to a whale."""
 
 
 def pixel_findings(pixels: PixelTracks) -> list[Finding]:
-    """Zeros, quantisation, repeated frames and copied cameras of pixel tracks."""
+    """Quantisation, repeated frames and copied cameras of pixel tracks."""
     found = []
     for c, camera in enumerate(pixels.cameras):
         uv = pixels.uv_px[c]
-        found += [*_zeros(uv, pixels.names, "pixels", camera), *_steps(uv, camera), *_repeats(uv, camera)]
+        found += [*_steps(uv, camera), *_repeats(uv, camera)]
     return found + _copied_tracks(pixels)
 
 
 def point_findings(points: MarkerTracks) -> list[Finding]:
-    """Zeros, repeated frames and lengths that no animal has, of positions."""
-    return [*_zeros(points.xyz_m, points.names, "positions", None), *_repeats(points.xyz_m, None), *sizes(points.xyz_m)]
-
-
-def _zeros(values: Array, names: Sequence[str], what: str, camera: str | None) -> list[Finding]:
-    """All coordinates of (T, M, 2 or 3) tracks exactly zero, where the marker was nowhere near before and after.
-
-    A marker may pass through zero; it then comes from near by. Zeros count as missing where the nearest samples that
-    are not zero are further off than 10 of the track's usual steps.
-    """
-    zero = (values == 0).all(axis=-1)
-    markers, frames = [], []
-    for m in np.flatnonzero(zero.any(axis=0)):
-        real = np.flatnonzero(np.isfinite(values[:, m, 0]) & ~zero[:, m])
-        if not len(real):
-            markers, frames = [*markers, m], [*frames, *np.flatnonzero(zero[:, m])]
-            continue
-        steps = np.linalg.norm(np.diff(values[real, m], axis=0), axis=-1) / np.diff(real)
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        at = np.flatnonzero(zero[:, m])
-        near = real[np.abs(real[None, :] - at[:, None]).argmin(axis=1)]
-        far = np.linalg.norm(values[near, m], axis=-1) > 10 * usual * np.abs(near - at) + 1e-12
-        if far.any():
-            markers.append(m)
-            frames += list(at[far])
-    if not frames:
-        return []
-    whose = "" if camera is None else f" of camera {camera!r}"
-    return [
-        Finding(
-            kind="zeros",
-            alarm=True,
-            text=f"{len(frames)} {what}{whose} are exactly zero although the marker is far from there before and "
-            "after: they mark missing samples and must not be read as positions",
-            numbers={"samples": len(frames)},
-            cameras=() if camera is None else (camera,),
-            markers=tuple(str(names[int(m)]) for m in markers),
-            frames=_first(frames),
-        )
-    ]
+    """Repeated frames and lengths that no animal has, of positions."""
+    return [*_repeats(points.xyz_m, None), *sizes(points.xyz_m)]
 
 
 def _steps(uv: Array, camera: str) -> list[Finding]:
-    """Pixels on a grid: integers, halves, or the numbers that float16 holds."""
-    values = uv[np.isfinite(uv)]
+    """Pixels on a grid: whole numbers, halves, or the numbers that float16 holds.
+
+    Whole numbers to 2048 are float16 numbers too, and so are those of any grid to 2048 of its steps. Half precision
+    shows beyond: there its numbers lie on every second, fourth, ... step of the grid that the smaller ones need.
+    """
+    values = np.abs(uv[np.isfinite(uv)])
     values = values[:: max(1, len(values) // 100_000)]
     if len(values) < 20 or len(np.unique(values)) < 10:
         return []
-    step = next((s for s in STEPS_PX if np.mean(np.abs(values / s - np.round(values / s)) < 1e-6) > 0.995), None)
-    half = np.abs(values) < 6e4
-    is_half = half.all() and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
-    if is_half and (step is None or (np.abs(values) >= 1024 * step).any()):
-        coarsest = float(2.0 ** np.floor(np.log2(np.abs(values).max() / 1024)))
-        text = f"were stored in half precision (float16): the largest are rounded to {coarsest:g} px"
+
+    def on(step: float) -> float:
+        return float(np.mean(np.abs(values / step - np.round(values / step)) * step < 1e-6))
+
+    step = next((s for s in STEPS_PX if on(s) > 0.995), None)
+    held = values.max() < 6e4 and (np.abs(values.astype(np.float16).astype(float) - values) < 1e-6).all()
+    finest = next((s for s in 2.0 ** np.arange(4, -14, -1) if on(s) == 1), None) if held else None
+    if finest is not None and np.count_nonzero(values >= 2048 * finest) >= FEWEST_COARSE:
+        coarsest = float(2.0 ** np.floor(np.log2(values.max() / 1024)))
+        text = (
+            f"were stored in half precision (float16): the smallest need steps of {finest:g} px, the largest are "
+            f"rounded to {coarsest:g} px"
+        )
         numbers = {"step_px": coarsest, "sd_px": coarsest / np.sqrt(12)}
     elif step is not None:
         text = (
-            f"are multiples of {step:g} px: rounding alone gives errors of {step / np.sqrt(12):.2f} px (standard "
-            "deviation)"
+            f"are multiples of {step:g} px{' (whole pixels)' if step == 1 else ''}: rounding alone gives errors of "
+            f"{step / np.sqrt(12):.2f} px (standard deviation)"
         )
         numbers = {"step_px": step, "sd_px": step / np.sqrt(12)}
     else:
@@ -111,19 +88,40 @@ def _repeats(values: Array, camera: str | None) -> list[Finding]:
     markers = float(np.count_nonzero(both, axis=1)[repeats].mean())
     if alone**markers > 0.01 or (markers < 2 and np.mean(repeats[judged]) > 0.5):
         return []  # markers stand still one by one, so that all of them may by chance
-    at = np.flatnonzero(repeats) + 1
+    at = np.flatnonzero(repeats & _in_motion(values, repeats)) + 1
+    if not len(at):
+        return []
     whose = "" if camera is None else f" of camera {camera!r}"
     return [
         Finding(
             kind="repeated frames",
             alarm=True,
-            text=f"{len(at)} frames{whose} are identical to the previous frame in every digit: the recording "
-            "stalled there",
+            text=f"{len(at)} frames{whose} are identical to the previous frame in every digit, while what is "
+            "recorded moves before and after: the recording stalled, or frames were stored twice",
             numbers={"frames": len(at), "share": len(at) / len(values)},
             cameras=() if camera is None else (camera,),
             frames=_first(at),
         )
     ]
+
+
+def _in_motion(values: Array, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(T - 1,) steps of runs with steps of usual length on both sides: what comes to rest and lies still is no fault.
+
+    Args:
+        values: (T, M, d) tracks.
+        repeats: (T - 1,) steps of length 0.
+    """
+    length = np.linalg.norm(np.diff(values, axis=0), axis=-1)
+    known = np.isfinite(length)
+    step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
+    usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
+    moves = ~repeats & (step >= usual / 2)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
+    out = np.zeros(len(repeats), dtype=bool)
+    for start, stop in edges.reshape(-1, 2):
+        out[start:stop] = moves[max(0, start - BESIDE) : start].any() and moves[stop : stop + BESIDE].any()
+    return out
 
 
 def _copied_tracks(pixels: PixelTracks) -> list[Finding]:

@@ -6,21 +6,23 @@ Nothing here does: a graph of tasks without dependencies is given to the schedul
 import logging
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from multiprocessing import current_process
 from pathlib import Path
+from queue import Empty, Queue
 from typing import Any
 
 from dask import config
 from dask._task_spec import Task
 from dask.utils import parse_bytes
-from distributed import Client, Future, KilledWorker, LocalCluster, as_completed
+from distributed import Client, Future, KilledWorker, LocalCluster
 
-from mocap.batches.known import Options, Record
+from mocap.batches.known import NoWorkers, Options, Record
 from mocap.batches.one import stated_of
 from mocap.batches.trial import Trial
 from mocap.batches.worker import TOPIC, track_here
-from mocap.errors import MocapError
+from mocap.errors import MocapError, shown_elsewhere
 
 CONFIG = {
     "distributed.scheduler.allowed-failures": 1,  # a trial whose worker dies is tried once more
@@ -40,15 +42,20 @@ CONFIG = {
         "OPENBLAS_NUM_THREADS": 1,
     },
     "distributed.comm.timeouts.connect": "60s",
+    "distributed.deploy.lost-worker-timeout": "1d",  # after its 15 s a busy machine's process, not up yet, was given up
 }
+WORKER_S = 300.0
+"""Seconds; where no trial ends for so long, workers are looked for, and waited for as long: Dask, too, counts one that
+is silent for five minutes as dead."""
 LEAST_MEMORY = 500_000_000
 """Bytes; a process that has read no trial yet holds half of it."""
 CONNECT_S = 10.0
 """So long a scheduler may take to answer."""
 GUARD = (
     "the processes of the workers could not be started: in a script, call mocap.batch below "
-    '`if __name__ == "__main__":`, as every process reads the script first'
+    '`if __name__ == "__main__":`, as every process reads the script first; else see whether memory is left'
 )
+GONE = "the connection to the Dask scheduler has ended: see whether it runs"
 
 
 @contextmanager
@@ -61,7 +68,8 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
         scheduler: Address of a scheduler that runs; the others are then its own affair.
 
     Raises:
-        MocapError: the processes do not start, their memory is too small, or no scheduler answers.
+        MocapError: their memory is too small, or no scheduler answers.
+        NoWorkers: the processes do not start.
     """
     _check(memory)
     if getattr(current_process(), "_inheriting", False):
@@ -89,7 +97,7 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
                 silence_logs=logging.CRITICAL,
             )
         except RuntimeError as error:
-            raise MocapError(f"{GUARD} ({error})") from None
+            raise NoWorkers(f"{GUARD} ({error})") from None
         with cluster, Client(cluster, set_as_default=False) as found:
             yield found
 
@@ -122,6 +130,9 @@ def tracked(
         out: The folder of results, which every worker can write.
         again: Whether those are tracked again that have been.
         hear: Told the address of a worker, the trial that it is at, and what it does.
+
+    Raises:
+        NoWorkers: the cluster has none left.
     """
 
     def heard(event: tuple[float, Any]) -> None:
@@ -132,20 +143,69 @@ def tracked(
     # marked as producers of data, tasks wait at the scheduler and not at a worker whose death they would be accused of
     graph = {key: Task(key, track_here, trial, options, out, again, _data_producer=True) for key, trial in keys.items()}
     futures = connected.get(graph, list(graph), sync=False, retries=1)
-    for future in as_completed(futures, loop=connected.loop):
+    ended: Queue[Future] = Queue()
+    for future in futures:
+        future.add_done_callback(ended.put)
+    for _ in futures:
+        while True:
+            try:
+                future = ended.get(timeout=WORKER_S)
+                break
+            except Empty:
+                _need_workers(connected)
         trial = keys[future.key]
-        try:  # a result that died with its worker before it was fetched is waited for: its status is not "finished"
-            ended: tuple[Record, float | None] = future.result()
+        try:
+            went: tuple[Record, float | None] = _result(connected, future)
+        except NoWorkers:
+            raise
         except Exception:  # whatever it was, the other trials go on
-            ended = Record(trial=trial.name, status="failed", error=_why(future), row=stated_of(trial)), None
-        yield ended
+            went = Record(trial=trial.name, status="failed", error=_why(future), row=stated_of(trial)), None
+        yield went
         future.release()
     connected.unsubscribe_topic(TOPIC)
 
 
 def on_worker(connected: Client, work: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of one call on a worker."""
-    return connected.submit(work, *arguments, pure=False).result()
+    """The result of one call on a worker.
+
+    Raises:
+        MocapError: what the call raises; its process died.
+        NoWorkers: the cluster has none left.
+    """
+    future = connected.submit(work, *arguments, pure=False)
+    try:
+        return _result(connected, future)
+    except KilledWorker:
+        raise MocapError(_why(future)) from None
+
+
+def _result(connected: Client, future: Future) -> Any:
+    """What a call on a worker gives; if that died with the worker before it was fetched, it is made again."""
+    while True:
+        try:
+            return future.result(WORKER_S)
+        except TimeoutError:
+            if future.status == "error":  # the call's own
+                raise
+            _need_workers(connected)
+        except CancelledError:  # as all are when the scheduler has gone
+            raise NoWorkers(GONE) from None
+
+
+def _need_workers(connected: Client) -> None:
+    """Wait until there is a worker.
+
+    Raises:
+        NoWorkers: none comes.
+    """
+    if connected.status != "running":
+        raise NoWorkers(GONE)
+    try:
+        connected.wait_for_workers(1, timeout=WORKER_S)
+    except OSError:  # also that the time is over
+        raise NoWorkers(
+            f"the cluster has been without a worker for {WORKER_S:g} s: see whether its hosts have memory left"
+        ) from None
 
 
 def _why(future: Future) -> str:
@@ -153,14 +213,15 @@ def _why(future: Future) -> str:
     error = future.exception()
     if isinstance(error, KilledWorker):
         return (
-            "the process that tracked it died twice, as where its memory is used up: give fewer `jobs` or more "
+            "its process died twice, as where its memory is used up: give fewer `jobs` or more "
             "`memory`, or take a shorter part of the recording"
         )
     text = " ".join(str(error).split())
     if isinstance(error, MocapError):
         return text
     if isinstance(error, OSError) and error.filename:
-        return f"{error.filename}: {error.strerror}"
+        advice = f"{shown_elsewhere(error)}check that it is there and that you may use it"
+        return f"{error.filename}: {error.strerror}: {advice}"
     place = traceback.extract_tb(future.traceback())  # type: ignore[arg-type]
     where = f" at {Path(place[-1].filename).name}:{place[-1].lineno}" if place else ""
     return f"{type(error).__name__}{where}: {text[:300]}: this is an error in mocap, not in your data: please report it"

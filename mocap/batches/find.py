@@ -9,15 +9,13 @@ from typing import Any
 
 from mocap.batches.manifest import check_name, is_manifest, read_manifest
 from mocap.batches.roles import CALIBRATIONS, TRACKS, are_pixels, base, camera_names, role
-from mocap.batches.trial import Trial
+from mocap.batches.trial import Trial, some
 from mocap.errors import MocapError, OutputError
 from mocap.io.format import Hints
 from mocap.io.manifest import read_manifest as read_listing
 
 WRITTEN = ("track", "batch")
 """Results of mocap in whose folders no trials are looked for."""
-MOST_NAMED = 4
-"""Files that a message names."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,5 +329,5 @@ def _chosen(paths: Sequence[Path], formats: Mapping[Path, str], name: str, kind:
         paths = [path for path in paths if CALIBRATIONS.index(formats[path]) == first]
     if len(paths) == 1:
         return paths[0], ""
-    some = ", ".join(path.name for path in paths[:MOST_NAMED]) + (", ..." if len(paths) > MOST_NAMED else "")
-    return None, f"{len(paths)} files could be its {kind} ({some}): state which in the manifest"
+    names = some([path.name for path in paths])
+    return None, f"{len(paths)} files could be its {kind} ({names}): state which in the manifest"

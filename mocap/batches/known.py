@@ -3,22 +3,30 @@
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, is_dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from mocap.batches.trial import Trial
-from mocap.errors import OutputError
+from mocap.documents import from_json, regular_bytes
+from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io.crop import crops_beside
-from mocap.io.manifest import current_files, digest
-from mocap.io.output import result_folder
+from mocap.io.lock import locked
+from mocap.io.manifest import PARTIAL, current_files, digest
+from mocap.io.output import recovered, result_folder
 from mocap.results.stored import REST
+from mocap.schema import Entry, Schema, checked
 
 RECORD = "trial.json"
 """The file of a trial's folder that says how it went, and what of."""
 Outcome = Literal["done", "failed", "skipped"]
+
+
+class NoWorkers(MocapError):
+    """The cluster that tracks has no worker left."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,13 +116,25 @@ def _digest(path: Path, _size: int, _changed_ns: int, _node: int) -> str:
     return digest(path)
 
 
+_ENTRIES: Schema = {
+    "trial": Entry(kind="s"),
+    "status": Entry(kind="s", words=get_args(Outcome)),
+    "error": Entry(kind="s"),
+    "key": Entry(kind="s"),
+}
+
+
 def read_record(folder: Path) -> Record | None:
     """How a trial went, by its folder; None where nothing was finished there, or files of the result are gone."""
     files = current_files(folder) if folder.is_dir() else {}
     try:
-        found = json.loads(files[RECORD].read_text(encoding="utf-8"))
-        record = Record(**found)
-    except (KeyError, OSError, ValueError, TypeError):
+        found = from_json(regular_bytes(files[RECORD], follow=False), RECORD)
+        told = {name: value[()] for name, value in checked(RECORD, found, _ENTRIES, again="").items()}
+        row = dict(found["row"])
+        kinds = {key: Entry(kind="s" if isinstance(row[key], str) else "f", needed=False) for key in row}
+        checked(RECORD, row, kinds, again="")
+        record = Record(row=row, **told)
+    except (KeyError, OSError, TypeError, ValueError, FormatError):
         return None
     whole = record.status != "done" or REST in files
     return record if whole and all(path.is_file() for path in files.values()) else None
@@ -137,8 +157,12 @@ def keep(record: Record, folder: Path) -> None:
 
 def known(trial: Trial, options: Options, out: Path) -> Record | None:
     """How a trial went, if that was of the same files, options and version; None: it is to be tracked."""
-    record = read_record(out / trial.name)
-    try:
-        return record if record is not None and record.key and record.key == key_of(trial, options) else None
-    except OSError:
-        return None
+    folder = out / trial.name
+    record = read_record(folder)
+    with suppress(OSError, OutputError):
+        if record is not None and record.key and record.key == key_of(trial, options):
+            if any(folder.glob(f"{PARTIAL}*")):  # nothing else is written there that would clean up
+                with suppress(OSError, OutputError), locked(folder):
+                    recovered(folder)
+            return record
+    return None

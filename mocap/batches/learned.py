@@ -8,12 +8,14 @@ from pathlib import Path
 from mocap.batches.known import Options, key_of
 from mocap.batches.trial import Trial
 from mocap.cameras.origin import OriginError
-from mocap.errors import MocapError
+from mocap.documents import from_json, regular_bytes
+from mocap.errors import FormatError, MocapError
 from mocap.io.output import result_file
 from mocap.library.learning import Model
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
+from mocap.schema import Entry, checked
 
 MODEL, OF = "model.npz", "model.json"
 """The model, and what it was learned from."""
@@ -33,10 +35,10 @@ def model_key(trials: Sequence[Trial], seed: int) -> str:
 def is_learned(trials: Sequence[Trial], seed: int, out: Path) -> bool:
     """Whether the model of these trials, as they are now, has been written."""
     try:
-        found = json.loads((out / OF).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = checked(OF, from_json(regular_bytes(out / OF), OF), {"key": Entry(kind="s")}, again="")
+    except (OSError, FormatError):
         return False
-    return (out / MODEL).is_file() and found.get("key") == model_key(trials, seed)
+    return (out / MODEL).is_file() and found["key"][()] == model_key(trials, seed)
 
 
 def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:

@@ -13,7 +13,7 @@ from mocap.io.output import result_file
 PLAN = "manifest.csv"
 
 
-def write_plan(sources: Sequence[str | Path], out: Path, **stated: Any) -> tuple[Path, list[Trial]]:
+def write_plan(sources: Sequence[str | Path], out: Path, **stated: Any) -> tuple[Path, list[Trial], dict[str, str]]:
     """Find trials as ``mocap.batch`` does, read each, and write the manifest of them; nothing is tracked.
 
     Args:
@@ -22,27 +22,30 @@ def write_plan(sources: Sequence[str | Path], out: Path, **stated: Any) -> tuple
         **stated: Arguments of ``mocap.read`` for all trials.
 
     Returns:
-        The file, and the trials.
+        The file, the trials, and why some of them cannot be tracked, by their names.
 
     Raises:
         MocapError: no trial was found, or the file cannot be written.
     """
     trials = find_trials(sources, stated=stated, out=out)
     path = out if out.suffix.lower() == ".csv" else out / PLAN
-    told = [_told(trial) for trial in trials]
+    errors: dict[str, str] = {}
+    told = [_told(trial, errors) for trial in trials]
     with result_file(path, replace=True, inputs=[file for trial in trials for file in trial.paths]) as file:
         write_manifest(file, trials, folder=path.parent, told=told)
-    return path, trials
+    return path, trials, errors
 
 
-def _told(trial: Trial) -> dict[str, object]:
-    """What its files hold, or why they cannot be read."""
+def _told(trial: Trial, errors: dict[str, str]) -> dict[str, object]:
+    """What its files hold; if they cannot be read, or it is skipped, ``errors`` gets why."""
     if trial.skip:
+        errors[trial.name] = trial.skip
         return {"note": "not tracked"}
     try:
         found = trial.recording().contents
     except MocapError as error:
-        return {"note": " ".join(str(error).split())}
+        errors[trial.name] = " ".join(str(error).split())
+        return {"note": errors[trial.name]}
     return {
         "frames": len(found.frames),
         "markers": len(found.names),

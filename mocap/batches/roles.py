@@ -46,6 +46,7 @@ TRACKS = (
     "dltdv-xyzpts",
     "argus-xyzpts",
     "xmalab-3d",
+    "csv",
 )
 """Formats of trials; of several files of one trial the first is tracked, as the rawest."""
 SPARSE = ("dltdv-sparse", "argus-sparse")
@@ -77,15 +78,22 @@ def role(path: Path, hints: Hints) -> tuple[Role, str]:
         return "calibration", name
     if name in VIEWS:
         return "view", name
+    if name == "csv":
+        return _plain_table(path, hints)
     if name == "camera-profile":
         return "profile", name
     if name in SPARSE and not re.search(r"xyz?pts\.tsv$", path.name, re.IGNORECASE):
         return "none", name
-    if name in TRACKS or (name == "csv" and (hints.columns or hints.format)):
-        return "tracks", name
-    if name != "csv":
-        return "none", name
-    return "unknown", f"{path.name}: a table without known titles: state what its columns hold with `columns`"
+    return ("tracks", name) if name in TRACKS else ("none", name)
+
+
+def _plain_table(path: Path, hints: Hints) -> tuple[Role, str]:
+    """A table in no program's format is what ``mocap track`` reads it as; if columns are stated, it is a trial."""
+    try:
+        found = read(path, hints)
+    except MocapError as error:
+        return ("tracks", "csv") if hints.columns else ("unknown", str(error))
+    return ("view" if found.pixels is not None else "tracks"), "csv"
 
 
 def are_pixels(path: Path, format: str) -> bool:

@@ -13,7 +13,7 @@ import pandas as pd
 
 from eal.needs import needs
 from mocap.batches.find import find_trials
-from mocap.batches.known import Options, Record, keep, known, read_record
+from mocap.batches.known import NoWorkers, Options, Record, keep, known, read_record
 from mocap.batches.learned import MODEL, is_learned, learn_model
 from mocap.batches.one import stated_of
 from mocap.batches.summary import TIMES, counted, read_times, summed, table, write_summary, write_times
@@ -41,7 +41,6 @@ class Progress:
         total: All trials of this run that are not skipped.
         left_s: Estimate of the seconds left; None: too early to say.
         workers: What each worker is doing, by its name.
-        last: The trial that has just ended; None: none has.
     """
 
     done: int
@@ -50,7 +49,6 @@ class Progress:
     total: int
     left_s: float | None
     workers: Mapping[str, str]
-    last: Record | None = None
 
 
 def unwatched(_progress: Progress) -> None:
@@ -137,7 +135,8 @@ def batch(
         **stated: Arguments of ``mocap.read`` for all trials: ``fps``, ``unit``, ``calibration``, ``skeleton``, ...
 
     Raises:
-        MocapError: no trial was found, or the results cannot be written.
+        MocapError: no trial was found, the results cannot be written, or no worker is left to track (what is done is
+            kept).
     """
     needs("mocap batch", "batch", "dask", "distributed")
     part, parts = shard_of(shard)
@@ -179,27 +178,33 @@ def _track(
     memory: str | float | None,
     scheduler: str | None,
 ) -> None:
-    """Track what is missing on Dask."""
+    """Track what is missing on Dask.
+
+    Raises:
+        NoWorkers: a cluster of our own was without workers twice, and no trial ended between; or another's was.
+    """
     from mocap.batches import engine
 
-    missing = state.missing
-    with engine.client(jobs=min(jobs, len(missing)), memory=memory, scheduler=scheduler) as connected:
-        if learn:
-            state.hear("", "model", "learning from all trials")
-            engine.on_worker(connected, learn_model, state.todo, state.out, options.seed)
-            state.doing.clear()
-            state.numbers.clear()
-        for record, seconds in engine.tracked(
-            connected,
-            missing,
-            options,
-            state.out,
-            again=again,
-            hear=state.hear,
-        ):
-            if seconds is None:
-                keep(record, state.out / record.trial)
-            state.ended(record, seconds)
+    in_vain = 0
+    while missing := state.missing:
+        try:
+            with engine.client(jobs=min(jobs, len(missing)), memory=memory, scheduler=scheduler) as connected:
+                if learn:
+                    state.hear("", "model", "learning from all trials")
+                    engine.on_worker(connected, learn_model, state.todo, state.out, options.seed)
+                    learn = False
+                    state.forget_workers()
+                for record, seconds in engine.tracked(
+                    connected, missing, options, state.out, again=again, hear=state.hear
+                ):
+                    if seconds is None:
+                        keep(record, state.out / record.trial)
+                    state.ended(record, seconds)
+        except NoWorkers:
+            in_vain = in_vain + 1 if state.missing == missing else 0
+            if scheduler is not None or in_vain == 2:
+                raise
+            state.forget_workers()
 
 
 @dataclass(kw_only=True)
@@ -257,18 +262,24 @@ class _State:
             self.doing[worker] = trial, stage
             self._tell()
 
+    def forget_workers(self) -> None:
+        """Others come."""
+        with self.turn:
+            self.doing.clear()
+            self.numbers.clear()
+
     def ended(self, record: Record, seconds: float | None) -> None:
         """A trial has ended."""
         with self.turn:
             self.went[record.trial] = record
             self.doing = {worker: does for worker, does in self.doing.items() if does[0] != record.trial}
-            self._tell(record)
+            self._tell()
         if seconds is not None:
             self.taken[record.trial] = seconds
         if not self.shared and monotonic() - self.refreshed_s > REFRESH_S:
             self.sum_up()
 
-    def _tell(self, last: Record | None = None) -> None:
+    def _tell(self) -> None:
         """Say how far it is."""
         ended = len(self.went) - self.before
         left = (monotonic() - self.begun_s) / ended * len(self.missing) if ended else None
@@ -280,7 +291,6 @@ class _State:
                 total=len(self.todo),
                 left_s=left,
                 workers={f"worker {self.numbers[w]}": f"{t}: {stage}" for w, (t, stage) in self.doing.items()},
-                last=last,
             )
         )
 
@@ -312,12 +322,12 @@ class _State:
 
     @contextmanager
     def summed_up_when_stopped(self) -> Iterator[None]:
-        """Ctrl-C leaves a summary of what has been finished, and says so."""
+        """Ctrl-C, or that no worker is left, leaves a summary of what has been finished, and says so."""
         try:
             yield
-        except KeyboardInterrupt as stop:
+        except (KeyboardInterrupt, NoWorkers) as stop:
             self.sum_up()
-            stop.kept = (  # type: ignore[attr-defined]
+            stop.kept = (  # type: ignore[union-attr]
                 f"{len(self.went)} of {len(self.todo)} trials are finished in {self.out}: the same command goes on"
             )
             raise

@@ -3,14 +3,20 @@
 import csv
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from html import escape
 from importlib.resources import files
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from mocap.batches.known import Record
+from mocap.batches.roles import DATA
+from mocap.batches.trial import some
+from mocap.documents import regular_bytes
+from mocap.errors import FormatError
 from mocap.io.cells import as_cell
 from mocap.io.output import result_file
 
@@ -89,8 +95,9 @@ def read_times(out: Path) -> dict[str, float]:
     """Seconds that each trial took, as far as they are known."""
     found: dict[str, float] = {}
     for path in sorted(out.glob(f"{TIMES}*.csv")):
-        with path.open(encoding="utf-8", newline="") as stream:
-            found |= {row["trial"]: float(row["seconds"]) for row in csv.DictReader(stream)}
+        with suppress(OSError, ValueError, KeyError, TypeError, csv.Error, FormatError):  # a damaged one tells nothing
+            rows = csv.DictReader(regular_bytes(path).decode("utf-8").splitlines())
+            found |= {row["trial"]: seconds for row in rows if isfinite(seconds := float(row["seconds"]))}
     return found
 
 
@@ -118,6 +125,26 @@ def counted(records: Sequence[Record]) -> str:
     count = {status: sum(r.status == status for r in records) for status in ("done", "failed", "skipped")}
     told = ", ".join(f"{number} {status}" for status, number in count.items() if number)
     return f"{len(records)} trial{'' if len(records) == 1 else 's'}: {told or 'none finished yet'}"
+
+
+def reasons(errors: Mapping[str, str]) -> list[str]:
+    """Why trials were not tracked, in the order of their names, equal reasons once.
+
+    Args:
+        errors: The reason of each, by its name. Where several have one but for the name of the file that it begins
+            with, that is left out.
+
+    Returns:
+        ``bat1/t1: t1.csv: ...`` of one trial, ``60 trials (a, b, c, d, ...): ...`` of several.
+    """
+    found: dict[str, list[str]] = {}
+    for trial, error in sorted(errors.items()):
+        file, _, rest = error.partition(": ")
+        found.setdefault(rest if Path(file).suffix.lower() in DATA else error, []).append(trial)
+    return [
+        f"{trials[0]}: {errors[trials[0]]}" if len(trials) == 1 else f"{len(trials)} trials ({some(trials)}): {reason}"
+        for reason, trials in found.items()
+    ]
 
 
 def summed(records: Sequence[Record]) -> str:

@@ -1,7 +1,7 @@
 """A trial of a batch: its files, and what is stated about them."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ STATED = {
     "crop": Path,
 }
 """What a manifest can state of a trial: arguments of ``mocap.read``, and the type of each."""
+MOST_NAMED = 4
+"""Names that a message tells of many."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +51,11 @@ class Trial:
             MocapError: they cannot be read.
         """
         return read(list(self.paths), **self.stated)
+
+
+def some(names: Sequence[str]) -> str:
+    """``a, b, c, d, ...``."""
+    return ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
 
 
 def relative(path: Path, folder: Path) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
+from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.rig import RigCamera
 from mocap.calibration.scene import Adjusted, Free, Scene, Sightings
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
@@ -110,7 +111,13 @@ def fit_intrinsics(
 
 def _held_out(views: Sequence[Corners], size_px: tuple[int, int], choice: str, name: str, folds: int) -> Array:
     """(n,) mean squared error of each picture with a lens that was fitted without it."""
-    part = np.arange(len(views)) % min(folds, len(views))
+    shape = [np.append(v.uv_px.mean(axis=0), v.uv_px.std(axis=0)) for v in views]
+    pose = distinct(np.stack(shape), within=CLICK_PX)  # pictures of a board that lies still are left out together
+    if not pose.any():
+        raise CalibrationError(
+            f"camera {name!r}: the board lies still in all pictures: film it at more places and tilts"
+        )
+    part = pose % min(folds, pose.max() + 1)
     out = np.empty(len(views))
     for fold in range(part.max() + 1):
         lens = _lens(_fit([v for v, p in zip(views, part, strict=True) if p != fold], size_px, choice, name))

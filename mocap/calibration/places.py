@@ -10,6 +10,7 @@ from scipy import stats
 from scipy.optimize import least_squares
 
 from eal.arrays import Array
+from mocap.calibration.distinct import distinct
 from mocap.calibration.rig import RigCamera, turn
 from mocap.cameras.known_lens import KnownLens
 from mocap.errors import CalibrationError
@@ -125,17 +126,21 @@ def place_camera(known: KnownLens, xyz_m: Array, uv_px: Array, *, labels: Sequen
     labels = labels or [str(i + 1) for i in range(len(xyz_m))]
     name = known.name
     seen = np.flatnonzero(np.isfinite(uv_px).all(axis=-1) & np.isfinite(xyz_m).all(axis=-1))
-    if len(seen) < FEWEST_POINTS:
+    _, once = np.unique(np.concatenate([xyz_m[seen], uv_px[seen]], axis=1), axis=0, return_index=True)
+    seen = seen[np.sort(once)]  # a row that is listed twice is one click
+    place = np.full(len(xyz_m), -1)
+    place[seen] = distinct(xyz_m[seen])
+    if place.max(initial=-1) + 1 < FEWEST_POINTS:
         raise CalibrationError(
-            f"camera {name!r}: {len(seen)} known points were clicked, and {FEWEST_POINTS} are needed (6 or more tell a "
-            "wrong one): click more"
+            f"camera {name!r}: {place.max(initial=-1) + 1} different known points were clicked, and {FEWEST_POINTS} "
+            "are needed (6 or more tell a wrong one): click more"
         )
     spread = np.linalg.svd(xyz_m[seen] - xyz_m[seen].mean(axis=0), compute_uv=False)
     if spread[1] < 1e-3 * spread[0]:
         raise CalibrationError(f"camera {name!r}: its known points lie on one line: add points beside it")
     used, left_out = seen, []
     fit = _best(known, xyz_m[used], uv_px[used])
-    while len(used) > 5 and (worst := _wrong(fit)) is not None:
+    while len(np.unique(place[used])) > 5 and (worst := _wrong(fit)) is not None:
         left_out.append(int(used[worst]))
         used = np.delete(used, worst)
         fit = _best(known, xyz_m[used], uv_px[used])

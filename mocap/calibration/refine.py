@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust
+from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.rig import in_world, rig_camera, similarity
 from mocap.calibration.scene import Free, Lengths, Scene, Sightings
 from mocap.cameras.camera import Camera, stacked
@@ -67,7 +68,7 @@ def refine_cameras(
 ) -> Refined:
     """Refine poses (and focal lengths) from marker tracks.
 
-    Points of two interleaved sets of frames are refined apart, each judged on the other's; the cameras returned are
+    Points of two interleaved sets of poses are refined apart, each judged on the other's; the cameras returned are
     fitted to both. The world stays where it was, as the points tell it; its scale is that of the bones, else the old.
 
     Args:
@@ -95,7 +96,14 @@ def refine_cameras(
     def solve(use: NDArray[np.intp]) -> tuple[Camera, ...]:
         return _solve(cameras, ideal[:, use], found.xyz_m[use], bones, lengths, focal)
 
-    halves = [keep[np.arange(len(keep)) % 2 == i] for i in (0, 1)]
+    pose = distinct(np.moveaxis(ideal[:, keep], 1, 0).reshape(len(keep), -1), within=CLICK_PX)
+    apart = int(np.isfinite(found.xyz_m[keep[np.unique(pose, return_index=True)[1]], :, 0]).sum())
+    if apart < FEWEST_POINTS or not pose.any():
+        raise CalibrationError(
+            f"the markers hardly move: {apart} of {points} points are in different places, and {FEWEST_POINTS} are "
+            "needed: give frames in which they move"
+        )
+    halves = [keep[pose % 2 == i] for i in (0, 1)]  # frames of one pose in one half
     after = np.concatenate([_misses(solve(a), ideal[:, b]) for a, b in (halves, halves[::-1])])
     before = _misses(cameras, ideal[:, keep])
     refined = solve(keep)

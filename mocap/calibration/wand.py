@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.calibration.bundle import adjust, camera_rms
 from mocap.calibration.chain import rigid
+from mocap.calibration.distinct import CLICK_PX, distinct
 from mocap.calibration.first_look import first_stands
 from mocap.calibration.rig import RigCamera, in_world
 from mocap.calibration.scene import Adjusted, Free, Lengths, Scene, Sightings
@@ -97,6 +98,12 @@ def calibrate_wand(
 
     at = np.flatnonzero(whole)
     used_px = wand_px[:, at]
+    place = distinct(np.moveaxis(used_px, 1, 0).reshape(len(at), -1), within=CLICK_PX)
+    if place.max() + 1 < FEWEST_WANDS:
+        raise CalibrationError(
+            f"the wand was in {place.max() + 1} different places at {len(at)} instants, and {FEWEST_WANDS} are needed: "
+            "move it through the whole volume"
+        )
     points_px = np.concatenate(
         [used_px[:, :, 0], used_px[:, :, 1], background_px.reshape(len(lenses), -1, 2)], axis=1
     )  # (C, P, 2)
@@ -125,7 +132,7 @@ def calibrate_wand(
     cameras = adjusted.scene.cameras
     held_out = np.full(len(at), np.nan)
     for fold in range(folds if folds > 1 else 0):
-        out = np.arange(len(at)) % folds == fold
+        out = place % folds == fold  # a wand that lies still is left out whole
         held_out[out] = wand_lengths([c.camera() for c in solve(~out)[0].scene.cameras], used_px[:, out])
     lengths = wand_lengths([c.camera() for c in cameras], used_px)
     least = np.ones(2 * len(at))

@@ -7,10 +7,11 @@ hundreds of pixels; each is tried, for every camera alone and for sets of camera
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cached_property
 from itertools import combinations, permutations, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
@@ -25,6 +26,8 @@ FITS_PX, FITS_SHARE = 4.0, 0.005
 """Rays meet where the median residual is below that, or below that share of the pixels' extent."""
 FEW_POINTS = 50
 """All changes are compared on so many points, the best of them on all."""
+FEWEST_SHARED = 8
+"""Points that two cameras share at least if one is judged by the other."""
 MIRRORS = ("u", "v", "uv")
 SHIFTS = ("+H", "-H", "+W", "-W")
 MOST_CAMERAS = 6
@@ -92,7 +95,8 @@ def find_arrangement(
     """The change of pixels that makes rays meet, where they do not meet as they are.
 
     For up to six cameras every combination of mirrored axes (u, v, both), every set of cameras shifted by the height or
-    the width of a picture, and every order of the cameras is tried. Where picture sizes are not known they are taken
+    the width of a picture, and every order of the cameras is tried; groups of cameras that share no points (left and
+    right pairs) are judged apart. Where picture sizes are not known they are taken
     from the principal point, and then found by the residual.
 
     Args:
@@ -104,45 +108,139 @@ def find_arrangement(
     Returns:
         The change, or None: rays meet as they are, or no change makes them meet.
     """
-    uv = uv_px.reshape(len(uv_px), -1, 2)
-    uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= min(3, len(cameras))]
-    if len(cameras) < 2 or uv.shape[1] < 8:
+    flat = uv_px.reshape(len(uv_px), -1, 2)
+    parts = [
+        _Part.of([cameras[c] for c in group], flat[group], height_px, most_points)
+        for group in groups(np.isfinite(flat[..., 0]))
+    ]
+    parts = [part for part in parts if part.uv.shape[1] >= FEWEST_SHARED]
+    if not parts:
         return None
-    uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)]
-    few = max(1, uv.shape[1] // FEW_POINTS)
-    matrices, sizes = stacked(cameras), _sizes(cameras, height_px)
+    down = min(("", "v"), key=lambda kind: max(part.all_alike(kind) for part in parts))  # rows count alike in all
+    found = [one for part in parts if (one := part.arrangement(down, alone=len(parts) == 1)) is not None]
+    if not found:
+        return None
+    worst = max(found, key=lambda one: one.residual_px)
+    return replace(
+        worst,
+        cameras=tuple(name for one in found for name in one.cameras),
+        change=", and ".join(one.change for one in found),
+        undone_px=max(one.undone_px for one in found),
+    )
 
-    @cache
-    def view(index: int, kind: str, to: int, wide: float, high: float, step: int) -> Array:
-        pixels = _changed(uv[index, ::step], kind, sizes[to] * (wide, high))
-        return undistorted([cameras[to]], pixels[None])[0]
 
-    one = np.ones(2)
+def groups(seen: NDArray[np.bool_]) -> list[list[int]]:
+    """Cameras that share points, directly or through others, and are judged together: left and right pairs are apart.
 
-    def median(change: _Change, stretch: Array, step: int = 1) -> float:
-        ideal = np.empty_like(uv[:, ::step])
+    Args:
+        seen: (C, K) which camera sees which point.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    often = seen[:, seen.sum(axis=0) >= 2].astype(int)
+    _, label = connected_components(often @ often.T >= FEWEST_SHARED, directed=False)
+    return [[int(c) for c in np.flatnonzero(label == k)] for k in np.unique(label) if (label == k).sum() > 1]
+
+
+def by_camera(residual: Array, seen: NDArray[np.bool_]) -> Array:
+    """(C,) median residual of the points that each camera sees; NaN where it sees none.
+
+    Args:
+        residual: (K,) pixels; NaN without a point.
+        seen: (C, K) which camera sees which point.
+    """
+    own = [residual[s & np.isfinite(residual)] for s in seen]
+    return np.array([np.median(some) if len(some) else np.nan for some in own])
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Cameras that share points, and the points that they are judged by.
+
+    A camera is judged by its points of three rays or more, which leave less room for chance; by those of two if it has
+    few of three. What counts is the camera whose points fit worst: good ones do not outvote it.
+
+    Attributes:
+        cameras: The C cameras.
+        uv: (C, K, 2) pixels.
+        sizes: (C, 2) picture widths and heights.
+    """
+
+    cameras: tuple[Camera, ...]
+    uv: Array
+    sizes: Array
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera], uv: Array, height_px: float | None, most_points: int) -> "_Part":
+        """Of (C, K, 2) pixels, at most so many of their points."""
+        seen = np.isfinite(uv[..., 0])
+        count = seen.sum(axis=0)
+        many = count >= min(3, len(cameras))
+        lonely = (seen & many).sum(axis=1) < FEWEST_SHARED
+        uv = uv[:, many | ((count >= 2) & seen[lonely].any(axis=0))]
+        some = np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)
+        return cls(tuple(cameras), uv[:, some], _sizes(cameras, height_px))
+
+    @cached_property
+    def _matrices(self) -> Array:
+        return stacked(self.cameras)
+
+    @cached_property
+    def _views(self) -> dict[tuple, Array]:
+        return {}
+
+    def _view(self, index: int, kind: str, to: int, wide: float, high: float, step: int) -> Array:
+        key = (index, kind, to, wide, high, step)
+        if key not in self._views:
+            pixels = _changed(self.uv[index, ::step], kind, self.sizes[to] * (wide, high))
+            self._views[key] = undistorted([self.cameras[to]], pixels[None])[0]
+        return self._views[key]
+
+    def median(self, change: _Change, stretch: Array, step: int = 1) -> float:
+        """The median residual of the worst camera with a change, every ``step``-th point."""
+        ideal = np.empty_like(self.uv[:, ::step])
         for i, (kind, to) in enumerate(zip(change.kinds, change.order, strict=True)):
-            ideal[to] = view(i, kind, to, *(stretch if kind else one), step)
+            wide, high = stretch if kind else np.ones(2)
+            ideal[to] = self._view(i, kind, to, float(wide), float(high), step)
         with np.errstate(all="ignore"):
-            miss = residual_px(matrices, ideal, linear(matrices, ideal))
-        return float(np.nanmedian(miss)) if np.isfinite(miss).mean() > 0.5 else np.inf
+            miss = residual_px(self._matrices, ideal, linear(self._matrices, ideal))
+        own = by_camera(miss, np.isfinite(ideal[..., 0]))
+        return float(np.nanmax(own)) if np.isfinite(miss).mean() > 0.5 else np.inf
 
-    n = len(cameras)
-    as_is = min(median(_Change(("",) * n, tuple(range(n))), one), median(_Change(("v",) * n, tuple(range(n))), one))
-    if as_is < LOOKED_AT_PX:
-        return None
-    tried = sorted(((median(c, one, few), i, c) for i, c in enumerate(_changes(n))), key=lambda t: t[:2])
-    known = all(c.size_px is not None for c in cameras)
-    refined = [(*_refined(median, change, known, few), change) for _, _, change in tried[:6]]
-    fit = min(residual for residual, _, _ in refined)
-    alike = sorted((t for t in refined if t[0] < 1.5 * fit), key=lambda t: (_count(t[2]), t[0]))
-    best, stretch, change = alike[0]
-    extent = float(np.nanmax(uv) - np.nanmin(uv))
-    if best > max(FITS_PX, FITS_SHARE * extent) or not best * BETTER < as_is or change.plain():
-        return None
-    found = _named(cameras, change, sizes * stretch, as_is, best)
-    others = [_named(cameras, c, sizes * s, as_is, best).change for _, s, c in alike[1:] if not _alike(c, change)]
-    return replace(found, others=tuple(o for o in dict.fromkeys(others) if o != found.change))
+    def all_alike(self, kind: str) -> float:
+        """The same with one change of the pixels in all cameras."""
+        n = len(self.cameras)
+        return self.median(_Change((kind,) * n, tuple(range(n))), np.ones(2))
+
+    def arrangement(self, down: str, *, alone: bool) -> Arrangement | None:
+        """The change that makes these rays meet, where they do not meet as they are.
+
+        Args:
+            down: ``v`` where rows are counted from below in all cameras.
+            alone: Whether these are all cameras, so that rows from below in all of them are no fault.
+        """
+        n, few = len(self.cameras), max(1, self.uv.shape[1] // FEW_POINTS)
+        as_is = self.all_alike(down)
+        if as_is < LOOKED_AT_PX:
+            return None
+        tried = sorted(
+            ((self.median(c, np.ones(2), few), i, c) for i, c in enumerate(_changes(n))), key=lambda t: t[:2]
+        )
+        known = all(c.size_px is not None for c in self.cameras)
+        refined = [(*_refined(self.median, change, known, few), change) for _, _, change in tried[:6]]
+        fit = min(residual for residual, _, _ in refined)
+        alike = sorted((t for t in refined if t[0] < 1.5 * fit), key=lambda t: (_count(t[2]), t[0]))
+        best, stretch, change = alike[0]
+        extent = float(np.nanmax(self.uv) - np.nanmin(self.uv))
+        if best > max(FITS_PX, FITS_SHARE * extent) or not best * BETTER < as_is or change.plain():
+            return None
+
+        def named(change: _Change, stretch: Array) -> Arrangement:
+            return _named(self.cameras, change, self.sizes * stretch, as_is, best, fewer=alone)
+
+        found = named(change, stretch)
+        others = [named(c, s).change for _, s, c in alike[1:] if not (alone and _alike(c, change))]
+        return replace(found, others=tuple(o for o in dict.fromkeys(others) if o != found.change))
 
 
 def _count(change: _Change) -> int:
@@ -239,7 +337,9 @@ def _refined(median: Callable[..., float], change: _Change, known: bool, step: i
     return median(change, stretch), stretch
 
 
-def _named(cameras: Sequence[Camera], change: _Change, sizes: Array, as_is: float, undone: float) -> Arrangement:
+def _named(
+    cameras: Sequence[Camera], change: _Change, sizes: Array, as_is: float, undone: float, *, fewer: bool
+) -> Arrangement:
     names = [c.name for c in cameras]
     moved = [i for i, to in enumerate(change.order) if i != to]
     if moved:
@@ -251,7 +351,9 @@ def _named(cameras: Sequence[Camera], change: _Change, sizes: Array, as_is: floa
             residual_px=as_is,
             undone_px=undone,
         )
-    if change.kinds.count("v") + change.kinds.count("uv") > len(names) / 2:  # the fewer, of two that are the same
+    if (
+        fewer and change.kinds.count("v") + change.kinds.count("uv") > len(names) / 2
+    ):  # the fewer, of two that are the same
         change = _Change(tuple(_toggled(kind) for kind in change.kinds), change.order)
     words = []
     for kind in dict.fromkeys(k for k in change.kinds if k):

@@ -14,6 +14,7 @@ FLATTEST = 1e-10
 """Least over greatest singular value of a projection's left 3 x 3 part; of a lens of 1e5 px it is about 1e-5."""
 FARTHEST = 1e9
 """No focal length or principal point in pixels, and no distance of a camera from the world's origin, is so great."""
+PARALLEL = "a parallel projection (L9 = L10 = L11 = 0: no rays that meet in a camera), which mocap cannot use"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,6 +142,8 @@ def check_cameras(cameras: Sequence[Camera], where: str) -> None:
         size = np.abs(camera.matrix[:, :3]).max()
         left = np.linalg.svd(camera.matrix[:, :3] / size, compute_uv=False) if size > 0 else np.zeros(3)
         if not left[2] > FLATTEST * left[0]:
+            if left[1] > FLATTEST * left[0] and np.abs(camera.matrix[2, :3]).max() <= FLATTEST * size:
+                raise CalibrationError(f"{where}: the coefficients of camera {camera.name!r} are {PARALLEL}")
             spread = f"up to {np.abs(camera.matrix).max():.3g}" if left[0] > 0 else "all 0"
             raise CalibrationError(
                 f"{where}: camera {camera.name!r} has coefficients that describe no camera (they are {spread}, and "

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from eal.arrays import Array
-from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, find_arrangement
+from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, by_camera, find_arrangement
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.triangulate import linear, residual_px
@@ -194,9 +194,11 @@ def decide_origin(
     allowed = as_programs_do or allowed
     alike = [t for t in allowed if _same(t, allowed[0])]
     best = min(alike, key=lambda t: (t[1] != t[2], BOTH.index(t[1])))
-    found = find_arrangement(cameras, uv_px, height_px=height_px) if best[0] > LOOKED_AT_PX else None
-    if found is not None and BETTER * found.undone_px < best[0]:
-        raise ArrangementError(replace(found, residual_px=best[0]))
+    own = by_camera(residual_px(matrices, best[4], linear(matrices, best[4])), np.isfinite(best[4][..., 0]))
+    worst = float(np.nanmax(own, initial=0.0))  # of the camera whose points fit worst: a good half does not hide it
+    found = find_arrangement(cameras, uv_px, height_px=height_px) if worst > LOOKED_AT_PX else None
+    if found is not None and BETTER * found.undone_px < worst:
+        raise ArrangementError(replace(found, residual_px=worst))
     size = float(np.nanmax(uv_px, initial=1.0) - np.nanmin(uv_px, initial=0.0))
     if best[0] > max(0.03 * size, 10.0):
         cropped = may_be_cropped(cameras, uv_px)

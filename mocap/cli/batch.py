@@ -66,12 +66,14 @@ def batch(
     import mocap
     from mocap.batches.plan import write_plan
     from mocap.batches.summary import as_json as records_as_json
+    from mocap.batches.summary import reasons
 
     if dry_run:
-        path, trials = write_plan(sources, out, **stated.stated())
-        skipped = sum(bool(trial.skip) for trial in trials)
+        path, trials, untracked = write_plan(sources, out, **stated.stated())
+        if untracked:
+            say(f"{len(untracked)} of {len(trials)} trials cannot be tracked: {'; '.join(reasons(untracked))}")
         say(
-            f"Wrote {path}: {len(trials)} trials" + (f", {skipped} of them skipped (column skip)" if skipped else ""),
+            f"Wrote {path}: {len(trials)} trials (columns skip and note: what cannot be tracked, and why)",
             f"Correct it in a spreadsheet, then: {typed(program(), 'batch', path)} --out RESULTS",
         )
         return
@@ -90,11 +92,17 @@ def batch(
             progress=tell,
             **stated.stated(),
         )
+    own = [record for record in found.records if record.trial in found.own]
+    for status in ("failed", "skipped"):
+        for reason in reasons({record.trial: record.error for record in own if record.status == status}):
+            say(f"{status}: {reason}")
     if as_json:
         print(records_as_json(found.records))  # noqa: T201
-        return
-    show_text(found.report_text)
-    say(f"Wrote {out}/: a folder a trial, summary.csv, summary.html (open it in a browser), times.csv")
+    else:
+        show_text(found.report_text)
+        say(f"Wrote {out}/: a folder a trial, summary.csv, summary.html (open it in a browser), times.csv")
+    if own and not any(record.status == "done" for record in own):
+        raise typer.Exit(1)
 
 
 @contextmanager
@@ -106,7 +114,6 @@ def _watching() -> Iterator[Callable[["Progress"], None]]:
     with Live(console=errors, refresh_per_second=4, transient=True) as live:
 
         def tell(progress: "Progress") -> None:
-            _say_failure(progress)
             workers = [Text(visible(f"  {name}  {doing}")) for name, doing in sorted(progress.workers.items())]
             bar = ProgressBar(total=max(progress.total, 1), completed=progress.done, width=40)
             live.update(Group(Text(_line(progress)), bar, *workers))
@@ -121,15 +128,9 @@ class _Lines:
         self.said = monotonic()
 
     def __call__(self, progress: "Progress") -> None:
-        _say_failure(progress)
         if monotonic() - self.said >= EVERY_S:
             self.said = monotonic()
             say(_line(progress))
-
-
-def _say_failure(progress: "Progress") -> None:
-    if progress.last is not None and progress.last.status == "failed":
-        say(f"failed: {progress.last.trial}: {progress.last.error}")
 
 
 def _line(progress: "Progress") -> str:

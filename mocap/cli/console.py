@@ -1,7 +1,6 @@
 """Output of the commands: progress, findings, what was written; names and paths cannot control the terminal."""
 
 import json
-import re
 import shlex
 import shutil
 import subprocess
@@ -17,21 +16,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.segment import Segment
 
 from mocap.cli.words import option_names, with_options
-from mocap.text import as_text
-
-_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Controls of terminals (ESC, CSI, ...), turns of the writing direction, line ends that are none; not the tab and
-the new line."""
-
-
-def visible(text: str) -> str:
-    r"""Text as it is, but for characters that act on a terminal or change how text reads, written as \\x1b is."""
-    return _ACTS.sub(_escape, as_text(text))
-
-
-def _escape(found: re.Match[str]) -> str:
-    code = ord(found[0])
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+from mocap.text import visible
 
 
 class _Visible:

@@ -1,8 +1,6 @@
 """``mocap digitise``."""
 
 import json
-import threading
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -58,7 +56,8 @@ def digitise(
     from mocap.io.output import result_folder
 
     if web:
-        from mocap.library.digitise_page import open_session, served
+        from mocap import web as pages  # before all that needs the extra, which it names
+        from mocap.library.digitise_page import digitise_page, open_session
 
         session = open_session(
             films,
@@ -73,10 +72,12 @@ def digitise(
             crop=crop,
             error_px=error_px,
         )
-        with served(session, port=port) as address:
-            say(f"Click at {address} (Ctrl-C here ends it; clicks are saved in {out} one by one)")
-            with suppress(KeyboardInterrupt):
-                threading.Event().wait()
+        with pages.served(digitise_page(session), port=port) as page:
+            say(
+                f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
+                "Who has this address can see the films and change the clicks: keep it to yourself.",
+            )
+            page.wait()
         if session.found is not None:
             with result_folder(out, "digitise", replace=True, beside=True, tell=say) as folder:
                 session.found.write(folder, most=budget)

@@ -54,6 +54,7 @@ def kinematics(
     import mocap
     from mocap.errors import MocapError
     from mocap.io.output import result_folder
+    from mocap.kinematics.cycles import why_none
     from mocap.results.exports import EXPORTS
     from mocap.skeleton import read_skeleton
 
@@ -67,7 +68,7 @@ def kinematics(
     place = run / "kinematics" if out is None else out
     inputs = [run, *(path for path in (skeleton, scale_osim) if path is not None)]
     with result_folder(place, "kinematics", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
-        result.write_kinematics(folder, exports=export or (), progress=tell)
+        refused = result.write_kinematics(folder, exports=export or (), progress=tell)
         if scale_osim is not None:
             scaled = result.write_scaled_osim(scale_osim, folder)
             told = ", ".join(f"{body} {one.factor:.3g}" for body, one in scaled.items() if one.pairs)
@@ -78,6 +79,11 @@ def kinematics(
         if mechanics:
             limbs = result.write_limb_mechanics(folder)
             say("limbs followed by their own mechanics: " + ", ".join(limb.name for limb in limbs))
-    for note in (*result.kinematics.notes, *(result.moments.notes if moments else ())):
+    empty = [why_none(result.run.skeleton)] if result.cycles.empty else []
+    for note in (*empty, *result.kinematics.notes, *(result.moments.notes if moments else ())):
         say(f"note: {note}")
     errors.print(f"Wrote {place}/: {', '.join(sorted(p.name for p in place.iterdir() if p.name[0] != '.'))}")
+    for reason in refused:
+        say(f"not written: {reason}")
+    if refused:
+        raise typer.Exit(1)

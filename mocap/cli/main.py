@@ -28,7 +28,7 @@ from mocap.cli.skeleton import skeleton
 from mocap.cli.track import track
 from mocap.cli.triangulate import triangulate
 from mocap.cli.view import view
-from mocap.errors import MocapError
+from mocap.errors import MocapError, shown_elsewhere
 
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED = 1, 70, 130
@@ -194,9 +194,8 @@ def explain(error: BaseException) -> int:
         )
         return TROUBLE
     if isinstance(error, OSError) and error.filename and error.strerror:
-        say_error(
-            f"{os.fspath(error.filename)}: {error.strerror}: check that it is there and that you may use it{ending}"
-        )
+        advice = f"{shown_elsewhere(error)}check that it is there and that you may use it"
+        say_error(f"{os.fspath(error.filename)}: {error.strerror}: {advice}{ending}")
         return TROUBLE
     place = traceback.extract_tb(error.__traceback__)
     where = f" at {os.path.basename(place[-1].filename)}:{place[-1].lineno}" if place else ""

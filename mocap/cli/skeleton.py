@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +17,10 @@ from mocap.cli.records import with_records
 def skeleton(
     tracks: Views,
     stated: RecordingOptions,
+    names: Annotated[
+        Path | None,
+        typer.Option(help="What the points are called: a list (DLTdv's pointnames.txt), or any table that has them."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Skeleton file to write; if not given, it is printed.")] = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -25,10 +30,14 @@ def skeleton(
     mocap skeleton trial.csv > bat.toml; then: mocap track trial.csv --skeleton bat.toml.
     """
     import mocap
+    from mocap.errors import NoRateError
     from mocap.io.output import result_file
 
-    recording = stated.read(tracks)
-    found = mocap.propose_skeleton(recording)
+    try:
+        recording = stated.read(tracks)
+    except NoRateError:
+        recording = replace(stated, fps=100.0).read(tracks)  # any: distances, angles and cycles do not depend on it
+    found = mocap.propose_skeleton(recording, names=names)
     if out is not None:
         with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
             file.write_text(found.text, encoding="utf-8", newline="")
@@ -37,6 +46,7 @@ def skeleton(
         "bones": len(found.skeleton.bones),
         "trunk": len(found.skeleton.trunk),
         "joints": len(found.skeleton.joints),
+        "cycles": len(found.skeleton.measures.strokes) + len(found.skeleton.measures.feet),
     }
     if as_json:
         print(json.dumps({"out": None if out is None else str(out), **counts, "text": found.text}))  # noqa: T201
@@ -48,4 +58,5 @@ def skeleton(
         *recording.frame_findings,
         f"proposed: {counts['markers']} markers, {counts['bones']} bones, {counts['joints']} joints, {trunk}; check "
         "and correct it",
+        *([] if counts["cycles"] else ["no limb moves in cycles: cycles.csv stays empty unless [measures] names one"]),
     )

@@ -1,7 +1,6 @@
 """``mocap track``."""
 
 import json
-import shlex
 import sys
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
@@ -103,6 +102,7 @@ def track(
     """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
     import mocap
     from mocap.io.output import result_folder
+    from mocap.kinematics.cycles import why_none
     from mocap.pipeline.blocks import BLOCK
     from mocap.pipeline.long import long_recording
 
@@ -157,6 +157,8 @@ def track(
                 )
             result.write(folder, progress=tell)
         finish(result.report, result.run.report_text, out, as_json)
+        if not as_json and (out / "cycles.csv").exists() and result.cycles.empty:
+            say(why_none(result.run.skeleton))
         if watched is not None:
             watched[0].show(out / "recording.rrd", result.recording_id)
             with suppress(KeyboardInterrupt):
@@ -239,7 +241,7 @@ def in_blocks(
 
 def again() -> str:
     """The command as it was called, and with which version."""
-    return f"{as_text(shlex.join(['mocap', *sys.argv[1:]]))}    # version {version('eal-mocap')}"
+    return f"{as_text(typed('mocap', *sys.argv[1:]))}    # version {version('eal-mocap')}"
 
 
 def existing_model(model: str) -> Path:

@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from eal.arrays import Array
+from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.dltdv import write_pixels
 from mocap.io.format import Hints
+from mocap.io.lines import MOST_FRAMES
 from mocap.io.registry import read
 from mocap.records import PixelTracks
+from mocap.schema import Entry, Schema, checked
 from mocap.skeleton import Skeleton
 
 
@@ -105,19 +108,23 @@ def write_unseen(path: Path, clicks: Iterable[Click]) -> None:
         table.writerows([n + 1 for n in place] for place, uv_px in last.items() if uv_px is None)
 
 
+_UNSEEN: Schema = {"rows": Entry(kind="i", shape=(None, 3), least=1, most=MOST_FRAMES)}
+
+
 def read_unseen(path: Path) -> list[Click]:
     """Read what ``write_unseen`` wrote.
 
     Raises:
         FormatError: it is another file.
     """
-    with path.open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.reader(stream))
+    again = "expected a table of camera, frame and marker, counted from 1: delete it to go on"
     try:
-        numbers = [[int(text) - 1 for text in row] for row in rows[1:]]
-        return [Click(camera=c, frame=t, marker=m, uv_px=None) for c, t, m in numbers]
-    except ValueError:
-        raise FormatError(f"{path.name}: expected a table of camera, frame and marker: delete it to go on") from None
+        lines = regular_bytes(path).decode("utf-8").splitlines()
+        rows = [[int(text) for text in row] for row in list(csv.reader(lines))[1:]]
+    except (ValueError, csv.Error) as error:
+        raise FormatError(f"{path.name}: {one_line(error)}: {again}") from None
+    found = checked(path.name, {"rows": rows}, _UNSEEN, again=again)["rows"] - 1
+    return [Click(camera=c, frame=t, marker=m, uv_px=None) for c, t, m in found.tolist()]
 
 
 def places(clicks: Iterable[Click], shape: tuple[int, int, int]) -> Array:

@@ -1,9 +1,8 @@
 """Films of all cameras, decoded once, in step and in bounded memory; refused where they do not fit the calibration."""
 
-import queue
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import permutations
 from pathlib import Path
@@ -52,13 +51,12 @@ class Films:
             One picture a camera, (h, w) grey levels of 8 or 16 bits; None where a film does not show the frame.
         """
         wanted = np.arange(self.n_frames) if frames is None else np.asarray(frames)
-        with _readers(self, wanted) as lines:
-            for _ in wanted:
-                row: list[Any] = [line.get() for line in lines]
-                for picture in row:
-                    if isinstance(picture, BaseException):
-                        raise picture
-                yield row
+        films = [_ahead(movie, wanted + o) for movie, o in zip(self.movies, self.offset_frames, strict=True)]
+        try:
+            yield from map(list, zip(*films, strict=True))
+        finally:
+            for film in films:
+                film.close()
 
     def picture(self, camera: int, frame: int) -> Grey | None:
         """One picture of one camera."""
@@ -66,41 +64,24 @@ class Films:
         return None if found is None else grey_levels(found)
 
 
-@contextmanager
-def _readers(films: Films, wanted: NDArray[np.int64]) -> Iterator[list["queue.Queue[Any]"]]:
-    stop = threading.Event()
-    lines: list[queue.Queue[Any]] = [queue.Queue(maxsize=AHEAD) for _ in films.movies]
-    threads = []
-    for movie, offset, line in zip(films.movies, films.offset_frames, lines, strict=True):
-        threads.append(threading.Thread(target=_read, args=(movie, wanted + offset, line, stop), daemon=True))
-        threads[-1].start()
+def _ahead(movie: Movie, wanted: NDArray[np.int64]) -> "Generator[Grey | None]":
+    """The pictures of a film, decoded by a thread that is ``AHEAD`` frames before what is asked for."""
+    source = movie.frames(wanted, threads=False)
+
+    def decoded() -> "Grey | None":
+        frame = next(source)
+        return None if frame is None else grey_levels(frame)
+
+    thread = ThreadPoolExecutor(1)
     try:
-        yield lines
+        waiting = deque(thread.submit(decoded) for _ in wanted[:AHEAD])
+        for i in range(len(wanted)):
+            picture = waiting.popleft().result()
+            if i + AHEAD < len(wanted):
+                waiting.append(thread.submit(decoded))
+            yield picture
     finally:
-        stop.set()
-        for line in lines:
-            while not line.empty():
-                line.get_nowait()
-        for thread in threads:
-            thread.join(timeout=5)
-
-
-def _read(movie: Movie, wanted: NDArray[np.int64], line: "queue.Queue[Any]", stop: threading.Event) -> None:
-    def put(item: Any) -> None:
-        while not stop.is_set():
-            try:
-                line.put(item, timeout=0.2)
-                return
-            except queue.Full:
-                continue
-
-    try:
-        for frame in movie.frames(wanted, threads=False):
-            put(None if frame is None else grey_levels(frame))
-            if stop.is_set():
-                return
-    except BaseException as error:
-        put(error)
+        thread.shutdown(cancel_futures=True)
 
 
 def grey_levels(frame: Any) -> Grey:

@@ -1,7 +1,6 @@
 """Anipose (Karashchuk et al. 2021): ``calibration.toml``, which sleap-anipose shares, and its 3D CSV."""
 
 import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
+from mocap.documents import read_toml
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, point_recording
 from mocap.io.csv_table import read_table
@@ -19,6 +19,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
 from mocap.records import Status
+from mocap.schema import LARGEST, Entry, checked
 
 _FIELDS = ("x", "y", "z", "error", "ncams", "score")
 _FRAME = [*(f"M_{i}{j}" for i in range(3) for j in range(3)), *(f"center_{i}" for i in range(3))]
@@ -35,25 +36,29 @@ def read_calibration(path: Path) -> tuple[Camera, ...]:
     Raises:
         FormatError: the file is no such TOML; the message names the camera and the key.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise FormatError(f"{path.name}: not a readable TOML file: {error}") from None
-    found = {int(match[1]): (key, table[key]) for key in table if (match := re.fullmatch(r"cam_(\d+)", key))}
-    array = table.get("cameras")
-    if not found and isinstance(array, dict):
-        found = {int(key): (f"cam_{key}", section) for key, section in array.items() if key.isdecimal()}
-    if not found:
-        found = {i: (key, part) for i, (key, part) in enumerate(table.items()) if _names_a_camera(part)}
-    if not found:
-        raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
-    cameras = tuple(_camera(path, *found[number]) for number in sorted(found))
+    cameras = tuple(_camera(path, key, section) for key, section in camera_sections(path))
     names = [camera.name for camera in cameras]
     if len(set(names)) != len(names):
         raise FormatError(f"{path.name}: two cameras are called {max(names, key=names.count)!r}: rename one")
     return cameras
+
+
+def camera_sections(path: Path) -> list[tuple[str, Any]]:
+    """The cameras' sections with their names, in order.
+
+    Raises:
+        FormatError: there are none, or the file is no TOML.
+    """
+    table = read_toml(path)
+    numbered = {match[1]: (key, table[key]) for key in table if (match := re.fullmatch(r"cam_(\d{1,9})", key))}
+    array = table.get("cameras")
+    if not numbered and isinstance(array, dict):
+        numbered = {key: (f"cam_{key}", part) for key, part in array.items() if re.fullmatch(r"\d{1,9}", key)}
+    found = [numbered[key] for key in sorted(numbered, key=int)]
+    found = found or [(key, part) for key, part in table.items() if _names_a_camera(part)]
+    if not found:
+        raise FormatError(f"{path.name}: no sections [cam_0], [cam_1], ...; expected a calibration of Anipose")
+    return found
 
 
 def _names_a_camera(section: Any) -> bool:
@@ -84,8 +89,11 @@ def _camera(path: Path, key: str, section: Any) -> Camera:
             "lengths: calibrate again"
         )
     lens = models[len(distortions)].of(f_px, centre, distortions)
+    name = section.get("name", key)
+    told = {"name": str(name) if type(name) is int else name}  # caliscope numbers its cameras
+    known = checked(f"{path.name}: {key}", told, {"name": Entry(kind="s")}, again="name each camera")
     return pinhole_camera(
-        str(section.get("name", key)),
+        known["name"][()],
         intrinsic=matrix,
         rotation=rotation,
         translation_m=shift,
@@ -99,7 +107,7 @@ def _array(path: Path, key: str, section: dict[str, Any], name: str, shape: tupl
         values = np.array(section[name], dtype=np.float64)
     except (KeyError, TypeError, ValueError, OverflowError):
         values = np.full(0, np.nan)
-    if (shape is not None and values.shape != shape) or not values.size or not np.isfinite(values).all():
+    if (shape is not None and values.shape != shape) or not values.size or not (np.abs(values) <= LARGEST).all():
         expected = "a list" if shape is None else " x ".join(map(str, shape))
         raise FormatError(f"{path.name}: {key}.{name} is {section.get(name)!r}; expected {expected} of finite numbers")
     return values

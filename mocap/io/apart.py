@@ -3,6 +3,7 @@
 What they read comes back through a pipe: no folder for temporary files can be full.
 """
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 from mocap.errors import FormatError
 from mocap.io.bounds import most_bytes
+from mocap.io.windows import limit_memory
 
 REFUSED = 3
 """Exit code of a script that refuses the file; the reason is on stdout."""
@@ -65,13 +67,15 @@ def answer(read: Callable[[str, int], bytes]) -> int:
     path, most = sys.argv[1], int(sys.argv[2])
     out, code = os.dup(1), 0
     os.dup2(2, 1)
-    try:
+    more = SPARE_BYTES + 2 * most  # as it is read, and as it is sent
+    if sys.platform == "win32":
+        limit_memory(UNKNOWN_BYTES + more)
+    else:
         import resource
 
-        allowed = _address_space(resource.getpagesize()) + SPARE_BYTES + 2 * most  # as it is read, and as it is sent
-        resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
-    except (ImportError, ValueError, OSError):
-        pass  # this system knows no such limits: the time limit of the caller is left
+        with contextlib.suppress(ValueError, OSError):  # macOS takes no such limit: that of time is left
+            allowed = _address_space(resource.getpagesize()) + more
+            resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
     try:
         result = read(path, most)
     except MemoryError:

@@ -1,14 +1,19 @@
 """C3D files of all three processors, whole numbers and reals; what the head says is held against the file's size."""
 
+import struct
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.c3d_head import BLOCK, Head, damaged, read_head, reals, whole_numbers
-from mocap.io.contents import FileContents, point_recording
+from mocap.io.c3d_head import BLOCK, INTEL, Head, damaged, read_head, reals, record, whole_numbers
+from mocap.io.contents import FILLED, FileContents, point_recording, points_of
+from mocap.io.format import Format
 from mocap.io.optical import UNIT_M, metres, told_apart
 from mocap.records import Status
 
@@ -18,6 +23,10 @@ _SAME = 1e-5
 """Relative difference of two 32-bit reals that were written as one."""
 _MOST_FRAMES = 0xFFFF
 """The head counts with 16 bits: longer recordings state that number or their own without its upper bits."""
+_RESIDUAL_M = 1e-5
+"""One count of a residual, of which a byte holds 1 to 255."""
+_GROUP = 255
+"""Labels in one parameter; further ones go to LABELS2, LABELS3, ..."""
 
 
 def read_c3d(path: Path) -> FileContents:
@@ -28,18 +37,18 @@ def read_c3d(path: Path) -> FileContents:
     (T, M) holds the residuals above 0, in the unit of the points.
 
     Raises:
-        FormatError: the file is cut, its parts contradict each other, or names are missing.
+        FormatError: the file is cut, or what decides positions is contradicted.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
     head = read_head(path, data)
-    count, findings = _layout(path, head, len(data))
-    values, residual, odd = _samples(head, data, count)
+    layout, findings = _layout(path, head, data)
+    values, residual, odd = _samples(head, layout, data)
     if odd:
-        findings.append(f"{odd} samples have an invalid entry for residual and cameras: the file is damaged")
-    labels = _labels(path, head)
+        findings.append(f"{odd} samples have an invalid entry for residual and cameras")
+    labels = _labels(head, layout.points)
     model = {label for group in _NOT_POSITIONS for label in head.words(f"POINT:{group}")}
     keep = np.array([name not in model for name in labels])
     if not keep.all():
@@ -50,9 +59,13 @@ def read_c3d(path: Path) -> FileContents:
     unit = said if said in UNIT_M else None
     if unit is None:
         findings.append(f"the unit of lengths is {said!r}" if said else "the unit of lengths is not in the file")
-    fps = head.rate_hz if head.rate_hz > 0 else None
-    if fps is None:
-        findings.append(f"the frame rate in the file is {head.rate_hz:g}")
+    fps, told = _rate(head)
+    findings += told
+    start = _long_number(head, "TRIAL:ACTUAL_START_FIELD")
+    if start not in (0, head.first) and head.first < _MOST_FRAMES:
+        findings.append(
+            f"the first frame is {head.first} in the header, {start} in TRIAL:ACTUAL_START_FIELD: the first is used"
+        )
     xyz, residual = values[:, keep], residual[:, keep]
     there = np.isfinite(xyz).all(axis=-1)
     seen = there & (residual >= 0)
@@ -77,90 +90,133 @@ def read_c3d(path: Path) -> FileContents:
     )
 
 
-def _layout(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
-    """Frames that the file holds, and findings; the head, the parameters and the file's size must agree.
+@dataclass(frozen=True)
+class _Layout:
+    """What decides which bytes are whose: numbers a frame, the byte at which data begin, the scale, and the frames."""
+
+    points: int
+    analog: int
+    data_at: int
+    scale: float
+    frames: int
+
+    @property
+    def frame_bytes(self) -> int:
+        return (4 * self.points + self.analog) * (4 if self.scale < 0 else 2)
+
+
+def _layout(path: Path, head: Head, data: bytes) -> tuple[_Layout, list[str]]:
+    """The layout that fills the file, of all that head and parameters state, and a finding for each other statement.
+
+    Most files state each number twice, and many programs state one of them wrongly. The size of the file says which:
+    data fill it to the byte, or to the end of its last block; where everything agrees more may follow.
 
     Raises:
-        FormatError: they do not, and the size does not tell which is right.
+        FormatError: the file is cut, no layout fits its size, or two do as well as each other.
     """
-    if not head.points:
+    stated, size = _statements(head), len(data)
+    if not any(stated["points"].values()):
         raise FormatError(f"{path.name}: contains no points: export the trajectories, not only analog channels")
-    points = head.number("POINT:USED")
-    if points is not None and points != head.points:
-        raise damaged(path, f"{head.points} points in its first block, {points:g} in POINT:USED")
-    channels, findings = head.number("ANALOG:USED"), []
-    if channels is not None and channels * head.analog_per_frame != head.analog:
-        told = f"{head.analog} analog values a frame, by ANALOG:USED {channels:g}, each {head.analog_per_frame} times"
-        if head.analog:
-            raise damaged(path, told)
-        findings.append(told)
-    scale = head.number("POINT:SCALE")
-    if not (np.isfinite(head.scale) and 1e-9 < abs(head.scale) < 1e9):
+    if not stated["scale"]:
         raise damaged(path, f"the scale of the points is {head.scale:g}")
-    if scale is not None and abs(scale - head.scale) > _SAME * abs(head.scale):
-        if head.scale > 0 or scale > 0:
-            raise damaged(path, f"the scale of the points is {head.scale:g} in the header, {scale:g} in POINT:SCALE")
-        findings.append(
-            f"the scale of residuals is {head.scale:g} in the header, {scale:g} in POINT:SCALE: the first is used"
-        )
-    starts = head.number("POINT:DATA_START")
-    if starts and BLOCK * (int(starts) - 1) != head.data_at:
-        findings.append(f"the data begin at byte {head.data_at}, but POINT:DATA_START states block {starts:g}")
-    if not 0 <= head.rate_hz < 1e7 or 0 < head.rate_hz < 1e-4:
-        raise damaged(path, f"the frame rate is {head.rate_hz:g}")
-    rate = head.number("POINT:RATE")
-    if rate is not None and abs(rate - head.rate_hz) > _SAME * head.rate_hz:
-        findings.append(f"the frame rate is {head.rate_hz:g} in the header, {rate:g} in POINT:RATE: the first is used")
-    start = _long_number(head, "TRIAL:ACTUAL_START_FIELD")
-    if start not in (0, head.first) and head.first < _MOST_FRAMES:
-        findings.append(
-            f"the first frame is {head.first} in the header, {start} in TRIAL:ACTUAL_START_FIELD: the first is used"
-        )
-    count, told = _frames(path, head, size)
-    return count, [*findings, *told]
-
-
-def _frames(path: Path, head: Head, size: int) -> tuple[int, list[str]]:
-    """The number of frames that head, parameters and size tell, and what is to be said where not all tell the same.
-
-    Raises:
-        FormatError: the file is cut, or none fits its size.
-    """
-    frame = (4 * head.points + head.analog) * (4 if head.scale < 0 else 2)
-    room = size - head.data_at
+    if max(stated["frames"].values()) < 1:
+        raise FormatError(f"{path.name}: contains no frames: export the trajectories again")
     more = (head.number("ROTATION:USED") or 0) > 0  # its data follow those of the points
-
-    def fits(count: int) -> bool:
-        left = room - frame * count
-        return count > 0 and (left == 0 or (left > 0 and (more or (left < BLOCK and size % BLOCK == 0))))
-
-    said = {"the first block": head.last - head.first + 1}
-    for key in ("POINT:FRAMES", "POINT:LONG_FRAMES"):
-        if (stated := head.number(key)) is not None:
-            said[key] = int(stated) & 0xFFFF if stated < 0 else int(stated)
-    if last := _long_number(head, "TRIAL:ACTUAL_END_FIELD"):
-        said["TRIAL:ACTUAL_END_FIELD"] = last - (_long_number(head, "TRIAL:ACTUAL_START_FIELD") or head.first) + 1
-    first, *others = said.values()
-    agreed = fits(first) and (not others or first in others)
-    fitting = {first} if agreed else {count for count in said.values() if fits(count)}
-    if len(fitting) == 1:
-        count = fitting.pop()
-        whole = (count, count & 0xFFFF, _MOST_FRAMES) if count > _MOST_FRAMES else (count,)
-        return count, [
-            f"{key} states {other} frames, but the file contains {count}: was it cut or edited?"
-            for key, other in said.items()
-            if other not in whole
-        ]
-    left = room - frame * first
-    if first in others and left >= BLOCK and size % BLOCK == 0:
-        return first, [f"{left} bytes after the last frame were ignored"]
-    if min(said.values()) > 0 and frame * min(said.values()) > room:
+    ranks: dict[_Layout, tuple[bool, int, bool]] = {}
+    for values in product(*(dict.fromkeys(own.values()) for own in stated.values())):
+        layout = _Layout(*values)
+        if not layout.points or layout.frames < 1:
+            continue
+        left = size - layout.data_at - layout.frames * layout.frame_bytes
+        whole = left == 0 or (left > 0 and (more or (left < BLOCK and size % BLOCK == 0)))
+        agreed = list(stated["frames"].values()).count(layout.frames) > 1
+        count = left // layout.frame_bytes + layout.frames
+        if not whole and count > _MOST_FRAMES and all(_agrees("frames", n, count) for n in stated["frames"].values()):
+            layout, whole = replace(layout, frames=count), left % layout.frame_bytes == 0
+        # bytes that were inserted are fewer than a block: only more than one can be what a writer reserved
+        if whole or (agreed and left >= (BLOCK if size % BLOCK == 0 else 2 * BLOCK)):
+            others = sum(not _agrees(k, v, getattr(layout, k)) for k, own in stated.items() for v in own.values())
+            tail = data[layout.data_at + layout.frames * layout.frame_bytes :]
+            ranks[layout] = (not whole, others, any(tail[:BLOCK]))  # what fills a block up is mostly 0
+    best = [layout for layout, rank in ranks.items() if rank == min(ranks.values())]
+    # of reals the scale is only that of residuals: the first is used
+    if len({replace(one, scale=one.scale if one.scale > 0 else -1.0) for one in best}) == 1:
+        return best[0], _contradictions(stated, best[0], size, more)
+    said = _Layout(*(next(iter(own.values())) for own in stated.values()))
+    room, least = size - said.data_at, min(stated["frames"].values())
+    if not best and said.points and 0 < least * said.frame_bytes > room:
         raise FormatError(
-            f"{path.name}: {min(said.values())} frames are stated, but the file contains {max(room // frame, 0)}: "
+            f"{path.name}: {least} frames are stated, but the file contains {max(room // said.frame_bytes, 0)}: "
             "it is cut; export it again"
         )
-    counts = " or ".join(str(count) for count in sorted(set(said.values())))
-    raise damaged(path, f"{counts} frames of {frame} bytes do not fill the {room} bytes of data")
+    what = "; ".join(f"{words.format(' or '.join(f'{v:g}' for v in dict.fromkeys(stated[key].values())))}"
+                     for key, words in _WORDS.items())  # fmt: skip
+    raise damaged(path, f"{what} do not fill its {size} bytes" if not best else f"{what}: the size fits several")
+
+
+_WORDS = {
+    "points": "{} points",
+    "analog": "{} analog values a frame",
+    "data_at": "data from byte {}",
+    "scale": "a scale of {}",
+    "frames": "{} frames",
+}
+"""Of each part of a layout, how it is called."""
+
+
+def _statements(head: Head) -> dict[str, dict[str, Any]]:
+    """Who states what of each part of a layout; what no file can have is left out."""
+    channels, starts = head.number("ANALOG:USED"), head.number("POINT:DATA_START")
+    ends = {"POINT:DATA_START": BLOCK * (int(starts or 0) - 1), "the block count of the parameters": head.blocks_end}
+    places = {"the header": head.data_at} | {who: at for who, at in ends.items() if at >= 2 * BLOCK}
+    scales = {"the header": head.scale, "POINT:SCALE": head.number("POINT:SCALE")}
+    frames = {"the header": head.last - head.first + 1}
+    for key in ("POINT:FRAMES", "POINT:LONG_FRAMES"):
+        if (number := head.number(key)) is not None:
+            frames[key] = int(number) & 0xFFFF if number < 0 else int(number)
+    if last := _long_number(head, "TRIAL:ACTUAL_END_FIELD"):
+        start = _long_number(head, "TRIAL:ACTUAL_START_FIELD") or head.first
+        frames["TRIAL:ACTUAL_END_FIELD"] = last - start + 1
+    used = head.number("POINT:USED")
+    return {
+        "points": {"the header": head.points} | ({} if used is None else {"POINT:USED": int(used) & 0xFFFF}),
+        "analog": {"the header": head.analog}
+        | ({} if channels is None else {"ANALOG:USED": (int(channels) & 0xFFFF) * head.analog_per_frame}),
+        "data_at": {who: at for who, at in places.items() if at > 0},
+        "scale": {who: s for who, s in scales.items() if s is not None and np.isfinite(s) and 1e-9 < abs(s) < 1e9},
+        "frames": frames,
+    }
+
+
+def _agrees(part: str, stated: float, chosen: float) -> bool:
+    """Whether a statement is that of a layout, as far as its bits and digits can say it."""
+    if part == "frames" and chosen > _MOST_FRAMES:
+        return stated in (chosen, int(chosen) & 0xFFFF, _MOST_FRAMES)
+    return abs(stated - chosen) <= (_SAME * abs(chosen) if part == "scale" else 0)
+
+
+def _contradictions(stated: dict[str, dict[str, Any]], layout: _Layout, size: int, more: bool) -> list[str]:
+    """A sentence for each statement that is not that of the layout, and on what follows the data."""
+    findings = [
+        f"{who} states {_WORDS[part].format(f'{value:g}')}, but the file contains "
+        f"{_WORDS[part].format(f'{getattr(layout, part):g}')}"
+        for part, own in stated.items()
+        for who, value in own.items()
+        if not _agrees(part, value, getattr(layout, part))
+    ]
+    left = size - layout.data_at - layout.frames * layout.frame_bytes
+    return [*findings, *([f"{left} bytes after the last frame were ignored"] if left >= BLOCK and not more else [])]
+
+
+def _rate(head: Head) -> tuple[float | None, list[str]]:
+    """Frames a second by the head, else by POINT:RATE, and a finding where they differ or are none."""
+    said = {"the header": head.rate_hz, "POINT:RATE": head.number("POINT:RATE")}
+    sane = {who: rate for who, rate in said.items() if rate is not None and 1e-4 < rate < 1e7}
+    if not sane:
+        return None, [f"the frame rate in the file is {head.rate_hz:g}"]
+    who, fps = next(iter(sane.items()))
+    odd = [(w, r) for w, r in said.items() if r is not None and abs(r - fps) > _SAME * fps]
+    return fps, [f"the frame rate is {r:g} in {w}, {fps:g} in {who}: the latter is used" for w, r in odd]
 
 
 def _long_number(head: Head, key: str) -> int:
@@ -172,17 +228,15 @@ def _long_number(head: Head, key: str) -> int:
     return low + (high << 16)
 
 
-def _samples(head: Head, data: bytes, count: int) -> tuple[Array, Array, int]:
+def _samples(head: Head, layout: _Layout, data: bytes) -> tuple[Array, Array, int]:
     """(T, P, 3) coordinates and (T, P) residuals in the unit of the file, and samples whose fourth word is none.
 
     The fourth word holds the cameras in its lower byte and a residual in the upper one, or is below 0.
     """
-    real = head.scale < 0
-    width = 4 * head.points + head.analog
-    body = data[head.data_at : head.data_at + (4 if real else 2) * width * count]
-    raw = (reals if real else whole_numbers)(body, head.processor).reshape(count, width)
-    words = raw[:, : 4 * head.points].reshape(count, head.points, 4)
-    step = abs(head.scale)
+    real, step = layout.scale < 0, abs(layout.scale)
+    body = data[layout.data_at : layout.data_at + layout.frames * layout.frame_bytes]
+    raw = (reals if real else whole_numbers)(body, head.processor).reshape(layout.frames, -1)
+    words = raw[:, : 4 * layout.points].reshape(layout.frames, layout.points, 4)
     with np.errstate(invalid="ignore"):
         xyz = words[..., :3].astype(np.float64) * (1.0 if real else step)
         fourth: NDArray = words[..., 3].astype(np.float64)
@@ -192,14 +246,72 @@ def _samples(head: Head, data: bytes, count: int) -> tuple[Array, Array, int]:
     return xyz, residual, int((~whole).sum())
 
 
-def _labels(path: Path, head: Head) -> list[str]:
-    """LABELS, continued in LABELS2, LABELS3, ..."""
+def _labels(head: Head, points: int) -> list[str]:
+    """LABELS, continued in LABELS2, LABELS3, ...; empty for a point without one."""
     labels, following = list(head.words("POINT:LABELS")), 2
-    while len(labels) < head.points and f"POINT:LABELS{following}" in head.parameters:
+    while len(labels) < points and f"POINT:LABELS{following}" in head.parameters:
         labels += head.words(f"POINT:LABELS{following}")
         following += 1
-    if len(labels) < head.points:
+    return [label.strip() for label in labels[:points]] + [""] * (points - len(labels))
+
+
+def write_c3d(path: Path, recording: FileContents) -> None:
+    """Write positions as 32-bit reals of Intel's order, in the unit of the recording.
+
+    The residual says where a sample comes from: -1 not seen (or rejected), 0 filled, above 0 measured: the residual
+    that the recording holds, else the standard deviation, else the smallest that can be said, 0.01 mm.
+
+    Raises:
+        FormatError: there are too many frames, or a name is empty or longer than 120 bytes.
+    """
+    tracks, unit = points_of(path, recording), recording.unit or "m"
+    count, fps = len(tracks.t_s), float(recording.fps or 1.0)
+    if count > _MOST_FRAMES:
         raise FormatError(
-            f"{path.name}: {head.points} points, but {len(labels)} labels: name the others and export again"
+            f"{path.name}: {count} frames, but a C3D file can contain {_MOST_FRAMES}: split the recording"
         )
-    return [label.strip() for label in labels[: head.points]]
+    names = [name.encode() for name in tracks.names]
+    bad = next((name for name in names if not name.strip() or len(name) > 120), None)
+    if bad is not None:
+        raise FormatError(f"{path.name}: marker name {bad.decode()!r} is empty or longer than 120 bytes: rename it")
+    length_m = metres(path, unit)
+    size = recording.tables.get("residual_m", tracks.sd_m)
+    counts = np.clip(np.round(np.nan_to_num(size, nan=0.0) / _RESIDUAL_M), 1, 255)
+    counts[np.isin(tracks.status, FILLED)] = 0
+    body = np.zeros((count, len(names), 4), dtype="<f4")
+    body[..., :3] = np.where(tracks.seen[..., None], tracks.xyz_m / length_m, 0.0)
+    body[..., 3] = np.where(tracks.seen, counts * 256, -1)
+    start = int(recording.frames[0]) if count else 1
+    first = start if 0 < start <= _MOST_FRAMES + 1 - count else 1
+    scale = -_RESIDUAL_M / length_m
+    sections = [names[i : i + _GROUP] for i in range(0, len(names), _GROUP)]
+    blocks = 0
+    for _ in range(2):  # the place of the data stands among the parameters, which are as long whatever it is
+        section = b"\1\x50" + bytes([blocks % 256, INTEL]) + record(-1, "POINT") + record(-2, "ANALOG")
+        section += record(1, "USED", np.uint16(len(names))) + record(1, "FRAMES", np.uint16(count))
+        section += record(1, "SCALE", np.float32(scale)) + record(1, "RATE", np.float32(fps))
+        section += record(1, "DATA_START", np.uint16(2 + blocks)) + record(1, "UNITS", [unit.encode()])
+        for number, part in enumerate(sections, start=1):
+            section += record(1, "LABELS" if number == 1 else f"LABELS{number}", part)
+        section += record(2, "USED", np.uint16(0)) + record(2, "RATE", np.float32(fps))
+        section += bytes(BLOCK - len(section) % BLOCK)  # at least one 0, which ends the parameters
+        blocks = len(section) // BLOCK
+    words = (0x5002, len(names), 0, first, first + count - 1, 10)  # 10 frames: the largest gap that was interpolated
+    head = struct.pack("<6HfHHf", *words, scale, 2 + blocks, 0, fps)
+    data = body.tobytes()
+    path.write_bytes(head.ljust(BLOCK, b"\0") + section + data + bytes(-len(data) % BLOCK))
+
+
+FORMATS = (
+    Format(
+        name="c3d",
+        title="C3D",
+        knows=lambda head: len(head.start) > 512 and head.start[1] == 0x50 and 2 <= head.start[0] <= 0x7F,
+        read=lambda path, _: read_c3d(path),
+        write=write_c3d,
+        holds=frozenset({"points", "first_frame", "fps", "unit", "origin", "residual_m", "sd"}),
+        needs=frozenset({"fps", "unit"}),
+        zero_is_missing=True,
+        suffixes=(".c3d",),
+    ),
+)

@@ -1,8 +1,10 @@
 """The head of a C3D file: sixteen words that place the data, and the records of parameters (c3d.org, user guide).
 
-Nothing in it is believed by itself: records must follow each other as their own sizes say.
+Nothing in it is believed by itself: records must follow each other as their own sizes say, and ``mocap.io.c3d`` holds
+against the file's size what decides positions.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,11 @@ INTEL, DEC, SGI = 84, 85, 86
 """Processors by the byte that names them: which of its bytes a number begins with."""
 _KINDS = {-1: 1, 1: 1, 2: 2, 4: 4}
 """Bytes of a value of each type: letters, bytes, 16-bit whole numbers, reals."""
-_MOST_EVENTS = 18
+_DECISIVE = re.compile(
+    r"POINT:(USED|(LONG_)?FRAMES|SCALE|UNITS|LABELS\d*|ANGLES|FORCES|MOMENTS|POWERS|SCALARS)|TRIAL:ACTUAL_\w+"
+    r"|(ANALOG|ROTATION):USED"
+)
+"""Parameters that decide which bytes are positions of what, and in which unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +39,7 @@ class Head:
         last: Number of the last frame, at most 65535.
         scale: Length of one whole number, in the unit of the points; below 0 where the data are reals.
         data_at: Byte at which the data begin.
+        blocks_end: Byte at which the parameters end by their count of blocks.
         analog_per_frame: Analog values a frame of each channel.
         rate_hz: Frames a second.
         parameters: Values by ``GROUP:NAME``: words, or numbers in an array.
@@ -46,6 +53,7 @@ class Head:
     last: int
     scale: float
     data_at: int
+    blocks_end: int
     analog_per_frame: int
     rate_hz: float
     parameters: dict[str, Any]
@@ -86,24 +94,22 @@ def read_head(path: Path, data: bytes) -> Head:
         data: The whole file.
 
     Raises:
-        FormatError: it is cut, or its parts do not follow each other.
+        FormatError: it is cut, or does not begin like the head of a C3D file.
     """
     start = BLOCK * (data[0] - 1) if data else 0
     if len(data) < BLOCK or data[1] != 0x50 or not 0 < start <= len(data) - 4:
         raise damaged(path, "does not begin like a C3D file, or is cut within its header")
-    processor, blocks = data[start + 3], data[start + 2]
+    processor = data[start + 3]
     if processor not in (INTEL, DEC, SGI):
         raise damaged(path, f"byte {start + 3} is {processor}; expected the processor: 84, 85 or 86")
     words = np.frombuffer(data[:BLOCK], dtype=">u2" if processor == SGI else "<u2")
     data_at = BLOCK * (int(words[8]) - 1)
-    room = (data_at - start) // BLOCK
-    end = data_at if room > 0 and room % 256 == blocks else start + BLOCK * blocks  # a byte counts the blocks
-    if not start < end <= min(data_at, len(data)):
-        raise damaged(path, f"parameters end at byte {end}, data begin at {data_at}, the file has {len(data)}")
-    scale, rate_hz = (float(reals(data[at : at + 4], processor)[0]) for at in (12, 20))
+    blocks_end = start + BLOCK * data[start + 2]
+    if (data_at - blocks_end) % (256 * BLOCK) == 0 and data_at > blocks_end:  # a byte counts the blocks
+        blocks_end = data_at
+    end = data_at if start < data_at <= len(data) else blocks_end
     parameters, findings = _parameters(path, data[start:end], processor, start)
-    if words[150] > _MOST_EVENTS:
-        findings.append(f"the head counts {words[150]} events; it has room for {_MOST_EVENTS}")
+    scale, rate_hz = (float(reals(data[at : at + 4], processor)[0]) for at in (12, 20))
     return Head(
         processor=processor,
         points=int(words[1]),
@@ -112,6 +118,7 @@ def read_head(path: Path, data: bytes) -> Head:
         last=int(words[4]),
         scale=scale,
         data_at=data_at,
+        blocks_end=blocks_end,
         analog_per_frame=int(words[9]),
         rate_hz=rate_hz,
         parameters=parameters,
@@ -126,46 +133,53 @@ def damaged(path: Path, trouble: str) -> FormatError:
 
 @dataclass(frozen=True)
 class _Record:
-    """A group or a parameter: its group's number, name, value (None of a group), and the two ways to the next one."""
+    """A group or a parameter: its group's number, name, value (None of a group), and the ways to the next one.
+
+    ``bare`` is that of a record without a description.
+    """
 
     group: int
     name: str
     value: Any
     stated: int
     counted: int
+    bare: int
 
 
 def _parameters(path: Path, section: bytes, processor: int, start: int) -> tuple[dict[str, Any], list[str]]:
     """Values of all parameters by ``GROUP:NAME``, and findings.
 
-    Each record states where the next one is, and has a size of its own. Where the two differ the next record must be
-    found by one of them.
+    Each record states where the next one is, and has a size of its own, which some writers count without the byte of
+    the description that they leave out. Where the two differ the next record must be found by one of them; where it is
+    found by neither, what follows is left.
 
     Raises:
-        FormatError: it is found by neither, or a name is given twice.
+        FormatError: a parameter that decides positions is given twice, with two values.
     """
     records, findings, at = [], [], 4
     while (record := _record(section, at, processor)) is not None:
-        stated, counted = (_follows(section, step, processor) for step in (record.stated, record.counted))
-        if record.stated == record.counted and stated:
-            at = record.counted
-        elif stated and record.stated > record.counted and not _follows(section, record.counted, processor, more=True):
-            at = record.stated
-        elif counted:
-            at = record.counted
-        else:
-            raise damaged(path, f"no parameter follows {record.name!r} at byte {start + at}")
-        if record.stated != record.counted:
+        bare = record.stated == record.bare and _follows(section, record.bare, processor, more=True)
+        ways = [record.bare] if bare else list(dict.fromkeys((record.counted, record.stated)))
+        after = [way for more in (True, False) for way in ways if _follows(section, way, processor, more=more)]
+        if len(ways) > 1:
             findings.append(f"the length of the parameter {record.name} differs from the one that it states")
-        records.append(record)
+        if not after:
+            findings.append(f"what follows the parameter {record.name} at byte {start + at} cannot be read")
+        if not after or after[0] >= record.bare:
+            records.append(record)
+        if not after:
+            break
+        at = after[0]
     groups = {-record.group: record.name for record in records if record.group < 0}
     found: dict[str, Any] = {}
     for record in records:
         if record.group > 0:
             key = f"{groups.get(record.group, record.group)}:{record.name}"
+            if key in found and _DECISIVE.fullmatch(key) and not np.array_equal(found[key], record.value):
+                raise damaged(path, f"the parameter {key} is given twice, with two values")
             if key in found:
-                raise damaged(path, f"the parameter {key} is given twice")
-            found[key] = record.value
+                findings.append(f"the parameter {key} is given twice: the first is used")
+            found.setdefault(key, record.value)
     return found, findings
 
 
@@ -184,7 +198,7 @@ def _record(section: bytes, at: int, processor: int) -> _Record | None:
     length, group = abs(int(np.int8(np.uint8(section[at])))), int(np.int8(np.uint8(section[at + 1])))
     link = at + 2 + length
     name = section[at + 2 : link]
-    if group == 0 or link + 4 > len(section) or not all(31 < letter < 127 for letter in name):
+    if group == 0 or link + 4 > len(section) or not all(31 < letter != 127 for letter in name):
         return None
     stated = int.from_bytes(section[link : link + 2], "big" if processor == SGI else "little")
     value, body = None, link + 2
@@ -202,7 +216,7 @@ def _record(section: bytes, at: int, processor: int) -> _Record | None:
     counted = body + 1 + section[body]
     if counted > len(section):
         return None
-    return _Record(group, name.decode("ascii").upper(), value, link + stated if stated else counted, counted)
+    return _Record(group, name.decode("latin-1").upper(), value, link + stated if stated else counted, counted, body)
 
 
 def _value(data: bytes, kind: int, sizes: list[int], processor: int) -> Any:
@@ -221,3 +235,22 @@ def _word(text: bytes) -> str:
         return text.decode("utf-8").strip(" \0")
     except UnicodeDecodeError:
         return text.decode("latin-1").strip(" \0")
+
+
+def record(group: int, name: str, value: Any = None) -> bytes:
+    """The record of a group (below 0), or of a parameter of it, as Intel's processors lay it out.
+
+    Args:
+        group: Its number; below 0: the record is that of the group itself.
+        name: In capitals.
+        value: Of a parameter: a ``numpy.uint16``, a ``numpy.float32``, or words in bytes.
+    """
+    if value is None:
+        body = b""
+    elif isinstance(value, list):
+        length = max(map(len, value))
+        body = bytes([255, 2, length, len(value)]) + b"".join(word.ljust(length) for word in value)
+    else:
+        body = bytes([4 if value.dtype.kind == "f" else 2, 0]) + value.tobytes()
+    offset = (len(body) + 3).to_bytes(2, "little")  # to the next record: itself, the body, an empty description
+    return bytes([len(name), group % 256]) + name.encode() + offset + body + b"\0"

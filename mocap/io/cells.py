@@ -30,6 +30,11 @@ def from_cell(cell: str) -> str:
     return re.sub(r"\\(?:[\\trn]|x3b)", lambda found: _PLAIN[found[0]], cell[1:])
 
 
+def as_workbook_cell(text: str) -> str:
+    """The cell of a text in a workbook, where nothing splits cells: only what would be a formula is escaped."""
+    return as_cell(text) if text[:1] in tuple(_FORMULA) else text
+
+
 def as_cells(texts: Iterable[str]) -> list[str]:
     """``as_cell`` of each."""
     return [as_cell(text) for text in texts]

@@ -36,9 +36,8 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
         FormatError: the file is missing, empty, cut, ragged, or has a cell that is no number.
     """
     names, parts, line = [], [], 1
-    width, last, text = None, False, b""
+    width = None
     for block, last in _blocks(path):
-        text = block
         if line == 1:
             if b";" in block and b"," not in block:
                 raise FormatError(f"{path.name}: cells are separated by semicolons; export it with commas")
@@ -47,7 +46,7 @@ def read_table(path: Path, *, header: bool = True) -> tuple[list[str], Array]:
                 width, line = len(names), 2
         block = block.rstrip(b"\n \t") if last else block.removesuffix(b"\n")
         if block:
-            parts.append(_numbers(path, block, names, width, line, open_end=last and not text.endswith(b"\n")))
+            parts.append(_numbers(path, block, names, width, line))
             width, line = parts[-1].shape[1], line + len(parts[-1])
     if not parts:
         raise FormatError(
@@ -104,10 +103,10 @@ def _names(path: Path, block: bytes) -> tuple[list[str], bytes]:
     return [from_cell(name.strip()) for name in names], rest
 
 
-def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line: int, *, open_end: bool) -> Array:
+def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line: int) -> Array:
     """The (rows, columns) numbers of a block of lines, of which ``line`` is the number of the first.
 
-    Each must have ``width`` cells (None: as many as the first); ``open_end``: the file ends here without a line's end.
+    Each must have ``width`` cells (None: as many as the first).
 
     Raises:
         FormatError: a line has other cells, or a cell is no number.
@@ -115,8 +114,6 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
     if b" " in body or b"\t" in body:
         body = re.sub(rb"[ \t]*([,\n])[ \t]*", rb"\1", body.lstrip(b" \t"))
     _check_columns(path, body, width, line)
-    if open_end:
-        _check_last_cell(path, body)
     try:
         if any(letter in body for letter in (b"u", b"U", b"l", b"L")) and _TRUTH.search(body):
             raise ValueError("pandas reads these as 1 and 0")
@@ -155,18 +152,6 @@ def _check_columns(path: Path, body: bytes, expected: int | None, first_line: in
         hint = ": the file seems to be cut there" if i == len(cells) - 1 and cells[i] < expected else ""
         raise FormatError(
             f"{path.name}: line {i + first_line} has {cells[i]} cells, expected {expected}{hint}; export it again"
-        )
-
-
-def _check_last_cell(path: Path, body: bytes) -> None:
-    """A last line without its newline may be cut inside a number: its last cell is then shorter than all others."""
-    *others, last = [cell for line in body.split(b"\n")[-50:] for cell in line.split(b",")]
-    decimals = {len(cell.partition(b".")[2]) for cell in others if cell.decode("latin-1") not in MISSING_WORDS}
-    fixed = len(decimals) == 1 and min(decimals) >= 3  # all written with one format, as programs do
-    short = last.decode("latin-1") not in MISSING_WORDS and len(last.partition(b".")[2]) < min(decimals, default=0)
-    if (fixed and short) or (not last and len(others) and all(others)):
-        raise FormatError(
-            f"{path.name}: the last cell {last.decode('latin-1')!r} seems to be cut; export the file again"
         )
 
 

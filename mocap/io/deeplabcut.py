@@ -13,7 +13,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, pixel_recording
+from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, number, numbers, one_line, read_lines
@@ -58,19 +58,20 @@ def _is_csv(head: Head) -> bool:
 
 
 def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: Array, frames: Array) -> FileContents:
-    """Pixels of one camera from columns (individual, body part, x | y | likelihood)."""
+    """Pixels of one camera, or positions, from columns (individual, body part, x | y | z | likelihood)."""
     where: dict[tuple[str, ...], int] = {}
     for column, key in enumerate(columns):
-        if key in where or key[2] not in ("x", "y", "likelihood"):
-            trouble = "appears twice" if key in where else "is not x, y or likelihood"
+        if key in where or key[2] not in ("x", "y", "z", "likelihood"):
+            trouble = "appears twice" if key in where else "is not x, y, z or likelihood"
             raise FormatError(f"{path.name}: column {column + 2}, {' '.join(key)}, {trouble}: export it again")
         where[key] = column
     animals = list(dict.fromkeys(key[:2] for key in columns))
-    lacking = next((a for a in animals for axis in "xy" if (*a, axis) not in where), None)
+    axes = "xyz" if any(key[2] == "z" for key in columns) else "xy"
+    lacking = next((a for a in animals for axis in axes if (*a, axis) not in where), None)
     if lacking is not None:
-        raise FormatError(f"{path.name}: {' '.join(lacking)} has no x and y: export it again")
-    uv = values[:, [where[(*a, axis)] for a in animals for axis in "xy"]].reshape(len(values), len(animals), 2)
-    score = np.full((1, *uv.shape[:2]), np.nan)
+        raise FormatError(f"{path.name}: {' '.join(lacking)} has no {' and '.join(axes)}: export it again")
+    places = values[:, [where[(*a, axis)] for a in animals for axis in axes]].reshape(len(values), len(animals), -1)
+    score = np.full((1, *places.shape[:2]), np.nan)
     for m, animal in enumerate(animals):
         if (*animal, "likelihood") in where:
             score[0, :, m] = values[:, where[(*animal, "likelihood")]]
@@ -80,20 +81,20 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
     findings = ["the file does not state the frame rate"]
     if low.any():
         findings.append(f"{low.sum()} samples have a likelihood below 0.6")
+    scored = not np.isnan(score).all()
+    whose = tuple(animals) if animals[0][0] else ()
+    numbered = frame_numbers(path, frames)
     try:
+        if axes == "xyz":
+            findings.append("the unit of lengths is that of the calibration board, not in the file")
+            return point_recording(
+                path, format, names=names, xyz=places, unit=None,
+                frames=numbered, first=0, animals=whose, score=score[0] if scored else None, findings=tuple(findings),
+            )  # fmt: skip
         return pixel_recording(
-            path,
-            format,
-            names=names,
-            cameras=[path.stem],
-            uv_px=uv[None],
-            frames=frame_numbers(path, frames),
-            first=0,
-            pixel_origin="upper-left",
-            animals=tuple(animals) if animals[0][0] else (),
-            score=None if np.isnan(score).all() else score,
-            findings=tuple(findings),
-        )
+            path, format, names=names, cameras=[path.stem], uv_px=places[None], frames=numbered, first=0,
+            pixel_origin="upper-left", animals=whose, score=score if scored else None, findings=tuple(findings),
+        )  # fmt: skip
     except ValueError as error:
         raise FormatError(f"{path.name}: {one_line(error)}; export it again") from None
 
@@ -188,13 +189,13 @@ def _frame_numbers(index: Any, count: int) -> Array:
 FORMATS = (
     Format(
         name="deeplabcut-csv",
-        title="pixel tracks of DeepLabCut or Lightning Pose (CSV)",
+        title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
         knows=_is_csv,
         read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
     ),
     Format(
         name="deeplabcut-h5",
-        title="pixel tracks of DeepLabCut (HDF5)",
+        title="pixel tracks or 3D points of DeepLabCut (HDF5)",
         knows=lambda head: _KEY in head.hdf5,
         read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
     ),

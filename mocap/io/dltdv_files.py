@@ -1,5 +1,6 @@
 """DLTdv's files as recordings: the flat CSV set, the sparse TSV set, and projects of version 8."""
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap.cameras.camera import Camera
+from mocap.cameras.origin import BOTH, PixelCorner
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 from mocap.io.csv_table import read_table
@@ -39,8 +41,18 @@ def _is_pixels(head: Head) -> bool:
     return bool(names) and (new or _numbered(names) or "xypts" in head.name)
 
 
+def _origin_beside(path: Path) -> PixelCorner | None:
+    """The field ``pixel_origin`` of ``NAME_card.json`` beside ``NAME_xypts.csv``, as simulated recordings have it."""
+    try:
+        card = json.loads(path.with_name(re.sub(r"xypts\.csv$", "card.json", path.name)).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return next((corner for corner in BOTH if isinstance(card, dict) and card.get("pixel_origin") == corner), None)
+
+
 def _pixels(path: Path, _hints: Hints) -> FileContents:
-    pixels = read_pixels(path, fps=1.0)
+    pixels, origin = read_pixels(path, fps=1.0), _origin_beside(path)
+    unknown = "the file does not record the corner that pixel rows are counted from"
     return FileContents(
         format="dltdv-xypts",
         paths=(path,),
@@ -48,7 +60,8 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
         frames=1 + np.arange(len(pixels.t_s)),
         pixels=pixels,
         camera_names=pixels.cameras,
-        findings=(_NO_RATE, "the file does not record the corner that pixel rows are counted from"),
+        pixel_origin=origin,
+        findings=(_NO_RATE, unknown) if origin is None else (_NO_RATE,),
     )
 
 

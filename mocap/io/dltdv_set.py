@@ -60,7 +60,9 @@ def write_set(path: Path, recording: FileContents) -> list[str]:
             raise FormatError(f"{path.name}: {error}") from None
     shape = (len(recording.frames), len(recording.names))
     if recording.pixels is not None:
-        write_pixels(files["xypts"], recording.pixels)
+        corner = (np.abs(recording.pixels.uv_px) < _SMALLEST / 2).all(axis=-1, keepdims=True)
+        uv = np.where(corner, _SMALLEST, recording.pixels.uv_px)  # DLTdv takes 0 as missing
+        write_pixels(files["xypts"], replace(recording.pixels, uv_px=uv))
         offsets = recording.tables.get("offset_frames", np.zeros((shape[0], len(recording.camera_names))))
         write_table(files["offsets"], [f"cam{c + 1}_offset" for c in range(offsets.shape[1])], offsets)
         if "xyzres" in files:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
-from mocap.errors import FormatError
+from mocap.documents import open_regular
+from mocap.errors import FormatError, shown_elsewhere
 from mocap.io.apart import read_apart
 from mocap.io.lines import one_kind
 from mocap.io.matlab import SECONDS, variables
@@ -95,10 +96,11 @@ def head(path: Path) -> Head:
     if path.is_dir():
         raise FormatError(f"{path}: is a folder; expected a file")
     try:
-        with path.open("rb") as stream:
+        with open_regular(path, follow=True) as stream:
             start = stream.read(LENGTH)
     except OSError as error:
-        raise FormatError(f"{path}: cannot be read: {error.strerror}") from None
+        told = f": {shown_elsewhere(error)}check that you may read it" if isinstance(error, PermissionError) else ""
+        raise FormatError(f"{path}: cannot be read: {error.strerror}{told}") from None
     if not start.strip():
         raise FormatError(f"{path.name}: the file is empty: export it again")
     return Head(path, start)

@@ -4,7 +4,6 @@ It is a calibration of Anipose (so that other programs read its lenses) in which
 each section has two more keys: ``free``, places among fx, fy, cx, cy and the distortions, and ``covariance``.
 """
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,8 @@ from mocap.cameras.camera import decompose, pinhole_camera
 from mocap.cameras.known_lens import KnownLens
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError
-from mocap.io.anipose import read_calibration, write_calibration
+from mocap.io.anipose import camera_sections, read_calibration, write_calibration
+from mocap.schema import Entry, checked
 
 NAME = "lenses.toml"
 
@@ -56,31 +56,21 @@ def read_lenses(path: Path) -> tuple[KnownLens, ...]:
             raise FormatError(f"{path}: contains no {NAME} and no calibration.toml: give the lenses' file")
         path = inside[0]
     cameras = read_calibration(path)
-    sections = list(_sections(path))
     out = []
-    for camera, section in zip(cameras, sections, strict=True):
+    for camera, (_, section) in zip(cameras, camera_sections(path), strict=True):
         lens = camera.lens
         if lens is None:
             k = decompose(camera).intrinsic
             lens = BrownLens(f_px=(k[0, 0], k[1, 1]), centre_px=(k[0, 2], k[1, 2]))
-        try:
-            free = tuple(int(i) for i in section.get("free", ()))
-            cov = np.array(section.get("covariance", np.zeros((0, 0))), dtype=float).reshape(len(free), len(free))
-            good = np.isfinite(cov).all() and all(0 <= i < 4 + lens.n_coefficients for i in free)
-        except (TypeError, ValueError):
-            good = False
-        if not good:
-            raise FormatError(
-                f"{path.name}: camera {camera.name!r}: its covariance is not that of its {lens.model} lens: calibrate "
-                "the lenses again"
-            )
+        again = f"its covariance is not that of its {lens.model} lens: calibrate the lenses again"
+        schema = {
+            "free": Entry(kind="i", shape=("free",), least=0, most=3 + lens.n_coefficients, rising=True, needed=False),
+            "covariance": Entry(shape=("free", "free"), covariance=True, needed=False),
+        }
+        found = checked(f"{path.name}: camera {camera.name!r}", section, schema, again=again)
+        free = tuple(found["free"].tolist()) if "free" in found else ()
+        cov = found.get("covariance", np.zeros((0, 0)))
+        if len(cov) != len(free):
+            raise FormatError(f"{path.name}: camera {camera.name!r}: {again}")
         out.append(KnownLens(name=camera.name, lens=lens, size_px=camera.size_px, free=free, cov=cov))
     return tuple(out)
-
-
-def _sections(path: Path) -> list[dict]:
-    """The sections that ``read_calibration`` has read and found good, in its order."""
-    table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    keyed = {int(k[4:]): v for k, v in table.items() if k.startswith("cam_") and k[4:].isdecimal()}
-    keyed = keyed or {int(k): v for k, v in table["cameras"].items() if k.isdecimal()}
-    return [keyed[i] for i in sorted(keyed)]

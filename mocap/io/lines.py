@@ -16,6 +16,11 @@ from mocap.errors import FormatError
 LARGEST = 1e19
 """No number of a recording is larger; times in nanoseconds are not."""
 MOST_FRAMES = 10**9
+FRAMES = (
+    r"(frames?|fnum|img|images?|pictures?|samples?|index|idx|timestamps?|bild)"
+    r"[ _.#-]*(no|nr|num|number|numbers|index|idx|id|count|counter)?[.#]?"
+)
+"""Titles of a column of frame numbers, for ``re.IGNORECASE``."""
 _MISSING = ("", "NA", "NaN", "nan")
 _NO_NUMBER = re.compile(r"[^0-9eE+.\-]")
 """Letters that Python's float takes, but no program writes: underscores, digits of other scripts, infinity."""
@@ -25,7 +30,7 @@ def read_lines(path: Path) -> list[str]:
     """The lines of a text file, without their ends.
 
     Raises:
-        FormatError: it cannot be read, is empty, no text, or does not end with a line's end, as a cut file does.
+        FormatError: it cannot be read, is empty, or no text.
     """
     try:
         data = path.read_bytes()
@@ -41,12 +46,7 @@ def read_lines(path: Path) -> list[str]:
         ) from None
     if "\0" in text:
         raise FormatError(f"{path.name}: not a text file; expected the text export of a motion-capture system")
-    if text[-1] not in "\r\n":
-        raise FormatError(
-            f"{path.name}: the last line has no line end, so the file seems to be cut: export it again (or, if it "
-            "is complete, add a line end)"
-        )
-    return one_kind(text).split("\n")[:-1]
+    return one_kind(text).removesuffix("\n").split("\n")
 
 
 def one_kind(text: AnyStr) -> AnyStr:

@@ -4,17 +4,21 @@ A file is ours if the manifest lists it and its content is still what we wrote.
 """
 
 import contextlib
+import errno
 import hashlib
 import json
 import os
 import re
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-from mocap.errors import OutputError
+from mocap.documents import from_json, open_regular, regular_bytes
+from mocap.errors import FormatError, OutputError
+from mocap.schema import Entry, Schema, checked, names
 
 MANIFEST = ".mocap-manifest.json"
 """Lists the files of each result in a folder."""
@@ -67,31 +71,26 @@ class Manifest:
 def read_manifest(folder: Path) -> Manifest:
     """The manifest of a folder; an empty one where there is none.
 
+    A folder may have come from anywhere: what its manifest says is believed of files below the folder only.
+
     Raises:
-        OutputError: there is a file of that name, but no manifest.
+        OutputError: there is something of that name, but no manifest.
     """
     path = folder / MANIFEST
     try:
-        found = json.loads(path.read_bytes())
+        found = from_json(regular_bytes(path, follow=False), MANIFEST)
+        if not (isinstance(found, dict) and isinstance(found.get("results"), dict)):
+            raise FormatError("no results")
+        results = {name: _listing(listing) for name, listing in found["results"].items()}
+        checked("results", {"names": [*results]}, {"names": names()}, again="")
         pending = found.get("pending")
-        if pending is not None and not re.fullmatch(re.escape(PARTIAL) + r"\w+", pending["stage"]):
-            raise ValueError("a hidden folder of another name")
-        return Manifest(
-            results={name: _listing(listing) for name, listing in found["results"].items()},
-            pending=None
-            if pending is None
-            else Pending(
-                name=str(pending["name"]),
-                stage=str(pending["stage"]),
-                new=_listing(pending["new"]),
-                replaces=dict(pending["replaces"]),
-            ),
-        )
+        return Manifest(results=results, pending=None if pending is None else _pending(pending))
     except FileNotFoundError:
         return Manifest()
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (FormatError, OSError) as error:
+        trouble = error.strerror if isinstance(error, OSError) else str(error).rstrip(": ")
         raise OutputError(
-            f"{path} is not a manifest of mocap's results: move it away, or choose another place"
+            f"{path} is not a manifest of mocap's results ({trouble}): move it away, or choose another place"
         ) from None
 
 
@@ -135,13 +134,58 @@ def _plain_listing(listing: Listing) -> dict[str, object]:
     return {"files": dict(listing.files), "folders": list(listing.folders)}
 
 
-def _listing(found: Mapping[str, object]) -> Listing:
-    files, folders = found["files"], found.get("folders", [])
-    if not (isinstance(files, dict) and isinstance(folders, list)):
-        raise TypeError("files and folders")
-    if any(Path(path).is_absolute() or ".." in Path(path).parts for path in [*files, *folders]):
-        raise ValueError("a path that leads out of the folder")
-    return Listing(files={str(f): str(c) for f, c in files.items()}, folders=tuple(map(str, folders)))
+_FILES: Schema = {
+    "files": names("files"),
+    "sha256": Entry(kind="s", shape=("files",)),
+    "folders": names(needed=False),
+}
+_PENDING: Schema = {"name": Entry(kind="s"), "stage": Entry(kind="s")}
+_SHA256 = re.compile("[0-9a-f]{64}")
+_STAGE = re.compile(re.escape(PARTIAL) + r"\w+", re.ASCII)
+
+
+def _pending(found: Any) -> Pending:
+    text = checked("pending", found, _PENDING, again="")
+    if not _STAGE.fullmatch(text["stage"][()]):
+        raise FormatError(f"pending: stage is {text['stage'][()]!r}, expected a folder {PARTIAL}...")
+    replaces = _listing({"files": found.get("replaces"), "folders": []}).files
+    new = _listing(found.get("new"))
+    return Pending(name=text["name"][()], stage=text["stage"][()], new=new, replaces=replaces)
+
+
+def _listing(found: Any) -> Listing:
+    files = found.get("files") if isinstance(found, dict) else None
+    if not isinstance(files, dict):
+        raise FormatError("files are no table of names with their SHA-256")
+    parts = {"files": [*files], "sha256": [*files.values()], "folders": found.get("folders", [])}
+    known = checked("files", parts, _FILES, again="")
+    wrong = [file for file in (*known["files"], *known["folders"]) if not is_below(file)]
+    wrong += [file for file, content in files.items() if not _SHA256.fullmatch(content)]
+    if wrong:
+        raise FormatError(f"files: {wrong[0]!r} is no file below the folder with its SHA-256")
+    return Listing(files=dict(files), folders=tuple(known["folders"]))
+
+
+def is_below(file: str) -> bool:
+    r"""Whether a path, as we write it, leads below its folder on every system.
+
+    It has slashes, and no ``..``, no drive and no ``\\``, and is none of the files by which mocap works.
+    """
+    parts = file.split("/")
+    return not re.match("[A-Za-z]:", file) and all(
+        part and part.rstrip(". ") == part and "\\" not in part and not part.casefold().startswith(".mocap-")
+        for part in parts
+    )
+
+
+def is_inside(folder: Path, file: str) -> bool:
+    """Whether nothing on the way to a path below a folder, itself included, is a link (or a junction of Windows)."""
+    place = os.fspath(folder)
+    for part in file.split("/"):
+        place = os.path.join(place, part)
+        if os.path.islink(place) or (hasattr(os.path, "isjunction") and os.path.isjunction(place)):
+            return False
+    return True
 
 
 def current(folder: Path, file: str) -> Path:
@@ -161,14 +205,65 @@ def current_files(folder: Path) -> dict[str, Path]:
     except OutputError:
         manifest = Manifest()
     if not manifest.results and manifest.pending is None:
-        return {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
-    where = {file: folder / file for listing in manifest.results.values() for file in listing.files}
+        found = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
+        return {file: path for file, path in found.items() if is_inside(folder, file)}
+    where = {file: file for listing in manifest.results.values() for file in listing.files}
     if manifest.pending is not None:
-        stage = folder / manifest.pending.stage
-        where = {file: path for file, path in where.items() if file not in manifest.pending.replaces}
+        stage = manifest.pending.stage
+        where = {file: place for file, place in where.items() if file not in manifest.pending.replaces}
         for file in manifest.pending.new.files:
-            where[file] = stage / file if (stage / file).is_file() else folder / file
-    return where
+            staged = is_inside(folder, stage) and (folder / stage / file).is_file()
+            where[file] = f"{stage}/{file}" if staged else file
+    return {file: folder / place for file, place in where.items() if is_inside(folder, place)}
+
+
+@contextlib.contextmanager
+def place_of(folder: Path, file: str, *, make: bool = False) -> Iterator[tuple[int | None, str]]:
+    """The folder that a file below a folder is in, opened, and the file's name there.
+
+    No link is followed on the way, whoever puts one there meanwhile; a system that opens no folders (Windows) is asked
+    before, and gets the whole path.
+
+    Args:
+        folder: It may be a link.
+        file: Path below it, with slashes.
+        make: Whether folders on the way are made.
+
+    Raises:
+        OutputError: there is a link on the way.
+        FileNotFoundError: a folder on the way is missing.
+    """
+    *above, name = file.split("/")
+    if os.open not in os.supports_dir_fd:
+        for i in range(len(above)):
+            if not is_inside(folder, "/".join(above[: i + 1])):
+                raise _leads_out(folder, file)
+        if make:
+            (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        yield None, str(folder / file)
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        for part in above:
+            if make:
+                with contextlib.suppress(FileExistsError):
+                    os.mkdir(part, dir_fd=handle)
+            try:
+                below = os.open(part, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=handle)
+            except OSError as error:
+                raise (_leads_out(folder, file) if error.errno in (errno.ELOOP, errno.ENOTDIR) else error) from None
+            os.close(handle)
+            handle = below
+        yield handle, name
+    finally:
+        os.close(handle)
+
+
+def _leads_out(folder: Path, file: str) -> OutputError:
+    return OutputError(
+        f"{folder}: {file} leads through a link, which mocap does not follow below a result's folder: put a folder in "
+        "its place, or choose another place"
+    )
 
 
 def digest(path: Path) -> str:
@@ -177,9 +272,23 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def is_still(path: Path, content: str) -> bool:
-    """Whether a path is a plain file with that SHA-256."""
-    return path.is_file() and not path.is_symlink() and digest(path) == content
+def is_still(path: Path | str, content: str, *, within: int | None = None) -> bool:
+    """Whether a path is a plain file (no link) with that SHA-256.
+
+    Args:
+        path: The file.
+        content: The SHA-256.
+        within: Opened folder that it is in (``place_of``); None: that of the path.
+    """
+    try:
+        with open_regular(path, within=within) as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest() == content
+    except (FormatError, FileNotFoundError):
+        return False
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO, errno.ENOTDIR, errno.EISDIR):
+            return False
+        raise
 
 
 def sync_folder(folder: Path) -> None:

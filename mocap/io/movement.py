@@ -6,32 +6,36 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
-from mocap.io.lines import frame_numbers, one_line
-from mocap.io.netcdf import as_netcdf
+from mocap.io.lines import MOST_FRAMES, frame_numbers
+from mocap.io.netcdf import as_netcdf, read_netcdf
 from mocap.io.optical import UNIT_M, metres, rate_of_times
 from mocap.io.tables import WORDS, with_sd
 from mocap.records import Status
+from mocap.schema import Entry, checked
 
 _ONE = {"individual": "id_0", "view": "cam1"}
 """The only individual or camera of a file that names none."""
 
 
 def _read(path: Path, _hints: Hints) -> FileContents:
-    import xarray
-
+    data = read_netcdf(path, again="save it again")
     try:
-        with xarray.open_dataset(path, engine="h5netcdf") as file:
-            data = file.load()
-    except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
-        raise FormatError(
-            f"{path.name}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): it is cut or "
-            "damaged; save it again"
-        ) from None
+        return _recording(path, _laid_out(path, data))
+    except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
+        raise FormatError(f"{path.name}: {one_line(error)}; expected what movement saves") from None
+
+
+def _laid_out(path: Path, data: Any) -> Any:
+    """With the names of dimensions of this version, of which none is missing."""
+    if odd := [name for name, one in data.variables.items() if one.dtype.kind == "c"]:
+        raise FormatError(f"{path.name}: {odd[0]} is complex, expected real numbers: save it again")
     data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
     if "shape" in data or data.attrs.get("ds_type") == "bboxes":
         raise FormatError(f"{path.name}: contains bounding boxes; expected poses (ds_type = poses)")
@@ -42,10 +46,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         if name not in data["position"].dims:
             data = data if name in data.coords else data.assign_coords({name: _ONE[name]})
             data = data.expand_dims(name)
-    try:
-        return _recording(path, data)
-    except (KeyError, ValueError, TypeError) as error:
-        raise FormatError(f"{path.name}: {one_line(error)}; expected what movement saves") from None
+    return data
 
 
 def _recording(path: Path, data: Any) -> FileContents:
@@ -86,13 +87,15 @@ def _recording(path: Path, data: Any) -> FileContents:
     unit = str(attributes.get("space_unit", "")) or None
     unit = unit if unit in UNIT_M else None
     sd = _array(data, "sd", order)
+    if sd is not None:
+        checked(path.name, {"sd": sd}, {"sd": Entry(shape=(None,) * 3, least=0.0, missing=0)}, again="save it again")
     found = point_recording(
         path,
         "movement",
         xyz=values[0],
         unit=unit,
         t_s=frames / (fps or 1.0) if in_frames else times,
-        status=None if origin is None else origin[0].astype(np.int8),
+        status=None if origin is None else _codes(path, origin[0]),
         score=None if score is None else score[0],
         **common,
     )
@@ -105,6 +108,18 @@ def _recording(path: Path, data: Any) -> FileContents:
     cov = data["covariance"].isel(view=0) if "view" in data["covariance"].dims else data["covariance"]
     cov = np.asarray(cov.transpose(*both).values, dtype=np.float64).reshape(len(times), -1, 3, 3) * scale**2
     return replace(found, points=replace(found.points, cov_m2=cov))
+
+
+def _codes(path: Path, values: Array) -> NDArray[np.int64]:
+    """(T, M) codes of ``Status``.
+
+    Raises:
+        FormatError: one is none.
+    """
+    whole = values.astype(np.int64) if (np.abs(values) < MOST_FRAMES).all() else values
+    kept: Any = whole if np.array_equal(whole, values) else values
+    known = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))
+    return checked(path.name, {"status": kept}, {"status": known}, again="save it again")["status"]
 
 
 def _array(data: Any, name: str, order: tuple[str, ...]) -> Array | None:

@@ -7,11 +7,18 @@ a quarter of the time of a short trial.
 
 from collections.abc import Mapping
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from xarray.conventions import cf_encoder, encode_dataset_coordinates
+
+from mocap.documents import one_line
+from mocap.errors import FormatError
+from mocap.io.bounds import check_bytes
+from mocap.schema import Schema, checked
 
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10}"
@@ -86,3 +93,43 @@ def _scale(data, title: str, number: int):
 def _attributes(place, attributes: Mapping[Any, Any]) -> None:
     for name, value in attributes.items():
         place.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)
+
+
+def read_netcdf(path: Path, *, again: str) -> xr.Dataset:
+    """A dataset in memory.
+
+    Args:
+        path: The file.
+        again: What to do where it cannot be read.
+
+    Raises:
+        FormatError: it cannot be read, or announces more than a file of its size can hold.
+    """
+    try:
+        with xr.open_dataset(path, engine="h5netcdf") as file:
+            check_bytes(path, sum(one.nbytes for one in file.variables.values()), "its variables")
+            return file.load()
+    except FormatError:
+        raise
+    except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
+        raise FormatError(
+            f"{path}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): it is cut or damaged: "
+            f"{again}"
+        ) from None
+
+
+def variables(
+    where: str, dataset: xr.Dataset, schema: Schema, *, sizes: dict[str, int] | None = None, again: str
+) -> dict[str, NDArray[Any]]:
+    """``mocap.schema.checked`` of variables, their axes in the order of the schema, which names the dimensions.
+
+    Raises:
+        FormatError: a variable is missing, has other dimensions, or is not as its schema says.
+    """
+    found = {}
+    for name in schema.keys() & set(map(str, dataset.variables)):
+        dims, shape = dataset[name].dims, schema[name].shape
+        if set(dims) != set(shape):
+            raise FormatError(f"{where}: {name} has dimensions {dims}, expected {shape}: {again}")
+        found[name] = dataset[name].transpose(*shape).values
+    return checked(where, found, schema, sizes=sizes, again=again)

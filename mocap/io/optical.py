@@ -1,6 +1,7 @@
 """What the readers of optical motion-capture systems share: units, and records from positions with their origin."""
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -44,10 +45,11 @@ def rate(path: Path, value: object) -> float:
 
 
 def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of which none is empty or another's, and findings on what was changed."""
+    """Names of which none is empty or another's (U_1, U_2, ... are unnamed), and findings on what was changed."""
     found, changed = [], []
+    unnamed = (new for new in map("U_{}".format, count(1)) if new not in names)
     for place, name in enumerate(names, start=1):
-        new = name or f"point{place}"
+        new = name or next(unnamed)
         while new in found:
             new = f"{new}_{place}"
         if new != name:
@@ -55,6 +57,21 @@ def told_apart(names: Sequence[str]) -> tuple[list[str], list[str]]:
         found.append(new)
     shown = ", ".join(changed[:5]) + (", ..." if len(changed) > 5 else "")
     return found, [f"{len(changed)} points without a unique name were renamed: {shown}"] if changed else []
+
+
+def _stated(t_s: Array) -> float:
+    """The rate with the fewest digits of which even times in seconds are multiples, as far as they are rounded.
+
+    Files round times: 0.001429, 0.002857, ... are of 700 frames a second, not of 699.999999.
+    """
+    fps = (len(t_s) - 1) / (t_s[-1] - t_s[0])
+    decimals = next((d for d in range(12) if np.allclose(t_s, np.round(t_s, d), rtol=0, atol=1e-13)), 12)
+    for digits in range(9):
+        simple = round(fps, digits)
+        off = np.abs(t_s - t_s[0] - np.arange(len(t_s)) / (simple or np.inf))
+        if simple and off.max() <= 10.0**-decimals:
+            return simple
+    return fps
 
 
 def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
@@ -70,6 +87,6 @@ def rate_of_times(path: Path, t_s: Array) -> tuple[float | None, list[str]]:
         row = int(np.argmax(~(steps > 0)))
         raise FormatError(f"{path.name}: times do not increase: {t_s[row + 1]:g} s follows {t_s[row]:g} s")
     uneven = np.ptp(steps) > 0.5 * np.median(steps)
-    fps = 1 / np.median(steps) if uneven else (len(t_s) - 1) / (t_s[-1] - t_s[0])
+    fps = 1 / np.median(steps) if uneven else _stated(t_s)
     told = [f"times are uneven: steps of {steps.min():.4g} to {steps.max():.4g} s"] if uneven else []
     return float(f"{fps:.9g}"), told

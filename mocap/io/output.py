@@ -22,7 +22,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from mocap.errors import OutputError
+from mocap.errors import OutputError, shown_elsewhere
 from mocap.io.lock import LOCK, locked
 from mocap.io.manifest import (
     MANIFEST,
@@ -31,7 +31,10 @@ from mocap.io.manifest import (
     Manifest,
     Pending,
     digest,
+    is_below,
+    is_inside,
     is_still,
+    place_of,
     read_manifest,
     sync_folder,
     write_manifest,
@@ -196,6 +199,8 @@ def _commit(
     replaces, folders = {}, []
     for file in new:
         target = folder / file
+        if not is_below(file):
+            raise OutputError(f"{target}: no file of this name can be found again on every system: choose another name")
         if target.resolve() in read:
             raise OutputError(f"{target} is read from: choose another place")
         folders += _missing_folders(folder, target.parent)
@@ -208,7 +213,9 @@ def _commit(
             replaces[file] = _refuse_foreign(folder, file, manifest, owner=None if take_over else name)
     old = manifest.results.get(name, Listing())
     replaces |= {
-        file: content for file, content in old.files.items() if file not in new and is_still(folder / file, content)
+        file: content
+        for file, content in old.files.items()
+        if file not in new and is_inside(folder, file) and is_still(folder / file, content)
     }
     kept_folders = [f for f in old.folders if any(file.startswith(f"{f}/") for file in new)]
     listing = Listing(files=new, folders=tuple(dict.fromkeys([*kept_folders, *folders])))
@@ -226,21 +233,24 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
         return manifest
     stage = folder / pending.stage
     try:
-        for file in pending.new.files:
-            source, target = stage / file, folder / file
-            if not source.is_file():
-                continue  # at its place already
-            if os.path.lexists(target) and not is_still(target, pending.replaces.get(file, "")):
-                raise OutputError(
-                    f"{target} was changed while mocap wrote: move it away, then run any command that writes there"
-                )
-            target.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(source, target)
-        for file, content in pending.replaces.items():
-            if file not in pending.new.files and is_still(folder / file, content):
-                (folder / file).unlink()
+        staged = [file for file, content in pending.new.files.items() if _is_staged(stage, file, content)]
+        for file in staged:
+            with place_of(stage, file) as (source, name), place_of(folder, file, make=True) as (target, new):
+                there = _is_there(target, new)
+                if there and not is_still(new, pending.replaces.get(file, ""), within=target):
+                    raise OutputError(
+                        f"{folder / file} was changed while mocap wrote: move it away, then run any command that "
+                        "writes there"
+                    )
+                os.replace(name, new, src_dir_fd=source, dst_dir_fd=target)
+        for file in pending.replaces.keys() - pending.new.files.keys():
+            with contextlib.suppress(FileNotFoundError), place_of(folder, file) as (target, name):
+                if is_still(name, pending.replaces[file], within=target):
+                    os.unlink(name, dir_fd=target)
         old = manifest.results.get(pending.name, Listing())
-        _remove_empty([folder / f for f in sorted(old.folders, reverse=True) if f not in pending.new.folders])
+        for empty in sorted(set(old.folders) - set(pending.new.folders), reverse=True):
+            with contextlib.suppress(OSError), place_of(folder, empty) as (target, name):
+                os.rmdir(name, dir_fd=target)
         sync_folder(folder)
         gone = {*pending.new.files, *pending.replaces}
         others = {
@@ -254,11 +264,44 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
     except OSError as error:
         raise OutputError(
             f"{folder}: the new result is complete, but {error.filename or 'a file'} could not be moved to its place "
-            f"({error.strerror or error}): mocap view reads it; the next command that writes there finishes it",
+            f"({error.strerror or error}): {shown_elsewhere(error)}mocap view reads it; the next command that writes "
+            "there finishes it",
             kept="the new result is complete",
         ) from None
     shutil.rmtree(stage, ignore_errors=True)
     return done
+
+
+def _is_staged(stage: Path, file: str, content: str) -> bool:
+    """Whether a file is still in the hidden folder of a pending result.
+
+    Raises:
+        OutputError: the hidden folder is none, or the file is not the one that the manifest lists.
+    """
+    if not os.path.lexists(stage):
+        return False
+    if stage.is_symlink() or not stage.is_dir():
+        raise OutputError(
+            f"{stage} is no folder, but {MANIFEST} lists it as one with new files: move {MANIFEST} away, or choose "
+            "another place"
+        )
+    try:
+        with place_of(stage, file) as (source, name):
+            if _is_there(source, name) and not is_still(name, content, within=source):
+                raise OutputError(
+                    f"{stage / file} is not the file that {MANIFEST} lists: move that away, or choose another place"
+                )
+            return _is_there(source, name)
+    except FileNotFoundError:
+        return False  # its folder went to its place
+
+
+def _is_there(within: int | None, name: str) -> bool:
+    try:
+        os.stat(name, dir_fd=within, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _refuse_inputs(target: Path, inputs: Iterable[Path | None], *, folder: bool) -> None:
@@ -308,6 +351,11 @@ def _missing_folders(folder: Path, parent: Path) -> list[str]:
     """Folders below ``folder`` that have to be made for a file; all others are on its file system."""
     missing = []
     while parent != folder:
+        if parent.is_symlink():
+            raise OutputError(
+                f"{parent} is a link, but files of the result are to be written there: put a folder in its place, or "
+                "choose another place"
+            )
         if parent.is_dir():
             if parent.stat().st_dev != folder.stat().st_dev:
                 raise OutputError(f"{parent} is on another file system than {folder}: choose another place")
@@ -368,7 +416,7 @@ def _answering(place: Path) -> Iterator[None]:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         raise OutputError(
             f"{place}: cannot be written: {reason}; nothing there was changed: "
-            + ("free some space, or choose another place" if full else "choose another place"),
+            + ("free some space, or choose another place" if full else f"{shown_elsewhere(error)}choose another place"),
             kept=getattr(error, "kept", ""),
         ) from error
 

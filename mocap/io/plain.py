@@ -13,7 +13,7 @@ from mocap.io.csv_table import read_table
 from mocap.io.dltdv_files import is_number_row
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head, head
-from mocap.io.lines import frame_numbers
+from mocap.io.lines import FRAMES, frame_numbers
 from mocap.io.optical import rate_of_times
 
 _UNITS = "mm|cm|dm|um|m|in|ft"
@@ -23,7 +23,7 @@ LIKELY = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>likelihood|confidence|conf|s
 """Titles of likelihoods: as a marker's third column they make the first two pixels."""
 TIMES = re.compile(r"seconds|(t|time|zeit|temps|tiempo|tempo)(_s|\s*[\[(]s[\])])?", re.IGNORECASE)
 """Titles of times in seconds, in the languages that spreadsheets are often written in."""
-FRAMES = ("frame", "frame#", "frames", "fnum", "")
+_FRAMES = re.compile(FRAMES, re.IGNORECASE)
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, ...]]:
@@ -53,7 +53,7 @@ def _read(path: Path, hints: Hints) -> FileContents:
     header = header or [str(c + 1) for c in range(values.shape[1])]
     plain, unit = _without_unit(header)
     columns = dict(hints.columns)
-    if not columns and (columns := _by_titles(plain)):
+    if not columns and (columns := _by_titles(plain) or _counted(plain, values)):
         header = plain
     if not columns:
         shown = ", ".join(header[:8]) + (", ..." if len(header) > 8 else "")
@@ -62,6 +62,11 @@ def _read(path: Path, hints: Hints) -> FileContents:
             "XMALab, Anipose, DeepLabCut, Vicon, TRC, mocap's own): state what the columns are with "
             '`columns` "tip=x1,y1,z1;root=x2,y2,z2;time=t" (titles, or numbers from 1)'
         )
+    counted = columns.get("frame", (None,))[0]
+    if counted in header and "time" not in columns:
+        steps = np.diff(values[:, header.index(counted)])
+        if (steps % 1 != 0).any() and 0 < np.median(steps) < 1:  # a timestamp in seconds
+            columns = {"time" if name == "frame" else name: cells for name, cells in columns.items()}
     return _mapped(path, header, values, columns, unit=None if hints.columns else unit)
 
 
@@ -72,6 +77,29 @@ def _without_unit(header: list[str]) -> tuple[list[str], str | None]:
     if len(units) != 1 or any(not m and _TITLE.fullmatch(t) for m, t in zip(found, header, strict=True)):
         return header, None
     return [match["title"] if match else title for match, title in zip(found, header, strict=True)], units.pop()
+
+
+def is_frame(title: str) -> bool:
+    """Whether a title is that of a column of frame numbers; pandas leaves that of its index empty."""
+    return not title or _FRAMES.fullmatch(title) is not None
+
+
+def is_mapped(head: Head, hints: Hints) -> bool:
+    """Whether the columns that the user states are those of a table."""
+    titles = head.cells()
+    stated = [column for columns in hints.columns.values() for column in columns]
+    return bool(stated) and all(c in titles or (c.isdigit() and 1 <= int(c) <= len(titles)) for c in stated)
+
+
+def _counted(header: list[str], values: Array) -> dict[str, tuple[str, ...]]:
+    """The map where all titles but one are of x, y, z of markers, and that column counts up: it is of the frames."""
+    for column, title in enumerate(header):
+        counts = values[:, column]
+        if len(counts) > 1 and (counts == np.round(counts)).all() and (np.diff(counts) > 0).all():
+            found = _by_titles(header[:column] + header[column + 1 :])
+            if found and not found.keys() & {"frame", "time"} and all(len(cells) == 3 for cells in found.values()):
+                return {"frame": (title,), **found}
+    return {}
 
 
 def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
@@ -86,7 +114,7 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
         match = _TITLE.fullmatch(title)
         if TIMES.fullmatch(title):
             special["time"] = (title,)
-        elif title.lower() in FRAMES:
+        elif is_frame(title):
             special["frame"] = (title,)
         elif match is None or match["axis"].lower() in found.setdefault(match["name"] or "point", {}):
             return {}

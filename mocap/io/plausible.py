@@ -7,6 +7,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
+from mocap.io.placeholders import without_placeholders
+from mocap.text import visible
 
 _FARTHEST_M = 1e8
 """The earth is 1.3e7 m wide: positions on it may be counted from its middle."""
@@ -19,11 +21,12 @@ _MOST_SCORE = 2.0
 
 
 def plausible(recording: FileContents) -> FileContents:
-    """The recording, with findings on what is unusual in its numbers.
+    """The recording without placeholders, with findings on what is unusual in its numbers.
 
     Raises:
         FormatError: a position, pixel, rate, covariance or other number is none that can have been measured.
     """
+    recording = without_placeholders(recording)
     name, findings = recording.paths[0].name, []
     if recording.fps is not None and not _RATES_HZ[0] <= recording.fps <= _RATES_HZ[1]:
         raise FormatError(
@@ -44,7 +47,7 @@ def plausible(recording: FileContents) -> FileContents:
                     f"{name}: the table {title} contains {np.nanmax(np.abs(table)):g}, which is too large: correct "
                     "it and export again"
                 )
-        if title != "offset_frames" and title != "transforms" and (table < 0).any():
+        if title not in ("offset_frames", "transforms", "quantities", "time_s") and (table < 0).any():
             findings.append(f"{(table < 0).sum()} numbers of the table {title} are below 0")
     for camera in recording.cameras:
         if not np.isfinite(camera.matrix).all():
@@ -52,7 +55,31 @@ def plausible(recording: FileContents) -> FileContents:
     score = recording.score
     if score is not None and ((score < 0) | (score > _MOST_SCORE)).any():
         findings.append(f"scores are {np.nanmin(score):g} to {np.nanmax(score):g}; expected 0 to 1")
-    return replace(recording, findings=(*recording.findings, *findings, *_frame_findings(recording)))
+    recording, told = _legible(recording)
+    return replace(recording, findings=(*recording.findings, *findings, *told, *_frame_findings(recording)))
+
+
+def _legible(recording: FileContents) -> tuple[FileContents, list[str]]:
+    """The recording without characters that act on terminals or turn the writing in names, and a finding on them."""
+
+    def shown(word: str) -> str:
+        return "\r".join(map(visible, word.split("\r")))  # cells of tables have an escape of their own for line ends
+
+    every = (*recording.names, *recording.camera_names, *(word for own in recording.animals for word in own))
+    odd = {word for word in every if shown(word) != word}
+    if not odd:
+        return recording, []
+    names, cameras = (tuple(map(shown, own)) for own in (recording.names, recording.camera_names))
+    pixels, points = recording.pixels, recording.points
+    pixels = None if pixels is None else replace(pixels, names=names, cameras=cameras)
+    return replace(
+        recording,
+        names=names,
+        camera_names=cameras,
+        pixels=pixels,
+        points=None if points is None else replace(points, names=names),
+        animals=tuple((shown(animal), shown(name)) for animal, name in recording.animals),
+    ), [f"{len(odd)} names contain characters that do not show or change how text reads: written as \\u202e is"]
 
 
 def _check_size(recording: FileContents, which: str, values: Array, most: float, unit: str) -> None:
@@ -105,7 +132,7 @@ def _frame_findings(recording: FileContents) -> list[str]:
     steps = np.diff(frames)
     found = []
     if len(frames) and frames[0] < 0:
-        found.append(f"the first frame number is {frames[0]}: frames before a trigger, or a damaged number")
+        found.append(f"the first frame number is {frames[0]}: frames before a trigger are counted so")
     if (steps != 1).any():
         at = int(np.argmax(steps))
         found.append(

@@ -5,7 +5,6 @@ A folder holds the frames of one camera, or a folder for each camera. OpenPose's
 has ``instances[i].keypoints`` and ``keypoint_scores`` (also under ``instance_info``, a list of frames).
 """
 
-import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,10 +13,13 @@ from typing import Any
 import numpy as np
 
 from eal.arrays import Array
+from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
+from mocap.io.lines import MOST_FRAMES
+from mocap.schema import Entry, Schema, checked
 
 _COCO = (
     "nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow right_elbow left_wrist "
@@ -60,7 +62,7 @@ def _people(path: Path, frame: Any) -> list[Array]:
                 uv = np.array(one["keypoints"], dtype=float).reshape(-1, 2)
                 score = np.array(one.get("keypoint_scores", np.ones(len(uv))), dtype=float).reshape(-1, 1)
                 found.append(np.concatenate([uv, score], axis=1))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise FormatError(
             f"{path.name}: no poses as OpenPose or MMPose write them ({error}): expected people[].pose_keypoints_2d, "
             "or instances[].keypoints with keypoint_scores"
@@ -71,11 +73,15 @@ def _people(path: Path, frame: Any) -> list[Array]:
     return [person for person in found if len(person) and np.isfinite(person).any()]
 
 
+MOST_BYTES = 1 << 30
+"""Of the poses of all frames in one file: a day of one person's 133 points at 30 Hz in short numbers."""
+
+
 def _load(path: Path) -> Any:
-    try:
-        return json.loads(path.read_bytes())
-    except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path.name}: not readable as JSON: {error}: write it again") from None
+    return from_json(regular_bytes(path, most=MOST_BYTES), path.name, finite=False)
+
+
+_FRAME: Schema = {"frame_id": Entry(kind="i", least=0, most=MOST_FRAMES)}
 
 
 def _frames(files: Sequence[Path]) -> dict[int, list[Array]]:
@@ -88,7 +94,8 @@ def _frames(files: Sequence[Path]) -> dict[int, list[Array]]:
         if inside is not None:
             for k, frame in enumerate(inside):
                 number = frame.get("frame_id", k + 1) if isinstance(frame, dict) else k + 1
-                out[int(number)] = _people(file, frame)
+                told = checked(file.name, {"frame_id": number}, _FRAME, again="write it again")
+                out[int(told["frame_id"])] = _people(file, frame)
             continue
         digits = re.findall(r"\d+", file.stem.removesuffix("_keypoints"))
         number = int(digits[-1]) if digits else position

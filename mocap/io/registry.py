@@ -11,12 +11,16 @@ from mocap.errors import FormatError
 from mocap.io import (
     anipose,
     argus,
-    c3d_files,
+    c3d,
+    caliscope,
+    coco,
+    dannce,
     deeplabcut,
     dltdv_files,
     dltdv_set,
     dltdv_sparse,
     easywand,
+    kinovea,
     movement,
     optitrack,
     other_rigs,
@@ -25,6 +29,7 @@ from mocap.io import (
     profile,
     qualisys,
     sleap,
+    storage,
     tables_long,
     tables_wide,
     trc,
@@ -50,12 +55,17 @@ FORMATS: tuple[Format, ...] = (
     *movement.FORMATS,
     *anipose.FORMATS,
     *other_rigs.FORMATS,
+    *coco.FORMATS,
     *pose_json.FORMATS,
+    *dannce.FORMATS,
+    *caliscope.FORMATS,
+    *kinovea.FORMATS,
+    *storage.FORMATS,
     *qualisys.FORMATS,
     *vicon.FORMATS,
     *optitrack.FORMATS,
     *trc.FORMATS,
-    *c3d_files.FORMATS,
+    *c3d.FORMATS,
     *tables_long.FORMATS,
     *tables_wide.FORMATS,
     *typed_pixels.FORMATS,
@@ -104,6 +114,8 @@ def _identify(path: Path, hints: Hints) -> Format:
     beginning = head(path)
     if hints.format is not None:
         return by_name(hints.format)
+    if beginning.lines and plain.is_mapped(beginning, hints):
+        return by_name("csv")
     for format in FORMATS:
         if format.knows(beginning):
             return format
@@ -127,7 +139,7 @@ def read(path: Path, hints: Hints | None = None) -> FileContents:
 
 
 def read_as(format: Format, path: Path, hints: Hints) -> FileContents:
-    """Read a file of a known format; a text whose last line has no end is told to be so.
+    """Read a file of a known format.
 
     Raises:
         FormatError: it is not what the format promises.
@@ -166,15 +178,7 @@ def _of(path: Path, told: Sequence[str], recording: FileContents) -> FileContent
 
 def _read_as(format: Format, path: Path, hints: Hints) -> FileContents:
     _ = head(path).hdf5  # a damaged HDF5 file is refused here, in whatever format it is asked for
-    recording = plausible(format.read(path, hints))
-    with path.open("rb") as stream:
-        text = b"\0" not in stream.read(1024)
-        stream.seek(-1, 2)
-        open_end = stream.read(1) not in b"\r\n"
-    if not (text and open_end):
-        return recording
-    doubt = "the last line has no line end: if the file was cut there, its last number is wrong"
-    return replace(recording, findings=(*recording.findings, doubt))
+    return plausible(format.read(path, hints))
 
 
 def writer(path: Path, name: str | None) -> Format:
@@ -255,13 +259,13 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
     """
     format = writer(path, name)
     held = parts(recording)
-    if not format.holds & held.keys() & {"pixels", "points", "cameras", "lenses", "transforms"}:
+    if not format.holds & held.keys() & {"pixels", "points", "cameras", "lenses", "transforms", "quantities"}:
         there = ", ".join(held.values()) or "nothing"
         raise FormatError(
             f"{path.name}: {format.title} cannot store what {recording.paths[0].name} contains ({there})"
             + (": triangulate first: mocap triangulate" if "pixels" in held and "points" in format.holds else "")
         )
-    for need in sorted(format.needs - held.keys()):
+    for need in sorted(format.needs - held.keys() - ({"unit"} if "quantities" in held else set())):
         option = {"fps": "the frame rate (give `fps`)", "unit": "the unit of lengths (give `unit`)"}[need]
         raise FormatError(
             f"{path.name}: {format.title} needs {option}, because {recording.paths[0].name} does not state it"

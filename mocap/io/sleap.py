@@ -1,11 +1,13 @@
-"""SLEAP's analysis files (Pereira et al. 2022; one camera a file, rows from the top) and sleap-anipose's points."""
+"""SLEAP's own and analysis files (Pereira et al. 2022; rows from the top) and sleap-anipose's points."""
 
+import importlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mocap.errors import FormatError
+from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import one_line
@@ -118,7 +120,71 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     )
 
 
+def _labels(path: Path, _hints: Hints) -> FileContents:
+    """Pixels of SLEAP's own project or prediction file, through sleap-io; a camera for each video.
+
+    Raises:
+        FormatError: sleap-io is not installed or cannot read it, or it holds no instances.
+    """
+    try:
+        sleap_io: Any = importlib.import_module("sleap_io")
+    except ImportError:
+        raise FormatError(
+            f"{path.name}: reading a file of SLEAP (.slp) needs sleap_io, not installed here: run pip install "
+            "'eal-mocap[sleap]'"
+        ) from None
+    try:
+        labels = sleap_io.load_slp(str(path), open_videos=False)
+        parts = [node.name for node in labels.skeleton.nodes]
+        seen = [(labels.videos.index(one.video), int(one.frame_idx), one) for one in labels.labeled_frames]
+    except Exception as error:  # the library raises whatever damaged files bring about
+        raise FormatError(
+            f"{path.name}: sleap-io cannot read it ({type(error).__name__}: {one_line(error)}): export it again"
+        ) from None
+    samples, unnamed = {}, False
+    for camera, frame, one in seen:
+        # what a person corrected stands beside the prediction that it was made from
+        corrected = [id(own.from_predicted) for own in one.user_instances if own.from_predicted is not None]
+        own = [*one.user_instances, *(found for found in one.predicted_instances if id(found) not in corrected)]
+        for place, instance in enumerate(own):
+            track = None if instance.track is None else instance.track.name
+            unnamed = unnamed or (track is None and len(own) > 1)
+            samples.setdefault((camera, frame, track or f"animal{place + 1}"), instance)
+    if not samples:
+        raise FormatError(f"{path.name}: contains no instances: label or predict frames in SLEAP first")
+    first, last = (end(frame for _, frame, _ in samples) for end in (min, max))
+    check_bytes(path, 24 * (last - first + 1) * len(labels.videos), "all frames up to its last")
+    animals = list(dict.fromkeys(animal for *_, animal in samples))
+    xy = np.full((len(labels.videos), last - first + 1, len(animals), len(parts), 2), np.nan)
+    score = np.full(xy.shape[:-1], np.nan)
+    for (camera, frame, animal), instance in samples.items():
+        at = (camera, frame - first, animals.index(animal))
+        xy[at] = instance.numpy()
+        if isinstance(instance, sleap_io.PredictedInstance):
+            score[at] = instance.numpy(scores=True)[:, 2]
+    stems = [Path(str(video.filename)).stem for video in labels.videos]
+    told = ["instances without a track are in no order: one animal may be another in the next frame"] if unnamed else []
+    return pixel_recording(
+        path,
+        "sleap-labels",
+        names=[n if len(animals) == 1 else f"{a}_{n}" for a in animals for n in parts],
+        cameras=stems if len(set(stems)) == len(stems) else [f"cam{c + 1}" for c in range(len(stems))],
+        uv_px=xy.reshape(*xy.shape[:2], -1, 2),
+        first=first,
+        pixel_origin="upper-left",
+        animals=tuple((a, n) for a in animals for n in parts),
+        score=None if np.isnan(score).all() else score.reshape(*score.shape[:2], -1),
+        findings=(_NO_RATE, *told),
+    )
+
+
 FORMATS = (
+    Format(
+        name="sleap-labels",
+        title="labels and predictions of SLEAP (.slp)",
+        knows=lambda head: {"metadata", "frames", "instances"} <= head.hdf5,
+        read=_labels,
+    ),
     Format(
         name="sleap-analysis",
         title="pixel tracks of SLEAP (analysis HDF5)",

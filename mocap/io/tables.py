@@ -67,8 +67,6 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
     Raises:
         FormatError: it is cut or empty, or holds a cell that is no finite number.
     """
-    if path.read_bytes()[-1:] not in (b"\n", b"\r"):
-        raise FormatError(f"{path.name}: the last line has no line end, so the file seems to be cut: export it again")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row longer than the header

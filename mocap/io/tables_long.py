@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from mocap.documents import from_json
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.io.cells import as_cell, from_cell
@@ -19,6 +20,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
 from mocap.io.tables import WORDS, check_origins, codes, read_rows, titles, with_sd
+from mocap.schema import POSITIVE, Entry, checked
 
 _META = b"eal-mocap"
 _NAMES = ("marker", "camera")
@@ -149,7 +151,9 @@ def _read_parquet(path: Path, _hints: Hints) -> FileContents:
             unpacked = sum(meta.row_group(i).total_byte_size for i in range(meta.num_row_groups))
             check_bytes(path, max(unpacked, 8 * meta.num_rows * meta.num_columns), "its table")
             table = file.read()
-        fps = json.loads((table.schema.metadata or {}).get(_META, b"{}")).get("fps")
+        told = from_json((table.schema.metadata or {}).get(_META, b"{}"), path.name)
+        found = checked(path.name, told, {"fps": Entry(least=POSITIVE, needed=False)}, again="export it again")
+        fps = float(found["fps"]) if "fps" in found else None
         rows = table.to_pandas()
     except FormatError:
         raise

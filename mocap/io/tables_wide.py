@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from mocap.errors import FormatError
-from mocap.io.cells import as_cell, from_cell
+from mocap.io.cells import as_cells, as_workbook_cell, from_cell
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers
@@ -63,8 +63,12 @@ def _read(path: Path, _hints: Hints) -> FileContents:
 
 
 def _write(path: Path, recording: FileContents) -> None:
-    points = points_of(path, recording)
     columns: dict[str, Any] = {"frame": recording.frames}
+    if "quantities" in recording.tables:
+        columns |= {"t_s": recording.tables["time_s"]}
+        _write_columns(path, columns | dict(zip(recording.names, recording.tables["quantities"].T, strict=True)))
+        return
+    points = points_of(path, recording)
     columns |= {"t_s": points.t_s} if recording.fps else {}
     deviations = np.isfinite(points.sd_m).any()
     for m, name in enumerate(points.names):
@@ -76,11 +80,15 @@ def _write(path: Path, recording: FileContents) -> None:
                 f"{path.name}: marker {name!r} would have the same column titles as another marker: rename it"
             )
         columns |= own
-    table = pd.DataFrame({as_cell(title): column for title, column in columns.items()})
+    _write_columns(path, columns)
+
+
+def _write_columns(path: Path, columns: dict[str, Any]) -> None:
+    table = pd.DataFrame(columns)
     if path.suffix.lower() == ".xlsx":
-        write_sheet(path, list(table.columns), table.itertuples(index=False))
+        write_sheet(path, [as_workbook_cell(title) for title in columns], table.itertuples(index=False))
     else:
-        table.to_csv(path, index=False, na_rep="NaN", lineterminator="\n")
+        table.to_csv(path, index=False, header=as_cells(columns), na_rep="NaN", lineterminator="\n")
 
 
 FORMATS = (
@@ -90,7 +98,9 @@ FORMATS = (
         knows=lambda head: head.cells()[:1] == ("frame",) and any(c.endswith("_origin") for c in head.cells()),
         read=_read,
         write=_write,
-        holds=frozenset({"points", "first_frame", "frame_numbers", "fps", "unit", "origin", "sd"}),
+        holds=frozenset(
+            {"points", "first_frame", "frame_numbers", "fps", "unit", "origin", "sd", "quantities", "time_s"}
+        ),
         needs=frozenset({"unit"}),
         suffixes=(".csv", ".xlsx"),
     ),

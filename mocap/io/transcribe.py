@@ -10,13 +10,14 @@ import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mocap.encoding import decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
 from mocap.io.head import LENGTH, Head
-from mocap.io.lines import one_kind
+from mocap.io.lines import FRAMES, one_kind
 from mocap.io.workbook import is_workbook, sheet_text
 
 _BLOCK = 1 << 24
@@ -24,11 +25,14 @@ _EXPONENT = r"(?:[eE][+-]?\d+)?"
 _WITH_COMMA = rf"([+-]?\d*),(\d+{_EXPONENT})"
 _WITH_POINT = rf"[+-]?(?=[\d.,]*\d)[\d,]*\.[\d.,]*{_EXPONENT}"
 _NUMBER = re.compile(r'\s*"?\s*([+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|nan|NaN|NAN|NA|)\s*"?\s*', re.ASCII)
-_COUNTED = re.compile(r"frames?#?|fnum|t|t_s|time|time_s|seconds|(camera|cam|view)[ _.#-]*\d*", re.IGNORECASE)
+_COUNTED = re.compile(rf"{FRAMES}|t|t_s|time|time_s|seconds|(camera|cam|view)[ _.#-]*\d*", re.IGNORECASE)
 """Titles of a first column that has a number in every row: frames, times, numbers of cameras, coefficients of one."""
 
+_QUOTED = re.compile(r'(?m)(^|,)"([^",\n]*)"(?=,|$)')
+_ROW = re.compile(r'("[^"]*"|[^",]*)(,("[^"]*"|[^",]*))+')
 _OF_NUMBERS = b"0123456789+-,eENaA \n"
 _TOP = 8
+_TAIL = 1 << 18
 
 Knows = Callable[[Head], bool]
 
@@ -83,8 +87,44 @@ def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
         text, said = _tabs(path, text, known)
     else:
         said = ()
+    if _all_quoted(head.lines):
+        text = _QUOTED.sub(r"\1\2", text)
     text, left = _trimmed(text)
+    if not text.endswith("\n"):
+        left = (*left, _whole_end(path, text))
+        text += "\n"
     return text, (*told, *said, *left)
+
+
+def _all_quoted(lines: Sequence[str]) -> bool:
+    """Whether lines are rows of cells with commas, of which some are quoted: no JSON, no settings."""
+    rows = [line for line in lines if line.strip()]
+    return any('"' in row for row in rows) and all(map(_ROW.fullmatch, rows))
+
+
+def _whole_end(path: Path, text: str) -> str:
+    """What is to be said of a last line without its end.
+
+    Raises:
+        FormatError: it has fewer cells than those above, or its last number fewer decimals, of which all above have as
+            many: it was cut.
+    """
+    *above, last = text[-_TAIL:].split("\n")
+    mark = max(",\t; ", key=last.count)
+    rows = takewhile(lambda row: row.count(mark) == last.count(mark), reversed(above[-50:]))
+    column = [cell for row in rows if _NUMBER.fullmatch(cell := row.rpartition(mark)[2].strip())]
+    cell = last.rpartition(mark)[2].strip()
+    decimals = {len(other.partition(".")[2]) for other in column if other.strip("nNaA")}
+    short = len(decimals) == 1 and cell.strip("nNaA") and len(cell.partition(".")[2]) < min(decimals)
+    fewest = min((row.count(mark) for row in above[-5:]), default=0)
+    if last.count(mark) < fewest and _NUMBER.fullmatch(last.split(mark)[0]):
+        raise FormatError(
+            f"{path.name}: the last line has {last.count(mark) + 1} cells and no line end, those before at least "
+            f"{fewest + 1}: it seems to be cut; export the file again"
+        )
+    if mark in last and len(column) > 1 and (short or (not cell and all(column))):
+        raise FormatError(f"{path.name}: the last cell {cell!r} seems to be cut; export the file again")
+    return "the last line has no line end: if the file was cut there, its last number is wrong"
 
 
 def _blocks(stream: io.BufferedReader) -> Iterator[bytes]:
@@ -96,11 +136,16 @@ def _blocks(stream: io.BufferedReader) -> Iterator[bytes]:
 def _is_plain(stream: io.BufferedReader, head: Head, known: Knows) -> bool:
     """Whether a text in UTF-8 is as readers take it."""
     separator = _separator(head.lines)
-    if separator == "\t":
-        return known(head) and not any(b"," in block for block in _blocks(stream))
+    if separator == "\t" and not (known(head) and not any(b"," in block for block in _blocks(stream))):
+        return False
     stream.seek(max(0, stream.seek(0, 2) - LENGTH))
-    ending = stream.read().rstrip(b"\r\n")
+    ending = stream.read()
+    if ending[-1:] not in (b"\n", b"\r") or _all_quoted(head.lines):
+        return False
+    ending = ending.rstrip(b"\r\n")
     last = ending[max(ending.rfind(b"\n"), ending.rfind(b"\r")) + 1 :]
+    if separator == "\t":
+        return True
     return separator == "," and not head.first.rstrip().endswith(",") and not _empty(last.decode("utf-8", "replace"))
 
 

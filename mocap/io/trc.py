@@ -11,7 +11,7 @@ from mocap.io.cells import as_cell, from_cell
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers, number, numbers, points, read_lines
-from mocap.io.optical import UNIT_M, metres, rate_of_times
+from mocap.io.optical import UNIT_M, metres, rate_of_times, told_apart
 
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
 _SAME_RATE = 0.01
@@ -19,7 +19,7 @@ _SAME_RATE = 0.01
 
 
 def _read(path: Path, _hints: Hints) -> FileContents:
-    """Positions at the times of the column Time; empty, ``NaN`` and (0, 0, 0) mean not seen.
+    """Positions at the times of the column Time; empty and ``NaN`` mean not seen.
 
     Raises:
         FormatError: the head or a row is not that of a TRC file; the message names the line.
@@ -29,36 +29,41 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         raise FormatError(
             f"{path.name}: does not begin with PathFileType and the four header lines of a TRC file: export it again"
         )
-    separator = "\t" if "\t" in lines[1] else ","
-    keys, told = ([cell.strip() for cell in lines[i].split(separator)] for i in (1, 2))
+    separator = next((mark for mark in "\t," if mark in lines[1]), None)
+    keys, told, titles = ([cell.strip() for cell in line.split(separator)] for line in lines[1:4])
     head = dict(zip(keys, told, strict=False))
-    lacking = [key for key in ("NumFrames", "NumMarkers", "Units") if not head.get(key)]
-    if lacking:
-        raise FormatError(f"{path.name}: lines 2 and 3 do not state {lacking[0]}; expected {', '.join(_KEYS)}")
-    titles = [cell.strip() for cell in lines[3].split(separator)]
-    names = [from_cell(title) for title in titles[2:] if title]
-    if not re.match(r"frame", titles[0], re.IGNORECASE) or head["NumMarkers"] != str(len(names)):
-        raise FormatError(
-            f"{path.name}: NumMarkers is {head['NumMarkers']}, but line 4 names {len(names)} after Frame# and Time: "
-            "export it again"
-        )
+    if not head.get("Units"):
+        raise FormatError(f"{path.name}: lines 2 and 3 do not state Units; expected {', '.join(_KEYS)}")
+    if not titles or not re.match(r"frame", titles[0], re.IGNORECASE):
+        raise FormatError(f"{path.name}: line 4 does not begin with Frame#: export it again")
     rows = [(i, line) for i, line in enumerate(lines[5:], start=6) if line.strip(", \t")]
     if not rows:
         raise FormatError(f"{path.name}: no frames after the header: export it again")
+    text = [line.rstrip("\t, ") if separator else "\t".join(line.split()) for _, line in rows]
+    names, findings = _names(path, titles, text, separator or "\t")
+    if head.get("NumMarkers") != str(len(names)):
+        findings.append(f"NumMarkers is {head.get('NumMarkers', 'missing')}, but there are {len(names)} trajectories")
     width = 2 + 3 * len(names)
-    text = [line for _, line in rows]
-    values = numbers(path, text, separator=separator, columns=width, first_line=rows[0][0])
+    ends = [separator is not None and line.count(separator) + 1 < width for _, line in rows]
+    whole = [(line.count(separator or "\t") - 1) % 3 == 0 for line in text]
+    short = sum(end and full for end, full in zip(ends, whole, strict=True))
+    if short:  # Cortex ends a row after the last trajectory that it saw
+        findings.append(f"{short} rows end before the last trajectory, which was read as not seen there")
+    text = [
+        line.ljust(len(line) + width - 1 - line.count(separator or "\t"), separator or "\t")
+        if full or not end
+        else line
+        for line, end, full in zip(text, ends, whole, strict=True)
+    ]
+    values = numbers(path, text, separator=separator or "\t", columns=width, first_line=rows[0][0])
     frames, times = values[:, 0], values[:, 1]
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: line {rows[int(np.argmax(np.isnan(times)))][0]}: no time: export it again")
     xyz = points(values[:, 2:], unit_m=1.0)
-    zero = (xyz == 0).all(axis=-1)
-    xyz[zero] = np.nan
-    fps, findings = _rate(path, times, head.get("DataRate", ""))
-    if str(len(rows)) != head["NumFrames"]:
-        findings.append(f"{len(rows)} rows, but NumFrames says {head['NumFrames']}: the file is cut, or was edited")
-    if zero.any():
-        findings.append(f"{zero.sum()} samples at exactly (0, 0, 0) were read as missing")
+    fps, said = _rate(path, times, head.get("DataRate", ""))
+    findings += said
+    if str(len(rows)) != head.get("NumFrames"):
+        findings.append(f"NumFrames is {head.get('NumFrames', 'missing')}, but there are {len(rows)} rows")
     unit = head["Units"].lower()
     if unit not in UNIT_M:
         metres(path, unit)
@@ -73,6 +78,27 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         t_s=times,
         findings=tuple(findings),
     )
+
+
+def _names(path: Path, titles: list[str], rows: list[str], separator: str) -> tuple[list[str], list[str]]:
+    """The name of each trajectory of the rows, U_1, U_2, ... of those without one, and a finding on these.
+
+    Raises:
+        FormatError: line 4 names more than rows hold, or names stand over no trajectory's first column.
+    """
+    lengths = [row.count(separator) + 1 for row in rows]
+    named = [(place, from_cell(title)) for place, title in enumerate(titles[2:]) if title]
+    count = max(-(-(max(lengths) - 2) // 3), len(named))
+    if count > len(named):
+        placed = all(place % 3 == 0 and place < 3 * count for place, _ in named)
+        if (max(lengths) - 2) % 3 or not (placed or [place for place, _ in named] == list(range(len(named)))):
+            raise FormatError(
+                f"{path.name}: rows have up to {max(lengths)} cells, line 4 names {len(named)} after Frame# and Time: "
+                "expected X, Y and Z for each: export it again"
+            )
+        by_place = {place // 3 if placed else place: name for place, name in named}
+        return told_apart([by_place.get(place, "") for place in range(count)])
+    return [name for _, name in named], []
 
 
 def _rate(path: Path, times: Array, told: str) -> tuple[float | None, list[str]]:

@@ -1,21 +1,30 @@
-"""Positions whose unit is stated by no file and no user: the length of the animal suggests the unit."""
+"""Lengths whose unit is stated by no file and no user: the length of the animal chooses the unit, and is told."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from eal.arrays import Array
+from mocap.cameras.triangulate import linear, residual_px
+from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 from mocap.io.optical import UNIT_M
 
-LONGEST_M = 20.0
-"""No animal is longer: what is, is no animal in metres."""
-USUAL_M = (0.003, 8.0)
-"""From a fly to a giraffe: the lengths that speak for a unit other than metres."""
+ANIMALS_M = (1e-4, 20.0)
+"""From a mite to a whale: no animal whose markers are followed is shorter or longer."""
+PATHS_M = (0.0, 300.0)
+"""How far a single marker gets about."""
+XRAYED_M = (0.003, 0.5)
+"""What fits between an X-ray source and its image intensifier."""
 LONG_M = 3.0
 """Few animals are longer."""
 WIDEST_NOISE_M = 0.05
 """No system of cameras that follows one animal is so vague."""
-_UNITS = ("mm", "cm")
-"""Units that programs write beside metres, and do not state."""
+DISTANT_M = 100.0
+"""From further away nobody films an animal whose markers can be told apart."""
+UNSTATED = "no unit is stated: "
+"""How sentences on an assumed unit begin, in capitals where it may well be wrong."""
+_UNITS = ("m", "mm", "cm")
 
 
 def length(xyz: Array) -> float:
@@ -43,10 +52,64 @@ def noise(xyz: Array) -> float:
     return float(np.median(known) / 0.6745) if known.size else np.nan
 
 
-def guessed(long: float) -> str:
-    """The unit of an animal so long in it: metres, unless that is no animal and one other unit alone makes it one."""
-    usual = [unit for unit in _UNITS if USUAL_M[0] <= long * UNIT_M[unit] <= USUAL_M[1]]
-    return usual[0] if long > LONGEST_M and len(usual) == 1 else "m"
+def guessed(long: float, vague: float = np.nan, *, bounds_m: tuple[float, float] = ANIMALS_M) -> str | None:
+    """The unit of an animal so long in it: metres if it can be, else millimetres; of X-ray systems centimetres first.
+
+    Args:
+        long: Its length in the unknown unit.
+        vague: Noise of a coordinate, in the same; NaN: not known. What is long and as noisy is not in metres.
+        bounds_m: Least and greatest length in metres.
+
+    Returns:
+        The unit; None where no length that is none of these units' would do.
+    """
+    if bounds_m == XRAYED_M:
+        return next((unit for unit in ("cm", "mm", "m") if _within(long, unit, bounds_m)), None)
+    noisy = long > LONG_M and vague > WIDEST_NOISE_M
+    return next((u for u in ("m", "mm")[noisy:] if _within(long, u, bounds_m)), None)
+
+
+def _within(long: float, unit: str, bounds_m: tuple[float, float]) -> bool:
+    return bounds_m[0] <= long * UNIT_M[unit] <= bounds_m[1]
+
+
+def told(
+    long: float, vague: float, *, bounds_m: tuple[float, float], where: str, what: str, more: str = ""
+) -> tuple[str, str]:
+    """The unit that is assumed, and a sentence that says so, with the length of the animal in it and in others.
+
+    Args:
+        long: As in ``guessed``, as are ``vague`` and ``bounds_m``.
+        vague: See above.
+        bounds_m: See above.
+        where: The file, for errors.
+        what: What is so long.
+        more: What else speaks against the unit; empty: nothing.
+
+    Raises:
+        FormatError: no unit makes it an animal.
+    """
+    unit = guessed(long, vague, bounds_m=bounds_m)
+    lengths = {u: _m(long * UNIT_M[u]) for u in _UNITS}
+    if unit is None:
+        raise FormatError(
+            f"{where}: no unit is stated, and none makes {what} one: it would be "
+            f"{', '.join(f'{text} long in {u}' for u, text in lengths.items())}: state `unit`"
+        )
+    others = ", ".join(f"{u} if it is {text} long" for u, text in lengths.items() if u != unit)
+    known = "metres" if unit == "m" else unit
+    if vague * UNIT_M[unit] > WIDEST_NOISE_M:
+        more += f", and jitters by {_m(vague * UNIT_M[unit])}"
+    said = f"lengths are assumed to be in {known}, so that {what} is {lengths[unit]} long{more}"
+    if unit != "m" or more or long > ANIMALS_M[1]:
+        wrong = "If that is wrong, all lengths below are wrong: state the unit"
+        return unit, f"{UNSTATED.upper()}{said}. {wrong}: {others}"
+    return unit, f"{UNSTATED}{said}" + (f"; if that is wrong, state the unit: {others}" if long > LONG_M else "")
+
+
+def unit_told(findings: Sequence[str]) -> str | None:
+    """The sentence on an assumed unit among those of a report; None: there is none."""
+    return next((said for said in findings if said.lower().startswith(UNSTATED)), None)
 
 
 def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[str, ...]]:
@@ -57,46 +120,52 @@ def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileCon
         unit: As the user states it; None: not.
 
     Raises:
-        FormatError: the unit is not known, or the file states another.
+        FormatError: the unit is not known, the file states another, or the length fits no animal in any unit.
     """
     if unit is not None:
         return recording.with_unit(unit), ()
     if recording.points is None or recording.pixels is not None or recording.unit is not None:
         return recording, ()
-    xyz = recording.points.xyz_m
-    long, vague = length(xyz), noise(xyz)
-    if not np.isfinite(long):
+    long, vague = length(recording.points.xyz_m), noise(recording.points.xyz_m)
+    if not long > 0:
         return recording, ()
-    unit, what = guessed(long), "the animal" if len(recording.names) > 1 else "the path of the marker"
-    if unit != "m":
-        return recording.with_unit(unit), (
-            f"NO UNIT IS STATED: lengths are assumed to be in {unit}, so that {what} is {_m(long * UNIT_M[unit])} "
-            f"long (in metres it would be {_m(long)}): state the unit (m, {', '.join(_UNITS)}), in particular if "
-            "this is wrong",
-        )
-    others = ", ".join(f"{unit} if it is {_m(long * UNIT_M[unit])} long" for unit in _UNITS)
-    if long > LONGEST_M or vague > WIDEST_NOISE_M:
-        jitter = f" and jitters by {_m(vague)}" if vague > WIDEST_NOISE_M else ""
-        return recording, (
-            f"NO UNIT IS STATED: lengths are assumed to be in metres, so that {what} is {_m(long)} long{jitter}. If "
-            f"that is wrong, all lengths below are wrong: state the unit: {others}",
-        )
-    doubt = f"; if that is wrong, state the unit: {others}" if long > LONG_M else ""
-    return recording, (
-        f"no unit is stated: lengths are assumed to be in metres, so that {what} is {_m(long)} long{doubt}",
-    )
+    several = len(recording.names) > 1
+    bounds = PATHS_M if not several else XRAYED_M if recording.format.startswith("xmalab") else ANIMALS_M
+    what = "the animal" if several else "the path of the marker"
+    unit, said = told(long, vague, bounds_m=bounds, where=recording.paths[0].name, what=what)
+    return recording if unit == "m" else recording.with_unit(unit), (said,)
 
 
-def too_long(xyz_m: Array) -> tuple[str, ...]:
-    """A finding where cameras show an animal longer than any is: the calibration is in another unit."""
-    long = length(xyz_m)
-    if not long > LONGEST_M:
-        return ()
-    others = ", ".join(f"{unit} if it is {_m(long * UNIT_M[unit])} long" for unit in _UNITS)
-    return (
-        f"THE ANIMAL IS {_m(long)} LONG if the calibration is in metres, as is assumed. If that is wrong, all "
-        f"lengths below are wrong: state the unit of the calibration: {others}",
-    )
+def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tuple[str, ...]]:
+    """The unit that a calibration is assumed to be in, by the same rule, and a finding that says so.
+
+    Args:
+        matrices: (C, 3, 4) projections, in the unknown unit.
+        ideal_px: (C, T, M, 2) ideal pixels.
+        where: The file, for errors.
+
+    Raises:
+        FormatError: the length fits no animal in any unit.
+    """
+    some = ideal_px[:, :: max(1, ideal_px.shape[1] // 1000)]
+    xyz = linear(matrices, some)
+    miss = residual_px(matrices, some, xyz)
+    if not np.isfinite(miss).any():
+        return "m", ()
+    xyz = np.where((miss <= 5 * np.nanmedian(miss) + 1e-6)[..., None], xyz, np.nan)  # without clicks that are wrong
+    long = length(xyz)
+    if not long > 0:
+        return "m", ()
+    several = xyz.shape[1] > 1
+    places = -np.linalg.solve(matrices[:, :, :3], matrices[:, :, 3:])[..., 0]
+    far = np.linalg.norm(places - np.nanmedian(xyz.reshape(-1, 3), axis=0), axis=-1)
+    bounds = ANIMALS_M if several else PATHS_M
+    unit = guessed(long, bounds_m=bounds) or "m"
+    distant = np.median(far) * UNIT_M[unit] > DISTANT_M
+    more = f" and filmed from {_m(far.min() * UNIT_M[unit])} to {_m(far.max() * UNIT_M[unit])} away" if distant else ""
+    what = "the animal" if several else "the path of the marker"
+    unit, said = told(long, np.nan, bounds_m=bounds, where=where, what=what, more=more)
+    return unit, (said,)
 
 
 def _m(metres: float) -> str:

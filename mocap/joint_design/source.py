@@ -1,5 +1,6 @@
 """Where the potential of a joint comes from: a run's folder, a potential's file, or a learned model with its trials."""
 
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,17 +8,19 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import KDTree
 
-from eal import EmpiricalPotential, load_potential
+from eal import EmpiricalPotential, load_potential, npz
 from eal.archive import ArchiveError
 from eal.arrays import Array
 from mocap.errors import FormatError, MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.model import LearnedModel
+from mocap.io.csv_table import read_table
 from mocap.io.manifest import current_files
 from mocap.joints import joint_tracks
 from mocap.pipeline.model_file import load_model
 from mocap.pipeline.potentials import joint_potentials
 from mocap.records import JointTracks, marker_tracks
+from mocap.schema import Entry, Schema, checked
 from mocap.skeleton import Joint, Skeleton, read_skeleton
 
 FRAMES = ("limb", "plane", "body", "world")
@@ -62,9 +65,9 @@ def read_source(source: Path, joint: str | None, skeleton: Path | None) -> Joint
     if not source.is_file():
         raise MocapError(f"{source}: there is no such file: give the folder of a run, a potential, or a model (.npz)")
     try:
-        with np.load(source, allow_pickle=False) as stored:
-            is_model = "header" in stored.files
-    except (OSError, ValueError):
+        with npz.opened(source) as stored:
+            is_model = "header" in stored
+    except (OSError, ValueError, RuntimeError, EOFError, zipfile.BadZipFile):
         raise FormatError(f"{source}: not a potential or model (.npz) that mocap wrote") from None
     if is_model:
         return _from_model(load_model(source), joint, skeleton, source)
@@ -87,7 +90,7 @@ def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
             t_s=np.arange(len(samples_m), dtype=np.float64),
             path_m=samples_m,
         )
-    table = pd.read_csv(tracks)
+    table = _table(tracks)
     near: dict[str, float] = {}
     for frame in FRAMES:
         columns = [f"{joint}_{frame}_{axis}" for axis in "xyz"[: potential.dimension]]
@@ -111,6 +114,17 @@ def _from_file(path: Path, joint: str, tracks: Path | None) -> JointSource:
         t_s=table["t_s"].to_numpy(dtype=np.float64)[known],
         path_m=path_m[known],
     )
+
+
+_TIMES: Schema = {"t_s": Entry(shape=("frames",), rising=True)}
+
+
+def _table(path: Path) -> pd.DataFrame:
+    """``joints.csv`` of a run."""
+    titles, values = read_table(path)
+    found = dict(zip(titles, values.T, strict=True))
+    checked(path.name, found, _TIMES, again="run mocap track again")
+    return pd.DataFrame(found)
 
 
 def _from_run(folder: Path, joint: str | None) -> JointSource:

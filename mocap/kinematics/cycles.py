@@ -106,6 +106,15 @@ def cycles(found: Kinematics, motion: Motion, skeleton: Skeleton) -> list[Cycle]
     return out
 
 
+def why_none(skeleton: Skeleton) -> str:
+    """Why a table of cycles has no row."""
+    measures = skeleton.measures
+    limbs = [*measures.strokes, *measures.feet, *(["the chain"] if measures.chain else [])]
+    if not limbs:
+        return "cycles.csv is empty: the skeleton has no strokes, feet or chain; mocap skeleton proposes [measures]"
+    return f"cycles.csv is empty: no whole cycle of {', '.join(limbs)} was seen"
+
+
 def cycles_table(rows: Sequence[Cycle]) -> "pd.DataFrame":
     """A row a cycle; columns that no cycle has are left out, those of every kind are always there."""
     import pandas as pd

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.vectors import cross
 from mocap.filters.velocities import Motion
-from mocap.kinematics.angles import cross, unit
+from mocap.kinematics.angles import unit
 from mocap.kinematics.cycles import Footfalls
 from mocap.kinematics.delta import STEP, Naming, Points, called, central, edges, extent, quadratic, slopes
 from mocap.kinematics.distal import Distal, distal_parts

@@ -1,20 +1,22 @@
 """The page to click in: films side by side, on 127.0.0.1 only; every click is saved before it is answered."""
 
-import json
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from base64 import b64encode
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
+from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import cv2
 import numpy as np
+from pydantic import ValidationInfo, model_validator
+from starlette.applications import Starlette
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
@@ -25,14 +27,18 @@ from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.library.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.skeleton import Skeleton, read_skeleton
+from mocap.web import Query, below, limits_of, page, task
 
 SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
 UNSEEN = "saved_not_seen.csv"
 """Where markers are not to be seen, beside it."""
-_POLICY = "default-src 'self' data: 'unsafe-inline'"
-_VIEWER_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'"
-_KINDS = {"": "text/html; charset=utf-8", "js": "text/javascript", "wasm": "application/wasm"}
+_POLICY = (
+    "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
+    "base-uri 'none'; form-action 'none'; script-src 'sha256-{}'"
+)
+_VIEWER_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'self'"
+Q = TypeVar("Q", bound=Query)
 _REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
 
 
@@ -61,7 +67,6 @@ class Session:
     clicks: list[Click] = field(default_factory=list)
     steps: list[int] = field(default_factory=list)
     found: Digitised | None = None
-    lock: Any = field(default_factory=threading.RLock)
 
     def info(self) -> dict[str, Any]:
         """What does not change."""
@@ -100,16 +105,12 @@ class Session:
 
     def swap(self, a: int, b: int, first: int, last: int) -> str:
         """Exchange the names of two markers in a range of frames."""
-        return self.click(*self._tracked().swapped(self._name(a), self._name(b), first, last), within=True)
+        names = self.skeleton.markers
+        return self.click(*self._tracked().swapped(names[a], names[b], first, last), within=True)
 
     def delete(self, marker: int, first: int, last: int) -> str:
         """A marker is not to be seen in a range of frames."""
-        return self.click(*self._tracked().deleted(self._name(marker), first, last), within=True)
-
-    def _name(self, marker: int) -> str:
-        if marker < 0:
-            raise IndexError(marker)
-        return self.skeleton.markers[marker]
+        return self.click(*self._tracked().deleted(self.skeleton.markers[marker], first, last), within=True)
 
     def _tracked(self) -> Digitised:
         if self.found is None:
@@ -288,130 +289,102 @@ def open_session(
 
 
 def _listed(values: Array) -> list[float] | None:
-    return None if np.isnan(values).any() else np.round(values, 3).tolist()
+    return np.round(values, 3).tolist() if np.isfinite(values).all() else None
 
 
-@contextmanager
-def served(session: Session, *, port: int = 0) -> Iterator[str]:
-    """Serve the page on 127.0.0.1 while the context lasts; yields its address."""
-    server = ThreadingHTTPServer(("127.0.0.1", port), _handler(session))
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_port}/"
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
+class _Nothing(Query):
+    """Of what is asked for without anything else."""
 
 
-def _handler(session: Session) -> type[BaseHTTPRequestHandler]:
-    page = files("mocap.digitising").joinpath("page.html").read_bytes()
+class _Seen(Query):
+    camera: Annotated[int, below("cameras")]
+    frame: Annotated[int, below("frames")]
 
-    class Handler(BaseHTTPRequestHandler):
-        def log_message(self, format: str, *args: object) -> None: ...
 
-        def do_GET(self) -> None:
-            url = urlsplit(self.path)
-            given = {key: int(values[0]) for key, values in parse_qs(url.query).items() if values[0].isdigit()}
-            if not self._from_here():
-                return
-            try:
-                with session.lock:
-                    if url.path == "/":
-                        self._send(page, "text/html; charset=utf-8")
-                    elif url.path == "/info":
-                        self._json(session.info())
-                    elif url.path == "/frame":
-                        self._json(session.frame(given["frame"], given["marker"]))
-                    elif url.path == "/question":
-                        self._json(session.question(given["after"]))
-                    elif url.path == "/scene/points.rrd":
-                        self._send(session.scene(), "application/octet-stream")
-                    elif url.path.startswith("/scene/"):
-                        self._viewer(url.path.removeprefix("/scene/"))
-                    elif url.path == "/picture":
-                        png = session.picture(given["camera"], given["frame"])
-                        if png is None:
-                            self.send_error(HTTPStatus.NOT_FOUND)
-                        else:
-                            self._send(png, "image/png")
-                    else:
-                        self.send_error(HTTPStatus.NOT_FOUND)
-            except MocapError as error:
-                self._send(str(error).encode(), "text/plain; charset=utf-8", status=HTTPStatus.CONFLICT)
-            except (KeyError, IndexError):
-                self.send_error(HTTPStatus.BAD_REQUEST)
+class _Shown(Query):
+    frame: Annotated[int, below("frames")]
+    marker: Annotated[int, below("markers")]
 
-        def do_POST(self) -> None:
-            if not self._from_here():
-                return
-            try:
-                given = json.loads(self.rfile.read(int(self.headers.get("Content-Length", 0))) or b"{}")
-                with session.lock:
-                    if self.path == "/click":
-                        said = session.click(_click(given, session))
-                    elif self.path == "/swap":
-                        said = session.swap(*(int(given[key]) for key in ("marker", "other", "first", "last")))
-                    elif self.path == "/delete":
-                        said = session.delete(*(int(given[key]) for key in ("marker", "first", "last")))
-                    elif self.path == "/undo":
-                        said = session.undo()
-                    elif self.path == "/track":
-                        said = session.run()
-                    else:
-                        self.send_error(HTTPStatus.NOT_FOUND)
-                        return
-                self._json({"said": said})
-            except MocapError as error:
-                self._json({"said": str(error), "error": True})
-            except (KeyError, ValueError, TypeError, IndexError):
-                self.send_error(HTTPStatus.BAD_REQUEST)
 
-        def _from_here(self) -> bool:
-            """Refuse requests that a page of another host makes the browser send."""
-            host = self.headers.get("Host", "").split(":")[0]
-            origin = self.headers.get("Origin")
-            if host in ("127.0.0.1", "localhost") and (origin is None or urlsplit(origin).hostname == host):
-                return True
-            self.send_error(HTTPStatus.FORBIDDEN)
-            return False
+class _After(Query):
+    after: Annotated[int, below("places")]
 
-        def _viewer(self, name: str) -> None:
-            """A file of rerun's web viewer; its page may ask this server alone."""
+
+class _Range(Query):
+    marker: Annotated[int, below("markers")]
+    first: Annotated[int, below("frames")]
+    last: Annotated[int, below("frames")]
+
+
+class _Swap(_Range):
+    other: Annotated[int, below("markers")]
+
+
+class _Click(_Seen):
+    marker: Annotated[int, below("markers")]
+    uv_px: tuple[float, float] | None
+
+    @model_validator(mode="after")
+    def _in_the_picture(self, info: ValidationInfo) -> Self:
+        size = limits_of(info)["sizes"][self.camera]
+        # the centre of the first pixel is at (1, 1)
+        if self.uv_px is not None and not all(0.5 <= x <= n + 0.5 for x, n in zip(self.uv_px, size, strict=True)):
+            raise ValueError(f"expected a place in the picture of {size[0]} x {size[1]} px")
+        return self
+
+
+class _File(Query):
+    renderer: Literal["webgl", "webgpu"] = "webgpu"
+
+
+def digitise_page(session: Session) -> Starlette:
+    """The page of a session, for ``mocap.web.served``."""
+    html = files("mocap.digitising").joinpath("page.html").read_bytes()
+    script = html.partition(b"<script>")[2].partition(b"</script>")[0]
+    policy = _POLICY.format(b64encode(sha256(script).digest()).decode())
+    shape = (len(session.cameras), session.films.n_frames, len(session.skeleton.markers))
+    limits = {
+        **dict(zip(("cameras", "frames", "markers"), shape, strict=True)),
+        "places": prod(shape),
+        "sizes": [movie.size_px for movie in session.films.movies],
+    }
+
+    def reads(path: str, query: type[Q], work: Callable[[Q], Any]) -> Route:
+        return task(path, query, lambda given: JSONResponse(work(given)), limits=limits)
+
+    def changes(path: str, query: type[Q], work: Callable[[Q], str]) -> Route:
+        return task(path, query, lambda given: JSONResponse({"said": work(given)}), limits=limits, changes=True)
+
+    def picture(seen: _Seen) -> Response:
+        png = session.picture(seen.camera, seen.frame)
+        return Response(png, HTTPStatus.NOT_FOUND if png is None else HTTPStatus.OK, media_type="image/png")
+
+    def viewer(name: str, kind: str) -> Route:
+        """A file of rerun's web viewer, which our page frames and whose page may ask this server alone."""
+
+        def work(_: _File) -> Response:
             from mocap.rerun.points import viewer_files
 
-            found = viewer_files("/scene/points.rrd").get(name)
-            if found is None:
-                self.send_error(HTTPStatus.NOT_FOUND)
-                return
-            self._send(found, _KINDS[name.rpartition(".")[2]], policy=_VIEWER_POLICY)
+            headers = {"Content-Security-Policy": _VIEWER_POLICY, "X-Frame-Options": "SAMEORIGIN"}
+            return Response(viewer_files("points.rrd")[name], media_type=kind, headers=headers)
 
-        def _json(self, data: Any) -> None:
-            self._send(json.dumps(data).encode(), "application/json")
+        return task(f"/scene/{name}", _File, work, limits={})
 
-        def _send(self, body: bytes, kind: str, *, policy: str = _POLICY, status: HTTPStatus = HTTPStatus.OK) -> None:
-            self.send_response(status)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Cache-Control", "no-store")
-            self.send_header("Content-Security-Policy", policy)
-            self.end_headers()
-            with suppress(ConnectionError):  # the page was closed meanwhile
-                self.wfile.write(body)
-
-    return Handler
-
-
-def _click(given: dict[str, Any], session: Session) -> Click:
-    uv = given["uv_px"]
-    click = Click(
-        camera=int(given["camera"]),
-        frame=int(given["frame"]),
-        marker=int(given["marker"]),
-        uv_px=None if uv is None else (float(uv[0]), float(uv[1])),
+    return page(
+        [
+            Route("/", lambda _: Response(html, media_type="text/html", headers={"Content-Security-Policy": policy})),
+            reads("/info", _Nothing, lambda _: session.info()),
+            reads("/frame", _Shown, lambda at: session.frame(at.frame, at.marker)),
+            reads("/question", _After, lambda given: session.question(given.after)),
+            task("/picture", _Seen, picture, limits=limits),
+            task("/scene/points.rrd", _Nothing, lambda _: Response(session.scene()), limits={}),
+            viewer("", "text/html"),
+            viewer("re_viewer.js", "text/javascript"),
+            viewer("re_viewer_bg.wasm", "application/wasm"),
+            changes("/click", _Click, lambda given: session.click(Click(**dict(given)))),
+            changes("/swap", _Swap, lambda at: session.swap(at.marker, at.other, at.first, at.last)),
+            changes("/delete", _Range, lambda at: session.delete(at.marker, at.first, at.last)),
+            changes("/undo", _Nothing, lambda _: session.undo()),
+            changes("/track", _Nothing, lambda _: session.run()),
+        ]
     )
-    limits = (len(session.cameras), session.films.n_frames, len(session.skeleton.markers))
-    if not all(0 <= i < n for i, n in zip((click.camera, click.frame, click.marker), limits, strict=True)):
-        raise ValueError("a click outside of the films")
-    return click

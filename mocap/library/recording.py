@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mocap.cameras.origin import PixelCorner
 from mocap.io.format import Hints
+from mocap.io.point_names import point_names
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.propose_skeleton import Proposal
 from mocap.pipeline.propose_skeleton import propose_skeleton as propose
@@ -99,15 +100,19 @@ def read(
     return recording
 
 
-def propose_skeleton(recording: Recording) -> Proposal:
+def propose_skeleton(recording: Recording, *, names: PathText | None = None) -> Proposal:
     """Propose bones, trunk and joints: which markers keep their distance, and where the chains of them bend.
 
     Write its ``text`` to a file, correct it, and read the recording with it.
 
     Args:
-        recording: As ``read`` gives it.
+        recording: As ``read`` gives it; distances, angles and cycles, which decide, do not depend on the frame rate.
+        names: What the points are called, in their order: a list, a name a line (DLTdv's ``pointnames.txt``), or a
+            table of any known format that has them.
 
     Raises:
-        MocapError: it shows too little.
+        MocapError: it shows too little, or there are not as many names as points.
     """
-    return propose(prepare(recording).in_space("a skeleton"))
+    given = recording.contents.names
+    renamed = {} if names is None else dict(zip(given, point_names(Path(names), len(given)), strict=True))
+    return propose(prepare(recording).in_space("a skeleton"), renamed=renamed)

@@ -40,6 +40,7 @@ from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
+from mocap.text import file_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -249,7 +250,7 @@ class Tracked:
 
     def write_kinematics(
         self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent, pictures: bool = True
-    ) -> None:
+    ) -> list[str]:
         """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
 
         Args:
@@ -258,25 +259,36 @@ class Tracked:
                 fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
+
+        Returns:
+            A sentence for each export that could not be written; all else is.
         """
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self._cycles, folder / "cycles.csv")
+            refused = []
             for kind in exports:
-                if kind == "mjcf":
-                    write_mjcf(self.run, folder / FILE)
-                elif kind == "osim":
-                    write_osim(self.run, folder / OSIM_FILE)
-                else:
-                    EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
+                try:
+                    self._export(kind, folder)
+                except MocapError as error:
+                    refused.append(f"{kind}: {error}")
             if not pictures:
-                return
+                return refused
             from mocap.plots.figures import pictures as figures_of
             from mocap.plots.figures import report_page, write_pictures
 
             shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
             (folder / "report.html").write_text(page, encoding="utf-8")
+        return refused
+
+    def _export(self, kind: str, folder: Path) -> None:
+        if kind == "mjcf":
+            write_mjcf(self.run, folder / FILE)
+        elif kind == "osim":
+            write_osim(self.run, folder / OSIM_FILE)
+        else:
+            EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
 
     def write_scaled_osim(self, generic: str | PathLike[str], folder: Path) -> "dict[str, Factor]":
         """Scale a generic OpenSim model to the animal: ``scaled.osim``, ``scale_factors.csv`` (needs OpenSim).
@@ -326,8 +338,8 @@ class Tracked:
 
         limbs = self.limb_mechanics()
         write_mechanics(limbs, self.run.tracked.markers.t_s, folder / FILE)
-        for limb in limbs:
-            draw_mechanics(limb).savefig(folder / f"mechanics_{limb.markers[-1]}.png", dpi=200)
+        for limb, name in zip(limbs, file_names(limb.markers[-1] for limb in limbs), strict=True):
+            draw_mechanics(limb).savefig(folder / f"mechanics_{name}.png", dpi=200)
         return limbs
 
     def export_kinematics(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:

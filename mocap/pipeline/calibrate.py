@@ -11,7 +11,7 @@ from eal.arrays import Array
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Board
 from mocap.calibration.detect import detect
-from mocap.calibration.dlt import fit_dlt
+from mocap.calibration.dlt import CHECKED_FROM, fit_dlt
 from mocap.calibration.intrinsics import CHOICES
 from mocap.calibration.pictures import pictures_of
 from mocap.calibration.refine import Bone, refine_cameras
@@ -250,20 +250,39 @@ def from_points(points: Path, pixels: Path, *, unit_m: float) -> tuple[tuple[Cam
         )
     fits = [fit_dlt(f"cam{c + 1}", xyz * unit_m, uv[:, 2 * c : 2 * c + 2]) for c in range(uv.shape[1] // 2)]
     rows = [
-        [f.camera.name, int(np.isfinite(f.error_px[:, 0]).sum()), f"{f.rms_px:.3f}", f"{f.left_out_px:.3f}"]
+        [
+            f.camera.name,
+            f.places,
+            f"{f.rms_px:.3f}",
+            "not checked" if np.isnan(f.left_out_px) else f"{f.left_out_px:.3f}",
+            f"{f.gain:.1f}",
+        ]
         for f in fits
     ]
     lines = [
-        f"# DLT coefficients of {len(fits)} cameras from {len(xyz)} known points",
+        f"# DLT coefficients of {len(fits)} cameras from {max(f.places for f in fits)} known points",
         "",
-        *table(["camera", "points", "RMS px (2n - 11)", "RMS px of points left out of the fit"], rows),
-        "Lengths are in metres; pixels are counted from the same corner as in the file.",
+        *table(
+            ["camera", "points", "RMS px (2n - 11)", "RMS px of points left out of the fit", "gain"],
+            rows,
+        ),
+        "Lengths are in metres; pixels are counted from the same corner as in the file. Gain: by how many pixels a "
+        "click that misses by 1 px moves what lies between the points, at most.",
     ]
+    unchecked = [f.camera.name for f in fits if np.isnan(f.left_out_px)]
+    if unchecked:
+        lines += [
+            "",
+            f"NOTHING WAS CHECKED in {', '.join(unchecked)}: {CHECKED_FROM} different points are needed to leave "
+            "out each in turn; a small RMS of fewer says nothing.",
+        ]
     lines += ["", *(f"- {plain(t)}" for t in (*said, *also))] if said or also else []
     numbers = {
         "method": "dlt",
         "cameras": {
             f.camera.name: {
+                "places": f.places,
+                "gain": f.gain,
                 "rms_px": f.rms_px,
                 "left_out_px": number(f.left_out_px),
                 "error_px": [number(float(np.hypot(*e))) for e in f.error_px],

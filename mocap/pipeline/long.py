@@ -12,7 +12,7 @@ from mocap.cameras.camera import Camera
 from mocap.io.contents import FileContents
 from mocap.io.parquet_range import ParquetPoints
 from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
-from mocap.pipeline.recording import Filmed, Recording, film_of, load_filmed, load_points, load_skeleton
+from mocap.pipeline.recording import Filmed, Recording, film_of, load_in_unit, load_points, load_skeleton
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton
 from mocap.text import as_text
@@ -183,7 +183,7 @@ def long_recording(source: Recording) -> LongRecording:
         points = load_points(source)
         skeleton, names = load_skeleton(source.skeleton, points.names)
         return long_points(replace(points, names=names), skeleton, name=source.name, findings=source.frame_findings)
-    filmed = load_filmed(source, iterations=None)
+    source, filmed = load_in_unit(source, iterations=None)
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     return long_pixels(
@@ -192,7 +192,7 @@ def long_recording(source: Recording) -> LongRecording:
         name=source.name,
         pixel_sd=source.pixel_sd,
         likelihood=contents.score,
-        findings=(*source.frame_findings, filmed.pixel_origin.describe(), *filmed.told),
+        findings=(*filmed.told, *source.frame_findings, filmed.pixel_origin.describe()),
     )
 
 

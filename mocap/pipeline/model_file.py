@@ -11,16 +11,50 @@ import numpy as np
 
 from eal import npz
 from eal.arrays import Array
-from mocap.errors import FormatError
+from mocap.documents import from_json, one_line
+from mocap.errors import FormatError, MocapError
 from mocap.filters.mixture import Mixture
-from mocap.filters.model import LearnedModel, own_trials
+from mocap.filters.model import LearnedModel, check_rates, own_trials
 from mocap.filters.models.registry import read, written
 from mocap.filters.poses import MarkerTrial
+from mocap.schema import POSITIVE, Entry, Schema, checked, names
 
-FORMAT = "eal-mocap model 9"
+FORMAT = "eal-mocap model 10"
+_HEADER: Schema = {
+    "names": names("markers", filled=True),
+    "trunk": names(among="names"),
+    "bones": Entry(kind="s", shape=(None, 2), among="names"),
+    "trials": Entry(kind="s", shape=(None,), filled=True),
+    "power": Entry(least=0.0),
+}
+_TRIAL: Schema = {
+    "t_s": Entry(shape=("frames",), rising=True, filled=True),
+    "xyz_m": Entry(shape=("frames", "markers", 3), missing=1, filled=True),
+    "sd_m": Entry(shape=("frames", "markers"), least=POSITIVE, missing=0, there="xyz_m"),
+}
+_MIXTURE: Schema = {
+    "offset": Entry(shape=("models",), filled=True),
+    "slope": Entry(shape=("models",)),
+    "length": Entry(shape=("lengths",), least=POSITIVE, rising=True, filled=True),
+    "scale": Entry(shape=("lengths", "models"), least=POSITIVE),
+    "widen": Entry(shape=("lengths",), least=POSITIVE),
+}
+_SHOWN: Schema = {
+    "pose_mean_m": Entry(shape=("markers", 3), needed=False),
+    "pose_basis": Entry(shape=("markers", 3, "rank"), needed=False),
+    "pose_residual_sd_m": Entry(shape=("markers", 3), least=0.0, needed=False),
+    "pose_shapes_m": Entry(shape=(None, "rank"), needed=False),
+    "pose_acceleration_density": Entry(shape=("rank", "rank"), covariance=True, needed=False),
+    "pose_stiffness": Entry(shape=("rank", "rank"), needed=False),
+    "pose_damping": Entry(shape=("rank", "rank"), needed=False),
+    "bone_ends": Entry(kind="i", shape=("bones", 2), least=0, most="markers", needed=False),
+    "bone_length_m": Entry(shape=("bones",), least=POSITIVE, needed=False),
+    "bone_sd_m": Entry(shape=("bones",), least=0.0, needed=False),
+}
+"""What is not tracked with, but looked at."""
 _DAMAGE = (
     OSError,
-    LookupError,
+    KeyError,
     ValueError,
     TypeError,
     AttributeError,
@@ -70,35 +104,36 @@ def load_model(path: Path) -> LearnedModel:
     Raises:
         FormatError: the file is no such model.
     """
+    again = "give the file that mocap learn wrote, or learn it again"
     try:
         with npz.opened(path) as file:
-            header = json.loads(str(file["header"]))
+            header = from_json(str(file["header"]), "header")
             if header.get("format") != FORMAT:
-                raise FormatError(f"{path}: expected '{FORMAT}', but it says '{header.get('format')}': learn it again")
-            trials = tuple(
-                MarkerTrial(name=name, **{key: file[f"trial_{i}_{key}"] for key in ("t_s", "xyz_m", "sd_m")})
-                for i, name in enumerate(header["trials"])
-            )
-            parts = {name: file[f"mixture_{name}"] for name in ("offset", "slope", "length", "scale", "widen")}
-            models = tuple(read(model) for model in header["models"])
-            for trial in trials:
-                shape = (len(trial.t_s), len(header["names"]))
-                if trial.xyz_m.shape != (*shape, 3) or trial.sd_m.shape != shape:
-                    raise ValueError(f"trial {trial.name} has positions of shape {trial.xyz_m.shape}")
-            if not trials or len(models) != len(parts["offset"]):
-                raise ValueError(f"{len(trials)} trials, {len(models)} motion models, {len(parts['offset'])} weights")
-            return LearnedModel(
-                names=tuple(header["names"]),
-                trunk=tuple(header["trunk"]),
-                bones=tuple((a, b) for a, b in header["bones"]),
-                trials=trials,
-                models=models,
-                mixture=Mixture(power=header["power"], **parts),
-                scores=header["scores"],
-            )
-    except FormatError:
-        raise
-    except _DAMAGE as error:
-        raise FormatError(
-            f"{path}: not a model that mocap learn wrote ({error}): give the file that it wrote"
-        ) from None
+                raise FormatError(f"expected '{FORMAT}', but it says '{header.get('format')}': learn it again")
+            known = checked("header", header, _HEADER, again=again)
+            sizes = {"markers": len(known["names"])}
+            trials = []
+            for i, name in enumerate(known["trials"]):
+                parts = {key: file[f"trial_{i}_{key}"] for key in _TRIAL}
+                found = checked(f"trial_{i} ({name})", parts, _TRIAL, sizes=dict(sizes), again=again)
+                trials.append(MarkerTrial(name=name, **found))
+            models = tuple(read(model, again=again) for model in header["models"])
+            parts = {name: file[f"mixture_{name}"] for name in _MIXTURE}
+            mixture = checked("mixture", parts, _MIXTURE, sizes={"models": len(models)}, again=again)
+            shown = {name: file[name] for name in _SHOWN if name in file}
+            checked("file", shown, _SHOWN, sizes=sizes, again=again)
+            for name, by in header["scores"].items():
+                checked(f"scores of {name}", by, {key: Entry(shape=("gaps",), least=0.0) for key in by}, again=again)
+        check_rates(trials)
+    except (MocapError, *_DAMAGE) as error:
+        told = str(error) if isinstance(error, MocapError) else f"{one_line(error)}: {again}"
+        raise FormatError(f"{path}: not a model that mocap learn wrote: {told}") from None
+    return LearnedModel(
+        names=tuple(known["names"]),
+        trunk=tuple(known["trunk"]),
+        bones=tuple((a, b) for a, b in known["bones"]),
+        trials=tuple(trials),
+        models=models,
+        mixture=Mixture(power=float(known["power"]), **mixture),
+        scores=header["scores"],
+    )

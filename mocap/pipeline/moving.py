@@ -12,9 +12,9 @@ def motion_of(markers: MarkerTracks, frames: slice, rates: Rates | None, asked: 
     """Velocities and joint covariances of the smoother, for the positions that were returned.
 
     Where the returned covariance of a marker's position is not the smoother's own (mixed and widened in gaps,
-    calibration errors added), its block P is carried over as A P A' with A = C^(1/2) P^(-1/2), C the returned one, which
-    keeps the correlations with other markers. Velocities keep the smoother's: an error of calibration that lasts moves
-    positions alone.
+    calibration errors added), its block P is carried over as A P A' with A = C^(1/2) P^(-1/2), C the returned one,
+    which keeps the correlations with other markers. Velocities keep the smoother's: an error of calibration that
+    lasts moves positions alone.
 
     Args:
         markers: The markers as returned.

@@ -31,7 +31,6 @@ from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, ex
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.filters.anatomy import ends_among
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
-from mocap.io.unstated_unit import too_long
 from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import (
@@ -40,7 +39,7 @@ from mocap.pipeline.recording import (
     audit_points,
     by_pixels,
     film_of,
-    load_filmed,
+    load_in_unit,
     load_points,
     load_skeleton,
 )
@@ -199,7 +198,7 @@ def prepare(source: Recording) -> Prepared:
         return _prepare_plane(source)
     if not source.filmed:
         return _prepare_points(source)
-    filmed = load_filmed(source, iterations=None)
+    source, filmed = load_in_unit(source, iterations=None)
     skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
     filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     stale, told = audit_points(source, filmed)
@@ -209,7 +208,6 @@ def prepare(source: Recording) -> Prepared:
         name=source.name,
         file=source.tracks.name,
         pixel_sd=source.pixel_sd,
-        unit_stated=source.unit is not None,
         findings=source.frame_findings,
         likelihood=source.contents.score,
         stored_findings=told,
@@ -239,7 +237,6 @@ def prepare_filmed(
     name: str,
     file: str | None = None,
     pixel_sd: float | None = None,
-    unit_stated: bool = True,
     findings: Sequence[str] = (),
     likelihood: Array | None = None,
     stored_findings: Sequence[str] = (),
@@ -253,7 +250,6 @@ def prepare_filmed(
         name: Of the recording.
         file: What errors call it; None: its name.
         pixel_sd: Standard deviation of a pixel that the user states; None: estimated.
-        unit_stated: Whether the unit of lengths is known; else a scene that is too large for metres is reported.
         findings: The first sentences of the report.
         likelihood: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
         stored_findings: Sentences on stored points.
@@ -338,9 +334,8 @@ def prepare_filmed(
         noise=noise,
         likelihoods=likely,
         findings=(
-            *(() if unit_stated else too_long(xyz)),
-            *findings,
             *filmed.told,
+            *findings,
             *found_out,
             *likelihood_findings(likely, likelihood is not None, int(unlikely.sum()), int(unsure.sum())),
             *camera_findings(health, [c.name for c in filmed.cameras]),

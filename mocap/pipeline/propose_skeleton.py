@@ -1,7 +1,7 @@
 """A first skeleton from a recording alone: which markers keep their distance, and where the chains of them bend."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from mocap.filters.joint_types import Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
 from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.propose_measures import proposed_measures
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
 from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text
+from mocap.text import file_names
 
 RIGID = 0.05
 """Largest variation of a rigid bone relative to its length, as where models look for bones (``filters.bones``)."""
@@ -60,21 +62,29 @@ class Proposal:
     text: str
 
 
-def propose_skeleton(prepared: Prepared) -> Proposal:
+def propose_skeleton(prepared: Prepared, *, renamed: Mapping[str, str] | None = None) -> Proposal:
     """A skeleton of all markers that a recording shows.
 
     Bones are the shortest connections among markers that keep their distance (a minimum spanning forest, in which a
     varying distance counts as a longer one). The trunk grows from the most central marker by its nearest ones, as long
-    as all keep their distances. Joints are where two bones meet and bend, the parent on the side of the trunk.
+    as all keep their distances. Joints are where two bones meet and bend, the parent on the side of the trunk. Limbs
+    that beat are strokes, those whose tips stand still in each cycle feet.
+
+    Args:
+        prepared: The recording.
+        renamed: Of markers of the file, what they are called in the skeleton.
 
     Raises:
         MocapError: fewer than two markers are seen.
     """
     part = seen_part(prepared)
-    return _proposal(part_names(prepared, part), marker_trial(prepared, part))
+    given, renamed = part_names(prepared, part), renamed or {}
+    names = [renamed.get(name, name) for name in given]
+    aliases = {old: new for old, new in zip(given, names, strict=True) if old != new}
+    return _proposal(names, marker_trial(prepared, part), aliases)
 
 
-def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
+def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, str]) -> Proposal:
     if len(names) < 2:
         raise MocapError(f"{trial.name}: shows {len(names)} markers; a skeleton needs at least two, and joints three")
     kept = kept_distances(trial)
@@ -87,6 +97,8 @@ def _proposal(names: Sequence[str], trial: MarkerTrial) -> Proposal:
         bones=tuple(Bone(a=names[a], b=names[b], rigid=bool(kept.varies[a, b] <= RIGID)) for a, b in bones),
         joints=tuple(joint for joint, _ in joints),
         trunk=tuple(names[m] for m in trunk),
+        aliases=aliases,
+        measures=proposed_measures(names, trial, bones, trunk),
     )
     jointed = _articulated(names, trial, skeleton)
     alone = [names[m] for m in range(len(names)) if not any(m in bone for bone in bones)]
@@ -258,7 +270,7 @@ def _joints(
     """Joints with the angles that they bend from and to, and comments on where bones meet that do not bend."""
     triples = joint_triples(kept, bones, trunk)
     children = np.bincount([centre for _, centre, _ in triples], minlength=len(names)) if triples else []
-    joints, stiff, used = [], [], set()
+    joints, called, stiff = [], [], []
     for parent, centre, child in triples:
         angle, noise = bend(trial, parent, centre, child)
         if len(angle) < 2:
@@ -270,19 +282,12 @@ def _joints(
                 f"Not proposed, because the angle changes by {max(high - low, noise):.0f} degrees or less: {shown}"
             )
             continue
-        name = _file_name(names[centre] if children[centre] == 1 else f"{names[centre]}_{names[child]}", used)
-        joint = Joint(name=name, parent=names[parent], centre=names[centre], child=names[child])
+        called.append(names[centre] if children[centre] == 1 else f"{names[centre]}_{names[child]}")
+        joint = Joint(name=called[-1], parent=names[parent], centre=names[centre], child=names[child])
         joints.append((joint, (float(low), float(high))))
-    return joints, stiff
-
-
-def _file_name(name: str, used: set[str]) -> str:
-    """A name for a joint that can name a file, and that no other joint has."""
-    plain = "".join("_" if letter in "/\\:" or not letter.isprintable() else letter for letter in name).lstrip(".")
-    plain = plain or "joint"
-    found = next(n for n in (plain, *(f"{plain}_{i}" for i in range(2, len(used) + 3))) if n not in used)
-    used.add(found)
-    return found
+    return [
+        (replace(joint, name=name), bent) for (joint, bent), name in zip(joints, file_names(called), strict=True)
+    ], stiff
 
 
 def joint_triples(kept: Kept, bones: Sequence[tuple[int, int]], trunk: Sequence[int]) -> list[tuple[int, int, int]]:

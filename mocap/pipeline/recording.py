@@ -14,7 +14,7 @@ from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, check_cameras, stacked
-from mocap.errors import CalibrationError, FormatError, MocapError, SkeletonError
+from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
 from mocap.io import dltdv
 from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
@@ -22,7 +22,7 @@ from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
 from mocap.io.together import joined
-from mocap.io.unstated_unit import in_metres
+from mocap.io.unstated_unit import in_metres, of_cameras
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton, read_skeleton
@@ -88,7 +88,7 @@ class Recording:
         recording = self._whole()
         recording, told = in_metres(recording, self.unit)
         if self.fps is None and recording.fps is None:
-            raise MocapError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
+            raise NoRateError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
         if self.fps is None and recording.fps is not None:
             check_rate(recording.fps, self.tracks.name)
         recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
@@ -328,6 +328,25 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         fit_lens=source.fit_lens,
         told=told,
     )
+
+
+def load_in_unit(source: Recording, *, iterations: int | None) -> tuple[Recording, Filmed]:
+    """As ``load_filmed``, with the unit of a calibration that nobody states: by the animal's length, told first of all.
+
+    Raises:
+        FormatError: no unit makes it an animal.
+    """
+    filmed = load_filmed(source, iterations=iterations)
+    stated = source.unit or source.contents.unit
+    if stated is None and source.calibration is not None:
+        stated = _calibration(source.calibration).unit
+    if stated is not None:
+        return source, filmed
+    unit, said = of_cameras(filmed.matrices, filmed.ideal_px, where=(source.calibration or source.tracks).name)
+    if unit != "m":
+        source = replace(source, unit=unit)
+        filmed = load_filmed(source, iterations=iterations)
+    return source, replace(filmed, told=(*said, *filmed.told))
 
 
 def film_of(

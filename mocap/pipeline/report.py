@@ -11,6 +11,7 @@ from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.filters.joint_types import Articulation, undetermined
+from mocap.io.unstated_unit import unit_told
 from mocap.markdown import plain
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
@@ -284,6 +285,7 @@ def readable(report: Mapping, *, title: str) -> str:
         f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
         f"{len(report['cameras'])} cameras; tracked from frame {first} to {last}.",
         f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
+        *(["", f"**{plain(unit)}**"] if (unit := unit_told(report["findings"])) else []),
         "",
         "| samples of the tracked frames | share |",
         "|---|---|",

@@ -10,7 +10,7 @@ from mocap.audit import fit_findings
 from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
-from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_filmed, load_skeleton
+from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_in_unit, load_skeleton
 from mocap.records import marker_tracks
 from mocap.stated import contradiction
 
@@ -66,7 +66,7 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     """
     if not source.filmed:
         raise MocapError(f"{source.tracks.name}: pixels need the calibration of their cameras: give `calibration`")
-    filmed = load_filmed(source, iterations=None if refine else 3)
+    source, filmed = load_in_unit(source, iterations=None if refine else 3)
     _, names = load_skeleton(source.skeleton, filmed.pixels.names)
     if refine:
         shown, gate = by_pixels(filmed, source.pixel_sd)

@@ -51,11 +51,7 @@ def end(guardian: subprocess.Popen[bytes]) -> None:
     """End what was started, and wait until it is gone."""
     if guardian.stdin is not None:
         guardian.stdin.close()
-    try:
-        guardian.wait(timeout=2 * GRACE_S)
-    except subprocess.TimeoutExpired:
-        guardian.kill()
-        guardian.wait()
+    guardian.wait()  # it kills what does not listen, and would leave it behind if it were killed itself
 
 
 def _guard(command: Sequence[str]) -> int:

@@ -77,7 +77,7 @@ def viewer_files(recording: str) -> dict[str, bytes]:
     """Files of the installed rerun's web viewer by name, whose page shows a recording and asks no other host.
 
     Args:
-        recording: Address of the recording, from the server's root.
+        recording: Address of the recording, from that of the page.
 
     Raises:
         MocapError: the viewer does not start, or is of a version whose page is not known.
@@ -91,6 +91,6 @@ def viewer_files(recording: str) -> dict[str, bytes]:
     text = text.replace(
         query,
         f'new URLSearchParams("theme=dark&hide_welcome_screen&" + location.search.slice(1) + "&url=" + '
-        f'encodeURIComponent(location.origin + "{recording}"))',
+        f'encodeURIComponent(new URL("{recording}", location)))',
     ).replace("enable_history: true", "enable_history: false")
     return {"": text.encode("utf-8"), "re_viewer.js": script, "re_viewer_bg.wasm": wasm}

@@ -52,11 +52,14 @@ class Session:
         self.tell(f"live: {view.shown} frames shown{dropped}{trouble}")
 
     def show(self, rrd: Path, recording_id: str) -> None:
-        """Show a whole recording in place of the stream."""
+        """Show a whole recording in place of the stream, unless the viewer has been closed."""
         rec = rr.RecordingStream(APPLICATION, recording_id=recording_id, send_properties=False)
         rec.connect_grpc(self.sink)
         rec.log_file_from_path(str(rrd))
-        rec.flush(timeout_sec=30)
+        try:
+            rec.flush(timeout_sec=30)
+        except RuntimeError as error:
+            self.tell(f"live: the whole recording is not shown: the viewer does not answer ({error})")
         rec.disconnect()
 
 

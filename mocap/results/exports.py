@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap.errors import MocapError
-from mocap.io.cells import as_cells
+from mocap.io.cells import as_workbook_cell
 from mocap.io.workbook import COLUMNS
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import WORDS, Kinematics, Quantity
@@ -28,7 +28,7 @@ def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
     if len(found) + 2 > COLUMNS:
         raise MocapError(f"a sheet of Excel has {COLUMNS} columns, but there are {len(found)} quantities: use .nc")
     book = openpyxl.Workbook(write_only=True)
-    header = ["frame", "t_s", *as_cells(list(found))]
+    header = ["frame", "t_s", *map(as_workbook_cell, found)]
     frames = np.arange(1, len(found.t_s) + 1).tolist()
     sheets: dict[str, Callable[[Quantity], list]] = {
         "value": lambda q: _cells(q.value),
@@ -48,7 +48,7 @@ def write_xlsx(found: Kinematics, rows: Sequence[Cycle], path: Path) -> None:
     sheet = book.create_sheet("quantities")
     sheet.append(["quantity", "unit", "kind", "meaning", "markers"])
     for q in found.quantities:
-        sheet.append(as_cells([q.name, q.unit, q.kind, q.what, " ".join(q.markers)]))
+        sheet.append([as_workbook_cell(text) for text in (q.name, q.unit, q.kind, q.what, " ".join(q.markers))])
     book.save(path)
 
 

@@ -1,5 +1,7 @@
 """Our filter and filterpy's, as the benchmark times them, have the same states."""
 
+from importlib.metadata import version
+
 import numpy as np
 import pytest
 from mocap.filters.ensemble import Gaussian, predict
@@ -16,6 +18,8 @@ def test_states_agree_with_filterpy(n, m, affine):
     filterpy's weights are about 1 / alpha^2 = n / 3 and cancel: n / 3 times the condition of the covariance in units of
     deviations (1e3) times 1e-16, over 2 n points, is below 1e-9.
     """
+    if version("filterpy").startswith("1."):
+        pytest.skip("filterpy before 2 observes points without the process noise: another filter")
     rows = compare(problem(n, m, affine=affine), repeats=1, budget_s=0.0)
     assert [row.what for row in rows] == (["planar", "  smoother"] if affine else ["pixels"])
     for row in rows:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.ensemble import Gaussian
-from mocap.filters.models.pose import PoseSettings, learn_mechanics, learn_pose, recorded_motion
-from mocap.filters.poses import pose_trial, residual_rate, shapes_of
+from mocap.filters.mechanics import linear_shape
+from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
+from mocap.filters.poses import pose_trial, residual_memory_s, shapes_of
 
 from tests.filters.test_learned_models import DT_S, flapping
 
@@ -35,8 +36,7 @@ def two():
     return trials, shapes_of(trials, ranks=SETTINGS.ranks)
 
 
-@pytest.mark.parametrize("mechanics", ["linear", "field"])
-def test_learned_mechanics_carry_a_beat_on(two, mechanics):
+def test_learned_mechanics_carry_a_beat_on(two):
     """A beat (22 frames) after a recorded state the shape is where it was recorded; flying on it would be far off.
 
     Each difference of a step costs (w dt)^2 / 6 = 1.3 % of a velocity, two of an acceleration: 1.3 % of the frequency,
@@ -45,18 +45,17 @@ def test_learned_mechanics_carry_a_beat_on(two, mechanics):
     trials, shapes = two
     motion = recorded_motion(trials, shapes, least_known=SETTINGS.least_known)
     states = np.column_stack([motion.z, motion.rate])
-    misses = {}
-    for name in ("free", mechanics):
-        learned = learn_mechanics(motion, replace(SETTINGS, mechanics=name))
-        miss = []
-        for frame in range(40, 200, 16):
-            state = states[frame]
-            for _ in range(22):
-                state, _, _ = learned.linearised(Gaussian(state, 1e-6 * np.eye(len(state))), DT_S)
-            miss.append(state[:2] - motion.z[frame + 22])
-        misses[name] = np.sqrt(np.mean(np.square(miss))) / motion.z.std()
-    assert misses[mechanics] < 0.2
-    assert misses["free"] > 1
+    learned = linear_shape(motion, ridge=SETTINGS.ridge)
+    miss, on = [], []
+    for frame in range(40, 200, 16):
+        state = np.append(states[frame], np.zeros(2))  # no force but the learned one
+        on.append(state[:2] + 22 * DT_S * state[2:] - motion.z[frame + 22])
+        for _ in range(22):
+            state, _, _ = learned.linearised(Gaussian(state, 1e-6 * np.eye(len(state))), DT_S)
+        miss.append(state[:2] - motion.z[frame + 22])
+    beat, flying = (np.sqrt(np.mean(np.square(x))) / motion.z.std() for x in (miss, on))
+    assert beat < 0.2
+    assert flying > 1
 
 
 def test_each_trial_is_tracked_about_its_own_mean(two):
@@ -108,26 +107,28 @@ def test_the_residuals_rate_is_told_from_its_noise(rate_hz, noise):
         residual.append(state[0] + noise * rng.normal(size=24))
     residual = np.array(residual)
     residual[rng.random(residual.shape) < 0.2] = np.nan
-    assert residual_rate([residual[:800], residual[800:]], DT_S, 1.0) == pytest.approx(rate_hz, rel=0.35)
+    assert residual_memory_s([residual[:800], residual[800:]], DT_S, 1.0) == pytest.approx(1.678 / rate_hz, rel=0.35)
 
 
 def test_where_noise_hides_the_residual_it_follows_the_motion():
-    """White noise alone shows no rate: four times that of the motion; not the fastest that frames can show."""
+    """White noise alone shows no memory: 0.42 of a radian's time, not the shortest that frames can show."""
     noise = np.random.default_rng(6).normal(size=(120, 72))
-    assert residual_rate([noise], DT_S, 0.04) == pytest.approx(100.0)
+    assert residual_memory_s([noise], DT_S, 0.04) == pytest.approx(0.0168)
 
 
 def test_rounding_errors_have_no_rate_of_their_own():
-    """A subspace that holds poses whole leaves a slow residual of 1e-12: the rate is that of the motion."""
+    """A subspace that holds poses whole leaves a slow residual of 1e-12: its memory is that of the motion."""
     slow = 1e-12 * np.sin(np.linspace(0, 20, 500))[:, None] * np.ones(6)
-    assert residual_rate([slow], DT_S, 0.04, hidden_sd=np.ones(6)) == pytest.approx(100.0)
-    assert residual_rate([slow], DT_S, 0.04) < 50
+    assert residual_memory_s([slow], DT_S, 0.04, hidden_sd=np.ones(6)) == pytest.approx(0.0168)
+    assert residual_memory_s([slow], DT_S, 0.04) > 0.034
 
 
 def test_a_rate_is_found_between_lags():
     """Sines of nearly one frequency cross half their variance within a lag: their rates follow without a step."""
     t = DT_S * np.arange(2000)[:, None]
-    rates = np.array([residual_rate([np.sin(w * t + np.arange(6))], DT_S, 1.0) for w in np.linspace(60, 80, 21)])
+    rates = np.array(
+        [1 / residual_memory_s([np.sin(w * t + np.arange(6))], DT_S, 1.0) for w in np.linspace(60, 80, 21)]
+    )
     assert (np.diff(rates) > 0).all()
     assert np.diff(rates).max() < 0.05 * rates.mean()
 
@@ -136,5 +137,5 @@ def test_a_rate_is_found_between_lags():
 def test_residuals_of_few_frames_have_a_rate(n_frames):
     """A positive number, whatever is seen."""
     rng = np.random.default_rng(5)
-    assert 0 < residual_rate([rng.normal(size=(n_frames, 6))], DT_S, 1.0) < np.inf
-    assert 0 < residual_rate([np.zeros((n_frames, 6))], DT_S, 1.0) < np.inf
+    assert 0 < residual_memory_s([rng.normal(size=(n_frames, 6))], DT_S, 1.0) < np.inf
+    assert 0 < residual_memory_s([np.zeros((n_frames, 6))], DT_S, 1.0) < np.inf

@@ -38,7 +38,7 @@ def free(rng):
 def oscillating(rng):
     stiffness, damping = rng.normal(0, 200, (2, RANK, RANK))
     return LinearShape(
-        stiffness + 3000 * np.eye(RANK), 0.1 * damping + 5 * np.eye(RANK), 50 * np.ones(RANK), lower(rng, RANK)
+        stiffness + 3000 * np.eye(RANK), 0.1 * damping + 5 * np.eye(RANK), 50 * np.ones(RANK), lower(rng, RANK), 0.02
     )
 
 
@@ -61,7 +61,7 @@ def pose(mechanics=free, rate_hz=30.0, **more):
         body_density=rng.uniform(0.1, 10, 6),
         shape_sd=rng.uniform(0.1, 1, 2 * RANK),
         body_sd=rng.uniform(0.1, 1, 12),
-        residual_rate_hz=rate_hz,
+        residual_rate_hz=np.full(3 * MARKERS, rate_hz),
         **more,
     )
 
@@ -147,13 +147,14 @@ def test_initial_states_fit_their_models(name):
 
 
 def test_parts_are_all_of_the_state():
-    """[z, zdot], g, e, gdot, edot follow each other; positions g, e and rates come in the sizes of the body."""
+    """[z, zdot], g, e, gdot, edot, eddot follow each other; positions g, e and rates come in the sizes of the body."""
     model = pose()
     parts = model.parts
     index = np.arange(model.points.n)
-    np.testing.assert_array_equal(np.concatenate([index[part] for part in parts]), index)
+    np.testing.assert_array_equal(np.concatenate([*(index[part] for part in parts), model.residual[2]]), index)
     assert [len(index[part]) for part in parts] == [2 * RANK, 6, 3 * MARKERS, 6, 3 * MARKERS]
     assert parts[2].stop == model.reads
+    assert pose(oscillating).points.n == model.points.n + RANK
 
 
 def test_white_acceleration_is_the_integral():
@@ -173,47 +174,59 @@ def test_body_and_shape_are_driven_by_their_own_noise():
     """The body's and the shape's blocks of the noise are white acceleration of their densities, and nothing couples."""
     model, dt_s = pose(), 0.02
     _, q = matrices(model, dt_s)
-    shape, g, e, g_rate, e_rate = (np.arange(model.points.n)[part] for part in model.parts)
+    shape, g, _, g_rate, _ = (np.arange(model.points.n)[part] for part in model.parts)
     integral = np.array([[dt_s**3 / 3, dt_s**2 / 2], [dt_s**2 / 2, dt_s]])
     body, density = np.append(g, g_rate), model.mechanics.density @ model.mechanics.density.T
     np.testing.assert_allclose(q[np.ix_(body, body)], np.kron(integral, np.diag(model.body_density)), rtol=1e-12)
     np.testing.assert_allclose(q[np.ix_(shape, shape)], np.kron(integral, density), rtol=1e-12, atol=1e-18)
-    blocks = [shape, body, np.append(e, e_rate)]
+    blocks = [shape, body, model.residual.ravel()]
     for one in range(3):
         for other in range(one):
             assert not q[np.ix_(blocks[one], blocks[other])].any()
 
 
-def test_the_residual_is_a_matern_process():
-    """Transition = exp(A dt) of e'' = -2 a e' - a^2 e, and its noise solves the covariance equation, by SciPy."""
-    a, dt_s = 30.0, 0.013
+@pytest.mark.parametrize("dt_s", [1e-4, 0.013, 0.3])
+def test_the_residual_is_a_matern_process(dt_s):
+    """Transition = exp(A dt) of (d/dt + a)^3 e = noise, and its noise solves the covariance equation, by SciPy."""
+    a = 30.0
     model = pose(rate_hz=a)
     transition, covariance = matrices(model, dt_s)
-    drift = np.array([[0, 1], [-(a**2), -2 * a]])
-    _, _, e, _, e_rate = model.parts
-    pair = [e.start, e_rate.start]
-    np.testing.assert_allclose(transition[np.ix_(pair, pair)], expm(drift * dt_s), rtol=1e-12)
+    drift = np.array([[0, 1, 0], [0, 0, 1], [-(a**3), -3 * a**2, -3 * a]])
+    three = np.ix_(model.residual[:, 0], model.residual[:, 0])
+    np.testing.assert_allclose(transition[three], expm(drift * dt_s), rtol=1e-9, atol=1e-12)
     variance = model.subspace.residual_sd[0] ** 2
-    q = np.diag([0.0, 4 * a**3 * variance])  # the white noise that keeps the variance of e
+    q = np.diag([0.0, 0.0, 16 / 3 * a**5 * variance])  # the white noise that keeps the variance of e
 
     def rate(_, flat):
-        p = flat.reshape(2, 2)
+        p = flat.reshape(3, 3)
         return (drift @ p + p @ drift.T + q).ravel()
 
-    grown = solve_ivp(rate, (0, dt_s), np.zeros(4), rtol=1e-10, atol=1e-18).y[:, -1].reshape(2, 2)
-    np.testing.assert_allclose(covariance[np.ix_(pair, pair)], grown, rtol=1e-6)
+    grown = solve_ivp(rate, (0, dt_s), np.zeros(9), rtol=1e-11, atol=1e-30).y[:, -1].reshape(3, 3)
+    size = np.sqrt(np.diag(grown))
+    np.testing.assert_allclose(covariance[three] / np.outer(size, size), grown / np.outer(size, size), atol=1e-6)
 
 
 def test_the_residual_is_stationary():
-    """A P A^T + Q = P for the residual at its initial variance, at every step: it neither dies nor grows."""
+    """A P A^T + Q = P for the residual at its initial covariance, at every step: it neither dies nor grows."""
     model = pose()
-    _, _, e, _, e_rate = (np.arange(model.points.n)[part] for part in model.parts)
-    residual = np.append(e, e_rate)
+    residual = model.residual.ravel()
     start = model.initial().cov[np.ix_(residual, residual)]
+    sd = np.sqrt(np.diag(start))
     for dt_s in (1e-4, 0.01, 1.0):
         a, q = (m[np.ix_(residual, residual)] for m in matrices(model, dt_s))
-        sd = np.sqrt(np.diag(start))
-        np.testing.assert_allclose((a @ start @ a.T + q) / np.outer(sd, sd), np.eye(len(sd)), atol=1e-9)
+        np.testing.assert_allclose((a @ start @ a.T + q - start) / np.outer(sd, sd), 0, atol=1e-9)
+
+
+def test_its_spectrum_falls_as_the_sixth_power():
+    """Correlation (1 + a s + (a s)^2 / 3) exp(-a s), from transitions and the initial covariance (Matern, nu = 5/2)."""
+    a = 30.0
+    model = pose(rate_hz=a)
+    three = np.ix_(model.residual[:, 0], model.residual[:, 0])
+    start = model.initial().cov[three]
+    for lag in (0.001, 0.02, 0.1):
+        transition, _ = matrices(model, lag)
+        expected = (1 + a * lag + (a * lag) ** 2 / 3) * np.exp(-a * lag)
+        assert (transition[three] @ start)[0, 0] / start[0, 0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_markers_by_the_formula():

@@ -3,9 +3,10 @@
 import os
 import subprocess
 import sys
-import time
+import tracemalloc
 import zipfile
 import zlib
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -173,7 +174,7 @@ def test_covariances_are_checked(tmp_path, covariance, definite):
     """A covariance is symmetric with eigenvalues not below 0, here known in closed form; never assumed to be."""
     cov = np.full((2, 1, 3, 3), np.nan)
     cov[1, 0] = 1e-6 * covariance
-    recording = point_recording(tmp_path / "a.x", "made", names=["a"], xyz=np.zeros((2, 1, 3)), unit="m", fps=1.0)
+    recording = point_recording(tmp_path / "a.x", "made", names=["a"], xyz=np.ones((2, 1, 3)), unit="m", fps=1.0)
     tracks = recording.points
     points = MarkerTracks(names=("a",), t_s=tracks.t_s, xyz_m=tracks.xyz_m, cov_m2=cov, status=tracks.status)
     if definite:
@@ -232,19 +233,28 @@ def bomb_parquet(path):
     parquet.write_table(pyarrow.table({f"c{i}": run for i in range(90)}), path)
 
 
+@contextmanager
+def little_memory():
+    """What is done in it takes less than an eighth of what the smallest bomb unpacks to."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < 1 << 26
+    finally:
+        tracemalloc.stop()
+
+
 BOMBS = {"a.mat": bomb_mat, "a.h5": bomb_hdf5, "a_xyzpts.tsv": bomb_sparse, "a.parquet": bomb_parquet}
 
 
 @pytest.mark.parametrize("name", BOMBS)
 def test_what_would_fill_the_memory_is_refused_by_its_head(tmp_path, name):
-    """Gigabytes announced in a few kilobytes: refused in seconds, before anything of that size is made."""
+    """Gigabytes announced in a few kilobytes: refused before anything of that size is made."""
     path = tmp_path / name
     BOMBS[name](path)
     assert path.stat().st_size < LEAST / 100
-    start = time.perf_counter()
-    with pytest.raises(FormatError, match="memory"):
+    with little_memory(), pytest.raises(FormatError, match="memory"):
         read(path)
-    assert time.perf_counter() - start < 10  # a process that imports SciPy takes one
 
 
 def npz_bomb(path, *, lie):
@@ -262,15 +272,13 @@ def npz_bomb(path, *, lie):
 
 @pytest.mark.parametrize("lie", [False, True])
 def test_a_model_that_would_fill_the_memory(tmp_path, lie):
-    """Refused by the sizes in its heads, by both readers of such archives, in a time in which 2 GB are not unpacked."""
+    """Refused by the sizes in its heads, by both readers of such archives, before 2 GB are unpacked."""
     npz_bomb(tmp_path / "a.npz", lie=lie)
-    start = time.perf_counter()
     message = "has shape" if lie else r"it would take 2\.15 GB unpacked"
-    with pytest.raises(FormatError, match=message):
+    with little_memory(), pytest.raises(FormatError, match=message):
         load_model(tmp_path / "a.npz")
-    with pytest.raises(archive.ArchiveError, match=message):
+    with little_memory(), pytest.raises(archive.ArchiveError, match=message):
         archive.read(tmp_path / "a.npz")
-    assert time.perf_counter() - start < 1
 
 
 def test_no_folder_for_temporary_files_is_needed(tmp_path, monkeypatch):

@@ -124,6 +124,50 @@ def test_corners_that_differ_unstated_are_told_loudly():
         assert bool(told) == (not stated)
 
 
+def paired(uv):
+    """Left markers in the first two cameras alone, right ones in the other two, as beside a treadmill."""
+    uv = uv.copy()
+    uv[2:, :, :3] = np.nan
+    uv[:2, :, 3:] = np.nan
+    return uv
+
+
+@pytest.mark.parametrize("which", [(2, 3), (0, 3), (1,), (0, 1, 2)])
+def test_mirrored_pairs_are_named(which):
+    """No marker is seen by three cameras: each pair is judged by its own points, and a good one hides no bad one.
+
+    Which camera of a pair it was its rays cannot always tell; the pair that is wrong they do.
+    """
+    cameras, uv = scene(False)
+    uv = paired(uv)
+    assert find_arrangement(cameras, uv) is None
+    decide_origin(cameras, uv)
+    for c in which:
+        uv[c, ..., 0] = WIDTH - uv[c, ..., 0]
+    with pytest.raises(ArrangementError, match=r"px as the files are") as raised:
+        decide_origin(cameras, uv)
+    found = raised.value.arrangement
+    assert {int(name[-1]) > 2 for name in found.cameras} == {c > 1 for c in which}
+    assert found.undone_px < 1.5 < 3 < found.residual_px
+
+
+def test_one_bad_pair_is_a_finding():
+    """A camera that was turned makes its pair's points miss by 3 times as much: told, with both numbers.
+
+    Cameras of which one is clicked 4 times as carelessly are not accused, nor are sound pairs.
+    """
+    cameras, uv = scene(False)
+    uv = paired(uv)
+    assert not fit_findings(cameras, uv)
+    careless = uv.copy()
+    careless[3] += np.random.default_rng(1).normal(0, 2.0, uv[3].shape)
+    assert not fit_findings(cameras, careless)
+    uv[3] += [14.0, 17.0]
+    (found,) = fit_findings(cameras, uv)
+    assert (found.kind, found.cameras) == ("uneven cameras", ("cam3", "cam4"))
+    assert found.numbers["worst_px"] > 3 * found.numbers["best_px"]
+
+
 @pytest.fixture
 def files(tmp_path):
     """Pixels and coefficients of a rig as DLTdv writes them; two cameras mirrored."""

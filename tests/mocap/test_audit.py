@@ -279,20 +279,6 @@ def test_half_precision_is_found():
     assert all("float16" in f.text for f in found)
 
 
-def test_zeros_that_mean_missing_are_found():
-    """Missing samples written as zero, in pixels and in points; a marker that passes through zero is none."""
-    scene = clean()
-    uv = np.where(np.isnan(scene.pixels.uv_px), 0.0, scene.pixels.uv_px)
-    found = [f for f in pixel_findings(replace(scene.pixels, uv_px=uv)) if f.kind == "zeros"]
-    assert sum(f.numbers["samples"] for f in found) == np.isnan(scene.pixels.uv_px[..., 0]).sum()
-    xyz = scene.xyz_m + np.array([0.0, 0.0, 0.5])
-    xyz[7:9, 1] = 0.0
-    (one,) = point_findings(points_of(xyz, scene.pixels))
-    assert (one.kind, one.markers, one.frames) == ("zeros", ("pt2",), (8, 9))
-    passing = scene.xyz_m - scene.xyz_m[100, 0]
-    assert not point_findings(points_of(passing, scene.pixels))
-
-
 def test_repeated_frames_are_found():
     """Two frames stored again in place of the next ones."""
     scene = clean()

@@ -151,7 +151,7 @@ def test_known_points_that_say_nothing_are_refused():
     rng = np.random.default_rng(5)
     camera, points = ring(1)[0], cloud(rng, 20)
     uv = project(camera.matrix[None], points)[0]
-    with pytest.raises(CalibrationError, match="sees 5 known points, and 6 are needed"):
+    with pytest.raises(CalibrationError, match="sees 5 different known points, and 6 are needed"):
         fit_dlt("c", points[:5], uv[:5])
     flat = points * [1, 1, 0]
     with pytest.raises(CalibrationError, match="lie in one plane"):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mocap.cameras.camera import Camera, dlt_camera, pinhole_camera, project, stacked
 from mocap.cameras.lens import BrownLens, FisheyeLens, RationalLens
 from mocap.errors import FormatError
-from mocap.io.c3d_files import MOST_FRAMES
+from mocap.io.c3d import _MOST_FRAMES as MOST_FRAMES
 from mocap.io.contents import FILLED
 from mocap.io.registry import FORMATS, identify, read, write
 from mocap.records import Status
@@ -111,7 +111,7 @@ def test_a_dltdv_set_comes_back(scratch, pixels):
     ends = ("xypts", "xyzpts", "xyzres", "offsets")
     two, three, residuals, offsets = (read(scratch / f"bat_{end}.csv") for end in ends)
     assert two.names == three.names == residuals.names == pixels.names
-    np.testing.assert_allclose(two.pixels.uv_px, pixels.pixels.uv_px, rtol=0, atol=0.5e-6 + 1e-12)
+    np.testing.assert_allclose(two.pixels.uv_px, pixels.pixels.uv_px, rtol=0, atol=MICROMETRE + 1e-12)
     np.testing.assert_allclose(three.points.xyz_m, xyz, rtol=0, atol=MICROMETRE + 1e-12)
     assert (np.abs(three.points.xyz_m) >= MICROMETRE).all()
     assert len(offsets.frames) == len(residuals.frames) == len(pixels.frames)

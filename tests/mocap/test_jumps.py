@@ -1,14 +1,16 @@
 """A marker that jumps to another place is found and named; careless clicks and quick wings are not called jumps."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mocap.datasets import make_bat, make_lizard
 
-from mocap.audit import alarms, audit_filmed, jump_findings
+from mocap.audit import alarms, audit_filmed, audit_recording, jump_findings
 from mocap.cameras.camera import record, undistorted
-from mocap.cameras.origin import decide_origin
+from mocap.cameras.origin import StatedOrigin, decide_origin
+from mocap.io.contents import FileContents
 from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.prepare import prepare_tracks
 from mocap.records import Status, marker_tracks
@@ -45,6 +47,27 @@ def test_a_jump_in_a_hole_is_found(hole):
         assert one.markers == ("elbow_l",)
         assert one.frames == (100 - hole, 101)
         assert one.numbers["length"] == pytest.approx(np.linalg.norm(way), abs=0.05)
+
+
+def test_without_a_frame_rate_steps_are_told_per_frame():
+    """No metres per second that nobody knows: in 3D and in calibrated pixels."""
+    twin = make_bat(seed=5, n_frames=200)
+    names = twin.truth.names
+    xyz = np.array(twin.truth.xyz_m)
+    xyz[100:, names.index("elbow_l")] += [0.203, 0.0, 0.0]
+    points = marker_tracks(names, np.arange(200.0), xyz)
+    uv = record(twin.cameras, xyz)
+    pixels = replace(twin.pixels, t_s=np.arange(200.0), uv_px=uv)
+    shared = {"format": "x", "paths": (Path("x"),), "names": names, "frames": np.arange(200), "fps": None}
+    cameras = {"pixels": pixels, "cameras": twin.cameras, "camera_names": twin.pixels.cameras}
+    stated = StatedOrigin(origin="upper-left", calibration_origin="upper-left")
+    for parts in ({"points": points}, cameras):
+        contents = FileContents(**shared, **parts)
+        for rate, told, not_told in ((None, " mm per frame", "m/s"), (240.0, " m/s", "per frame")):
+            found = audit_recording(contents if rate is None else contents.with_rate(rate), stated)
+            (text,) = (f.text for f in found if f.kind == "jump")
+            assert told in text
+            assert not_told not in text
 
 
 @pytest.mark.parametrize("make", [make_bat, make_lizard])

@@ -1,4 +1,4 @@
-"""Our NetCDF files in the released package movement, which needs a newer Python than the project: installed apart."""
+"""Our NetCDF files in the package movement: the release for Python 3.12, and the last for 3.11, installed apart."""
 
 import json
 import os
@@ -15,8 +15,8 @@ from mocap.io.registry import read, write
 from tests.mocap.recordings import points
 
 ENV = Path(__file__).resolve().parents[2] / ".venv-movement"
-VERSION = "0.17.0"
-NEEDS = (3, 12)
+VERSIONS = {"0.17.0": ((3, 12), {}), "0.15.0": ((3, 11), {"keypoint": "keypoints", "individual": "individuals"})}
+"""Each with the Python that it needs, and the names that it has for dimensions (docs/reference/files.md)."""
 IMPORTS = ("attrs", "loguru", "scipy", "xarray", "h5netcdf", "h5py")
 """What its validators and kinematics import; all that it depends on (napari's formats, videos) is a gigabyte."""
 SCRIPT = """
@@ -24,16 +24,18 @@ import json, sys, xarray
 from movement.validators.datasets import ValidPosesInputs
 from movement.kinematics import compute_velocity
 out = []
-for path in sys.argv[1:]:
-    data = xarray.load_dataset(path)
+names = json.loads(sys.argv[1])
+for path in sys.argv[2:]:
+    data = xarray.load_dataset(path).rename(names)
     ValidPosesInputs.validate(data)
     velocity = compute_velocity(data["position"])
-    pick = {"keypoint": "knee, left", "time": data.time[1]}
+    pick = {names.get("keypoint", "keypoint"): "knee, left", "time": data.time[1]}
+    individual = names.get("individual", "individual")
     out.append({
         "dims": list(data["position"].dims), "fps": float(data.attrs["fps"]), "unit": data.attrs["time_unit"],
-        "type": data.attrs["ds_type"], "individuals": [str(v) for v in data["individual"].values],
-        "position": data["position"].sel(**pick).isel(individual=0).values.tolist(),
-        "velocity": velocity.sel(**pick).isel(individual=0).values.tolist(),
+        "type": data.attrs["ds_type"], "individuals": [str(v) for v in data[individual].values],
+        "position": data["position"].sel(**pick).isel({individual: 0}).values.tolist(),
+        "velocity": velocity.sel(**pick).isel({individual: 0}).values.tolist(),
         "missing": int(data["position"].isnull().sum()),
         "confidence": list(data["confidence"].dims),
     })
@@ -46,42 +48,47 @@ print(json.dumps(out))
 def _pythons() -> list[str]:
     """Interpreters of this machine that may be new enough."""
     versions = Path.home() / ".pyenv" / "versions"
-    named = [shutil.which(f"python3.{minor}") for minor in (14, 13, 12)]
+    named = [shutil.which(f"python3.{minor}") for minor in (14, 13, 12, 11)]
     found = [sys.executable, *named, *sorted(map(str, versions.glob("3.1[2-9].*/bin/python")))]
     return [python for python in found if python is not None]
 
 
-def _new_enough(python: str) -> bool:
-    code = f"import sys; sys.exit(sys.version_info < {NEEDS})"
+def _new_enough(python: str, needs: tuple[int, int]) -> bool:
+    code = f"import sys; sys.exit(sys.version_info < {needs})"
     return subprocess.run([python, "-c", code], capture_output=True, check=False).returncode == 0
 
 
-@pytest.fixture(scope="module")
-def movement_python():
-    """The interpreter of an environment with movement; made once, beside the project's own."""
-    python = ENV / "bin" / "python"
+@pytest.fixture(scope="module", params=VERSIONS)
+def movement(request):
+    """A release: the interpreter of an environment with it, made once beside the project's own, and its names."""
+    version = request.param
+    needs, names = VERSIONS[version]
+    env = ENV / version
+    python = env / "bin" / "python"
     if python.exists():
-        return python
-    base = next((p for p in _pythons() if _new_enough(p)), None)
+        return python, names
+    base = next((p for p in _pythons() if _new_enough(p, needs)), None)
     if base is None:
-        pytest.skip(f"movement {VERSION} needs Python {NEEDS[0]}.{NEEDS[1]} or newer: none is here")
+        pytest.skip(f"movement {version} needs Python {needs[0]}.{needs[1]} or newer: none is here")
     try:
-        subprocess.run([base, "-m", "venv", "--without-pip", str(ENV)], check=True, capture_output=True, timeout=100)
+        subprocess.run([base, "-m", "venv", "--without-pip", str(env)], check=True, capture_output=True, timeout=100)
         (ENV / ".gitignore").write_text("*\n")
         pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet", "--no-compile"]
-        subprocess.run([*pip, "--no-deps", f"movement=={VERSION}"], check=True, capture_output=True, timeout=60)
+        subprocess.run([*pip, "--no-deps", f"movement=={version}"], check=True, capture_output=True, timeout=60)
         subprocess.run([*pip, *IMPORTS], check=True, capture_output=True, timeout=200)
     except (subprocess.SubprocessError, OSError) as error:
-        shutil.rmtree(ENV, ignore_errors=True)
-        pytest.skip(f"movement {VERSION} could not be installed: {error}")
-    return python
+        shutil.rmtree(env, ignore_errors=True)
+        pytest.skip(f"movement {version} could not be installed: {error}")
+    return python, names
 
 
-def test_movement_takes_our_files(movement_python, tmp_path):
+def test_movement_takes_our_files(movement, tmp_path):
     """Its own validator passes them, its kinematics find the velocity, and what it saves we read back.
 
-    A knee that moves evenly has the velocity of its path (central differences are exact on a line).
+    An older one takes them with the names that it has for dimensions. A knee that moves evenly has the velocity of its
+    path (central differences are exact on a line).
     """
+    python, names = movement
     t = np.arange(6) / 250
     velocity = np.array([0.5, -1.0, 2.0])
     xyz = np.stack([np.zeros((6, 3)), t[:, None] * velocity], axis=1)
@@ -93,12 +100,17 @@ def test_movement_takes_our_files(movement_python, tmp_path):
     environment = {**os.environ, "HOME": str(tmp_path), "LOGURU_LEVEL": "ERROR"}
     files = [str(tmp_path / name) for name in ("one.nc", "two.nc")]
     done = subprocess.run(
-        [str(movement_python), "-c", SCRIPT, *files], capture_output=True, text=True, env=environment, check=False
+        [str(python), "-c", SCRIPT, json.dumps(names), *files],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
     one, animals = json.loads(done.stdout.splitlines()[-1])
-    assert one["dims"] == ["time", "space", "keypoint", "individual"]
-    assert one["confidence"] == ["time", "keypoint", "individual"]
+    own = [names.get(dim, dim) for dim in ("time", "space", "keypoint", "individual")]
+    assert one["dims"] == own
+    assert one["confidence"] == [own[0], *own[2:]]
     assert (one["fps"], one["unit"], one["type"], one["individuals"]) == (250.0, "seconds", "poses", ["id_0"])
     np.testing.assert_allclose(one["position"], xyz[1, 1], atol=1e-15)
     np.testing.assert_allclose(one["velocity"], velocity, rtol=1e-12)

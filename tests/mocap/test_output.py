@@ -179,21 +179,21 @@ def test_an_error_leaves_the_earlier_result_and_no_trace(tmp_path, error):
 def test_two_runs_into_one_folder(tmp_path):
     """The second one is told; the lock ends with its holder, whatever becomes of it."""
     code = (
-        "import sys, time; from pathlib import Path; from mocap.io.output import result_folder\n"
+        "import sys; from pathlib import Path; from mocap.io.output import result_folder\n"
         "with result_folder(Path(sys.argv[1]), 'track', replace=True) as stage:\n"
-        "    (stage / 'x').write_text('half'); print('in', flush=True); time.sleep(60)\n"
+        "    (stage / 'x').write_text('half'); print('in', flush=True); sys.stdin.read()\n"
     )
     out = tmp_path / "out"
     write(out, {"x": "1"})
-    other = subprocess.Popen([sys.executable, "-c", code, str(out)], stdout=subprocess.PIPE, text=True)
+    pipe = subprocess.PIPE
+    other = subprocess.Popen([sys.executable, "-c", code, str(out)], stdin=pipe, stdout=pipe, text=True)
     try:
         assert other.stdout.readline() == "in\n"
         with pytest.raises(OutputError, match="another mocap is writing there"):
             write(out, {"x": "2"}, replace=True)
     finally:
         other.send_signal(signal.SIGKILL)
-        other.wait()
-        other.stdout.close()
+        other.communicate()
     assert current(out, "x").read_text() == "1"
     said = []
     write(out, {"x": "3"}, replace=True, tell=said.append)
@@ -213,12 +213,12 @@ def test_a_kill_between_renames_leaves_the_new_result_whole(tmp_path, monkeypatc
     (out / "mine").write_text("mine")
     real, done = os.replace, []
 
-    def dies(source, target):
+    def dies(source, target, **at):
         if Path(target).name != MANIFEST:
             if len(done) == renames:
                 raise SystemExit("killed")
             done.append(target)
-        real(source, target)
+        real(source, target, **at)
 
     monkeypatch.setattr(output.os, "replace", dies)
     monkeypatch.setattr(output.shutil, "rmtree", lambda *_, **__: None)

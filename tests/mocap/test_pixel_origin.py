@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.datasets import make_bat, write_recording
 
 from mocap.audit import stale_points
 from mocap.cameras.camera import dlt_coefficients, record
@@ -13,7 +14,7 @@ from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
 from mocap.pipeline.learning import _prepared
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.recording import Recording, load_filmed
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_audit import moving
@@ -152,4 +153,14 @@ def test_files_of_one_session_decide_together(tmp_path):
         both = list(_prepared(order, told.append))
         assert [p.filmed.pixel_origin.pixels for _, p in both if p.filmed] == ["upper-left"] * 2
         assert [number for number, _ in both] == numbers
-        assert told == ["doubtful: pixel origin upper-left, as in the other recordings of this session"]
+        assert "doubtful: pixel origin upper-left, as in the other recordings of this session" in told
+
+
+def test_our_own_recordings_carry_their_corner(tmp_path):
+    """A bat whose pixels fit both ways up: refused without its card, read from the upper left with it."""
+    files = write_recording(make_bat(seed=0, n_frames=60, manoeuvre="turn"), tmp_path)
+    source = Recording(tracks=files["pixels"], fps=240, calibration=files["coefficients"], profile=files["profile"])
+    assert load_filmed(source, iterations=3).pixel_origin.pixels == "upper-left"
+    files["card"].unlink()
+    with pytest.raises(OriginError, match="the pixel origin cannot be determined"):
+        load_filmed(replace(source), iterations=3)

@@ -1,8 +1,11 @@
 """Calls side by side in processes: the same numbers in the same order, whatever happens to a process."""
 
+import errno
 import os
 import signal
+import sys
 from functools import partial
+from multiprocessing import forkserver
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from mocap.filters.hidden_gaps import EACH_MARKER, Effort, hidden_gaps
 from mocap.filters.models.constant_velocity import MarkerSettings
 
 import mocap
+from mocap import side_by_side
 from mocap.errors import MocapError
 from mocap.pipeline import learning, tracking
 from mocap.pipeline.job import run_job
@@ -75,6 +79,29 @@ def test_a_call_that_is_begun_runs_elsewhere_and_is_made_here_where_it_dies():
         assert process != HERE
         with pytest.raises(MocapError, match="not so"):
             begin(refuses).result()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere processes are started afresh")
+def test_what_processes_are_forked_from_dies():
+    """Before the first call, and between two: it is started anew."""
+    with mocap.processes(2):
+        for x in (3, 4):
+            os.kill(forkserver._forkserver._forkserver_pid, signal.SIGKILL)
+            begun = begin(partial(square, x))
+            assert call_all([partial(square, 1), partial(square, 2)])[1][0] == 4
+            assert begun.result()[0] == x**2
+
+
+def test_no_process_can_be_started(monkeypatch):
+    """Calls are made here."""
+
+    def exhausted(*_, **__):
+        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    with mocap.processes(2), monkeypatch.context() as patch:
+        patch.setattr(side_by_side.ProcessPoolExecutor, "submit", exhausted)
+        assert begin(partial(square, 3)).result() == (9, HERE)
+        assert call_all([partial(square, 1), partial(square, 2)]) == [(1, HERE), (4, HERE)]
 
 
 def test_errors_are_those_of_the_call():

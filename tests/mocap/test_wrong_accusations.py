@@ -1,12 +1,15 @@
 """What is not wrong is not called wrong: each case accused a recording, or its cameras, of what they had not done."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.io import savemat
 
-from mocap.audit import alarms
+from mocap.audit import alarms, fit_findings, jump_findings, pixel_findings, point_findings
 from mocap.audit.inspect import inspect
-from mocap.cameras.camera import dlt_coefficients, record
+from mocap.cameras.camera import dlt_coefficients, record, stacked, undistorted
+from mocap.cameras.triangulate import linear, refine
 from mocap.io.describe import summary
 from mocap.io.dltdv import write_points
 from mocap.io.format import Hints
@@ -95,3 +98,59 @@ def test_convert_writes_no_file_of_nothing(mocap, tmp_path):
     code, _, _ = mocap("convert", tmp_path / "a_xypts.csv", tmp_path / "b_xypts.csv")
     assert code == 0
     assert sorted(p.name for p in tmp_path.glob("b_*")) == ["b_offsets.csv", "b_xypts.csv"]
+
+
+@pytest.mark.parametrize("step", [1.0, 0.5, 1 / 16])
+def test_clicks_on_a_grid_are_not_float16(step):
+    """Whole pixels of a film of 1,920, halves, and sixteenths of a picture of 100 px: they are what they are."""
+    rng = np.random.default_rng(0)
+    wide = 100 if step < 0.1 else 1920
+    uv = np.round(rng.uniform(0.05, 0.95, (1, 60, 3, 2)) * wide / step) * step
+    scene = clean(n_frames=60)
+    pixels = replace(scene.pixels, names=("a", "b", "c"), cameras=("cam1",), uv_px=uv)
+    said = [f.text for f in pixel_findings(pixels)]
+    assert not any("float16" in text for text in said)
+    assert any(f"multiples of {step:g} px" in text and ("whole pixels" in text) == (step == 1) for text in said) == (
+        step > 0.1
+    )
+
+
+def test_an_animal_that_lies_still_is_no_stalled_recording():
+    """A simulated animal rests for 50 frames, moves, and comes to rest again: nothing was stored twice."""
+    t = np.clip(np.arange(300) - 50, 0, 150) / 150
+    way = (t**3 * (10 - 15 * t + 6 * t**2))[:, None, None] * [0.5, 0.2, 0.1]  # the smoothest way from rest to rest
+    scene = clean()
+    assert not point_findings(points_of(scene.xyz_m[:1] + way, scene.pixels))
+
+
+def test_a_step_of_a_millimetre_is_no_other_marker():
+    """A person stands still, a marker slips by 1 mm, the next is 50 mm away; one that goes there is named."""
+    rng = np.random.default_rng(2)
+    xyz = np.array([[0.0, 0, 1], [0.05, 0, 1], [0, 0.05, 1.2]]) + rng.normal(0, 1e-5, (600, 3, 3))
+    xyz[300:, 0, 0] += 1e-3
+    assert not jump_findings(xyz, np.arange(600) / 100, "abc")
+    xyz[300:, 0, 0] += 0.047
+    (found,) = jump_findings(xyz, np.arange(600) / 100, "abc")
+    assert "as if it had been 'b' before or after" in found.text
+    xyz[300:, 0, 2] += 0.1  # to where there is no marker
+    (found,) = jump_findings(xyz, np.arange(600) / 100, "abc")
+    assert "as if" not in found.text
+
+
+def test_points_rounded_or_solved_otherwise_are_not_stale():
+    """Three decimals, and the points of least reprojection error: no pixels were edited, and the world is the same."""
+    scene = clean()
+    ideal = undistorted(scene.cameras, scene.pixels.uv_px)
+    xyz = linear(stacked(scene.cameras), ideal)
+    assert not alarms(scene.audit(stored=points_of(np.round(xyz, 3), scene.pixels)))
+    best, _ = refine(stacked(scene.cameras), ideal, xyz, sd_px=0.5)
+    findings = scene.audit(stored=points_of(np.round(best, 6), scene.pixels))
+    assert not alarms(findings)
+    assert any("another method" in f.text for f in findings)
+
+
+def test_careless_clicks_are_no_foreign_calibration():
+    """12 px of noise, on an animal of 200 px: rays miss by what clicks scatter, and the calibration is not blamed."""
+    scene = clean(lens=False)
+    uv = record(scene.cameras, 0.2 * scene.xyz_m)
+    assert not fit_findings(scene.cameras, uv + np.random.default_rng(3).normal(0, 12, uv.shape))

@@ -25,6 +25,7 @@ def filterpy_filter(points, state, *, step, noise_cov, frames, dt_s=1.0):
     means, covs, log_likelihoods = [], [], []
     for h, y, sd in frames:
         ukf.predict()
+        ukf.sigmas_f = fresh.sigma_points(ukf.x, ukf.P)  # as filterpy 2; 1.4.5 leaves out the process noise
         ukf.update(y, R=np.diag(sd**2), hx=h)
         means.append(ukf.x.copy())
         covs.append(ukf.P.copy())

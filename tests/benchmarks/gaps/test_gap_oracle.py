@@ -48,7 +48,7 @@ def test_only_the_potential_knows_the_trial():
     xyz = np.array(own.xyz_m)
     xyz[100:200, 6:] = np.nan
     hidden = replace(own, xyz_m=xyz)
-    plain = PoseSettings(ranks=(4,), rotating=False, bones=0.0, regression=0.0)
+    plain = PoseSettings(ranks=(4,), bones=0.0, regression=0.0)
     informed = Informed(**{**vars(plain), "whole": (*others, own)})
     trials = TrialSet([*others, hidden], Anatomy(tuple(TRUNK)))
     usual, knowing = (model.fit(trials).motion for model in (plain, informed))

@@ -1,5 +1,6 @@
 """Many trials on Dask: one after the other or killed in between, the same files."""
 
+import errno
 import hashlib
 import subprocess
 import sys
@@ -7,15 +8,18 @@ import time
 
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
-from distributed import Client
+from distributed import Client, LocalCluster
 
 import mocap as library
 from mocap.batches import engine
 from mocap.batches.run import shard_of
 from mocap.cli.view import with_recording
 from mocap.errors import MocapError, OutputError
+from mocap.io import output
 from mocap.io.dltdv import write_points
+from mocap.io.manifest import PARTIAL
 from mocap.records import marker_tracks
 from mocap.rerun.stored import read_recording
 from tests.mocap.batches.trap import Trap
@@ -174,6 +178,132 @@ def test_a_worker_that_dies_is_replaced(lab, undisturbed, scheduler, tmp_path):
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
+def workers():
+    """Processes of clusters that this process has started."""
+    found = []
+    for child in psutil.Process().children(recursive=True):
+        try:
+            found += [child] if "spawn_main" in " ".join(child.cmdline()) else []
+        except psutil.NoSuchProcess:
+            continue
+    return found
+
+
+def has_ended(process):
+    """Whether it runs no more; nobody may have asked for its exit code yet."""
+    try:
+        return process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+@pytest.mark.parametrize("how", ["all at once", "one after the other"])
+def test_when_no_worker_is_left_others_are_started(lab, undisturbed, tmp_path, monkeypatch, how):
+    """Dask gives up those that were killed; the batch, which would wait for ever, starts anew: the same bytes."""
+    monkeypatch.setitem(engine.CONFIG, "distributed.deploy.lost-worker-timeout", "1ms")  # as on a busy machine
+    monkeypatch.setattr(engine, "WORKER_S", 1.0)
+    others, started, killed = set(workers()), [], set()
+
+    def start(*arguments, **options):
+        started.append(LocalCluster(*arguments, **options))
+        return started[-1]
+
+    def kill(progress):
+        if len(started) == 1 and progress.workers:
+            for worker in sorted(set(workers()) - others - killed, key=lambda one: one.pid):
+                worker.kill()
+                killed.add(worker)
+                if how == "one after the other":
+                    return
+
+    monkeypatch.setattr(engine, "LocalCluster", start)
+    found = library.batch(lab, tmp_path / "out", progress=kill, jobs=2, **QUICK)
+    assert len(started) == 2
+    assert len(killed) >= 2
+    died = found.table["error"].str.contains("died twice")
+    assert (found.table["status"] == "done").sum() == 5 - died.sum()
+    library.batch(lab, tmp_path / "out", **QUICK)
+    assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+@pytest.mark.parametrize("scheduler_goes", [False, True])
+def test_without_a_worker_it_ends_in_one_line(lab, tmp_path, monkeypatch, mocap, scheduler_goes):
+    """A cluster whose workers do not come, or whose scheduler goes: told, with a summary of what is done."""
+    monkeypatch.setattr(engine, "WORKER_S", 0.5)
+    out, look = tmp_path / "out", engine._need_workers
+    with LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as cluster:
+
+        def looks(connected):
+            if scheduler_goes:
+                cluster.close()
+            look(connected)
+
+        monkeypatch.setattr(engine, "_need_workers", looks)
+        code, _, err = mocap("batch", lab, "--out", out, "--fps", FPS, "--scheduler", cluster.scheduler_address)
+    assert code == 1
+    assert ("the connection to the Dask scheduler has ended" if scheduler_goes else "without a worker") in err
+    assert "0 of 6 trials are finished" in err
+    assert sum(line.startswith("error: ") for line in err.splitlines()) == 1
+    assert (out / "summary.csv").is_file()
+
+
+def test_processes_that_die_as_they_start(lab, tmp_path, monkeypatch):
+    """The batch ends, and says that they could not be started."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import os, signal, sys\nif 'spawn_main' in str(sys.orig_argv):\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(MocapError, match=r"could not be started.*memory"):
+        library.batch(lab, tmp_path / "out", jobs=1, **QUICK)
+
+
+def write_again(folder):
+    """The same result once more."""
+    files = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")]
+    with output.result_folder(folder, "track", replace=True) as stage:
+        for file in files:
+            (stage / file.relative_to(folder)).parent.mkdir(parents=True, exist_ok=True)
+            (stage / file.relative_to(folder)).write_bytes(file.read_bytes())
+
+
+def test_a_disk_that_was_full_leaves_nothing(lab, undisturbed, scheduler, tmp_path, monkeypatch):
+    """Where only the last list of a finished trial could not be written, the next run completes and cleans up."""
+    out = tmp_path / "out"
+    library.batch(lab, out, scheduler=scheduler, **QUICK)
+    folder, real = out / "animal0" / "t0", output.write_manifest
+
+    def full(place, manifest):
+        if place == folder and manifest.pending is None:
+            raise OSError(errno.ENOSPC, "No space left on device", str(place))
+        real(place, manifest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(output, "write_manifest", full)
+        with pytest.raises(OutputError):
+            write_again(folder)
+    assert list(folder.glob(f"{PARTIAL}*"))
+    library.batch(lab, out, **QUICK)  # nothing is left to track
+    assert not list(out.rglob(f"{PARTIAL}*"))
+    assert contents(out) == contents(undisturbed[1])
+
+
+def test_equal_failures_are_told_once(tmp_path, mocap):
+    """In the order of the trials, with a count; before anything is tracked by --dry-run; exit 1 if nothing is."""
+    for name in "cab":
+        write_trial(tmp_path / "lab" / f"{name}_xyzpts.csv", 0)
+    (tmp_path / "lab" / "d_xyzpts.csv").write_text("a_X,a_Y,a_Z\n1,2,3\n4,5\n")
+    told = "3 trials (a, b, c): the frame rate is not in the file: give --fps"
+    code, _, err = mocap("batch", tmp_path / "lab", "--dry-run", "--out", tmp_path / "m.csv")
+    assert code == 0
+    assert err.startswith(f"4 of 4 trials cannot be tracked: {told}; d: d_xyzpts.csv: ")
+    code, _, err = mocap("batch", tmp_path / "lab", "--out", tmp_path / "out", "--jobs", "1")
+    assert code == 1
+    lines = [line for line in err.splitlines() if line.startswith("failed: ")]
+    assert lines[0] == f"failed: {told}"
+    assert lines[1].startswith("failed: d: d_xyzpts.csv: ")
+    assert len(lines) == 2
+
+
 def test_killed_at_once(lab, undisturbed, scheduler, tmp_path):
     """SIGKILL of the command while it tracks, and it goes on: the same bytes, nothing done twice, nothing left over."""
     out = tmp_path / "out"
@@ -181,11 +311,12 @@ def test_killed_at_once(lab, undisturbed, scheduler, tmp_path):
     command += ["batch", str(lab), "--out", str(out), "--fps", str(FPS), "--jobs", "1"]
     command += ["--model", "constant_velocity", "--no-validate"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
-        end = time.monotonic() + 120
-        while not list(out.glob("*/*/trial.json")) and running.poll() is None and time.monotonic() < end:
-            time.sleep(0.01)
+        left = []
+        while not list(out.glob("*/*/trial.json")) and running.poll() is None:
+            left = psutil.Process(running.pid).children(recursive=True)
         running.kill()
-    time.sleep(1.0)  # its worker ends when its pipe does
+    while not all(map(has_ended, left)):  # its worker ends when its pipe does
+        time.sleep(0.01)
     first = {path: path.stat().st_mtime_ns for path in out.glob("*/*/trial.json")}
     assert 1 <= len(first) < 6
     library.batch(lab, out, scheduler=scheduler, **QUICK)

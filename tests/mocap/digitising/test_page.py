@@ -1,18 +1,23 @@
 """The page: real clicks in a real browser, each on the disk at once."""
 
+import asyncio
 import json
 import time
-from urllib.error import HTTPError
-from urllib.request import Request, urlopen
+from contextlib import contextmanager
+from urllib.parse import urlsplit
 
+import httpx2
 import numpy as np
 import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
 
 from mocap.digitising.clicks import Click, read_clicks
 from mocap.errors import MocapError
-from mocap.library.digitise_page import SAVED, open_session, served
+from mocap.library.digitise_page import SAVED, digitise_page, open_session
+from mocap.web import page, served
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
 from tests.mocap.rerun.browser import chromium
 
@@ -45,20 +50,29 @@ def session_of(scene, folder, start=None):
     )
 
 
-def until(driver, script, seconds=30.0):
+@contextmanager
+def shown(session):
+    """The address of its page."""
+    with served(digitise_page(session)) as site:
+        yield site.address
+
+
+def client(address):
+    """What asks as the page does."""
+    origin = "http://" + urlsplit(address).netloc
+    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=60)
+
+
+def until(driver, script):
     """Wait for a condition of the page."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if driver.execute_script(f"return {script}"):
-            return
+    while not driver.execute_script(f"return {script}"):
         time.sleep(0.05)
-    raise TimeoutError(f"{script}: {driver.find_element('id', 'said').text}")
 
 
 def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
     """All markers are clicked in two films with the mouse and their keys, named, undone; no other host."""
     session = session_of(scene, tmp_path / "out")
-    with served(session) as address, chromium() as driver:
+    with shown(session) as address, chromium() as driver:
         driver.get(address)
         until(driver, "document.body.dataset.ready === '1'")
         driver.execute_script(PRESSES)
@@ -111,7 +125,7 @@ def test_a_track_is_corrected_in_a_browser(scene, tmp_path):
     nose, tail = NAMES.index("nose"), NAMES.index("tail")
     before = session.found.pixels.uv_px.copy()
 
-    with served(session) as address, chromium() as driver:
+    with shown(session) as address, chromium() as driver:
         driver.get(address)
         until(driver, "document.body.dataset.ready === '1'")
         body = driver.find_element("tag name", "body")
@@ -161,29 +175,30 @@ def test_swaps_and_deletions_are_asked_for_by_the_page(scene, tmp_path):
     session = session_of(scene, tmp_path / "out")
     session.clicks += scene.clicks()
 
-    def asked(address, path, **given):
-        with urlopen(Request(address + path, data=json.dumps(given).encode()), timeout=60) as answer:
-            return json.load(answer)["said"]
+    with shown(session) as address, client(address) as browser:
 
-    with served(session) as address:
+        def asked(path, **given):
+            return browser.post(path, json=given)
+
         span = {"first": 3, "last": 5}
-        assert "nothing is named yet" in asked(address, "delete", marker=0, **span)
+        early = asked("delete", marker=0, **span)
+        assert early.status_code == 409
+        assert "nothing is named yet" in early.json()["said"]
         session.run()
         before = session.found.pixels.uv_px.copy()
-        assert "frames 4 to 6 were named again" in asked(address, "swap", marker=0, other=6, **span)
+        assert "frames 4 to 6 were named again" in asked("swap", marker=0, other=6, **span).json()["said"]
         np.testing.assert_allclose(session.found.pixels.uv_px[:, 3:6, 0], before[:, 3:6, 6], atol=1e-4)
-        asked(address, "delete", marker=0, **span)
+        asked("delete", marker=0, **span)
         assert np.isnan(session.found.pixels.uv_px[:, 3:6, 0]).all()
         again = session_of(scene, tmp_path / "out")
         gone = {(c.camera, c.frame) for c in again.clicks if c.marker == 0 and c.uv_px is None}
         assert gone == {(camera, frame) for camera in range(3) for frame in (3, 4, 5)}
         for wrong in ({"marker": -1, **span}, {"marker": 99, **span}, {"marker": 0}):
-            with pytest.raises(HTTPError) as refused:
-                asked(address, "delete", **wrong)
-            refused.value.close()
-        assert "not a range" in asked(address, "delete", marker=0, first=5, last=99)
-        asked(address, "undo")
-        assert asked(address, "undo") == "14 clicks"
+            assert asked("delete", **wrong).status_code == 400
+        assert asked("delete", marker=0, first=5, last=99).status_code == 400
+        assert "not a range" in asked("delete", marker=0, first=5, last=4).json()["said"]
+        asked("undo")
+        assert asked("undo").json()["said"] == "14 clicks"
     assert session.clicks == scene.clicks()
     assert np.nanmax(np.linalg.norm(session.found.pixels.uv_px - before, axis=-1)) < 0.1
 
@@ -213,29 +228,118 @@ def test_clicks_saved_earlier_are_not_replaced_by_others(scene, tmp_path):
     assert len(session_of(scene, folder, start=folder / SAVED).clicks) == 1
 
 
-def test_other_hosts_and_nonsense_are_refused(scene, tmp_path):
-    """A page of another host, another name of this computer, a click outside of the films, an unknown path."""
+GOOD = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
+NOT_CLICKS = [
+    *({"camera": x} for x in (-1, 3, 0.9, 1.0, True, "0", None, [0], 10**30)),
+    *({"frame": x} for x in (-1, 12, 0.5, False, "0", 2**31, 2**63)),
+    *({"marker": x} for x in (-1, 7, 1e300, True, {})),
+    *({"uv_px": x} for x in ([float("nan"), 5], [5, float("inf")], [1e300, 5], [-1, 5], [5, 241], [321, 5], [0, 5])),
+    *(
+        {"uv_px": x}
+        for x in ([5], [5, 5, 5], [], ["5", "5"], [True, 5], {"u": 5, "v": 5}, "55", 5, [[5], [5]], [None, 5])
+    ),
+    {"more": 1},
+]
+
+
+@pytest.fixture(scope="module")
+def open_page(scene, tmp_path_factory):
+    """A session, and a browser at its page."""
+    session = session_of(scene, tmp_path_factory.mktemp("attacked") / "out")
+    with shown(session) as address, client(address) as browser:
+        yield session, browser
+
+
+@pytest.mark.parametrize("wrong", NOT_CLICKS, ids=repr)
+def test_what_is_no_click_is_not_saved(open_page, wrong):
+    """Of no camera, frame or marker, outside of the picture, not finite, of another type: refused, in one line."""
+    session, browser = open_page
+    answer = browser.post("click", content=json.dumps({**GOOD, **wrong}))
+    assert answer.status_code == 400
+    assert len(answer.json()["said"].splitlines()) == 1
+    assert not session.clicks
+    assert not session.folder.exists()
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("frame?frame=%C2%B2&marker=0", "frame?frame=12&marker=0", "frame?frame=0&marker=7", "frame?frame=0"),
+        *("picture?camera=3&frame=0", "picture?camera=0&frame=-1", "picture?camera=0&frame=1e400"),
+        "picture?camera=0.9&frame=0",
+        *(
+            "question?after=-1",
+            "question?after=252",
+            "question?after=" + "9" * 9000,
+            "info?more=1",
+            "scene/?url=http://x/",
+        ),
+    ],
+)
+def test_what_the_films_do_not_show_is_refused(open_page, path):
+    """Numbers of other scripts, too large, negative; what is asked for beside."""
+    assert open_page[1].get(path).status_code == 400
+
+
+@pytest.mark.parametrize(
+    "path", ["elsewhere", "scene/elsewhere", "%2e%2e/%2e%2e/etc/passwd", "scene/%2e%2e%2f%2e%2e%2fetc/passwd", "/etc"]
+)
+def test_there_are_no_other_files(open_page, path):
+    """Paths lead to what is listed, not to files."""
+    answer = open_page[1].get(path)
+    assert answer.status_code == 404
+    assert answer.json()["said"] == "Not Found"
+
+
+TRIES = """
+const [address, done] = arguments, tries = [];
+for (const how of [{ mode: "no-cors", method: "POST", body: "{}" }, { mode: "cors", method: "POST", body: "{}" }, {}])
+  tries.push(fetch(address + "undo", how).then(r => r.type, e => "refused"));
+for (const [kind, path] of [["img", "picture?camera=0&frame=0"], ["script", "info"]])
+  tries.push(new Promise(then => {
+    const part = document.createElement(kind);
+    part.onload = () => then("seen"); part.onerror = () => then("refused"); part.src = address + path;
+    document.body.append(part);
+  }));
+Promise.all(tries).then(done);
+"""
+
+
+def test_another_page_in_the_browser_can_do_nothing(scene, tmp_path):
+    """A page of another port that has got the token all the same: nothing is undone, no picture is shown there."""
     session = session_of(scene, tmp_path / "out")
-    good = json.dumps({"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}).encode()
-    far = json.dumps({"camera": 7, "frame": 0, "marker": 0, "uv_px": [5, 5]}).encode()
-    with served(session) as address:
-        for path, data, headers, code in (
-            ("click", good, {"Origin": "http://example.com"}, 403),
-            ("info", None, {"Host": "example.com"}, 403),
-            ("click", far, {}, 400),
-            ("click", b"{", {}, 400),
-            ("elsewhere", None, {}, 404),
-            ("frame?frame=0", None, {}, 400),
-        ):
-            with pytest.raises(HTTPError) as refused:
-                urlopen(Request(address + path, data=data, headers=headers), timeout=10)
-            assert refused.value.code == code
-            refused.value.close()
-        assert not session.clicks
-        with urlopen(Request(address + "click", data=good), timeout=10) as answer:
-            assert json.load(answer)["said"] == "1 clicks"
-        with urlopen(address + "track", data=b"{}", timeout=30) as answer:
-            assert "two cameras" in json.load(answer)["said"]
+    session.click(Click(camera=0, frame=0, marker=1, uv_px=(10.0, 20.0)))
+    free = {"Content-Security-Policy": "default-src * 'unsafe-inline'"}
+    other = page([Route("/", lambda _: HTMLResponse("<title>other</title><body></body>", headers=free))])
+    with shown(session) as address, served(other) as site, chromium() as driver:
+        driver.get(site.address)
+        driver.set_script_timeout(60)
+        found = driver.execute_async_script(TRIES, address)
+        assert found == ["refused"] * 5
+        asked = requests_of(driver)
+        assert sum(url == f"{address}undo" for url in asked) >= 2  # they were sent
+    assert len(session.clicks) == 1
+
+
+def test_two_hundred_at_once_are_answered(open_page):
+    """Pictures and frames, each on a connection of its own; the page works as before."""
+    session, browser = open_page
+
+    async def all_of_them():
+        limits = httpx2.Limits(max_connections=200)
+        async with httpx2.AsyncClient(base_url=browser.base_url, limits=limits, timeout=120) as many:
+            places = [(i % 3, i % 12) for i in range(100)]
+            paths = [f"picture?camera={camera}&frame={frame}" for camera, frame in places]
+            paths += [f"frame?frame={frame}&marker={camera}" for camera, frame in places]
+            return await asyncio.gather(*(many.get(path) for path in paths))
+
+    assert {answer.status_code for answer in asyncio.run(all_of_them())} == {200}
+    assert browser.post("click", json=GOOD).json()["said"] == "1 clicks"
+    assert browser.post("click", json={**GOOD, "uv_px": [320.5, 240.5]}).json()["said"] == "2 clicks"
+    assert "two cameras" in browser.post("track", json={}).json()["said"]
+    for _ in range(2):
+        browser.post("undo", json={})
+    assert not session.clicks
 
 
 def test_lines_pass_through_the_marker(scene, tmp_path):

@@ -59,3 +59,26 @@ def test_opensim_files_state_their_size(result, angle, tmp_path, kind):
 def test_an_unknown_kind_is_refused(result, tmp_path):
     with pytest.raises(MocapError, match="exported as"):
         result.export_kinematics(tmp_path / "a.fbx")
+
+
+def test_one_refused_export_leaves_the_others(tmp_path, monkeypatch):
+    """What refuses is told, with its reason; what was asked for before and after it is written."""
+    result = Tracked(make_run(n_frames=30))
+
+    def refuse(*_):
+        raise MocapError("no bones")
+
+    monkeypatch.setattr("mocap.library.tracked.write_osim", refuse)
+    refused = result.write_kinematics(tmp_path, exports=["mat", "osim", "sto"], pictures=False)
+    assert refused == ["osim: no bones"]
+    assert (tmp_path / "kinematics.mat").exists()
+    assert (tmp_path / "kinematics.sto").exists()
+
+
+def test_workbooks_hold_no_escapes(result, tmp_path):
+    """A semicolon splits no cell of a workbook: meanings are the text that the records have."""
+    pytest.importorskip("openpyxl")
+    result.export_kinematics(tmp_path / "a.xlsx")
+    sheet = pd.read_excel(tmp_path / "a.xlsx", sheet_name="quantities")
+    assert not sheet["meaning"].str.contains("\\x3b", regex=False).any()
+    assert sheet["meaning"].tolist() == [q.what for q in result.kinematics.quantities]

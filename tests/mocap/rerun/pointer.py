@@ -28,7 +28,7 @@ def screen(size: tuple[int, int] = (1280, 900)) -> Iterator[str]:
             yield f":{answer.readline().strip()}"
     finally:
         server.terminate()
-        server.wait(timeout=10)
+        server.wait()
 
 
 class Pointer:
@@ -56,7 +56,7 @@ class Pointer:
     def __exit__(self, *_: object) -> None:
         """End it."""
         self.process.terminate()
-        self.process.wait(timeout=10)
+        self.process.wait()
         for pipe in (self.process.stdin, self.process.stdout):
             assert pipe is not None
             pipe.close()

@@ -1,18 +1,15 @@
 """The 3D scene beside the page to click in: what was found, in rerun's viewer, from this computer alone."""
 
 import time
-from urllib.error import HTTPError
-from urllib.request import urlopen
 
 import numpy as np
 import pytest
 from browser import chromium, settled
 from rerun.chunk import RrdReader
 
-from mocap.library.digitise_page import served
 from mocap.rerun import palette, paths
 from tests.mocap.digitising.filmed import film
-from tests.mocap.digitising.test_page import requests_of, session_of, until
+from tests.mocap.digitising.test_page import client, requests_of, session_of, shown, until
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +28,7 @@ def test_the_scene_is_beside_the_films(scene, tmp_path):
         right = picture[80:-60, int(0.6 * picture.shape[1]) :].astype(int)
         return (np.abs(right - palette.SKY_BLUE).max(axis=2) < 40).sum() > 20
 
-    with served(session) as address, chromium() as driver:
+    with shown(session) as address, chromium() as driver:
         driver.set_window_size(1400, 800)
         driver.get(address + "?renderer=webgl")  # the browser of the tests has no WebGPU
         until(driver, "document.body.dataset.ready === '1'")
@@ -54,18 +51,12 @@ def test_the_scene_is_what_was_found(scene, tmp_path):
     """The recording that is served holds the positions; before anything is named there is none, and it says so."""
     session = session_of(scene, tmp_path / "out")
     session.clicks += scene.clicks()
-    with served(session) as address:
-        with pytest.raises(HTTPError) as early:
-            urlopen(address + "scene/points.rrd", timeout=30)
-        assert early.value.code == 409
-        assert b"nothing is named yet" in early.value.read()
-        early.value.close()
+    with shown(session) as address, client(address) as browser:
+        early = browser.get("scene/points.rrd")
+        assert early.status_code == 409
+        assert "nothing is named yet" in early.json()["said"]
         session.run()
-        with urlopen(address + "scene/points.rrd", timeout=30) as answer:
-            (tmp_path / "points.rrd").write_bytes(answer.read())
-        with pytest.raises(HTTPError) as refused:
-            urlopen(address + "scene/elsewhere", timeout=60)
-        refused.value.close()
+        (tmp_path / "points.rrd").write_bytes(browser.get("scene/points.rrd").content)
     frames, xyz = positions(tmp_path / "points.rrd")
     np.testing.assert_array_equal(frames, np.arange(1, 13))
     np.testing.assert_allclose(xyz, session.found.points.xyz_m, atol=1e-6)

@@ -15,8 +15,6 @@ from mocap.rerun import guardian
 from mocap.rerun.record import write_recording
 from mocap.rerun.viewer import HOST
 
-LIMIT_S = 5.0
-
 
 @pytest.fixture(scope="module")
 def rrd(tmp_path_factory):
@@ -54,19 +52,13 @@ def is_open(port: int) -> bool:
     return True
 
 
-def seconds_until(done) -> float:
-    start = time.monotonic()
-    while not done():
-        if time.monotonic() - start > 2 * LIMIT_S:
-            return float("inf")
-        time.sleep(0.05)
-    return time.monotonic() - start
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("how", ["kill", "kill the group", "terminate", "interrupt", "hang up the group"])
 def test_it_ends_with_its_command(viewing, how):
-    """Killed without a chance to tidy up, alone or with its group; and by every signal that asks it to end."""
+    """Killed without a chance to tidy up, alone or with its group; and by every signal that asks it to end.
+
+    However long that takes on a busy machine: a server that goes on meets the time limit of all tests.
+    """
     process, ports = viewing
     if how == "kill":
         os.kill(process.pid, signal.SIGKILL)
@@ -75,34 +67,33 @@ def test_it_ends_with_its_command(viewing, how):
     else:
         number = {"kill the group": signal.SIGKILL, "interrupt": signal.SIGINT}.get(how, signal.SIGHUP)
         os.killpg(process.pid, number)
-    assert seconds_until(lambda: not any(is_open(port) for port in ports)) < LIMIT_S
-    assert seconds_until(lambda: process.poll() is not None) < LIMIT_S
+    while any(is_open(port) for port in ports):
+        time.sleep(0.05)
+    process.wait()
     if how in ("terminate", "interrupt"):
         assert process.returncode == 0
 
 
-def sleeper(seconds: float, code: int = 0) -> list[str]:
-    return [sys.executable, "-c", f"import sys, time; time.sleep({seconds}); sys.exit({code})"]
-
-
 def test_its_own_end_is_passed_on():
     """The exit code of a command that ends by itself, and the number of the signal that ended it."""
-    ended = guardian.started(sleeper(0, 3), environment=os.environ, said=subprocess.DEVNULL)
-    assert ended.wait(timeout=20) == 3
+    command = [sys.executable, "-c", "raise SystemExit(3)"]
+    ended = guardian.started(command, environment=os.environ, said=subprocess.DEVNULL)
+    assert ended.wait() == 3
     guardian.end(ended)
     if sys.platform != "win32":
         command = [sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"]
         killed = guardian.started(command, environment=os.environ, said=subprocess.DEVNULL)
-        assert killed.wait(timeout=20) == 128 + signal.SIGKILL
+        assert killed.wait() == 128 + signal.SIGKILL
         guardian.end(killed)
 
 
 def test_what_does_not_listen_is_killed():
     """A command that ignores the request to end ends all the same, after a while."""
-    stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); time.sleep(60)"
-    running = guardian.started([sys.executable, "-c", stubborn], environment=os.environ, said=subprocess.DEVNULL)
-    time.sleep(0.5)
-    start = time.monotonic()
-    guardian.end(running)
-    assert time.monotonic() - start < 2 * guardian.GRACE_S
+    stubborn = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(1e6)"
+    reading, writing = os.pipe()
+    with open(reading) as said:
+        with open(writing, "wb") as end:
+            running = guardian.started([sys.executable, "-c", stubborn], environment=os.environ, said=end)
+        said.readline()
+        guardian.end(running)
     assert running.returncode in (128 + signal.SIGKILL, 1) if sys.platform != "win32" else True

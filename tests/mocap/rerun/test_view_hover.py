@@ -21,22 +21,19 @@ pytestmark = pytest.mark.viewer
 FRAME = 33
 
 
-def place_of(viewer, view, patience_s=60.0):
+def place_of(viewer, view):
     """Size (w, h) of a view's picture and where (x, y) it lies in that of the window, once both show the same."""
-    end = time.monotonic() + patience_s
-    while time.monotonic() < end:
+    while True:
         picture = viewer.picture(view, frame=FRAME)
         window = np.asarray(Image.open(io.BytesIO(viewer.client.take_screenshot())).convert("RGB"))
         (h, w), dot = picture.shape[:2], np.argwhere((picture != picture[0, 0]).any(axis=-1))[0]
         for y, x in np.argwhere((window == picture[*dot]).all(axis=-1)) - dot:
             if y >= 0 and x >= 0 and np.array_equal(window[y : y + h, x : x + w], picture):
                 return np.array([w, h]), np.array([x, y])
-    raise AssertionError("the view is not in its window")
 
 
-def read_at(pointer, place, *words, patience_s=15.0):
-    """All texts when the pointer is at a place, once they hold all words; else what was read last."""
-    end = time.monotonic() + patience_s
+def read_at(pointer, place, *words):
+    """All texts when the pointer is at a place, once they hold all words."""
     while True:
         pointer.hover(float(place[0]), float(place[1]))
         for _ in range(4):  # a tool tip is shown when the hand has come to rest
@@ -44,8 +41,6 @@ def read_at(pointer, place, *words, patience_s=15.0):
             text = "\n".join(pointer.texts())
             if all(word in text for word in words):
                 return text
-        if time.monotonic() > end:
-            return text
 
 
 def numbers(text):
@@ -81,7 +76,6 @@ def test_pointing_at_a_marker_reads_its_name_and_position(tmp_path):
                 for m in lonely:
                     words = (f'"{markers.names[m]}"', f"{entity.rsplit('/', 1)[1]}[", "positions")
                     text = read_at(pointer, places[m], *words)
-                    assert all(word in text for word in words), text
                     # the viewer prints six digits or more of float32
                     np.testing.assert_allclose(numbers(text), expected[m], rtol=2e-6, atol=1e-6)
                 assert "positions" not in read_at(pointer, places[lonely[0]] + (0, 60))

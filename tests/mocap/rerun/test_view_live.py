@@ -2,7 +2,6 @@
 
 import io
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from mocap.rerun import palette, paths
 from mocap.rerun.headless import Headless
 from mocap.rerun.live import WAITING, LiveView, live_blueprint
 from mocap.rerun.record import run_scene
-from mocap.rerun.watch import LIVE, session
+from mocap.rerun.watch import LIVE, Session, session
 
 
 def estimates(run):
@@ -48,6 +47,12 @@ def estimates(run):
         )
 
 
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """A busy machine is no viewer that does not answer."""
+    monkeypatch.setattr("mocap.rerun.live._PATIENCE_S", 600.0)
+
+
 @pytest.fixture(scope="module")
 def run():
     return make_run(n_frames=90, n_cameras=2, n_joints=0)
@@ -62,7 +67,6 @@ def test_every_frame_arrives_as_it_was(run, tmp_path):
     with LiveView(rec, run_scene(run), names=markers.names, skeleton=run.skeleton, first=100) as view:
         for estimate in estimates(run):
             view.show(estimate)
-            time.sleep(0.001)
     assert (view.shown, view.dropped, view.trouble) == (90, 0, "")
     path = tmp_path / "live.rrd"
     frames, _, xyz = column(path, paths.SKELETON, "Points3D:positions")
@@ -90,7 +94,7 @@ def test_a_stalled_viewer_holds_nobody_up(run):
 
         def send_columns(self, *_: object, **__: object) -> None:
             stuck.set()
-            go.wait(20)
+            go.wait()
 
         def flush(self, **_: object) -> None: ...
 
@@ -100,13 +104,9 @@ def test_a_stalled_viewer_holds_nobody_up(run):
     scene, markers = run_scene(run), run.tracked.markers
     with LiveView(Stalled(), scene, names=markers.names, skeleton=run.skeleton) as view:  # type: ignore[arg-type]
         view.show(frame)
-        assert stuck.wait(5)
-        slowest_s = 0.0
-        for _ in range(WAITING + 50):
-            start = time.perf_counter()
+        stuck.wait()
+        for _ in range(WAITING + 50):  # one that waited would wait for ever
             view.show(frame)
-            slowest_s = max(slowest_s, time.perf_counter() - start)
-        assert slowest_s < 1.0
         assert view.dropped == 50
         go.set()
     assert view.shown == WAITING + 1
@@ -149,17 +149,33 @@ def test_the_viewer_shows_the_newest_frame(run):
             for estimate in estimates(run):
                 view.show(estimate)
         assert view.trouble == ""
-        end = time.monotonic() + 10
-        while time.monotonic() < end:
-            state = viewer.client.get_state()
-            if any(r.current_time == 90 for r in state.recordings):
-                break
+        while [r.current_time for r in viewer.client.get_state().recordings] != [90]:
             viewer.client.take_screenshot(max_size=32)
-        assert [r.current_time for r in state.recordings] == [90]
         picture = np.asarray(Image.open(io.BytesIO(viewer.client.take_screenshot())).convert("RGB"))
     assert amount(picture[100:], palette.SKY_BLUE) > 40
     assert amount(blank[100:], palette.SKY_BLUE) == 0
     assert amount(picture[100:], palette.YELLOW) > 10
+
+
+def test_a_viewer_that_was_closed_is_no_error_of_the_run(tmp_path, monkeypatch):
+    """The whole recording cannot be shown: told, as the result is written."""
+
+    class Closed:
+        def __init__(self, *_: object, **__: object) -> None: ...
+
+        def connect_grpc(self, *_: object) -> None: ...
+
+        def log_file_from_path(self, _: str) -> None: ...
+
+        def flush(self, **_: object) -> None:
+            raise RuntimeError("gone")
+
+        def disconnect(self) -> None: ...
+
+    monkeypatch.setattr("mocap.rerun.watch.rr.RecordingStream", Closed)
+    told = []
+    Session("", told.append).show(tmp_path / "recording.rrd", "a")
+    assert told == ["live: the whole recording is not shown: the viewer does not answer (gone)"]
 
 
 def test_a_session_without_a_screen_is_served_and_ends(monkeypatch):

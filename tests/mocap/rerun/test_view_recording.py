@@ -1,6 +1,5 @@
 """What is in the file, read back exactly."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -382,16 +381,13 @@ def test_whole_or_not_at_all(run, tmp_path, monkeypatch):
     assert not rr.strict_mode()
 
 
-def test_thirty_cameras_are_quick_and_small(tmp_path):
-    """34 markers, 2000 frames, 30 cameras: not a fifth more than the numbers themselves, in seconds."""
+def test_thirty_cameras_are_small(tmp_path):
+    """34 markers, 2000 frames, 30 cameras: not a fifth more than the numbers themselves."""
     run = make_run(n_frames=2000, n_cameras=30, n_joints=0, n_extra=16)
-    start = time.perf_counter()
     write_recording(run, tmp_path / "r.rrd")
-    elapsed_s = time.perf_counter() - start
     n_used = run.tracked.used.sum()
     n_points = run.tracked.markers.seen.sum()
     n_pixels = run.ideal_px.uv_px[..., 0].size
     # float32 numbers: measured and reprojected pixels, whiskers; body, samples, trails, ellipsoids
     raw_bytes = 4 * (4 * n_pixels + 4 * n_used + n_points * (3 + 3 + 6 + 10))
     assert (tmp_path / "r.rrd").stat().st_size < 1.2 * raw_bytes
-    assert elapsed_s < 10  # 20 times what it takes on two idle cores

@@ -26,7 +26,7 @@ def test_served_to_browsers_of_this_computer_only(rrd):
         assert viewer.url is not None
         page = viewer.url.partition("?")[0]
         assert page.startswith(f"http://{HOST}:")
-        with urllib.request.urlopen(page, timeout=10) as answer:
+        with urllib.request.urlopen(page) as answer:
             assert answer.status == 200
         addresses = _listening(_child(viewer.process.pid))
         assert len(addresses) >= 2

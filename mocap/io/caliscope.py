@@ -1,0 +1,117 @@
+"""Caliscope's tables: ``xy.csv``, a row for each point that a camera saw, and ``xyz.csv``, one for each point."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from eal.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.bounds import check_bytes
+from mocap.io.contents import FileContents, pixel_recording, point_recording
+from mocap.io.csv_table import read_table
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head
+from mocap.io.lines import frame_numbers
+from mocap.io.optical import rate_of_times
+
+_SEEN = ("sync_index", "point_id", "img_loc_x", "img_loc_y")
+_PLACES = ("sync_index", "point_id", "x_coord", "y_coord", "z_coord")
+_CAMERAS = ("port", "cam_id")
+_NAMES = "names of points are not in the file: they are numbered as its tracker numbers them"
+
+
+def _table(path: Path) -> pd.DataFrame:
+    header, values = read_table(path)
+    table = pd.DataFrame(values, columns=header)
+    camera = [title for title in _CAMERAS if title in header]
+    keys = ["sync_index", *camera, "point_id"]
+    if (table[keys] % 1 != 0).any(axis=None):
+        raise FormatError(f"{path.name}: {', '.join(keys)} should be whole numbers: export it again")
+    if table.duplicated(keys).any():
+        row = int(np.argmax(table.duplicated(keys)))
+        raise FormatError(f"{path.name}: line {row + 2} gives a point of a frame for the second time: export it again")
+    return table.astype(dict.fromkeys(keys, int))
+
+
+def _rows(path: Path, table: pd.DataFrame, columns: list[str]) -> tuple[np.ndarray, Array]:
+    """(T,) frames from the first to the last, and (T, M, K) values of the M points in order of their numbers."""
+    points, first, last = np.unique(table["point_id"]), table["sync_index"].min(), table["sync_index"].max()
+    check_bytes(path, 8 * int(last - first + 1) * len(points) * len(columns), "all frames up to its last sync_index")
+    frames = np.arange(first, last + 1)
+    values = np.full((len(frames), len(points), len(columns)), np.nan)
+    values[table["sync_index"] - frames[0], np.searchsorted(points, table["point_id"])] = table[columns]
+    return frames, values
+
+
+def _rate(path: Path, table: pd.DataFrame) -> tuple[float | None, list[str]]:
+    """Frames a second by the mean time of each frame, where there are times."""
+    if "frame_time" in table:
+        times = table.groupby("sync_index")["frame_time"].mean().dropna()
+        if len(times) > 1 and np.ptp(times.to_numpy()) > 0:
+            return rate_of_times(path, np.interp(np.arange(times.index[0], times.index[-1] + 1), times.index, times))
+    return None, ["the file does not state the frame rate"]
+
+
+def _pixels(path: Path, _hints: Hints) -> FileContents:
+    table = _table(path)
+    camera = next(title for title in _CAMERAS if title in table)
+    names = [f"point_{number}" for number in np.unique(table["point_id"])]
+    cameras = np.unique(table[camera])
+    frames, values = _rows(path, table, ["img_loc_x", "img_loc_y"])
+    uv = np.full((len(cameras), *values.shape), np.nan)
+    points = np.unique(table["point_id"])
+    for c, number in enumerate(cameras):
+        own = table[table[camera] == number]
+        uv[c, own["sync_index"] - frames[0], np.searchsorted(points, own["point_id"])] = own[["img_loc_x", "img_loc_y"]]
+    fps, told = _rate(path, table)
+    return pixel_recording(
+        path,
+        "caliscope-xy",
+        names=names,
+        cameras=[f"{camera.removesuffix('_id')}_{number}" for number in cameras],
+        uv_px=uv,
+        frames=frame_numbers(path, frames),
+        first=int(frames[0]),
+        fps=fps,
+        pixel_origin="upper-left",
+        findings=(_NAMES, *told),
+    )
+
+
+def _points(path: Path, _hints: Hints) -> FileContents:
+    table = _table(path)
+    frames, values = _rows(path, table, ["x_coord", "y_coord", "z_coord"])
+    fps, told = _rate(path, table)
+    return point_recording(
+        path,
+        "caliscope-xyz",
+        names=[f"point_{number}" for number in np.unique(table["point_id"])],
+        xyz=values,
+        unit=None,
+        frames=frame_numbers(path, frames),
+        first=int(frames[0]),
+        fps=fps,
+        findings=(_NAMES, "the unit of lengths is that of the calibration board, not in the file", *told),
+    )
+
+
+def _has(head: Head, titles: tuple[str, ...], cameras: bool) -> bool:
+    cells = set(head.cells())
+    return set(titles) <= cells and cameras == bool(cells & set(_CAMERAS))
+
+
+FORMATS = (
+    Format(
+        name="caliscope-xy",
+        title="pixels of Caliscope (xy.csv)",
+        knows=lambda head: _has(head, _SEEN, True),
+        read=_pixels,
+    ),
+    Format(
+        name="caliscope-xyz",
+        title="points of Caliscope (xyz.csv)",
+        knows=lambda head: _has(head, _PLACES, False),
+        read=_points,
+    ),
+)

@@ -1,0 +1,111 @@
+"""DANNCE's predictions and Label3D's labels (Dunn et al. 2021): points in MATLAB files."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eal.arrays import Array
+from mocap.errors import FormatError
+from mocap.io.contents import FileContents, point_recording
+from mocap.io.format import Format, Hints
+from mocap.io.head import Head
+from mocap.io.lines import frame_numbers
+from mocap.io.matlab import variables
+
+_UNSTATED: tuple[str, ...] = (
+    "the file does not state the frame rate",
+    "the unit of lengths is that of the calibration, not in the file",
+)
+
+
+def _numbers(path: Path, value: Any, what: str) -> Array:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise FormatError(f"{path.name}: {what} contains no numbers: export it again") from None
+
+
+def _recording(
+    path: Path, format: str, xyz: Array, frames: Array | None, *, names: list[str] | None = None, **parts: Any
+) -> FileContents:
+    """A recording of (T, A, M, 3) points of A animals, whose frames are ``frames`` (None: one after another).
+
+    Raises:
+        FormatError: frames are no increasing whole numbers, or not as many as the rows.
+    """
+    count, animals, points = xyz.shape[:3]
+    findings = list(_UNSTATED)
+    if names is None or len(names) != points:
+        names = [f"point{m + 1}" for m in range(points)]
+        findings.append("names of points are not in the file: they are numbered in the order of the skeleton")
+    if frames is not None and frames.size != count:
+        raise FormatError(f"{path.name}: {frames.size} frame numbers for {count} frames: export it again")
+    own = [(f"animal{a + 1}", name) for a in range(animals) for name in names]
+    return point_recording(
+        path,
+        format,
+        names=[name if animals == 1 else f"{animal}_{name}" for animal, name in own],
+        xyz=xyz.reshape(count, animals * points, 3),
+        unit=None,
+        frames=None if frames is None else frame_numbers(path, frames.ravel(), first_line=1),
+        first=0 if frames is None or not frames.size else int(frames.ravel()[0]),
+        animals=tuple(own) if animals > 1 else (),
+        findings=tuple(findings),
+        **parts,
+    )
+
+
+def _predictions(path: Path, _hints: Hints) -> FileContents:
+    """``pred`` (frames, [animals,] 3, points), or ``com`` (frames, 3); ``p_max`` are maxima of the probability maps."""
+    table = variables(path)
+    xyz = _numbers(path, table["pred" if "pred" in table else "com"], "pred")
+    xyz = xyz[..., None] if "pred" not in table and xyz.ndim == 2 else xyz
+    xyz = xyz[:, None] if xyz.ndim == 3 else xyz
+    if xyz.ndim != 4 or xyz.shape[2] != 3:
+        raise FormatError(f"{path.name}: pred has shape {xyz.shape}; expected frames x (animals x) 3 x points")
+    frames = _numbers(path, table["sampleID"], "sampleID") if "sampleID" in table else None
+    score = _numbers(path, table["p_max"], "p_max") if "p_max" in table else None
+    size = (xyz.shape[0], xyz.shape[1] * xyz.shape[3])
+    names = ["com"] if "pred" not in table else None
+    if score is not None:
+        likely = score.size == size[0] * size[1] and bool((np.abs(score - 0.5) <= 0.5).all())
+        score = score.reshape(size) if likely else None
+    return _recording(path, "dannce", np.swapaxes(xyz, 2, 3), frames, names=names, score=score)
+
+
+def _labels(path: Path, _hints: Hints) -> FileContents:
+    """``labelData{1}.data_3d`` (frames, 3 x points) of DANNCE's label files, or ``data_3D`` of Label3D's sessions."""
+    table = variables(path)
+    first = np.atleast_1d(table.get("labelData", {}))[:1]
+    camera = first[0] if len(first) and isinstance(first[0], dict) else {}
+    values, frames = table.get("data_3D", camera.get("data_3d")), table.get("framesToLabel", camera.get("data_frame"))
+    if values is None:
+        raise FormatError(f"{path.name}: no data_3d of the first camera, nor data_3D: label frames and export it again")
+    xyz = _numbers(path, values, "data_3d")
+    if xyz.ndim == 1:  # one frame
+        xyz = xyz[None]
+    if xyz.ndim != 2 or xyz.shape[1] % 3:
+        raise FormatError(f"{path.name}: data_3d has shape {xyz.shape}; expected frames x (3 coordinates a point)")
+    skeleton = table.get("skeleton")
+    words = np.atleast_1d(skeleton.get("joint_names", [])) if isinstance(skeleton, dict) else []
+    numbers = None if frames is None else np.atleast_1d(_numbers(path, frames, "frame numbers")).ravel()
+    if numbers is not None and (numbers.size != len(xyz) or not (np.diff(numbers) > 0).all()):
+        numbers = None  # Label3D's own list may be of all frames, or of none
+    shaped = xyz.reshape(len(xyz), 1, -1, 3)
+    return _recording(path, "label3d", shaped, numbers, names=[str(word) for word in words] or None)
+
+
+def _is_predictions(head: Head) -> bool:
+    return bool({"pred", "com"} & head.mat) and bool({"sampleID", "p_max"} & head.mat)
+
+
+FORMATS = (
+    Format(name="dannce", title="predictions of DANNCE (.mat)", knows=_is_predictions, read=_predictions),
+    Format(
+        name="label3d",
+        title="labels of Label3D, also as DANNCE takes them (.mat)",
+        knows=lambda head: "data_3D" in head.mat or "labelData" in head.mat,
+        read=_labels,
+    ),
+)

@@ -1,0 +1,120 @@
+"""Strokes, feet and spans that a recording's cycles show: a first table ``[measures]`` of a skeleton."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eal.arrays import Array
+from mocap.filters.body_axes import body_frames
+from mocap.filters.poses import MarkerTrial
+from mocap.measures import Measures
+
+LIKE = 0.5
+"""Autocorrelation of a limb's elevation one cycle later: white noise has 0, a sine 1; half of its variance repeats."""
+SWINGS_DEG = 15.0
+"""From the 5th to the 95th percentile a limb swings by that angle at least; noise of bones bends them by up to 10."""
+CYCLES = 2.5
+"""Cycles that a recording must show at least, so that one is seen whole wherever it begins."""
+STANDS = 0.25
+"""A foot moves slower than a quarter of its mean speed for at least as large a share of the time."""
+_BODY_HZ = 30.0
+
+
+def proposed_measures(
+    names: Sequence[str], trial: MarkerTrial, bones: Sequence[tuple[int, int]], trunk: Sequence[int]
+) -> Measures:
+    """Limbs that move in cycles relative to the trunk; none where it is not known, or nothing repeats.
+
+    Args:
+        names: The M markers.
+        trial: Their positions.
+        bones: Pairs of markers.
+        trunk: Markers of the trunk.
+    """
+    if not trunk or len(trial.t_s) < 20:
+        return Measures()
+    dt_s = float(np.diff(trial.t_s).mean())
+    axes = body_frames(trial.xyz_m[:, list(trunk)], dt_s=dt_s, cutoff_hz=min(_BODY_HZ, 0.4 / dt_s)).rotation
+    found = {limb: cycle_frames(_swing(trial.xyz_m, axes, *limb)) for limb in _limbs(bones, trunk)}
+    limbs = [limb for limb, cycle in found.items() if cycle]
+    feet = [tip for root, tip in limbs if stands(trial.xyz_m[:, tip], found[root, tip])]
+    strokes = {names[tip]: (names[root], names[tip]) for root, tip in limbs if tip not in feet}
+    tips = [tip for _, tip in limbs if tip not in feet]
+    pairs = [(a, b) for i, a in enumerate(tips) for b in tips[i + 1 :]]
+    apart = {(a, b): np.linalg.norm(trial.xyz_m[:, a] - trial.xyz_m[:, b], axis=-1) for a, b in pairs}
+    spans = {pair: float(np.nanmax(length)) for pair, length in apart.items() if cycle_frames(length)}
+    wide = max(spans, key=lambda pair: spans[pair], default=None)
+    return Measures(
+        strokes=strokes,
+        feet=tuple(names[foot] for foot in feet),
+        distances={} if wide is None else {"span": (names[wide[0]], names[wide[1]])},
+    )
+
+
+def _limbs(bones: Sequence[tuple[int, int]], trunk: Sequence[int]) -> list[tuple[int, int]]:
+    """Root in the trunk and tip of each chain of bones that leaves it and ends."""
+    beside: dict[int, list[int]] = {}
+    for a, b in bones:
+        beside.setdefault(a, []).append(b)
+        beside.setdefault(b, []).append(a)
+    found, walked, queue = [], set(trunk), [(root, root) for root in trunk]
+    while queue:
+        root, at = queue.pop(0)
+        after = [marker for marker in beside.get(at, []) if marker not in walked]
+        walked |= set(after)
+        queue += [(root, marker) for marker in after]
+        if not after and at != root:
+            found.append((root, at))
+    return sorted(found)
+
+
+def _swing(xyz_m: Array, axes: Array, root: int, tip: int) -> Array:
+    """(T,) angle of a limb along its direction of largest swing in the trunk, degrees; NaN where the swing is small."""
+    along = np.einsum("tij,ti->tj", axes, xyz_m[:, tip] - xyz_m[:, root])
+    along /= np.linalg.norm(along, axis=-1, keepdims=True)
+    seen = np.isfinite(along).all(axis=-1)
+    if seen.sum() < 20:
+        return np.full(len(along), np.nan)
+    centred = along - along[seen].mean(axis=0)
+    main = np.linalg.svd(centred[seen], full_matrices=False)[2][0]
+    swing = np.degrees(np.arcsin(np.clip(centred @ main, -1, 1)))
+    low, high = np.nanpercentile(swing, [5, 95])
+    return swing if high - low >= SWINGS_DEG else np.full(len(swing), np.nan)
+
+
+def cycle_frames(values: Array) -> int:
+    """Frames after which a series repeats; 0 where it does not, or shows fewer than ``CYCLES`` of them.
+
+    The first peak of the autocorrelation after its first crossing of zero, of what is left of the series without its
+    trend, each lag with the pairs that are there.
+    """
+    seen = np.isfinite(values)
+    if seen.sum() < 20:
+        return 0
+    frames = np.arange(len(values))
+    rest = values - np.polyval(np.polyfit(frames[seen], values[seen], 1), frames)
+    y, there = np.where(seen, rest, 0.0), seen.astype(float)
+    most = int(len(y) / CYCLES)
+    pairs = np.array([there[: len(y) - k] @ there[k:] for k in range(most + 1)])
+    sums = np.array([y[: len(y) - k] @ y[k:] for k in range(most + 1)])
+    scale = y @ y / seen.sum()
+    if not scale > 0 or (pairs < 10).any():
+        return 0
+    like = sums / pairs / scale
+    below = np.flatnonzero(like < 0)
+    if not len(below):
+        return 0
+    after = like[below[0] :]
+    high = after >= 0.8 * after.max()  # later peaks, of two and three cycles, are as high but for the noise
+    first = int(np.argmax(high))
+    last = first + int(np.argmin(high[first:])) or len(high)
+    lag = int(below[0]) + first + int(np.argmax(after[first : max(last, first + 1)]))
+    return lag if like[lag] >= LIKE and 3 < lag < most else 0
+
+
+def stands(xyz_m: Array, cycle: int) -> bool:
+    """Whether a point of a moving animal stands still in part of each cycle, as a foot does and a wing does not."""
+    step = max(1, cycle // 10)  # noise of each frame is not speed
+    speed = np.linalg.norm(xyz_m[step:] - xyz_m[:-step], axis=-1)
+    speed = speed[np.isfinite(speed)]
+    return len(speed) > 0 and bool(np.mean(speed < 0.25 * speed.mean()) >= STANDS)

@@ -1,0 +1,16 @@
+"""Pages of this computer for its user alone: a Starlette application goes in, an address with a secret comes out.
+
+``page`` makes the application of routes whose requests have a schema (``task``), ``Guard`` stands before it and refuses
+what does not come from the page itself, ``served`` runs it by uvicorn on 127.0.0.1. The room knows nothing of what is
+shown.
+"""
+
+from eal.needs import needs
+
+needs("a page in the browser", "web", "starlette", "uvicorn", "pydantic")
+
+from mocap.web.guard import Guard  # noqa: E402
+from mocap.web.server import Served, served  # noqa: E402
+from mocap.web.tasks import Query, below, limits_of, page, task  # noqa: E402
+
+__all__ = ["Guard", "Query", "Served", "below", "limits_of", "page", "served", "task"]

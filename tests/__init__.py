@@ -1,0 +1,1 @@
+"""A package, as sleap-io installs one of this name, which would hide a folder that is none."""

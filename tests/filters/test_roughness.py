@@ -1,0 +1,55 @@
+"""Rates of residuals: those that made simulated ones; a marker left out is missed by what the others predict."""
+
+import numpy as np
+import pytest
+from mocap.filters.motion.pose import STATIONARY, matern_flow, matern_noise
+from mocap.filters.roughness import RATES, marker_rates, out_of_sample
+
+DT_S, SD_M, NOISE_M = 1 / 240, 1e-3, 3e-4
+
+
+def residuals(rate_hz, rng, n_frames=300, count=30):
+    """(T, count) samples of a Matern-5/2 process with noise, drawn step by step."""
+    step = np.array([rate_hz * DT_S])
+    flow, kick = matern_flow(step)[..., 0], matern_noise(step)[..., 0]
+    state, out = np.linalg.cholesky(STATIONARY) @ rng.normal(size=(3, count)), []
+    for _ in range(n_frames):
+        out.append(SD_M * state[0])
+        state = flow @ state + kick @ rng.normal(size=state.shape)
+    return np.array(out) + NOISE_M * rng.normal(size=(n_frames, count))
+
+
+@pytest.mark.parametrize("rate_hz", [40.0, 80.0, 160.0])
+def test_rates_are_those_that_made_the_residuals(rate_hz):
+    """To the half step of the grid, 2^(1/4), with gaps; each marker by itself."""
+    rng = np.random.default_rng(0)
+    seen = residuals(rate_hz, rng)
+    seen[100:130, :9] = np.nan
+    found = marker_rates(seen, np.full(seen.shape, NOISE_M), DT_S, np.full(30, SD_M), 40.0)
+    assert found.shape == (30,)
+    np.testing.assert_allclose(np.log2(found / rate_hz), 0, atol=0.3)
+
+
+def test_what_noise_hides_has_the_common_rate():
+    """Noise alone, and a marker that was never seen: no evidence of a higher rate, or none of any."""
+    rng = np.random.default_rng(1)
+    seen = NOISE_M * rng.normal(size=(200, 6))
+    seen[:, 3:] = np.nan
+    found = marker_rates(seen, np.full(seen.shape, NOISE_M), DT_S, np.full(6, SD_M), 40.0)
+    assert found[0] == pytest.approx(40.0, rel=0.1)
+    assert found[3] == pytest.approx(40.0 * np.exp(np.log(RATES).mean()))
+
+
+def test_a_marker_is_missed_by_what_the_others_predict():
+    """Residuals of a least squares fit without each marker, one by one, by NumPy."""
+    rng = np.random.default_rng(2)
+    basis = np.linalg.qr(rng.normal(size=(24, 3)))[0]
+    y = rng.normal(size=(5, 24))
+    found, noise = out_of_sample(y - y @ basis @ basis.T, np.ones((5, 8)), basis)
+    for m in range(8):
+        own = slice(3 * m, 3 * m + 3)
+        rest = np.delete(np.arange(24), np.arange(24)[own])
+        z = np.linalg.lstsq(basis[rest], y[:, rest].T, rcond=None)[0]
+        np.testing.assert_allclose(found[:, own], y[:, own] - (basis[own] @ z).T, rtol=0.02, atol=0.01)
+        expected = np.eye(3) + basis[own] @ np.linalg.inv(basis[rest].T @ basis[rest]) @ basis[own].T
+        np.testing.assert_allclose(noise[0, own] ** 2, np.diag(expected), rtol=0.01)

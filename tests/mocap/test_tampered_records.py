@@ -1,0 +1,50 @@
+"""Records that are read back: a sound one of each kind is read, a tampered one refused in one line, or the same."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.attack.records import KINDS, as_text, judged, sound, tampered
+from mocap.digitising.clicks import read_unseen, write_unseen
+
+FEW = ("missing", "NaN")
+"""Of results, which take a second each to be read: these tamperings alone, and of their headers what is at the top."""
+SHOWN = ("result, report", "batch record", "model, header", "potential, settings")
+"""Records with entries that are only shown, or free: these may be read changed, never with an error of another kind."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A sound record of each kind, as the program writes it."""
+    path = tmp_path_factory.mktemp("records")
+    sound(path)
+    return path
+
+
+@pytest.mark.parametrize("title", KINDS)
+def test_a_tampered_record_is_refused_in_one_line_that_names_its_file(folder, title):
+    """Every entry, in every way: NaN, infinite, missing, of another type or shape; nothing is an internal error."""
+    kind = KINDS[title]
+    shown = as_text(kind.read(folder))
+    for entry, name, change in tampered(kind, folder):
+        if title.startswith("result") and (name not in FEW or entry.count(".") > 1):
+            continue
+        verdict, text = judged(kind, folder, change, shown)
+        assert verdict != "defect", (entry, name, text)
+    assert as_text(kind.read(folder)) == shown
+
+
+@pytest.mark.parametrize("title", [t for t in KINDS if t not in SHOWN and not t.startswith("result")])
+def test_numbers_that_cannot_be_are_never_read(folder, title):
+    """NaN for a whole entry, infinite, above every code, another type: it is refused, or never had the entry."""
+    kind = KINDS[title]
+    shown = as_text(kind.read(folder))
+    for entry, name, change in tampered(kind, folder):
+        if name in ("infinite", "complex", "text", "objects", "above every code", "another axis", "nested", "digits"):
+            assert judged(kind, folder, change, shown)[0] in ("refused", "same"), (entry, name)
+
+
+def test_a_table_without_a_row_is_sound(tmp_path):
+    """Nobody said of any marker that it is not to be seen."""
+    write_unseen(tmp_path / "unseen.csv", [])
+    assert read_unseen(tmp_path / "unseen.csv") == []

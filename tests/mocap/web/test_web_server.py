@@ -1,0 +1,306 @@
+"""The server of a page, seen from its socket: nothing waits for ever, and it ends with its command."""
+
+import logging
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import httpx2
+import pytest
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route
+
+from mocap.errors import MocapError
+from mocap.web import Query, page, served, server, task
+from tests.mocap.digitising.filmed import film
+
+LARGE = 64_000_000
+"""More than the system keeps of an answer that is not read."""
+
+
+class Nothing(Query):
+    """A request that says nothing."""
+
+
+def small():
+    """A page with a large answer, and one that takes what is posted."""
+    return page(
+        [
+            Route("/", lambda _: PlainTextResponse("whole")),
+            Route("/large", lambda _: PlainTextResponse("x" * LARGE)),
+            task("/post", Nothing, lambda _: PlainTextResponse("taken"), limits={}, changes=True),
+        ]
+    )
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Limits of time that a test can wait for."""
+    monkeypatch.setattr(server, "REQUEST_S", 0.5)
+    monkeypatch.setattr(server, "ANSWER_S", 0.5)
+    monkeypatch.setattr("mocap.web.guard.REQUEST_S", 0.5)
+
+
+def connected(address):
+    url = urlsplit(address)
+    return socket.create_connection((url.hostname, url.port), timeout=60)
+
+
+def until_closed(one):
+    """What comes until the other side closes; an error where it does not within 60 s."""
+    parts = []
+    try:
+        while part := one.recv(1 << 20):
+            parts.append(part)
+    except ConnectionError:
+        pass
+    return b"".join(parts)
+
+
+def refused(one, data, *, most=1000, pause_s=0.05):
+    """Whether the other side closes before so much was sent."""
+    try:
+        for _ in range(most):
+            one.sendall(data)
+            time.sleep(pause_s)
+    except ConnectionError:
+        return True
+    return False
+
+
+def asked(address, text, *, headers=""):
+    """The answer to a request as it stands."""
+    url = urlsplit(address)
+    head = text.replace("PATH", url.path) + f"\r\nHost: {url.netloc}\r\nOrigin: http://{url.netloc}\r\n{headers}\r\n"
+    with connected(address) as one:
+        one.sendall(head.encode("latin-1"))
+        return until_closed(one)
+
+
+@pytest.mark.parametrize(
+    ("first", "headers"),
+    [
+        ("POST PATHpost HTTP/1.1", "Content-Length: -1\r\n"),
+        ("POST PATHpost HTTP/1.1", "Content-Length: 1e3\r\n"),
+        ("POST PATHpost HTTP/1.1", "Content-Length: 1\r\nContent-Length: 2\r\n"),
+        ("POST PATHpost HTTP/1.1", "Content-Length: " + "9" * 400 + "\r\n"),
+        ("POST PATHpost HTTP/1.1", "Transfer-Encoding: gzip\r\n"),
+        ("POST PATHpost HTTP/1.1", "Transfer-Encoding: chunked\r\n\r\nzz\r\n"),
+        ("GET PATH HTTP/1.1", "Host: 127.0.0.1\r\n"),
+        ("GET PATH HTTP/1.1", "X: " + "x" * 20_000 + "\r\n"),
+        ("GET PATH?" + "x" * 20_000 + " HTTP/1.1", ""),
+        ("GET PATH", ""),
+        ("G\x00T PATH HTTP/1.1", ""),
+        ("GET PATH\xc2\xb2 HTTP/1.1", ""),
+        ("\x16\x03\x01\x02\x00", ""),
+    ],
+)
+def test_what_is_no_request_is_answered(first, headers, capfd):
+    """With status 400; nothing is written on the terminal, and the next request finds the page."""
+    with served(small()) as site:
+        assert asked(site.address, first, headers=headers).startswith(b"HTTP/1.1 4")
+        assert httpx2.get(site.address).text == "whole"
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize("sent", ["", "G", "GET PATH HTTP/1.1\r\nHost: x\r\n", "GET PATH HTTP/1.1\r\nX: x"])
+def test_a_head_that_does_not_come_is_given_up(sent):
+    """Nothing, a part, or a byte now and then: the connection is closed, also after a request before it."""
+    with served(small()) as site:
+        path, host = urlsplit(site.address).path, urlsplit(site.address).netloc
+        before = f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n"
+        for text in (sent, before + sent):
+            with connected(site.address) as one:
+                one.sendall(text.replace("PATH", path).encode())
+                until_closed(one)
+        with connected(site.address) as one:
+            assert refused(one, b"x")
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_body_that_does_not_come_is_answered():
+    """A length that is not kept: 408, and the connection is closed."""
+    with served(small()) as site:
+        path, host = urlsplit(site.address).path, urlsplit(site.address).netloc
+        head = f"POST {path}post HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nContent-Length: 2\r\n\r\n{{"
+        with connected(site.address) as one:
+            one.sendall(head.encode())
+            assert until_closed(one).startswith(b"HTTP/1.1 408")
+
+
+@pytest.mark.usefixtures("quick")
+def test_an_answer_that_is_not_read_is_given_up():
+    """The connection is closed before all of it is through."""
+    with served(small()) as site:
+        path, host = urlsplit(site.address).path, urlsplit(site.address).netloc
+        with connected(site.address) as one:
+            one.sendall(f"GET {path}large HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+            assert refused(one, b"x")
+            assert len(until_closed(one)) < LARGE
+
+
+@pytest.mark.usefixtures("quick")
+def test_one_connection_too_many_is_refused(monkeypatch):
+    """With status 503; when those that ask for nothing are closed, the page answers again."""
+    monkeypatch.setattr(server, "CONNECTIONS", 4)
+    with served(small()) as site:
+        idle = [connected(site.address) for _ in range(4)]
+        with connected(site.address) as one:
+            assert until_closed(one).startswith(b"HTTP/1.1 503")
+        for one in idle:
+            until_closed(one)
+            one.close()
+        assert httpx2.get(site.address).text == "whole"
+
+
+def test_pages_do_not_know_each_other():
+    """Each has a token of its own."""
+    with served(small()) as one, served(small()) as other:
+        tokens = [urlsplit(site.address).path.strip("/") for site in (one, other)]
+        assert len(set(tokens)) == 2
+        assert all(re.fullmatch(r"[\w-]{43}", token) for token in tokens)  # 256 bits
+        assert httpx2.get(one.address.replace(*tokens)).status_code == 403
+
+
+def test_the_token_is_in_no_log(caplog):
+    """Whatever level is set: of answers, refusals and errors."""
+    caplog.set_level(logging.DEBUG)
+    with served(small()) as site:
+        for path in ("", "post", "nowhere", "../x", "?" + "x" * 20_000):
+            httpx2.get(site.address + path)
+        token = urlsplit(site.address).path.strip("/")
+        server_lines = [record.getMessage() for record in caplog.records if not record.name.startswith("http")]
+    assert token not in "\n".join(server_lines)
+
+
+def test_a_port_that_is_taken_is_an_error():
+    """In one line, with what to do."""
+    with served(small()) as site:
+        port = urlsplit(site.address).port
+        with pytest.raises(MocapError, match=f"`port`: {port} cannot be used"), served(small(), port=port):
+            pass
+    with served(small(), port=port) as site:  # free again at once
+        assert httpx2.get(site.address).text == "whole"
+
+
+def test_work_that_goes_on_does_not_hold_up_the_end():
+    """A task that does not end is left behind."""
+    begun, forever = threading.Event(), threading.Event()
+
+    def work(_):
+        begun.set()
+        forever.wait()
+        return PlainTextResponse("")
+
+    with served(page([task("/", Nothing, work, limits={})])) as site, connected(site.address) as one:
+        url = urlsplit(site.address)
+        one.sendall(f"GET {url.path} HTTP/1.1\r\nHost: {url.netloc}\r\n\r\n".encode())
+        assert begun.wait(60)
+    forever.set()
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    return film(tmp_path_factory.mktemp("page"), 3).folder
+
+
+COMMAND = """
+import os, signal, subprocess, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as a shell has it, however the tests were started
+if {child}:
+    sys.exit(subprocess.call([sys.executable, "-c", sys.argv[1], *sys.argv[2:]]))
+from mocap.cli.main import main
+main()
+"""
+
+
+def started(films, out, *, child=False):
+    """``mocap digitise --web`` (of a process that waits for it), the address it wrote, and the process."""
+    direct = COMMAND.format(child=False)
+    words = ["digitise", str(films / "films"), "--calibration", str(films / "calibration.toml"), "--skeleton"]
+    words += [str(films / "skeleton.toml"), "--fps", "100", "--web", "--out", str(out)]
+    command = [COMMAND.format(child=True), direct] if child else [direct]
+    process = subprocess.Popen([sys.executable, "-c", *command, *words], stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    found = re.search(r"http://127\.0\.0\.1:\d+/[\w-]+/", line)
+    assert found, line
+    return process, found[0]
+
+
+def gone(address):
+    """Wait until nothing listens there."""
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        try:
+            connected(address).close()
+        except OSError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def test_ctrl_c_ends_the_command(films, tmp_path):
+    """It answers, and ends in order: exit 0."""
+    process, address = started(films, tmp_path / "out")
+    try:
+        assert httpx2.get(address + "info").json()["n_frames"] == 3
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+        assert gone(address)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes of Windows have no parent that changes")
+def test_the_page_ends_with_the_parent(films, tmp_path):
+    """A parent that is killed cannot tell; its page ends all the same."""
+    process, address = started(films, tmp_path / "out", child=True)
+    try:
+        assert httpx2.get(address + "info").status_code == 200
+        process.kill()
+        process.wait(60)
+        assert gone(address)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")
+@pytest.mark.parametrize("length", ["Content-Length: 1500000000", "Transfer-Encoding: chunked"])
+def test_a_large_post_takes_no_memory(films, tmp_path, length):
+    """1.5 GB, declared or in chunks, with the token: refused, and what the process holds at most stays as it was.
+
+    Within 8 MB: the guard keeps 64 kB, asyncio reads 256 kB at once, h11 16 kB.
+    """
+    process, address = started(films, tmp_path / "out")
+    try:
+        httpx2.get(address + "info")
+        before = peak_kb(process)
+        url = urlsplit(address)
+        head = f"POST {url.path}click HTTP/1.1\r\nHost: {url.netloc}\r\nOrigin: http://{url.netloc}\r\n{length}\r\n\r\n"
+        body = b" " * 1_000_000
+        chunk = b"f4240\r\n" + body + b"\r\n" if "chunked" in length else body
+        with connected(address) as one:
+            one.sendall(head.encode())
+            assert refused(one, chunk, most=1500, pause_s=0)
+        assert httpx2.get(address + "info").status_code == 200
+        assert peak_kb(process) - before < 8_000
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def peak_kb(process):
+    found = re.search(r"VmHWM:\s+(\d+)", Path(f"/proc/{process.pid}/status").read_text())
+    assert found
+    return int(found[1])

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Moments
 from mocap.filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import DelaySettings
@@ -246,13 +246,11 @@ def with_potentials(
     return replace(model, potentials=limbs, name=_name(settings))
 
 
-def usual_motion(motion: Motion) -> Gaussian:
+def usual_motion(motion: Motion) -> Moments:
     """Mean and covariance of the recorded [z, zdot]."""
     states = np.column_stack([motion.z, motion.rate])
     cov = np.cov(states.T)
-    return Gaussian(
-        states.mean(axis=0), np.linalg.cholesky(cov + 1e-6 * np.diag(np.diag(cov)) + 1e-18 * np.eye(len(cov)))
-    )
+    return Moments(states.mean(axis=0), cov + 1e-6 * np.diag(np.diag(cov)) + 1e-18 * np.eye(len(cov)))
 
 
 def body_density(trial: PoseTrial) -> Array:

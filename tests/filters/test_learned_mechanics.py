@@ -66,7 +66,7 @@ def test_each_trial_is_tracked_about_its_own_mean(two):
         model = learn_pose(trials, SETTINGS, shapes=shapes, target=target)
         errors = []
         for other in (target, 1 - target):
-            states = np.zeros((len(trials[0].y), model.reads))
+            states = np.zeros((len(trials[0].y), model.size))
             states[:, :2] = shapes.z[other]
             frames = range(0, len(states), 20)
             found = np.array([model.markers(states[f : f + 1], f)[0] for f in frames])

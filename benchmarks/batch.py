@@ -317,7 +317,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="12 twins instead of 60, 3 kills instead of 5")
     parser.add_argument("--count", type=int, help="so many twins")
     parser.add_argument("--frames", type=int, default=40)
-    parser.add_argument("--parts", default="trials,kills,simulated", help="which of them, separated by commas")
+    parser.add_argument("--parts", default="trials,kills", help="which of them, separated by commas")
     parser.add_argument("--no-loop", action="store_true", help="without pictures and without the shell loop")
     parser.add_argument("--out", type=Path, required=True, help="folder for twins and results")
     given = parser.parse_args()
@@ -333,10 +333,6 @@ def main() -> None:
             lines += trials(twins, given.out, count, beside=not given.no_loop)
         elif part == "kills":
             lines += kills(twins, given.out, count, times=3 if given.quick else 5, seed=0)
-        elif part == "simulated":
-            from benchmarks.batch_simulated import simulated
-
-            lines += simulated(quick=given.quick)
         lines += ["", f"load now: {os.getloadavg()[0]:.1f}", ""]
         (given.out / "batch.md").write_text("\n".join(lines), encoding="utf-8")
     print("\n".join(lines))

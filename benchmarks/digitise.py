@@ -31,7 +31,7 @@ from mocap.datasets.lizards import lizard_motion, make_lizard
 from mocap.datasets.movie import shown_pixels, write_movies
 from mocap.datasets.recording import SyntheticRecording
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import record, stacked, undistorted
 from mocap.digitising.clicks import Click

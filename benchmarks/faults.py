@@ -19,7 +19,7 @@ from mocap.datasets.bats import make_bat_wind_tunnel
 from mocap.datasets.recording import SyntheticRecording
 from threadpoolctl import threadpool_limits
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit import Finding, alarms
 from mocap.audit.audit import audit_recording
 from mocap.cameras.camera import Camera, record, stacked, undistorted

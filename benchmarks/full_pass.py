@@ -20,7 +20,7 @@ from mocap.datasets.catalogue import make
 from mocap.filters.hide import interior_gaps
 from mocap.filters.score import compared
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, record, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.io.anipose import read_calibration

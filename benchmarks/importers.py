@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import dlt_coefficients, project, stacked
 from mocap.io.dltdv import read_coefficients, write_coefficients
 from mocap.io.registry import read

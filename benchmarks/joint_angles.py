@@ -18,7 +18,7 @@ from mocap.filters.poses import pose_trial
 from mocap.filters.records import Estimate
 from mocap.filters.tree import fit_poses
 
-from mocap.arrays import Z95, Array
+from eal.arrays import Z95, Array
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.pipeline.tracking import learn_motion, seen_part, track
 
@@ -48,7 +48,7 @@ def angles_of(film: SyntheticRecording) -> None:
         learned, filtered = seconds[name]
         print(
             f"  {name}: positions filled {miss(one, truth, ~seen)}, measured {miss(one, truth, seen)}; learned in "
-            f"{learned:.1f} s, {1e3 * filtered / len(truth):.1f} ms a frame, {models[name].motion.points.n} states"
+            f"{learned:.1f} s, {1e3 * filtered / len(truth):.1f} ms a frame, {models[name].motion.size} states"
         )
 
 

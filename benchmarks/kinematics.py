@@ -18,24 +18,24 @@ import numpy as np
 from mocap.datasets.bats import bat_motion, make_bat
 from mocap.datasets.lizards import lizard_motion, make_lizard
 from mocap.datasets.scene import Motion as SceneMotion
-from mocap.filters.anatomy import Anatomy
+from mocap.filters.anatomy import Anatomy, ends_among
 from mocap.filters.interpolate import interpolated
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
+from mocap.filters.velocities import Motion
 from scipy.interpolate import make_smoothing_spline
 from scipy.signal import butter, savgol_filter, sosfiltfilt
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics, Rests
-from mocap.moving import Motion
 from mocap.pipeline.demo import measured_demo
 from mocap.pipeline.moving import motion_of
 from mocap.records import MarkerTracks, Status
-from mocap.skeleton import Skeleton, ends_among
+from mocap.skeleton import Skeleton
 from mocap.stages import Stages
 
 EDGE = 10

@@ -32,11 +32,11 @@ from mocap.datasets.bat_skeleton import MARKERS, bat_skeleton
 from mocap.datasets.bats import bat_motion
 from mocap.datasets.rig import tunnel_cameras
 from mocap.datasets.scene import frame_times
+from mocap.filters.body_axes import body_frames
 
 from eal import fit_potential
+from eal.arrays import Array
 from eal.threads import one_blas_thread
-from mocap.arrays import Array
-from mocap.body import body_frames
 from mocap.cameras.camera import project, stacked
 from mocap.joints import joint_tracks
 from mocap.library.blocks import write_in_blocks

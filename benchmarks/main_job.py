@@ -1,6 +1,6 @@
 """The main job on the built-in recordings: error inside gaps over seeds beside what people use, and the time it takes.
 
-The seeds are others than those on which the potential was settled (0 to 3; docs/explanation/decisions.md).
+The seeds are others than those on which the potential was settled (0 to 3; docs/experiments/stiffness.md).
 ``eal`` is the EAL model of the mixture alone, and ``eal_no_potential`` its control, the same without V_z.
 """
 

@@ -21,14 +21,14 @@ from mocap.datasets.folder import write_recording
 from mocap.datasets.lizards import lizard_motion, make_lizard
 from mocap.datasets.pendulum_film import STAND_M, make_pendulum_film, pendulum_skeleton
 from mocap.datasets.pendulums import GRAVITY_M_S2, Pendulum, pendulum_motion
+from mocap.filters.velocities import Motion
 
 from benchmarks.kinematics import EDGE, tracked, true_motion
-from mocap.arrays import Z95, Array
+from eal.arrays import Z95, Array
 from mocap.kinematics.cycles import footfalls
 from mocap.kinematics.moments import ROD, moments
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.measures import Measures, Segment
-from mocap.moving import Motion
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import Recording
 from mocap.skeleton import Bone, Joint, Skeleton

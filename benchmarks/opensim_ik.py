@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.kinematics import angles
 from mocap.pipeline.demo import measured_demo
 from mocap.results.osim import write_osim

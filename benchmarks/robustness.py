@@ -20,7 +20,7 @@ from mocap.datasets.recording import SyntheticRecording
 from mocap.filters.hide import interior_gaps
 from mocap.filters.score import compared
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cleaning.swapped_rays import exchange_rays
 from mocap.cleaning.swaps import Swap, exchange
 from mocap.pipeline.job import run_job

@@ -5,9 +5,6 @@ of one BLAS thread, for every frame: on the wall, and of the processor alone, wh
 best of ``ROUNDS`` runs that take turns. Frames a second are those of the wall. "memory" is by how much the peak of a
 process of its own grows, beyond what it held with the recording in it; ``smooth`` is given 200 MB for states. What was
 seen of each ray, 0.05 MB a frame, is returned by ``filter`` and ``smooth``, and given away by ``live``.
-
-Last, where the time of whole jobs goes, by stage (``benchmarks.stages``): the demo's bat tracked as ``mocap track``
-does it, and two such bats learned from.
 """
 
 import argparse
@@ -34,15 +31,11 @@ from mocap.filters.observations import Observations, PixelObservations, Position
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import filter_forward, smooth
 
-from benchmarks.stages import as_lines, by_stage, reference_s
+from eal.arrays import Array
 from eal.threads import one_blas_thread
-from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked
 from mocap.io.qualisys import read_mat
-from mocap.pipeline.job import run_job
-from mocap.pipeline.learning import learn_from
-from mocap.pipeline.prepare import Prepared, prepare_pixels
 from mocap.records import Status
 
 N_CAMERAS, N_MARKERS, SD_PX, FPS = 30, 34, 1.0, 240.0
@@ -156,25 +149,6 @@ def apart(what: str, n_frames: int) -> float:
     return float(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
 
 
-def jobs(n_frames: int) -> None:
-    """Profiles of tracking a bat, triangulation included, and of learning from two."""
-    films = [make_bat(seed=seed, n_frames=n_frames) for seed in (0, 1)]
-
-    def prepared() -> list[Prepared]:
-        return [prepare_pixels(film.pixels, film.cameras, film.skeleton, name=film.name) for film in films]
-
-    both = prepared()
-    reference = min(reference_s() for _ in range(3))
-    print(f"\nreference loop: {1e3 * reference:.0f} ms of the processor")
-    whole = {
-        f"triangulate two bats, {n_frames} frames": prepared,
-        f"track one, {n_frames} frames": partial(run_job, both[0]),
-        "learn from both": partial(learn_from, both),
-    }
-    for title, job in whole.items():
-        print(as_lines(title, by_stage(job), reference), flush=True)
-
-
 def mouse() -> None:
     """10,500 frames of 11 positions: the time to learn a pose model from them, and to smooth them."""
     tracks = read_mat(MOUSE).points
@@ -215,7 +189,6 @@ def main() -> None:
         "pose, no forces": PoseSettings(potential="none", bones=0.0),
         "pose, V_z": PoseSettings(bones=0.0),
         "pose, V_z, bones": PoseSettings(),
-        "pose, field, V_z of motion, bones": PoseSettings(mechanics="field", potential="motion"),
     }.items():
         case = twin(n_frames, settings)
         assert isinstance(case.model, PoseMotion)
@@ -230,7 +203,6 @@ def main() -> None:
         print(f"{what:34}" + "".join(f"{apart(what, n):12.0f}" for n in ((100, 400) if options.quick else (500, 2000))))
     if MOUSE.exists() and not options.quick:
         mouse()
-    jobs(120 if options.quick else 500)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from benchmarks.timing import interleaved
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, project, stacked, undistorted
 from mocap.cameras.triangulate import linear, refine, robust
 

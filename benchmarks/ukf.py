@@ -21,7 +21,7 @@ from scipy.linalg.blas import dgemm  # type: ignore[attr-defined]  # made at run
 from threadpoolctl import threadpool_limits
 
 from benchmarks.timing import interleaved
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import project, stacked
 
 DT_S = 1 / 240

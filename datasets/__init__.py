@@ -5,7 +5,7 @@ pixels.
 """
 
 if __name__ == "datasets":  # the folder at the repository's root; it is installed as mocap.datasets
-    from mocap.same_module import hand_over
+    from eal.same_module import hand_over
 
     hand_over(__name__)
 

@@ -6,7 +6,7 @@ import numpy as np
 from mocap.datasets.linkage import turn
 from mocap.datasets.wander import Wander, draw_wander
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 _DEG = np.pi / 180
 _GRAVITY_M_S2 = 9.81

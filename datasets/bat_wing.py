@@ -4,7 +4,7 @@ Segments are given by two angles in the plane of the wing: azimuth from straight
 elevation towards the back. The whole plane flaps, sweeps and twists. The wing is extended through a broad downstroke
 and sharply retracted on the upstroke, as Tian et al. (2006, AIAA 2006-2865) saw it in slow flight; bats of other sizes
 differ little in stroke amplitude, stroke plane and camber (Riskin et al. 2010, J. Exp. Biol. 213, 4110). The angles are
-round numbers, not fitted to an animal; ``docs/explanation/decisions.md`` has them beside those of a real bat.
+round numbers, not fitted to an animal; ``docs/experiments/simulated_animals.md`` has them beside those of a real bat.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from mocap.datasets.linkage import hinged, rotated, turn
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 # bone lengths in metres: a bat of 30 g, forearm 55 mm
 HUMERUS_M, RADIUS_M = 0.032, 0.055

@@ -18,7 +18,7 @@ from mocap.datasets.rig import LensKind, tunnel_cameras, wind_tunnel_cameras
 from mocap.datasets.scene import Motion, Scene, frame_times, start_times
 from mocap.datasets.wander import draw_wander, skin_motion
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 
 Manoeuvre = Literal["level", "turn"]
@@ -113,7 +113,7 @@ def make_bat_wind_tunnel(
     """The bat as a real one was recorded: 4 cameras at 700 Hz in a wind tunnel, clicked by a human over half a second.
 
     Rig, clicks and folding are tuned to three flights (078A3 F2, F3, F5) of the recordings that ``mocap data path
-    bat_windtunnel_dltdv8`` names; ``docs/explanation/decisions.md`` says how near it comes.
+    bat_windtunnel_dltdv8`` names; ``docs/experiments/simulated_animals.md`` says how near it comes.
     """
     recording = make_bat(
         seed=seed,

@@ -8,7 +8,7 @@ from mocap.datasets.rig import picture_size
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 
 _TEXELS = 80  # a square

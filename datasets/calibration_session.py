@@ -11,7 +11,7 @@ from mocap.datasets.boards import Board, photograph, viewfinder
 from mocap.datasets.linkage import turn, unit
 from mocap.datasets.rig import picture_size
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera, decompose, record
 
 _LEAST_COSINE = 0.3

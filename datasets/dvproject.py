@@ -9,7 +9,7 @@ import numpy as np
 from mocap.datasets.recording import SyntheticRecording
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import dlt_coefficients, stacked, undistorted
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.triangulate import linear

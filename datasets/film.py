@@ -12,7 +12,7 @@ from mocap.datasets.rig import picture_size
 from mocap.datasets.scene import Motion, Scene
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, record, stacked
 from mocap.records import PixelTracks
 

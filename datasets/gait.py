@@ -6,7 +6,7 @@ import numpy as np
 from mocap.datasets.linkage import ramp
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 # footholds are drawn for so many strides and then repeat: far more than a recording holds
 _STRIDES = 512

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def turn(axis: int, angle_rad: Array | float) -> Array:

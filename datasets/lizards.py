@@ -14,7 +14,7 @@ from mocap.datasets.rig import tank_cameras
 from mocap.datasets.scene import Motion, Scene, frame_times, start_times
 from mocap.datasets.wander import draw_wander, skin_motion
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 SLOPE_RAD = np.deg2rad(35)
 SPEED_M_S = 0.14

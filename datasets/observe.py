@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ WIND_TUNNEL = Digitiser(
     camera_bursts_per_s=3.0,
     grazing_rad=float(np.deg2rad(8.0)),
 )
-"""As three flights of a real bat were clicked at 700 Hz (``docs/explanation/decisions.md`` says how near)."""
+"""As three flights of a real bat were clicked at 700 Hz (``docs/experiments/simulated_animals.md`` says how near)."""
 
 
 def click_noise(rng: np.random.Generator, shape: tuple[int, ...], digitiser: Digitiser) -> Array:

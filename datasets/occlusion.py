@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera, decompose
 
 

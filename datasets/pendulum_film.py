@@ -11,7 +11,7 @@ from mocap.datasets.recording import SyntheticRecording
 from mocap.datasets.rig import aimed
 from mocap.datasets.scene import Scene, frame_times
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import BrownLens
 from mocap.measures import Measures, Segment

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.io.csv_table import write_table
 
 Pendulum = Literal["planar", "spherical"]

@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 from mocap.datasets.linkage import turn, unit
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens
 

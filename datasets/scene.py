@@ -7,7 +7,7 @@ import numpy as np
 from mocap.datasets.occlusion import Solid
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 

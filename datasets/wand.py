@@ -10,7 +10,7 @@ from mocap.datasets.film import outside
 from mocap.datasets.linkage import rotated, turn
 from mocap.datasets.wander import draw_wander
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera, record
 from mocap.cameras.lens import BrownLens
 from mocap.io.dltdv import write_pixels

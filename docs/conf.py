@@ -17,7 +17,7 @@ extensions = [
     "sphinx_design",
     "shell",
 ]
-exclude_patterns = ["tools", "build.py", "scripts", "extra", "**/README.txt", "**/GALLERY_HEADER.rst"]
+exclude_patterns = ["tools", "build.py", "scripts", "extra", "experiments", "**/README.txt", "**/GALLERY_HEADER.rst"]
 myst_enable_extensions = ["deflist", "colon_fence"]
 myst_heading_anchors = 3
 nitpicky = False

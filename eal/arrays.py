@@ -1,16 +1,78 @@
-"""Arrays as records of this package keep them, and the checks that every entry point makes."""
+"""Arrays as records keep them: copied, read-only; and the checks that every entry point makes, each once."""
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
+"""Real numbers; records keep them as float64."""
+
+Z95 = 1.959964
+"""Half width of a 95 % interval in standard deviations."""
 
 
-def frozen(value: ArrayLike) -> Array:
+def read_only(value: ArrayLike) -> Array:
     """A read-only float64 copy."""
     array = np.array(value, dtype=np.float64)
     array.flags.writeable = False
     return array
+
+
+def frozen(name: str, value: ArrayLike, shape: tuple[int | None, ...], *, dtype: type = np.float64) -> NDArray:
+    """A read-only copy of ``value`` whose shape is ``shape`` (None: any length).
+
+    Raises:
+        ValueError: the shape differs; the message names the array and both shapes.
+    """
+    array = np.array(value, dtype=dtype)
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raise ValueError(f"{name} must have shape {expected}, but has {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+def increasing(name: str, t_s: NDArray) -> None:
+    """Check that times increase strictly.
+
+    Raises:
+        ValueError: they do not; the message names the first offender.
+    """
+    bad = np.flatnonzero(~(np.diff(t_s) > 0))
+    if len(bad):
+        i = int(bad[0]) + 1
+        raise ValueError(f"{name} must increase, but {name}[{i}] = {t_s[i]:g} s follows {t_s[i - 1]:g} s")
+
+
+def unique(kind: str, names: tuple[str, ...]) -> None:
+    """Check that names are unique.
+
+    Raises:
+        ValueError: one appears twice.
+    """
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"{kind} {name!r} appears twice: {kind} names must be unique")
+        seen.add(name)
+
+
+def true_runs(mask: NDArray) -> list[tuple[int, int]]:
+    """Start and stop of every run of True in a (T,) mask."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def varying(xyz_m: Array) -> NDArray[np.bool_]:
+    """(3,) axes along which positions (..., 3) are not all one number: two of points in a plane z = 0.
+
+    All three where nothing varies.
+    """
+    flat = xyz_m.reshape(-1, 3)
+    flat = flat[np.isfinite(flat).all(axis=1)]
+    axes = np.ptp(flat, axis=0) > 0 if len(flat) else np.ones(3, dtype=bool)
+    return axes if axes.any() else np.ones(3, dtype=bool)
 
 
 def positive(name: str, value: float, unit: str = "") -> float:

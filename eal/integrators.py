@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from eal.arrays import Array, frozen
+from eal.arrays import Array, read_only
 from eal.lagrangian import PenalisedModel
 from eal.threads import one_blas_thread
 
@@ -93,7 +93,7 @@ class Trajectory:
     def __post_init__(self) -> None:
         """Copy and freeze."""
         for name in ("t_s", "q", "v"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def rk4_step(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.distance import pdist
 
 from eal import archive, evaluation, fitting
-from eal.arrays import Array, frozen, points, positive
+from eal.arrays import Array, points, positive, read_only
 from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.findings import findings_of
 from eal.fitting import Root
@@ -64,7 +64,7 @@ class EmpiricalPotential:
     def __post_init__(self) -> None:
         """Copy and freeze the arrays."""
         for name in ("samples", "weights", "centres", "root", "eigenvalues"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def dimension(self) -> int:

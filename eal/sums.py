@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 
-from eal.arrays import Array, frozen
+from eal.arrays import Array, read_only
 from eal.checks import checked_labels, checked_lambda, checked_samples
 from eal.findings import findings_of
 from eal.fitting import Root
@@ -43,7 +43,7 @@ class Landmarks:
     def __post_init__(self) -> None:
         """Copy and freeze the arrays."""
         for name in ("centres", "corner"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

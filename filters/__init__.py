@@ -4,7 +4,7 @@
 """
 
 if __name__ == "filters":  # the folder at the repository's root; it is installed as mocap.filters
-    from mocap.same_module import hand_over
+    from eal.same_module import hand_over
 
     hand_over(__name__)
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mocap.arrays import Array
-from mocap.measures import Segment
-from mocap.skeleton import ends_among
+from eal.arrays import Array
+
+Part = tuple[str, str, float, float]
+"""A part of the body: its first and last marker, its kilograms, its centre as a share of the way between them."""
 
 _SWAPPED = {"left": "right", "right": "left", "l": "r", "r": "l"}
 _SIDE = (
@@ -101,8 +102,13 @@ class Anatomy:
         return Limb(tuple(self.mirror[m] for m in limb.children), tuple(self.mirror[m] for m in limb.parents))
 
 
+def ends_among(names: Sequence[str], bones: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
+    """Indices into names of both ends of each bone that has both there."""
+    return [(names.index(a), names.index(b)) for a, b in bones if a in names and b in names]
+
+
 def anatomy_of(
-    names: Sequence[str], trunk: Sequence[str], bones: Sequence[tuple[str, str]], parts: Iterable[Segment] = ()
+    names: Sequence[str], trunk: Sequence[str], bones: Sequence[tuple[str, str]], parts: Iterable[Part] = ()
 ) -> Anatomy:
     """The anatomy of markers by name; all of them are the trunk where none of its markers is there.
 
@@ -110,19 +116,19 @@ def anatomy_of(
         names: Markers.
         trunk: Those of the trunk.
         bones: Ends of rigid bones.
-        parts: What the skeleton states the mass of.
+        parts: Parts whose mass is stated.
     """
     body = tuple(names.index(name) for name in trunk if name in names) or tuple(range(len(names)))
     masses = masses_of(names, parts)
     return Anatomy(trunk=body, bones=tuple(ends_among(names, bones)), mirror=counterparts(names), masses=masses)
 
 
-def masses_of(names: Sequence[str], parts: Iterable[Segment]) -> tuple[Mass, ...]:
+def masses_of(names: Sequence[str], parts: Iterable[Part]) -> tuple[Mass, ...]:
     """Stated masses by indices of markers; of parts whose ends are among them."""
     return tuple(
-        Mass(names.index(part.start), names.index(part.end), 1e-3 * part.mass_g, part.centre)
-        for part in parts
-        if part.start in names and part.end in names
+        Mass(names.index(start), names.index(end), kg, centre)
+        for start, end, kg, centre in parts
+        if start in names and end in names
     )
 
 

@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 from mocap.filters.bodies import Bodies
-from mocap.filters.tree import left_jacobian, skew
+from mocap.filters.tree import left_jacobian
 from scipy.linalg import lu_factor, lu_solve
 from scipy.spatial.transform import Rotation
 
 from eal import EmpiricalPotential, bounds
+from eal.arrays import Array
 from eal.integrators import IntegrationError
-from mocap.arrays import Array
+from eal.vectors import skew
 
 HALVINGS = 6
 """A step that does not converge is taken in halves, at most so often."""

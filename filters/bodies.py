@@ -6,9 +6,10 @@ from functools import cached_property
 
 import numpy as np
 from mocap.filters.anatomy import Mass
-from mocap.filters.tree import Posed, Tree, cross, skew, turning_on
+from mocap.filters.tree import Posed, Tree, turning_on
 
-from mocap.arrays import Array
+from eal.arrays import Array
+from eal.vectors import cross, skew
 
 UNKNOWN_KG = 1.0
 """Mass of a limb of which no mass is stated: energies are then those of a kilogram of it."""

@@ -7,7 +7,7 @@ from mocap.filters.motion.bones import Bones
 from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 INDEPENDENT = 0.1
 """Neighbouring frames err alike: each counts as so many independent ones."""

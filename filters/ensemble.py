@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
 from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 class SigmaPoints(Protocol):

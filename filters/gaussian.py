@@ -21,7 +21,7 @@ from mocap.filters.ensemble import cholesky
 from numpy.typing import NDArray
 from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 CANCELS = 1e4
 """What becomes known better by this factor in variance is conditioned on by a sum of squares (Joseph), with 1 - K H by

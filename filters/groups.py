@@ -21,10 +21,10 @@ from mocap.filters.moving import Rates
 from mocap.filters.observations import Observations, some_markers
 from mocap.filters.observe import Observed
 from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.moving import Asked
+from eal.arrays import Array
 
 MOST, GROUP = 60, 30
 """Models of more markers than the first are filtered in groups of about the second."""

@@ -10,7 +10,7 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
 from mocap.filters.mixture import Mixture, learn_mixture
 from mocap.filters.models.articulated import ArticulatedSettings
-from mocap.filters.models.base import Progress, TrajectoryModel, TrialSet, estimate, shares
+from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn, shares
 from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.singer import LastingSettings
@@ -18,17 +18,15 @@ from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.score import Residuals, joined, residuals_of
 
-from mocap.side_by_side import Call, call_all
-
 STEADY_MARKER, EACH_MARKER = MarkerSettings(acceleration=0.01), LastingSettings()
 JOINTS, POSE = ArticulatedSettings(), PoseSettings(ranks=(8,))
 MODELS: tuple[TrajectoryModel, ...] = (STEADY_MARKER, EACH_MARKER, POSE)
 """What a learned tracker is made of: each marker by itself, at a velocity that hardly changes and with an acceleration
-that lasts, and the EAL model. Their settings are the same for all recordings (docs/explanation/decisions.md, "Fixed
-settings", "A velocity that hardly changes")."""
+that lasts, and the EAL model. Their settings are the same for all recordings (docs/experiments/steady_velocity.md and
+regression_in_the_filter.md)."""
 WITH_JOINTS: tuple[TrajectoryModel, ...] = (EACH_MARKER, JOINTS, POSE)
 """With joint angles in place of the steady velocity, for animals whose skeleton states rigid bones: nearer on most;
-tracking takes 1.5 to 2.3 times as long (docs/explanation/decisions.md, "Joint angles in the mixture")."""
+tracking takes 1.5 to 2.3 times as long (docs/experiments/joint_angles.md)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,9 +65,9 @@ class HiddenGaps:
     hidden: Sequence[tuple[int, Hidden[MarkerTrial]]]
     tell: Callable[[str], None] = lambda _line: None
 
-    def fill(self, models: Sequence[TrajectoryModel]) -> tuple[Residuals, ...]:
+    def fill(self, models: Sequence[TrajectoryModel], call_all: CallAll = in_turn) -> tuple[Residuals, ...]:
         """Fill all of them by each model, learned without them."""
-        return self.together(call_all(self.calls(models)), models)
+        return self.together(call_all(self.calls(models), None), models)
 
     def calls(self, models: Sequence[TrajectoryModel]) -> list[Call]:
         """One for each trial that fills it by each model; what is shared by models is kept for it."""
@@ -171,7 +169,7 @@ class Mixed:
     residuals: tuple[Residuals, ...]
 
 
-def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel]) -> Mixed:
+def mixed(gaps: HiddenGaps, models: Sequence[TrajectoryModel], call_all: CallAll = in_turn) -> Mixed:
     """How models are mixed, by how they fill hidden gaps."""
-    residuals = gaps.fill(models)
+    residuals = gaps.fill(models, call_all)
     return Mixed(models=tuple(models), mixture=learn_mixture(residuals), residuals=residuals)

@@ -10,7 +10,7 @@ import numpy as np
 from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Mask = NDArray[np.bool_]
 GAP_FRAMES = (10, 25, 50, 100)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def interpolated(xyz_m: Array, t_s: Array, *, kind: str) -> Array:

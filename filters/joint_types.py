@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 from mocap.filters.anatomy import Limb, anatomy_of
 
-from mocap.arrays import Array
-from mocap.skeleton import Skeleton
+from eal.arrays import Array
 
 JointType = Literal["ball", "universal", "hinge", "fixed"]
 LEAST_DEG = 10.0
@@ -63,7 +62,13 @@ class Articulation:
 
 
 def articulation(
-    names: Sequence[str], xyz_m: Array, sd_m: Array, skeleton: Skeleton, rotation: Array
+    names: Sequence[str],
+    xyz_m: Array,
+    sd_m: Array,
+    rotation: Array,
+    *,
+    trunk: Sequence[str],
+    bones: Sequence[tuple[str, str]],
 ) -> list[Articulation]:
     """The joints of all limbs, from the trunk outward.
 
@@ -76,13 +81,14 @@ def articulation(
         names: The M markers.
         xyz_m: (T, M, 3) positions in the world; NaN where not known.
         sd_m: (T, M) their standard deviations.
-        skeleton: Rigid bones and trunk.
         rotation: (T, 3, 3) axes of the trunk in the world.
+        trunk: Markers of the trunk; none: there are no joints.
+        bones: Ends of rigid bones.
     """
-    if not skeleton.trunk:
+    if not trunk:
         return []
     body = np.einsum("tji,tmj->tmi", rotation, xyz_m)
-    return joints_of(names, body, sd_m, anatomy_of(names, skeleton.trunk, skeleton.rigid).limbs)
+    return joints_of(names, body, sd_m, anatomy_of(names, trunk, bones).limbs)
 
 
 def joints_of(names: Sequence[str], body: Array, sd_m: Array, limbs: Sequence[Limb]) -> list[Articulation]:

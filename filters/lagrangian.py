@@ -18,11 +18,11 @@ from mocap.filters.unscented import UnscentedKalmanFilter
 from numpy.typing import NDArray
 
 from eal import bounds
+from eal.arrays import frozen
 from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.midpoint import midpoint_step
 from eal.threads import one_blas_thread
-from mocap.arrays import frozen
 
 Array = NDArray[Any]
 """Of any type of number: this file stands between libraries that name theirs."""

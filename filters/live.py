@@ -11,8 +11,8 @@ from mocap.filters.observations import Observations, Sights
 from mocap.filters.observe import Observed
 from mocap.filters.track import filter_frame, smooth_back
 
+from eal.arrays import Array
 from eal.threads import one_blas_thread
-from mocap.arrays import Array
 
 Look = Callable[[Array, Array], Sights]
 """What one frame shows of markers predicted at (M, 3) with covariance (M, 3, 3)."""

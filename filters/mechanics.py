@@ -4,11 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.motion.shape import FieldShape, FreeShape, LinearShape
+from mocap.filters.motion.shape import LinearShape
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist, pdist
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,16 +39,6 @@ class Motion:
         return float(np.sqrt(np.sum(self.z.var(axis=0)) / np.sum(self.rate.var(axis=0))))
 
 
-def free_shape(motion: Motion, *, process_noise: float = 1.0) -> FreeShape:
-    """White acceleration of the density S = 2 sd(velocity) sd(acceleration) of each coordinate.
-
-    For an oscillation of variance a^2 at w, S = 2 a^2 w^3: its acceleration has variance a^2 w^4 and keeps its sign for
-    about 1 / w.
-    """
-    density = 2 * motion.rate.std(axis=0) * motion.acceleration.std(axis=0)
-    return FreeShape(np.diag(np.sqrt(process_noise * np.maximum(density, 1e-6 * max(density.max(), 1e-12)))))
-
-
 def linear_shape(motion: Motion, *, ridge: float, process_noise: float = 1.0) -> LinearShape:
     """Ridge regression of accelerations on shapes and velocities: stiffness, damping and a constant force.
 
@@ -73,40 +62,6 @@ def linear_shape(motion: Motion, *, ridge: float, process_noise: float = 1.0) ->
         force=target.mean(axis=0) - slope @ mean,
         density=unexplained(left, motion, process_noise),
     )
-
-
-def field_shape(motion: Motion, *, ridge: float, beta: float, centres: int, process_noise: float = 1.0) -> FieldShape:
-    """Linear mechanics plus a kernel ridge regression of what they leave, over [z, tau zdot].
-
-    Gaussian kernel of width beta over the median squared distance, on ``centres`` of the frames (subset of
-    regressors; Rasmussen & Williams 2006, section 8.3.1). Far from the data the linear mechanics remain.
-
-    Args:
-        motion: What was recorded.
-        ridge: Penalty, as a share of the number of frames, of both regressions.
-        beta: Width of the kernel.
-        centres: Number of centres.
-        process_noise: Factor on the density of what is left.
-    """
-    linear = linear_shape(motion, ridge=ridge)
-    states = np.column_stack([motion.z, motion.rate])
-    tau, unit = motion.tau_s, motion.unit
-    r = motion.z.shape[1]
-    scale = np.repeat([1 / unit, tau / unit], r)
-    x = states * scale
-    chosen = x[np.linspace(0, len(x) - 1, min(len(x), centres)).astype(int)]
-    width = beta / float(np.median(pdist(chosen, "sqeuclidean")))
-    k = np.exp(-width * cdist(x, chosen, "sqeuclidean"))
-    kk = np.exp(-width * cdist(chosen, chosen, "sqeuclidean"))
-    left = motion.acceleration - linear.acceleration(states)
-    system = k.T @ k + ridge * len(x) * kk
-    weights = np.linalg.solve(system + 1e-9 * np.trace(system) / len(kk) * np.eye(len(kk)), k.T @ left)
-
-    def acceleration(at: Array) -> Array:
-        near = np.exp(-width * cdist(at * scale, chosen, "sqeuclidean"))
-        return linear.acceleration(at) + near @ weights
-
-    return FieldShape(acceleration=acceleration, density=unexplained(left - k @ weights, motion, process_noise))
 
 
 def unexplained(left: Array, motion: Motion, process_noise: float) -> Array:

@@ -8,7 +8,7 @@ from mocap.filters.score import Residuals
 from numpy.typing import NDArray
 from scipy.optimize import minimize, root_scalar
 
-from mocap.arrays import Z95, Array, frozen
+from eal.arrays import Z95, Array, frozen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,7 +90,7 @@ class Mixture:
         gaps, as if ``own`` gaps more had shown that nothing is to be changed; that is for the weights. All widths are
         multiplied by the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with ``prior`` such
         gaps, whatever the scales have become; by 1 where it is less, for a few gaps that were filled well do not tell
-        how other ones will be (docs/explanation/decisions.md, "Never narrower").
+        how other ones will be (docs/experiments/interval_widths.md).
 
         Args:
             residuals: What each of the K models missed the hidden samples by.
@@ -126,7 +126,7 @@ def learn_mixture(
 
     Args:
         residuals: What each model missed the same hidden samples by.
-        power: Power of the stated variances; 1: weights of precision. docs/explanation/decisions.md, "The mixture".
+        power: Power of the stated variances; 1: weights of precision. docs/experiments/mixture.md.
         strength: Penalty on squared offsets and slopes.
         prior: See above.
         folds: See above.

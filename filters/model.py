@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 from mocap.filters.anatomy import anatomy_of
+from mocap.filters.errors import FilterError
 from mocap.filters.hidden_gaps import (
     EACH_MARKER,
     MODELS,
@@ -19,17 +20,13 @@ from mocap.filters.hidden_gaps import (
 )
 from mocap.filters.hide import gap_lengths
 from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
-from mocap.filters.models.base import Progress, TrajectoryModel, TrialSet, estimate
+from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.score import Residuals
-
-from mocap.errors import MocapError
-from mocap.moving import Asked
-from mocap.side_by_side import Call, call_all
-from mocap.skeleton import Skeleton
+from mocap.filters.velocities import Asked
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,6 +71,7 @@ def learn_model(
     models: Sequence[TrajectoryModel] = MODELS,
     effort: Effort = USUAL_EFFORT,
     tell: Callable[[str], None] = lambda _line: None,
+    call_all: CallAll = in_turn,
 ) -> LearnedModel:
     """Learn from trials; how motion models are mixed is learned on gaps hidden in these.
 
@@ -86,20 +84,21 @@ def learn_model(
         models: Motion models; the last is a filter.
         effort: How much is hidden.
         tell: Called with a line for each trial that is filled.
+        call_all: Makes the calls that do not wait for each other.
 
     Raises:
-        MocapError: the trials differ in rate, or show too little to hide gaps in.
+        FilterError: the trials differ in rate, or show too little to hide gaps in.
     """
     check_rates(trials)
     every = TrialSet(trials, anatomy_of(names, trunk, bones))
     gaps = hidden_gaps(trials, every.anatomy, rng, effort=effort, tell=tell)
     if not gaps.hidden:
-        raise MocapError(
+        raise FilterError(
             "no gap could be hidden in these trials: that needs a marker that is seen in three frames before and after "
             "ten others; give longer or more complete trials"
         )
     tell("settings are learned from all recordings")
-    found = mixed(gaps, [model.tuned(every) for model in models])
+    found = mixed(gaps, [model.tuned(every) for model in models], call_all)
     return _learned(found, names, trunk, trials, bones)
 
 
@@ -169,6 +168,7 @@ def track_alone(
     bones: Sequence[tuple[str, str]] = (),
     asked: Asked | None = None,
     progress: Progress | None = None,
+    call_all: CallAll = in_turn,
 ) -> MixedTrack | None:
     """Track a recording by models that are learned from it; how they are mixed, on gaps hidden in it.
 
@@ -181,6 +181,7 @@ def track_alone(
         bones: Markers of the skeleton's rigid bones.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
+        call_all: Makes the calls that do not wait for each other.
 
     Returns:
         None: no gap could be hidden.
@@ -190,7 +191,7 @@ def track_alone(
     gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
     if not gaps.hidden:
         return None
-    every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress)
+    every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress, call_all)
     return every.mixed(learn_mixture(residuals))
 
 
@@ -203,13 +204,13 @@ def check_rates(trials: Sequence[MarkerTrial]) -> None:
     """Refuse trials of different frame rates.
 
     Raises:
-        MocapError: they differ by more than 1 %.
+        FilterError: they differ by more than 1 %.
     """
     some = [trial for trial in trials if len(trial.t_s) > 1]
     rates = [1 / trial.dt_s for trial in some]
     if rates and max(rates) > 1.01 * min(rates):
         listed = ", ".join(f"{trial.name} {rate:.6g}" for trial, rate in zip(some, rates, strict=True))
-        raise MocapError(f"trials of one model need one frame rate, but have frames a second: {listed}")
+        raise FilterError(f"trials of one model need one frame rate, but have frames a second: {listed}")
 
 
 def scores_of(found: Mixed) -> dict[str, dict[str, list[float]]]:
@@ -234,14 +235,18 @@ def same_recording(a: MarkerTrial, b: MarkerTrial) -> bool:
     return len(sets[0] & sets[1]) > 0.5 * min(map(len, sets))
 
 
-def renamed(learned: LearnedModel, skeleton: Skeleton) -> LearnedModel:
-    """The model with its markers named as in a skeleton, by that one's aliases.
+def renamed(learned: LearnedModel, names: Sequence[str]) -> LearnedModel:
+    """The model with other names of its markers, as a skeleton has aliases for those of files.
 
     A model of files that number their points (``pt1``) then tracks what a skeleton names. A marker keeps its name where
     the model knows another by the new one.
+
+    Args:
+        learned: The model.
+        names: New names of its M markers.
     """
     known = {
-        old: new for old, new in zip(learned.names, skeleton.renamed(learned.names), strict=True)
+        old: new for old, new in zip(learned.names, names, strict=True)
         if new not in learned.names
     }  # fmt: skip
     if len(set(known.values())) < len(known):  # two numbers that the aliases make one marker: of different files
@@ -264,11 +269,11 @@ def for_recording(learned: LearnedModel, names: Sequence[str], recording: Marker
     A trial that is the recording itself is left out: it would show what was hidden to see how well gaps are filled.
 
     Raises:
-        MocapError: fewer than four markers in common.
+        FilterError: fewer than four markers in common.
     """
     common = [name for name in names if name in learned.names]
     if len(common) < 4:
-        raise MocapError(
+        raise FilterError(
             f"the model knows {len(common)} of the recording's markers ({', '.join(names[:6])}, ...), and needs 4; it "
             f"was learned for {', '.join(learned.names[:6])}, ...: name them alike (aliases in the skeleton)"
         )
@@ -290,7 +295,7 @@ def trials_for(learned: LearnedModel, names: Sequence[str], recording: MarkerTri
         recording: What is to be tracked.
 
     Raises:
-        MocapError: another frame rate, or other markers.
+        FilterError: another frame rate, or other markers.
     """
     check_rates([*learned.trials, recording])
     return _trial_set(learned, names, [*for_recording(learned, names, recording), recording])
@@ -313,6 +318,7 @@ def track_with(
     *,
     asked: Asked | None = None,
     progress: Progress | None = None,
+    call_all: CallAll = in_turn,
 ) -> MixedTrack:
     """Track a recording by all models of a learned one, and mix what they say.
 
@@ -326,10 +332,11 @@ def track_with(
         observations: What each frame shows.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
+        call_all: Makes the calls that do not wait for each other.
     """
     trials = trials_for(learned, names, recording)
     gaps = own_gaps(trials)
-    every, residuals = _estimates(models_of(learned, trials), trials, observations, gaps, asked, progress)
+    every, residuals = _estimates(models_of(learned, trials), trials, observations, gaps, asked, progress, call_all)
     return every.mixed(learned.mixture.calibrated(residuals) if gaps.hidden else learned.mixture)
 
 
@@ -344,10 +351,11 @@ def members(
     observations: Observations,
     *,
     progress: Progress | None = None,
+    call_all: CallAll = in_turn,
 ) -> Members:
     """What models say of the last trial, for a mixture that is learned elsewhere."""
     none = HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=())
-    return _estimates(models, trials, observations, none, None, progress)[0]
+    return _estimates(models, trials, observations, none, None, progress, call_all)[0]
 
 
 def _estimates(
@@ -357,6 +365,7 @@ def _estimates(
     gaps: HiddenGaps,
     asked: Asked | None,
     progress: Progress | None,
+    call_all: CallAll,
 ) -> tuple[Members, tuple[Residuals, ...]]:
     """What all models say of the last trial, and what they miss hidden samples by."""
     wanted = [None] * (len(models) - 1) + [asked]

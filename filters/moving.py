@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from mocap.filters.gaussian import Smoothed
 from mocap.filters.motion.base import Frame, MotionModel
+from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.moving import Asked
+from eal.arrays import Array
 
 EVERY = 8
 """Covariances of frames with those before them are computed in every so many frames."""
@@ -18,7 +18,7 @@ EVERY = 8
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rates:
-    """What a smoother knows of velocities; shapes and meaning as in ``mocap.moving.Motion``.
+    """What a smoother knows of velocities; shapes and meaning as in ``mocap.filters.velocities.Motion``.
 
     Attributes:
         asked: Points and pairs.

@@ -8,10 +8,10 @@ Kabsch 1976), and those that keep their distance to the marker weigh most: rigid
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames, nearest_rotation
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames, nearest_rotation
+from eal.arrays import Array
 
 POWER = 4
 """Weights are 1 / apart^4, of what two markers move apart by in units of the median, and a twentieth of it."""

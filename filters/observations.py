@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 WHOLE = -1
 """Camera number of a group that stands for all rays of a marker."""

@@ -8,7 +8,7 @@ from mocap.filters.observations import WHOLE, Sights
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv  # type: ignore[attr-defined]  # made at run time
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

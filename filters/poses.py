@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames, body_frames, trunk_shape
 from mocap.filters.subspace import PoseSubspace, fit_subspace, structure, white_variance
+from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames, body_frames, smooth_series, trunk_shape
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,16 +67,13 @@ def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames, sd_m: Array | None 
     return PoseTrial(t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1), sd_m=sd_m)
 
 
-def poses_of(
-    trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float, rotating: bool = True
-) -> list[PoseTrial]:
+def poses_of(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float) -> list[PoseTrial]:
     """Poses of trials about one body: its axes are those of the mean shape of all their trunks.
 
     Args:
         trials: Trials of the same markers.
         trunk: Indices of the trunk's markers; in a trial that shows none of them all markers are taken.
         body_hz: Faster motion of the trunk is left to the shape.
-        rotating: Whether the axes follow the body's rotation, or only its mean in each trial.
     """
     chosen = list(trunk)
     if not all(trial.seen[:, chosen].any() for trial in trials):
@@ -83,8 +81,8 @@ def poses_of(
     shape = trunk_shape(np.concatenate([trial.xyz_m[:, chosen] for trial in trials]))
     out = []
     for trial in trials:
-        options = {"dt_s": trial.dt_s, "cutoff_hz": body_hz, "shape": shape, "turns": rotating}
-        out.append(pose_trial(trial.t_s, trial.xyz_m, body_frames(trial.xyz_m[:, chosen], **options), trial.sd_m))
+        frames = body_frames(trial.xyz_m[:, chosen], dt_s=trial.dt_s, cutoff_hz=body_hz, shape=shape)
+        out.append(pose_trial(trial.t_s, trial.xyz_m, frames, trial.sd_m))
     return out
 
 

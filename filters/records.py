@@ -1,16 +1,78 @@
-"""What a tracker returns."""
+"""What a filter or a regression returns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mocap.filters.moving import Rates
 from mocap.filters.observe import Observed
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen
-from mocap.held import HeldLimb
-from mocap.records import MarkerTracks
+from eal.arrays import Array, frozen
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HeldLimb:
+    """The potential that held a limb while it was tracked, and where the limb was on it.
+
+    Coordinates are the two leading principal components of what V_z was learned from, the relative joint coordinates
+    q of the limb (mostly with their velocities), in units of their deviation.
+
+    Attributes:
+        name: Of the limb: its root and its first joint.
+        markers: The J markers that it moves.
+        x: (G,) first coordinate of a grid.
+        y: (G,) second coordinate.
+        value: (G, G) V_z at (y, x), of the pose that samples near there have in all other coordinates.
+        samples: (N, 2) what V_z was learned from.
+        state: (T, 2) the limb; NaN where it was not tracked.
+        cov: (T, 2, 2) its covariance.
+        at_state: (T,) V_z of all coordinates at the limb.
+        pull: (T, J, 3) minus the gradient of the filter's potential by the position of each marker, in the world, in
+            1/(m s); for V_z of joint angles, how each marker moves when the arc length of every angle changes by
+            minus the gradient with respect to it.
+    """
+
+    name: str
+    markers: tuple[str, ...]
+    x: Array
+    y: Array
+    value: Array
+    samples: Array
+    state: Array
+    cov: Array
+    at_state: Array
+    pull: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        n_frames = len(self.state)
+        shapes = {
+            "x": (None,),
+            "y": (None,),
+            "value": (len(self.y), len(self.x)),
+            "samples": (None, 2),
+            "state": (n_frames, 2),
+            "cov": (n_frames, 2, 2),
+            "at_state": (n_frames,),
+            "pull": (n_frames, len(self.markers), 3),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
+
+    def along(self, index: NDArray[np.int64]) -> "HeldLimb":
+        """The frames of an index; -1: nothing is known of that frame."""
+        lost = index < 0
+        parts = {}
+        for name in ("state", "cov", "at_state", "pull"):
+            part = np.array(getattr(self, name)[index])
+            part[lost] = np.nan
+            parts[name] = part
+        return replace(self, **parts)
+
+    def cut(self, frames: slice) -> "HeldLimb":
+        """These frames alone."""
+        return self.along(np.arange(len(self.state))[frames])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,40 +101,3 @@ class Estimate:
     def log_likelihood(self) -> Array:
         """(T,) log density of each frame's observations given those before."""
         return np.array([seen.log_likelihood for seen in self.observed])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TrackedMotion:
-    """Smoothed motion of all markers, and how well it agrees with what was seen.
-
-    Attributes:
-        model: Name of the motion model.
-        markers: Smoothed positions with covariance; ``origin`` tells measured from filled from rejected.
-        reprojected_px: (C, T, M, 2) ideal pixels of the smoothed positions; C = 0 where only positions were tracked.
-        innovation_px: (C, T, M, 2) measured minus predicted ideal pixel, before the update; NaN where nothing was seen.
-        used: (C, T, M) True where a pixel took part in the estimate.
-        nis: (T,) normalised innovation squared of each frame; NaN without rows.
-        n_rows: (T,) scalar observations used in each frame.
-        log_likelihood: (T,) log density of each frame's observations given those before.
-    """
-
-    model: str
-    markers: MarkerTracks
-    reprojected_px: Array
-    innovation_px: Array
-    used: NDArray[np.bool_]
-    nis: Array
-    n_rows: NDArray[np.int64]
-    log_likelihood: Array
-
-    def __post_init__(self) -> None:
-        """Copy, freeze and check."""
-        n_frames, n_markers = self.markers.status.shape
-        n_cameras = len(self.used)
-        pixels = (n_cameras, n_frames, n_markers, 2)
-        object.__setattr__(self, "reprojected_px", frozen("reprojected_px", self.reprojected_px, pixels))
-        object.__setattr__(self, "innovation_px", frozen("innovation_px", self.innovation_px, pixels))
-        object.__setattr__(self, "used", frozen("used", self.used, pixels[:3], dtype=np.bool_))
-        object.__setattr__(self, "n_rows", frozen("n_rows", self.n_rows, (n_frames,), dtype=np.int64))
-        for name in ("nis", "log_likelihood"):
-            object.__setattr__(self, name, frozen(name, getattr(self, name), (n_frames,)))

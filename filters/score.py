@@ -8,7 +8,7 @@ from mocap.filters.hide import Hidden
 from mocap.filters.poses import MarkerTrial
 from numpy.typing import NDArray
 
-from mocap.arrays import Z95, Array, varying
+from eal.arrays import Z95, Array, varying
 
 
 @dataclass(frozen=True, kw_only=True)

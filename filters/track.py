@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
 from mocap.filters.groups import MOST, groups_of, smooth_in_groups
-from mocap.filters.held import HeldKeeper
+from mocap.filters.limb_potential import HeldKeeper
 from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import Observed, observe, unused
 from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked
 from threadpoolctl import threadpool_limits
 
-from mocap.arrays import Array
-from mocap.moving import Asked
+from eal.arrays import Array
 
 Progress = Callable[[float], None]
 

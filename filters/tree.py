@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
+from eal.arrays import Array
+from eal.vectors import cross, skew
 
 _NEAR = 1e-2
 """Squared angle below which series stand for quotients that lose digits."""
@@ -135,13 +136,6 @@ class Tree:
         return np.swapaxes(moved, 2, 3)
 
 
-def skew(v: Array) -> Array:
-    """(..., 3, 3) matrices of the cross product with (..., 3) vectors."""
-    x, y, z = np.moveaxis(np.asarray(v), -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
-
-
 def left_jacobian(v: Array) -> Array:
     """(..., 3, 3) of rotation vectors: exp(v + d) = exp(J d) exp(v) to first order."""
     first, second, _, _ = (x[..., None] for x in _series(v))
@@ -175,13 +169,6 @@ def _series(v: Array) -> tuple[Array, Array, Array, Array]:
         b_slope = np.where(near, -1 / 12 + x / 180 * (1 - x / 37.333333333333336), b_slope)
         c_slope = np.where(near, -1 / 60 + x / 1260 * (1 - x / 48), c_slope)
     return b, c, b_slope, c_slope
-
-
-def cross(a: Array, b: Array) -> Array:
-    """(..., 3) cross products, without what NumPy's spends on checks."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

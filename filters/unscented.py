@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Function = Callable[..., Any]
 

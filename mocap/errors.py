@@ -1,14 +1,8 @@
 """One class for each kind of trouble that a caller can act on; the message says what to do."""
 
+from eal.errors import MocapError
 
-class MocapError(Exception):
-    """Any trouble with a recording that its user can mend.
-
-    Attributes:
-        page: The page of ``docs/`` that says more; None: the command line names that of the command.
-    """
-
-    page: str | None = None
+__all__ = ["CalibrationError", "FormatError", "MocapError", "OutputError", "SkeletonError"]
 
 
 class FormatError(MocapError):

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 
 ENERGIES = ("energy_j", "v_z", "v_z_bound")
 """Columns of a Lagrangian."""

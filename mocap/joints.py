@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames
+from eal.arrays import Array
+from mocap.filters.body_axes import BodyFrames
 from mocap.records import JointTracks, MarkerTracks
 from mocap.skeleton import Skeleton
 

@@ -92,6 +92,11 @@ class Measures:
             if not part.mass_g > 0:
                 raise SkeletonError(f"measures: segment {name!r} needs a positive mass_g, not {part.mass_g:g}")
 
+    @property
+    def masses(self) -> list[tuple[str, str, float, float]]:
+        """First and last marker, kilograms and centre of each segment."""
+        return [(s.start, s.end, 1e-3 * s.mass_g, s.centre) for s in self.segments.values()]
+
     def uses(self) -> Iterator[tuple[str, str]]:
         """What uses which marker."""
         lines: list[tuple[str, Line]] = [(f"distance {k}", v) for k, v in self.distances.items()]

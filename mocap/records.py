@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen, increasing, unique
+from eal.arrays import Array, frozen, increasing, unique
 
 
 class Status(IntEnum):
@@ -112,6 +112,43 @@ def marker_tracks(
         cov_m2=np.broadcast_to(np.nan, (*xyz_m.shape, 3)) if cov_m2 is None else cov_m2,
         status=np.where(np.isnan(xyz_m[..., 0]), Status.MISSING, Status.MEASURED) if status is None else status,
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TrackedMotion:
+    """Smoothed motion of all markers, and how well it agrees with what was seen.
+
+    Attributes:
+        model: Name of the motion model.
+        markers: Smoothed positions with covariance; ``origin`` tells measured from filled from rejected.
+        reprojected_px: (C, T, M, 2) ideal pixels of the smoothed positions; C = 0 where only positions were tracked.
+        innovation_px: (C, T, M, 2) measured minus predicted ideal pixel, before the update; NaN where nothing was seen.
+        used: (C, T, M) True where a pixel took part in the estimate.
+        nis: (T,) normalised innovation squared of each frame; NaN without rows.
+        n_rows: (T,) scalar observations used in each frame.
+        log_likelihood: (T,) log density of each frame's observations given those before.
+    """
+
+    model: str
+    markers: MarkerTracks
+    reprojected_px: Array
+    innovation_px: Array
+    used: NDArray[np.bool_]
+    nis: Array
+    n_rows: NDArray[np.int64]
+    log_likelihood: Array
+
+    def __post_init__(self) -> None:
+        """Copy, freeze and check."""
+        n_frames, n_markers = self.markers.status.shape
+        n_cameras = len(self.used)
+        pixels = (n_cameras, n_frames, n_markers, 2)
+        object.__setattr__(self, "reprojected_px", frozen("reprojected_px", self.reprojected_px, pixels))
+        object.__setattr__(self, "innovation_px", frozen("innovation_px", self.innovation_px, pixels))
+        object.__setattr__(self, "used", frozen("used", self.used, pixels[:3], dtype=np.bool_))
+        object.__setattr__(self, "n_rows", frozen("n_rows", self.n_rows, (n_frames,), dtype=np.int64))
+        for name in ("nis", "log_likelihood"):
+            object.__setattr__(self, name, frozen(name, getattr(self, name), (n_frames,)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

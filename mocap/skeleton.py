@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mocap.arrays import unique
+from eal.arrays import unique
 from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
 from mocap.measures import Measures, measures_lines, read_measures
@@ -107,11 +107,6 @@ class Skeleton:
     def renamed(self, names: Sequence[str]) -> tuple[str, ...]:
         """File names to names of this skeleton, by its aliases."""
         return tuple(self.aliases.get(name, name) for name in names)
-
-
-def ends_among(names: Sequence[str], bones: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
-    """Indices into names of both ends of each bone that has both there."""
-    return [(names.index(a), names.index(b)) for a, b in bones if a in names and b in names]
 
 
 _KEYS = {"name", "markers", "bones", "joints", "trunk", "aliases", "max_speed_m_s", "measures"}

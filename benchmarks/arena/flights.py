@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mocap
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.triangulate import linear
 from mocap.pipeline.recording import Filmed, Recording, load_filmed
 

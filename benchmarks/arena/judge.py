@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from benchmarks.arena.flights import PAIRS, Flight
 from benchmarks.arena.methods import Outcome
-from mocap.arrays import Z95, Array
+from eal.arrays import Z95, Array
 from mocap.cameras.camera import project
 
 RIGHT_M = 0.01

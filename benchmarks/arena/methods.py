@@ -9,7 +9,7 @@ from scipy.ndimage import median_filter
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.arena.flights import FPS, PAIRS, Flight
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.cleaning.swaps import Swap
 from mocap.pipeline.job import run_job

@@ -15,7 +15,7 @@ from benchmarks.gaps.method import Method
 from benchmarks.gaps.registry import methods
 from benchmarks.gaps.sets import DATA, GLIDES, STATIONS, load, stations
 from benchmarks.gaps.takes import believed
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.io.qualisys import read_tsv
 
 

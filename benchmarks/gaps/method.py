@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.cameras.origin import PixelCorner
 from mocap.records import PixelTracks

@@ -15,12 +15,12 @@ from mocap.filters.models.pose import PoseSettings, recorded_motion, with_potent
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of
 from mocap.filters.subspace import PoseSubspace
+from mocap.filters.whittaker import smooth_series
 
 from benchmarks.gaps.method import Filler, Trial
 from benchmarks.gaps.ours import Ours
 from benchmarks.gaps.prepared import recording
-from mocap.arrays import Array
-from mocap.body import smooth_series
+from eal.arrays import Array
 from mocap.pipeline.tracking import marker_trial, seen_part
 
 
@@ -44,9 +44,8 @@ class Informed(PoseSettings):
         motion = fitted.motion
         if not isinstance(motion, PoseMotion):
             raise TypeError(f"a pose model was expected, but {type(motion).__name__} was fitted")
-        body = {"body_hz": self.body_hz, "rotating": self.rotating}
-        _, shapes = trials.shapes(ranks=self.ranks, **body)
-        *_, poses = poses_of([*trials.trials[:-1], own], trials.anatomy.trunk, **body)
+        _, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
+        *_, poses = poses_of([*trials.trials[:-1], own], trials.anatomy.trunk, body_hz=self.body_hz)
         known = truth_in(shapes, poses)
         recorded = recorded_motion([poses], known, least_known=self.least_known)
         return replace(fitted, motion=with_potentials(motion, known, recorded, self, trials.anatomy))

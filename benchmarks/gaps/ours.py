@@ -3,16 +3,18 @@
 The controls differ in the motion models that ``learn_from`` is given; all else is the same.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from mocap.filters.hidden_gaps import EACH_MARKER, JOINTS, MODELS, POSE, WITH_JOINTS, Effort
 from mocap.filters.models.base import TrajectoryModel
+from mocap.filters.models.pose import Over, PoseSettings
 
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.prepared import LEAST_SD_M, recording
 from benchmarks.gaps.protocol import plan
+from eal.arrays import Array
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
 
@@ -43,17 +45,30 @@ class Ours:
         return fill
 
 
-def _with(**changes: object) -> tuple[TrajectoryModel, ...]:
-    """The product's models with other settings of the pose."""
-    return *MODELS[:-1], replace(POSE, **changes)
+class Quadratic(PoseSettings):
+    """The pose held by the quadratic potential of a Gaussian in place of V_z."""
+
+    def pull(
+        self,
+        samples: Array,
+        *,
+        rate: float,
+        over: Over = lambda kernel: kernel,  # noqa: ARG002
+    ) -> Callable[[Array], Array]:
+        """Gradient of rate (x - mean)^T C^-1 (x - mean) / d, whose mean value is the rate."""
+        d = samples.shape[1]
+        cov = np.cov(samples.T).reshape(d, d)
+        information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / d * np.eye(d))
+        centre, stiffness = samples.mean(axis=0), 2 * rate / d
+        return lambda x: (x - centre) @ information * stiffness
 
 
 def ours() -> list[Method]:
     """The product, and the same with other potentials (controls)."""
     return [
         Ours("EAL"),
-        Ours("EAL quadratic", _with(potential="quadratic limb motion")),
-        Ours("EAL none", _with(potential="none")),
+        Ours("EAL quadratic", (*MODELS[:-1], Quadratic(**vars(POSE)))),
+        Ours("EAL none", (*MODELS[:-1], replace(POSE, potential="none"))),
     ]
 
 

@@ -21,7 +21,7 @@ from benchmarks.gaps.hide import GAPS, SCENARIOS, Cell, Gap, cells, excerpt, hid
 from benchmarks.gaps.method import Estimate, Filler, Method, Oracle, Trial, reads_rays
 from benchmarks.gaps.prepared import recording
 from benchmarks.gaps.rays import RAYS, Shown, with_rays
-from mocap.arrays import Array
+from eal.arrays import Array
 
 TEST_FRAMES = 500
 """Longer trials are tested on an excerpt, another one for each seed."""

@@ -7,7 +7,7 @@ import numpy as np
 from mocap.filters.hide import Gap, Hidden
 
 from benchmarks.gaps.method import Film, Trial
-from mocap.arrays import Array
+from eal.arrays import Array
 
 RAYS = (0, 1, 2)
 """Cameras that are left: none (the marker is dark), one, or two of which the second was clicked in a wrong place."""

@@ -53,7 +53,7 @@ import numpy as np
 from benchmarks.gaps import twins
 from benchmarks.gaps.method import Film, Trial
 from benchmarks.gaps.takes import Take, believed, blocks, trials_of
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.io.c3d import read_c3d
 from mocap.io.dvproject import read_project
 from mocap.io.qualisys import read_mat, read_tsv

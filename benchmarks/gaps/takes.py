@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.gaps.method import Film, Trial
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cleaning.clean import clean
 from mocap.cleaning.position_noise import position_sd
 from mocap.records import MarkerTracks, Status

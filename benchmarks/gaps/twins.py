@@ -17,7 +17,7 @@ from mocap.datasets.scene import Motion, Scene, frame_times
 from benchmarks.gaps.method import Film
 from benchmarks.gaps.prepared import prepared_film
 from benchmarks.gaps.takes import Take
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.skeleton import Skeleton
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from eal.arrays import Array, frozen
+from eal.arrays import Array, read_only
 from eal.joint_design.errors import DesignError, Indices, Law, Mask
 from eal.joint_design.laws import energy_and_slope, law_codes, member_energy
 from eal.optional_jax import jnp
@@ -36,8 +36,8 @@ class Truss:
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
         for name in ("fixed_m", "internal_m", "rest_m", "stiffness_n_m"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        object.__setattr__(self, "internal_m", frozen(self.internal_m.reshape(-1, self.fixed_m.shape[1])))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        object.__setattr__(self, "internal_m", read_only(self.internal_m.reshape(-1, self.fixed_m.shape[1])))
         ends = np.array(self.ends, dtype=np.int64).reshape(-1, 2)
         ends.flags.writeable = False
         object.__setattr__(self, "ends", ends)

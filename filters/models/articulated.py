@@ -7,11 +7,12 @@ from typing import Literal
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy, Limb
+from mocap.filters.errors import FilterError
 from mocap.filters.joint_types import DOUBTED, Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.lagrangian import with_lagrangian
 from mocap.filters.models.limbs import held_together, known_poses, sides
-from mocap.filters.models.pose import PoseSettings, held_by, learn_pose, recorded_motion
+from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
@@ -20,8 +21,7 @@ from mocap.filters.subspace import PoseSubspace
 from mocap.filters.tree import FittedPoses, Tree, fit_poses
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.errors import MocapError
+from eal.arrays import Array
 
 KNOWN = 0.97
 """An angle is a sample where a frame leaves less than 3 % of the variance of a radian: 10 degrees."""
@@ -83,11 +83,11 @@ class ArticulatedSettings(TrajectoryModel):
         """Find joints and lengths, fit the angles of each frame, learn how they move.
 
         Raises:
-            MocapError: no bones are known by which segments could hang on each other.
+            FilterError: no bones are known by which segments could hang on each other.
         """
         model = learn_articulated(_taught_by(trials.trials), trials.anatomy, self)
         model = replace(model, regression=self.pose.regressed(trials))
-        return FittedMotion(model, trials.trials[-1].t_s, self.pose.passes)
+        return FittedMotion(model, trials.trials[-1].t_s)
 
 
 def _taught_by(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:
@@ -129,12 +129,12 @@ def rooted(anatomy: Anatomy) -> Anatomy:
     """An animal without a trunk, a chain, hangs on the marker in its middle: nearest to the farthest along the bones.
 
     Raises:
-        MocapError: there are no bones.
+        FilterError: there are no bones.
     """
     if anatomy.limbs:
         return anatomy
     if not anatomy.bones:
-        raise MocapError(
+        raise FilterError(
             "the articulated model needs rigid bones that hang on the trunk, and the skeleton states none: add them, "
             "or let `mocap skeleton` propose them"
         )
@@ -272,7 +272,7 @@ def learn_articulated(
 ) -> ArticulatedMotion:
     """Learn the model from trials, for tracking the last one."""
     pose, tree_anatomy = settings.pose, rooted(anatomy)
-    poses = poses_of(trials, anatomy.trunk, body_hz=pose.body_hz, rotating=pose.rotating)
+    poses = poses_of(trials, anatomy.trunk, body_hz=pose.body_hz)
     body = [trial.y.reshape(len(trial.y), -1, 3) for trial in poses]
     noise = [trial.sd_m for trial in trials]
     build = find_build(np.concatenate(body), np.concatenate(noise), tree_anatomy, chain=not anatomy.limbs)
@@ -441,7 +441,7 @@ def _potentials(
         if other is not None and all(c in joint for c in other.children) and len(chosen(other)) == len(maps[0]):
             maps.append(chosen(other))
         tau_s = motion.tau_s if "motion" in settings.potential else None
-        learn = partial(held_by, settings=settings, rate=settings.weight / motion.tau_s)
+        learn = partial(settings.pull, rate=settings.weight / motion.tau_s)
         joints = [(len(build.axes[joint[c]]), float(arm[joint[c]])) for c in limb.children if len(build.axes[joint[c]])]
         held = held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints)
         out.append(replace(held, root=limb.parents[0], children=limb.children))

@@ -18,13 +18,17 @@ from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes
 from mocap.filters.records import Estimate
 from mocap.filters.size import sized_like
 from mocap.filters.track import smooth
+from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from mocap.arrays import Array
-from mocap.moving import Asked
+from eal.arrays import Array
 
 Progress = Callable[[float], None]
+Call = Callable[..., Any]
+"""Takes ``progress``, which is called with the share done, or is None; may be made in another process."""
+CallAll = Callable[[Sequence[Call], Progress | None], list[Any]]
+"""What calls that do not wait for each other return, in their order (``in_turn``); it may make them side by side."""
 
 
 @dataclass(eq=False)
@@ -39,7 +43,7 @@ class TrialSet:
 
     trials: Sequence[MarkerTrial]
     anatomy: Anatomy
-    _poses: dict[tuple, list[PoseTrial]] = field(default_factory=dict)
+    _poses: dict[float, list[PoseTrial]] = field(default_factory=dict)
     _shapes: dict[tuple, Shapes] = field(default_factory=dict)
     regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
 
@@ -47,14 +51,13 @@ class TrialSet:
         """Other animals are scaled to the size of the last trial's."""
         self.trials = [*sized_like(self.trials[:-1], self.trials[-1]), self.trials[-1]]
 
-    def shapes(self, *, ranks: tuple[int, ...], body_hz: float, rotating: bool) -> tuple[list[PoseTrial], Shapes]:
+    def shapes(self, *, ranks: tuple[int, ...], body_hz: float) -> tuple[list[PoseTrial], Shapes]:
         """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
-        body = (body_hz, rotating)
-        if body not in self._poses:
-            self._poses[body] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz, rotating=rotating)
-        if (body, ranks) not in self._shapes:
-            self._shapes[body, ranks] = shapes_of(self._poses[body], ranks=ranks)
-        return self._poses[body], self._shapes[body, ranks]
+        if body_hz not in self._poses:
+            self._poses[body_hz] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz)
+        if (body_hz, ranks) not in self._shapes:
+            self._shapes[body_hz, ranks] = shapes_of(self._poses[body_hz], ranks=ranks)
+        return self._poses[body_hz], self._shapes[body_hz, ranks]
 
     @cached_property
     def bones(self) -> Bones:
@@ -89,13 +92,12 @@ class FittedMotion(Fitted):
 
     motion: MotionModel
     t_s: Array
-    passes: int = 1
 
     def fill(
         self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
     ) -> Estimate:
         """Filter forward, smooth backward."""
-        return smooth(self.motion, observations, self.t_s, passes=self.passes, asked=asked, progress=progress)
+        return smooth(self.motion, observations, self.t_s, asked=asked, progress=progress)
 
 
 @dataclass(frozen=True)
@@ -145,3 +147,13 @@ def shares(progress: Progress | None, count: int) -> list[Progress | None]:
             progress((part + share) / count)
 
     return [None if progress is None else partial(tell, part) for part in range(count)]
+
+
+def in_turn(calls: Sequence[Call], progress: Progress | None = None) -> list[Any]:
+    """What calls return, made one after the other.
+
+    Args:
+        calls: See ``Call``.
+        progress: Called with the share done of all of them together.
+    """
+    return [call(progress=tell) for call, tell in zip(calls, shares(progress, len(calls)), strict=True)]

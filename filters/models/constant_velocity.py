@@ -7,9 +7,9 @@ import numpy as np
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.subspace import bridge
+from mocap.filters.whittaker import smooth_series
 
-from mocap.arrays import Array, varying
-from mocap.body import smooth_series
+from eal.arrays import Array, varying
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +102,7 @@ def learn_constant_velocity(
         xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
         dt_s: Time step.
         others: Other recordings of the same markers and rate. Of each marker's densities in all the geometric mean is
-            taken: one short recording may show it at rest (docs/explanation/decisions.md, "Noise of a marker").
+            taken: one short recording may show it at rest (docs/experiments/marker_noise.md).
         settings: Choices.
     """
     seen = np.isfinite(xyz_m[..., 0])

@@ -5,7 +5,7 @@ Its linear part is the standard imputation of missing markers by the covariance 
 Tilmanne & Dutoit 2018), with delays as in singular spectrum analysis. It is done in two views, from the body and from
 the marker's neighbours (``filters/neighbours.py``), and both estimates are averaged. It knows nothing of dynamics, and
 so errs differently from the motion models, which makes a mixture of both better than either
-(docs/explanation/decisions.md, "The mixture").
+(docs/experiments/mixture.md).
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian_process import Covariance, Rows, fitted, predict
 from mocap.filters.hide import unseen_runs
 from mocap.filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
@@ -20,11 +21,11 @@ from mocap.filters.neighbours import Neighbours, body_itself
 from mocap.filters.observations import Observations
 from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian
 from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked
+from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames, smooth_series
-from mocap.moving import Asked
+from eal.arrays import Array
 
 EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""
@@ -39,7 +40,6 @@ class DelaySettings(TrajectoryModel):
     Attributes:
         ranks: As in ``PoseSettings``, of the subspace that completes poses.
         body_hz: As there.
-        rotating: As there.
         lags: Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot).
         cutoff: Faster motion in a gap is taken for noise, in radians a unit of the same time.
         rows: Frames of the other trials to learn from, at most.
@@ -51,7 +51,6 @@ class DelaySettings(TrajectoryModel):
 
     ranks: tuple[int, ...]
     body_hz: float = 3.0
-    rotating: bool = True
     lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
     cutoff: float = 4.0
     rows: int = 300
@@ -67,7 +66,7 @@ class DelaySettings(TrajectoryModel):
 
     def tuned(self, trials: TrialSet) -> "DelaySettings":
         """With the covariance under which the trials are likeliest."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
         return replace(self, covariance=tuple(Delayed(poses, shapes, self).covariance().logarithms.tolist()))
 
     def fit(self, trials: TrialSet) -> "FittedDelays":
@@ -92,7 +91,7 @@ class FittedDelays(Fitted):
         """From the trial's own positions; once for all that ask."""
         known, own = self.trials.regressed, self.settings
         if own not in known:
-            poses, shapes = self.trials.shapes(ranks=own.ranks, body_hz=own.body_hz, rotating=own.rotating)
+            poses, shapes = self.trials.shapes(ranks=own.ranks, body_hz=own.body_hz)
             known[own] = fill_delayed(self.trials.trials[-1].seen, poses, shapes, own)
         if progress is not None:
             progress(1.0)

@@ -15,7 +15,7 @@ from mocap.filters.subspace import PoseSubspace
 from scipy.linalg import eigh, solve_continuous_lyapunov
 
 from eal import EmpiricalPotential, RotationKernel
-from mocap.arrays import Array
+from eal.arrays import Array
 
 FLESH = 0.3
 """Armature of a joint's coordinates: so much of the greatest inertia that one of them feels at rest."""

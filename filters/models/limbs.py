@@ -11,7 +11,7 @@ from mocap.filters.poses import Shapes, known_shapes
 from mocap.filters.subspace import PoseSubspace
 
 from eal import RotationKernel
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Learn = Callable[..., Callable[[Array], Array]]
 ALIKE = 0.3
@@ -41,7 +41,7 @@ def limb_potentials(
         velocities: Whether velocities are part of it.
         least_known: Poses known better than this (``Components.known``) are samples.
         tau_s: Makes velocities as large as positions.
-        learn: (N, d) samples of unit size to the gradient of their potential, a second; ``over`` as of ``held_by``.
+        learn: (N, d) samples of unit size to the gradient of their potential, a second (``PoseSettings.pull``).
     """
     pose, rate = known_poses(shapes, least_known)
     turn = sides(shapes.subspace.mean, anatomy)

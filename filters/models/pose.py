@@ -8,28 +8,23 @@ from typing import Any, Literal
 import numpy as np
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
-from mocap.filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
+from mocap.filters.mechanics import Motion, joined, linear_shape
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import DelaySettings
 from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
 from mocap.filters.motion.potential import PosePotential, Pull
-from mocap.filters.motion.shape import ShapeMechanics
 from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian, residual_rate, shapes_of
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from eal import EmpiricalPotential, GaussianKernel, Kernel, fit_potential
-from mocap.arrays import Array
+from eal.arrays import Array
 
-Mechanics = Literal["free", "linear", "field"]
 Over = Callable[[Kernel], Kernel]
 """Makes a kernel of another one."""
-Potential = Literal[
-    "limb motion", "limbs", "motion", "shape", "quadratic limb motion", "quadratic motion", "quadratic", "none"
-]
-
+Potential = Literal["limb motion", "limbs", "none"]
 
 LEAST_M = 1e-6
 """No regression is surer of a coordinate than that, not even of that which points of one plane share."""
@@ -37,22 +32,19 @@ LEAST_M = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class PoseSettings(TrajectoryModel):
-    """Choices of the pose model; the numbers that settled the defaults are in docs/explanation/decisions.md.
+    """Choices of the pose model; the numbers that settled the defaults are in docs/experiments/.
 
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
         body_hz: Faster motion of the trunk is left to the shape.
-        rotating: Whether the body's axes follow its rotation.
-        mechanics: Forces that are known: none, linear ones, or a field; identified from the trials.
-        ridge: Penalty of that identification.
+        ridge: Penalty of the identification of linear mechanics from the trials.
         process_noise: Factor on the process noise that follows from it.
         residual: Factor on the deviation of what the subspace leaves, found on hidden samples.
         residual_rate: Factor on the rate at which that changes.
         body: Factor on the density of the body's accelerations.
         potential: What holds the pose: V_z of the relative joint coordinates q of each limb, with their velocities
-            (``limb motion``) or without (``limbs``); of the shape of the whole pose with its velocity (``motion``) or
-            without (``shape``); the quadratic potential of a Gaussian (a control) in place of V_z; or nothing. Where no
-            limbs are known the whole pose takes their place.
+            (``limb motion``) or without (``limbs``); or nothing. Where no limbs are known the shape of the whole pose
+            takes their place.
         beta: Kernel width: beta over the median squared distance of the samples.
         lam: Spectral filtering parameter lambda.
         centres: Most samples that the potential is learned from.
@@ -61,7 +53,6 @@ class PoseSettings(TrajectoryModel):
             of the log density (``with_potential``).
         bones: The same of rigid bones: how often V_b (``motion.bones``) is charged while the motion turns by a
             radian. Bones are not counted anew in each frame, as what they say of neighbouring ones is the same.
-        passes: Of the iterated smoother, at most (``mocap.filters.track.smooth``).
         regression: What a regression on the other markers predicts (``DelaySettings``) is one more observation of a
             marker that is not seen. It errs alike for so many of the times in which the motion turns by a radian, and
             counts once in each; 0: there is none.
@@ -70,8 +61,6 @@ class PoseSettings(TrajectoryModel):
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
     body_hz: float = 3.0
-    rotating: bool = True
-    mechanics: Mechanics = "linear"
     ridge: float = 1e-3
     process_noise: float = 1.0
     residual: float = 1.0
@@ -84,21 +73,31 @@ class PoseSettings(TrajectoryModel):
     least_known: float = 0.8
     weight: float = 4.0
     bones: float = 1.0
-    passes: int = 1
     regression: float = 1.0
     covariance: tuple[float, ...] = ()
 
     @property
     def description(self) -> str:
         """Its mechanics, what holds it, and what it observes."""
-        held = _HELD.get(self.potential, f" + {self.potential} potential")
         others = (" + bones" if self.bones else "") + (" + regression on other markers" if self.regression else "")
-        return _MECHANICS[self.mechanics] + held + others
+        return "linear mechanics" + _HELD[self.potential] + others
 
     @property
     def _regression(self) -> DelaySettings:
         """About the same body."""
-        return DelaySettings(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating, covariance=self.covariance)
+        return DelaySettings(ranks=self.ranks, body_hz=self.body_hz, covariance=self.covariance)
+
+    def pull(self, samples: Array, *, rate: float, over: Over = lambda kernel: kernel) -> Callable[[Array], Array]:
+        """Gradient of the potential of samples (N, d), here of V_z.
+
+        Args:
+            samples: Of unit size.
+            rate: What an unseen pose of the same motion is charged, a second.
+            over: Makes the kernel of V_z from a Gaussian one, as where samples are angles (``eal.RotationKernel``).
+        """
+        potential = learn_potential(samples, self, over=over)
+        stiffness = rate / max(float(np.mean(unseen_potential(samples, self, over=over))), 1e-9)
+        return penalty(potential, np.ones(samples.shape[1]), stiffness)
 
     def tuned(self, trials: TrialSet) -> "PoseSettings":
         """With the covariance of its regression."""
@@ -108,22 +107,22 @@ class PoseSettings(TrajectoryModel):
 
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn subspace, mechanics and potential from all trials, for the last one."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
         model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
-        return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s, self.passes)
+        return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s)
 
     def regressed(self, trials: TrialSet) -> Regression | None:
         """What a regression on the other markers has where markers of the last trial are not seen."""
         if not self.regression:
             return None
-        _, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        _, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
         found = self._regression.fit(trials).fill()
         lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
         return Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3)))
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping where its mechanics are linear; bones."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz, rotating=self.rotating)
+        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
         model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
         return {
             "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
@@ -138,15 +137,8 @@ class PoseSettings(TrajectoryModel):
         }
 
 
-_MECHANICS: dict[Mechanics, str] = {
-    "free": "constant velocity of the pose",
-    "linear": "linear mechanics",
-    "field": "learned forces",
-}
-_HELD = {
+_HELD: dict[Potential, str] = {
     "none": "",
-    "shape": " + V_z of shapes",
-    "motion": " + V_z of shapes and velocities",
     "limbs": " + V_z of limbs",
     "limb motion": " + V_z of limbs and their velocities",
 }
@@ -163,17 +155,6 @@ def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, least_known:
             if keep[stretch[0]]:
                 parts.append((z[stretch], rate[stretch], acceleration[stretch]))
     return joined(parts, trials[0].dt_s)
-
-
-def learn_mechanics(motion: Motion, settings: PoseSettings) -> ShapeMechanics:
-    """The equation of motion that the settings name."""
-    if settings.mechanics == "free":
-        return free_shape(motion, process_noise=settings.process_noise)
-    if settings.mechanics == "linear":
-        return linear_shape(motion, ridge=settings.ridge, process_noise=settings.process_noise)
-    return field_shape(
-        motion, ridge=settings.ridge, beta=settings.beta, centres=settings.centres, process_noise=settings.process_noise
-    )
 
 
 def learn_pose(
@@ -206,7 +187,7 @@ def learn_pose(
     model = PoseMotion(
         path=body_path(trial.frames, trial.t_s),
         subspace=own,
-        mechanics=learn_mechanics(motion, settings),
+        mechanics=linear_shape(motion, ridge=settings.ridge, process_noise=settings.process_noise),
         body_density=settings.body * density,
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
@@ -241,9 +222,9 @@ def with_potentials(
         velocities="motion" in settings.potential,
         least_known=settings.least_known,
         tau_s=motion.tau_s,
-        learn=partial(held_by, settings=settings, rate=settings.weight / motion.tau_s),
+        learn=partial(settings.pull, rate=settings.weight / motion.tau_s),
     )
-    return replace(model, potentials=limbs, name=_name(settings))
+    return replace(model, potentials=limbs, name="eal")
 
 
 def usual_motion(motion: Motion) -> Moments:
@@ -274,12 +255,11 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
     The stiffness 1/eps^2 of V_z follows from what the potential says of poses that it has not seen: learned without a
     fifth of the motion it has the mean value v there, and 1/eps^2 = weight w / v a second, w the rate sd(zdot) / sd(z)
     of the motion. Where the samples cover the motion v is small and the potential stiff; where a recording holds few
-    cycles it is soft. The numbers are in docs/explanation/decisions.md, "Stiffness of V_z".
+    cycles it is soft. The numbers are in docs/experiments/stiffness.md.
     """
     if settings.potential == "none":
         return model
-    velocities = settings.potential not in ("shape", "limbs", "quadratic")
-    held = model.rank * (2 if velocities else 1)
+    held = model.rank * (2 if "motion" in settings.potential else 1)
     scale = np.repeat([1 / motion.unit, motion.tau_s / motion.unit], model.rank)[:held]
     samples = np.column_stack([motion.z, motion.rate])[:, :held] * scale
     potential = PosePotential(
@@ -287,35 +267,9 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
         on_shape=np.diag(scale) @ np.eye(held, 2 * model.rank),
         on_residual=np.zeros((held, len(model.subspace.residual_sd))),
         samples=samples,
-        gradient=held_by(samples, settings=settings, rate=settings.weight / motion.tau_s),
+        gradient=settings.pull(samples, rate=settings.weight / motion.tau_s),
     )
-    return replace(model, potentials=(potential,), name=_name(settings))
-
-
-def _name(settings: PoseSettings) -> str:
-    return "pose_quadratic" if "quadratic" in settings.potential else "eal"
-
-
-def held_by(
-    samples: Array, *, settings: PoseSettings, rate: float, over: Over = lambda kernel: kernel
-) -> Callable[[Array], Array]:
-    """Gradient of the potential of samples (N, d): V_z, or the quadratic one of a Gaussian.
-
-    Args:
-        samples: Of unit size.
-        settings: Which of the two; kernel.
-        rate: What an unseen pose of the same motion is charged, a second.
-        over: Makes the kernel of V_z from a Gaussian one, as where samples are angles (``eal.RotationKernel``).
-    """
-    d = samples.shape[1]
-    if "quadratic" in settings.potential:
-        cov = np.cov(samples.T).reshape(d, d)
-        information = np.linalg.inv(cov + 1e-6 * np.trace(cov) / d * np.eye(d))
-        centre, stiffness = samples.mean(axis=0), 2 * rate / d  # its mean value is d / 2
-        return lambda x: (x - centre) @ information * stiffness
-    potential = learn_potential(samples, settings, over=over)
-    stiffness = rate / max(float(np.mean(unseen_potential(samples, settings, over=over))), 1e-9)
-    return penalty(potential, np.ones(d), stiffness)
+    return replace(model, potentials=(potential,), name="eal")
 
 
 def learn_potential(

@@ -8,7 +8,7 @@ from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.motion.singer import LastingAcceleration
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,7 +17,7 @@ class LastingSettings(TrajectoryModel):
 
     Attributes:
         memory: An acceleration lasts for so many times sd(velocity) / sd(acceleration): of an oscillation, for so many
-            radians. docs/explanation/decisions.md, "Accelerations that last".
+            radians. docs/experiments/lasting_acceleration.md.
     """
 
     memory: float = 1.0

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, Smoothed, View
 from mocap.filters.motion.pose import PoseMotion
-from mocap.filters.tree import Posed, Tree, left_jacobian, skew
+from mocap.filters.tree import Posed, Tree, left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
+from eal.arrays import Array
+from eal.vectors import skew
 
 BENT_RAD = 0.1
 """Rotations by less than so many radians move markers along nearly straight lines."""

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.observe import Observed
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 ROUNDS = 10
 """An iterated update ends after so many at the latest."""

@@ -7,7 +7,7 @@ from mocap.filters.gaussian import Markers
 from mocap.filters.motion.enforce import Term
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,7 +6,7 @@ import numpy as np
 from mocap.filters.gaussian import Moments, Move, View
 from mocap.filters.motion.base import MotionModel, Step
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def white_acceleration(density: Array, dt_s: float) -> tuple[Array, Array, Array]:

@@ -12,7 +12,7 @@ import numpy as np
 from mocap.filters.ensemble import triangular
 from mocap.filters.gaussian import Moments, Smoothed, Update, condition, pushed
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

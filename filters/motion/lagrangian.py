@@ -5,17 +5,18 @@ from functools import cached_property
 
 import numpy as np
 from mocap.filters.animal import Animal, Moving
+from mocap.filters.errors import FilterError
 from mocap.filters.gaussian import Moments, Move
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import white_acceleration
-from mocap.filters.tree import left_jacobian, skew
+from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from eal.arrays import Array
 from eal.integrators import IntegrationError
-from mocap.arrays import Array
-from mocap.errors import MocapError
+from eal.vectors import skew
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,7 +88,7 @@ class LagrangianMotion(ArticulatedMotion):
         try:
             end, slope = self.animal.step(start, step.dt_s)
         except IntegrationError as error:
-            raise MocapError(
+            raise FilterError(
                 f"the animal's Lagrangian cannot be followed beyond frame {step.frame} of the part that is tracked "
                 f"({error}): use the articulated model, or state masses and bones that fit"
             ) from error

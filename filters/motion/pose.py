@@ -6,6 +6,7 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.motion.base import MotionModel, Step
 from mocap.filters.motion.bones import Bones, Differences, bones_term, differences
@@ -17,8 +18,7 @@ from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames
+from eal.arrays import Array
 
 LEAST_SD = 0.05
 """Potentials do not look along directions of a pose that are known better than to this share of what was recorded."""

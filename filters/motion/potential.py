@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from eal import EmpiricalPotential
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,7 +11,7 @@ from mocap.filters.gaussian import Moments
 from mocap.filters.motion.constant_velocity import white_acceleration
 from scipy.linalg import expm
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 class ShapeMechanics(ABC):

@@ -9,7 +9,7 @@ from mocap.filters.motion.base import MotionModel, Step
 from mocap.filters.motion.constant_velocity import apart, at_rest, positions, positions_and_velocities
 from scipy.linalg import expm
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @lru_cache(maxsize=64)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
 from mocap.audit.jumps import jump_findings

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit.finding import Finding
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped

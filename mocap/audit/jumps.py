@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit.finding import Finding
 
 FAST, QUANTILE = 1.5, 0.999

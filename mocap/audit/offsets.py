@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit.finding import Finding
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.linearised import linearise

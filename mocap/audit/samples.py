@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit.finding import MOST, Finding
 from mocap.records import MarkerTracks, PixelTracks
 

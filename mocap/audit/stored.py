@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit.finding import MOST, Finding
 from mocap.cameras.triangulate import linear
 from mocap.records import MarkerTracks

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.boards import Board
 from mocap.calibration.bundle import adjust
 from mocap.calibration.chain import chained, rigid

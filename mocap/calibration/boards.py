@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.errors import CalibrationError
 
 

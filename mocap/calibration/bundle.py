@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.levenberg import Minimum, factorised, minimise
 from mocap.calibration.rig import RigCamera, turn
 from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, Lengths, Scene, Sightings

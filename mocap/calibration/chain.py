@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import CalibrationError
 
 _TELLING = 4

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.chain import rigid
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.boards import Corners
 from mocap.calibration.bundle import adjust
 from mocap.calibration.rig import RigCamera

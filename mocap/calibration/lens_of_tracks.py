@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, project, stacked
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.triangulate import linear, residual_px

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 State = TypeVar("State")
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import least_squares
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.rig import RigCamera, turn
 from mocap.cameras.known_lens import KnownLens
 from mocap.errors import CalibrationError

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.bundle import adjust
 from mocap.calibration.rig import in_world, rig_camera, similarity
 from mocap.calibration.scene import Free, Lengths, Scene, Sightings

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera, decompose
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens
 

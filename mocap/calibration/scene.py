@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.calibration.rig import RigCamera
 
 

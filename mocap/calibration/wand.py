@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.bundle import adjust, camera_rms
 from mocap.calibration.chain import rigid
 from mocap.calibration.first_look import first_stands

@@ -12,7 +12,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.cameras.lens import Lens
 from mocap.errors import CalibrationError
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose
 
 SMALL = 0.75

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.cameras.lens import Lens
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.normal_equations import (
     factor,
     in_blocks,

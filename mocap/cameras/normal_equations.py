@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Entries of a symmetric 3 x 3 matrix, in the order in which they are stored."""

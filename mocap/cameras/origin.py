@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.arrangement import BETTER, LOOKED_AT_PX, ArrangementError, find_arrangement
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped

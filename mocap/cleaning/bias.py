@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap.arrays import Array
-from mocap.body import smoother
+from eal.arrays import Array
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import linear, pixel_sd, refine, residual_px
+from mocap.filters.whittaker import smoother
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

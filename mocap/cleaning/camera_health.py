@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from mocap.arrays import Array, true_runs
+from eal.arrays import Array, true_runs
 from mocap.cameras.linearised import Fit, Linearised, fit, linearise
 from mocap.cameras.triangulate import linear
 

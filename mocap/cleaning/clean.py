@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, varying
-from mocap.skeleton import Skeleton, ends_among
+from eal.arrays import Array, varying
+from mocap.filters.anatomy import ends_among
+from mocap.skeleton import Skeleton
 
 Mask = NDArray[np.bool_]
 

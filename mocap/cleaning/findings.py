@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cleaning.camera_health import CameraHealth
 from mocap.cleaning.clean import REASONS, Cleaning
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise

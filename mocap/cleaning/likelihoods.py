@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import project
 from mocap.cameras.linearised import linearise
 from mocap.cameras.triangulate import linear, refine

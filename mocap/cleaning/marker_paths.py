@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Mask = NDArray[np.bool_]
 Pair = tuple[int, int]

@@ -7,7 +7,7 @@ resemble those of the frames before.
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.linearised import fit, linearise
 
 LAG = 3

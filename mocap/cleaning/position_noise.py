@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.arrays import Array, varying
+from eal.arrays import Array, varying
 from mocap.records import MarkerTracks
 
 

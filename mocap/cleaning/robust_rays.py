@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.linearised import linearise
 from mocap.cameras.normal_equations import PAIRS
 from mocap.cameras.triangulate import refine

@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, true_runs
+from eal.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import robust
 from mocap.cleaning.likeness import DOF, student_log

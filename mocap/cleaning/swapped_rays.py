@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, true_runs
+from eal.arrays import Array, true_runs
 from mocap.cameras.camera import project
 from mocap.cameras.triangulate import Triangulation, robust
 from mocap.cleaning.likeness import CHANGE, DOF, MARGIN, student_log

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, true_runs
+from eal.arrays import Array, true_runs
 from mocap.cleaning.likeness import (
     CHANGE,
     MARGIN,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.digitising.clicks import places
 from mocap.digitising.engine import CLICK_SD_PX, Engine
 from mocap.digitising.naming import seen_from

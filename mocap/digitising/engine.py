@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked
 from mocap.digitising.clicks import Click
@@ -26,8 +26,9 @@ from mocap.digitising.pose import PoseGaussian, fit_poses
 from mocap.digitising.straight import Straightening, straightening_of
 from mocap.digitising.texture import MOST_REACH_PX, Followed, begun, followed
 from mocap.errors import MocapError
+from mocap.filters.anatomy import ends_among
 from mocap.io.movies import FIRST_PIXEL
-from mocap.skeleton import Skeleton, ends_among
+from mocap.skeleton import Skeleton
 
 CLICK_SD_PX = 1.0
 _FIRST_LOG_SD = 0.25

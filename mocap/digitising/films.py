@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.cropped import cropped_camera

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.digitising.pose import LEAST, PoseGaussian
 from mocap.digitising.register import GATE, SURE, recognise, unlikely
 from mocap.errors import MocapError

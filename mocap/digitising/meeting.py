@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.digitising.naming import MARGIN, seen_from
 
 MOST_RAYS = 24

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 GATE = 18.4
 """Chi-square of two degrees of freedom that one right dot in ten thousand exceeds: the window of a marker."""

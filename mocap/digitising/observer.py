@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.digitising.meeting import Lengths, meetings, name_points, reaches, violated
 from mocap.digitising.motion import State, positioned
 from mocap.digitising.naming import GATE, Named, away2, name_dots, seen_from, window_cov

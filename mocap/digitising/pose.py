@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import nearest_rotation, trunk_shape
+from eal.arrays import Array
+from mocap.filters.body_axes import nearest_rotation, trunk_shape
 from mocap.filters.subspace import principal_components
 
 LEAST = 4

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.digitising.pose import LEAST, PoseGaussian, rigid
 
 GATE = 16.3

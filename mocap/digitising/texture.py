@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.digitising.dots import Grey
 
 HALF_PX = 7

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, decompose, pinhole_camera
 from mocap.cameras.lens import BrownLens, FisheyeLens, Lens, RationalLens
 from mocap.errors import FormatError

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.c3d_head import BLOCK, Head, damaged, read_head, reals, whole_numbers
 from mocap.io.contents import FileContents, point_recording

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.csv_table import MISSING_WORDS
 

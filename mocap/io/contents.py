@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen
+from eal.arrays import Array, frozen
 from mocap.cameras.camera import Camera
 from mocap.cameras.lens import Lens
 from mocap.cameras.origin import PixelCorner

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.head import Head, head
 from mocap.io.lines import number, one_line

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.cells import as_cells, from_cell
 from mocap.io.lines import LARGEST, one_kind

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format

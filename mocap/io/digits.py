@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 HELD = 15
 """Significant decimal digits that a float64 holds whatever the number."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera, dlt_coefficients
 from mocap.errors import FormatError
 from mocap.io.csv_table import first_cells, read_table, write_table

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, dlt_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError

@@ -10,7 +10,7 @@ from typing import Any, AnyStr
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 
 LARGEST = 1e19

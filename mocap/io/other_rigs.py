@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera
 from mocap.cameras.lens import BrownLens
 from mocap.errors import FormatError

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError, MocapError
 from mocap.io.tables import REPAIRED, WORDS
 from mocap.records import MarkerTracks, Status

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.csv_table import read_table

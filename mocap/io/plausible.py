@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.cells import as_cell, from_cell
 from mocap.io.contents import FileContents, point_recording, points_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.io.contents import FileContents
 from mocap.io.optical import UNIT_M
 

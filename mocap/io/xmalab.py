@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.argus import xyz_columns
 from mocap.io.contents import FileContents, pixel_recording, point_recording

@@ -9,13 +9,13 @@ from scipy.spatial import KDTree
 
 from eal import EmpiricalPotential, load_potential
 from eal.archive import ArchiveError
-from mocap.arrays import Array
-from mocap.body import BodyFrames
+from eal.arrays import Array
 from mocap.errors import FormatError, MocapError
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.model import LearnedModel
-from mocap.filters.model_file import load_model
 from mocap.io.manifest import current_files
 from mocap.joints import joint_tracks
+from mocap.pipeline.model_file import load_model
 from mocap.pipeline.potentials import joint_potentials
 from mocap.records import JointTracks, marker_tracks
 from mocap.skeleton import Joint, Skeleton, read_skeleton

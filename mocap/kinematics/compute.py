@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
+from mocap.filters.velocities import Motion, with_means
 from mocap.kinematics import angles
 from mocap.kinematics.delta import (
     Naming,
@@ -23,7 +24,6 @@ from mocap.kinematics.points import BODY, MASS, asked_for
 from mocap.kinematics.records import Kinematics, Quantity
 from mocap.kinematics.stroke import stroke_quantities
 from mocap.measures import AXES, Line
-from mocap.moving import Motion, with_means
 from mocap.skeleton import Joint, Skeleton
 
 

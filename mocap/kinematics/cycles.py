@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.signal import hilbert
 from scipy.stats import t as student
 
-from mocap.arrays import Array, true_runs
+from eal.arrays import Array, true_runs
+from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.measures import AXES
-from mocap.moving import Motion
 from mocap.skeleton import Skeleton
 
 if TYPE_CHECKING:

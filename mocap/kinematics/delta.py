@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
+from mocap.filters.velocities import Motion
 from mocap.kinematics.records import Quantity, Rests
-from mocap.moving import Motion
 
 Function = Callable[[Array], Array]
 """(T, k, 3) positions (or velocities) of k points to (T,) values."""

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.kinematics.angles import cross, unit
+from eal.arrays import Array
+from eal.vectors import cross
+from mocap.filters.velocities import Motion
+from mocap.kinematics.angles import unit
 from mocap.kinematics.cycles import Footfalls
 from mocap.kinematics.delta import STEP, Naming, Points, called, central, edges, extent, quadratic, slopes
 from mocap.kinematics.distal import Distal, distal_parts
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.measures import AXES
-from mocap.moving import Motion
 from mocap.skeleton import Skeleton
 
 GRAVITY_M_S2 = 9.81

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from itertools import combinations
 
+from mocap.filters.velocities import Asked
 from mocap.kinematics.distal import distal_sets
 from mocap.measures import Segment
-from mocap.moving import Asked
 from mocap.skeleton import Skeleton
 
 BODY, MASS = "body", "centre_of_mass"

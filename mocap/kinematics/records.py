@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Z95, Array, frozen, unique
+from eal.arrays import Z95, Array, frozen, unique
 from mocap.errors import MocapError
 
 if TYPE_CHECKING:

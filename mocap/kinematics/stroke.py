@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import hilbert
 
-from mocap.arrays import Array
+from eal.arrays import Array
+from eal.vectors import cross
+from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.delta import Naming, Points, called, with_rates
 from mocap.kinematics.records import Quantity
 from mocap.measures import Line
-from mocap.moving import Motion
 from mocap.skeleton import Skeleton
 
 
@@ -53,7 +54,7 @@ def stroke_plane(direction: Array) -> StrokePlane | None:
     normal = vectors[:, 0]
     mean = there.mean(axis=0)
     out = angles.unit(mean - (mean @ normal) * normal)
-    up = angles.cross(normal, out)
+    up = cross(normal, out)
     if up[2] < 0:
         normal, up = -normal, -up
     return StrokePlane(out=out, up=up, normal=normal, inclination_rad=float(np.arccos(min(1.0, abs(normal[0])))))

@@ -11,22 +11,21 @@ from pathlib import Path
 import numpy as np
 
 from eal.threads import one_blas_thread
-from mocap.body import body_frames
-from mocap.filters.records import TrackedMotion
+from mocap.filters.body_axes import body_frames
+from mocap.filters.velocities import without_rates
 from mocap.io.output import result_folder
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles, footfalls
 from mocap.kinematics.records import Kinematics
 from mocap.markdown import plain
-from mocap.moving import without_rates
 from mocap.pipeline.blocks import BLOCK, Known, Model, Tally, learn_once, tracked_blocks
 from mocap.pipeline.cut import cut, joined
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.run import Run
-from mocap.records import MarkerTracks, Status
+from mocap.records import MarkerTracks, Status, TrackedMotion
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_run, write_arrays
 from mocap.skeleton import read_skeleton

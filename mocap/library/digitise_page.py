@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 import cv2
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.films import Films

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.digitising.asking import Question, pixel_sd, questions
 from mocap.digitising.clicks import Click, places, read_clicks

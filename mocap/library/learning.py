@@ -7,10 +7,10 @@ from pathlib import Path
 
 from mocap.filters.hidden_gaps import MODELS, WITH_JOINTS
 from mocap.filters.model import LearnedModel
-from mocap.filters.model_file import load_model as read_model_file
-from mocap.filters.model_file import save_model
 from mocap.io.output import result_file
 from mocap.pipeline.learning import learn_from, readable_scores
+from mocap.pipeline.model_file import load_model as read_model_file
+from mocap.pipeline.model_file import save_model
 from mocap.pipeline.recording import Recording
 
 

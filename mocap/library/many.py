@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.pipeline.many import ManyTrials, joint_samples
 from mocap.pipeline.many import learn_joints as learn

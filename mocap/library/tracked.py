@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import MocapError
+from mocap.filters.velocities import with_means
 from mocap.io.movies import Movie
 from mocap.io.output import result_file, result_folder
 from mocap.kinematics.compute import kinematics
@@ -21,7 +22,6 @@ from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.library.learning import Model, load_model
-from mocap.moving import with_means
 from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.job import Watch, run_job
 from mocap.pipeline.recording import Recording

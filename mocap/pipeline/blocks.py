@@ -15,9 +15,9 @@ from typing import Literal
 
 import numpy as np
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames
+from eal.arrays import Array
 from mocap.errors import MocapError
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.hidden_gaps import EACH_MARKER, Effort
 from mocap.filters.model import LearnedModel, learn_model, renamed
 from mocap.filters.models.base import FittedMotion
@@ -25,10 +25,10 @@ from mocap.filters.models.constant_velocity import learn_constant_velocity
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.poses import MarkerTrial
-from mocap.filters.records import Estimate, TrackedMotion
+from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked, Motion
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.moving import Asked, Motion
 from mocap.pipeline.job import JOINT_HZ, whole_frames
 from mocap.pipeline.long import LongRecording, Mask
 from mocap.pipeline.moving import motion_of
@@ -44,7 +44,8 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.records import MarkerTracks, PixelTracks, Status, TrackedMotion
+from mocap.side_by_side import call_all
 from mocap.stages import Stages
 
 BLOCK = 4000
@@ -132,7 +133,7 @@ def learn_once(
     steady = learn_constant_velocity(trials[best].xyz_m, dt_s=recording.dt_s, others=others)
     name, why = "constant_velocity", "as asked"
     if learned is not None:
-        learned = renamed(learned, recording.skeleton)
+        learned = renamed(learned, recording.skeleton.renamed(learned.names))
         name, why = "learned", f"learned from {', '.join(trial.name for trial in learned.trials[:6])}"
     elif model != "constant_velocity":
         reason = why_no_pose(shown[best], seen_part(shown[best]))
@@ -166,6 +167,7 @@ def _mixture(recording: LongRecording, trials: Sequence[MarkerTrial], seed: int)
             bones=skeleton.rigid,
             models=[EACH_MARKER, PoseSettings(ranks=(8,))],
             effort=Effort(most_frames=300, times=2),
+            call_all=call_all,
         )
     except MocapError:
         return None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.board_rig import calibrate_boards
 from mocap.calibration.boards import Board
 from mocap.calibration.detect import detect

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.calibration.board_rig import UP
 from mocap.calibration.boards import Board
 from mocap.calibration.detect import detect, of_files

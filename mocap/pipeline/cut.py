@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap.moving import Motion
+from mocap.filters.velocities import Motion
 from mocap.pipeline.run import Run
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.filters.hide import interior_gaps
 from mocap.filters.interpolate import interpolated

@@ -8,17 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from mocap.body import BodyFrames
 from mocap.errors import MocapError
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, for_recording, renamed
 from mocap.filters.models.base import FittedMotion
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
-from mocap.filters.records import Estimate
+from mocap.filters.records import Estimate, HeldLimb
 from mocap.filters.size import size_factor
-from mocap.held import HeldLimb
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
@@ -107,7 +106,7 @@ def _run_job(
         prepared = source if isinstance(source, Prepared) else prepare(source)
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
-        learned = None if learned is None else renamed(learned, prepared.skeleton)
+        learned = None if learned is None else renamed(learned, prepared.skeleton.renamed(learned.names))
     if model in ("eal", "mixture", "articulated", "lagrangian") and reason is not None:
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
     posed = reason is None and model != "constant_velocity"
@@ -162,7 +161,8 @@ def _run_job(
         joints = joint_tracks(tracked.markers, prepared.skeleton, axes)
         known = np.isfinite(prepared.xyz_m[..., 0])
         seen_m = np.where(known[..., None], tracked.markers.xyz_m, np.nan)
-        joined = articulation(prepared.names, seen_m, tracked.markers.sd_m, prepared.skeleton, axes.rotation)
+        build = {"trunk": prepared.skeleton.trunk, "bones": prepared.skeleton.rigid}
+        joined = articulation(prepared.names, seen_m, tracked.markers.sd_m, axes.rotation, **build)
         potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)
         spatial = joint_potentials(joints, tracked.markers, prepared.skeleton, frame=SPACE)
     report = make_report(

@@ -15,6 +15,7 @@ from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
+from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 
 MOST_FRAMES = 20_000
@@ -67,7 +68,17 @@ def learn_from(
     skeleton = shown[0].skeleton
     trunk = [name for name in skeleton.trunk if name in kept]
     rng = np.random.default_rng(seed)
-    return learn_model(kept, trunk, trials, rng, bones=skeleton.rigid, models=models, effort=effort, tell=tell)
+    return learn_model(
+        kept,
+        trunk,
+        trials,
+        rng,
+        bones=skeleton.rigid,
+        models=models,
+        effort=effort,
+        tell=tell,
+        call_all=call_all,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from eal.arrays import Array
 from mocap import audit
-from mocap.arrays import Array
 from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
 from mocap.pipeline.recording import Filmed
 

@@ -4,7 +4,7 @@ This is a Lagrangian, L = v^T M(q) v / 2 - V_z(q)/eps^2, and its implicit midpoi
 unscented Kalman filter. The pose model that fills gaps is none (``mocap.filters.motion.enforce``).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,14 +16,13 @@ from eal.bounds import theorem3
 from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.rods import DirectionPenalty, RodLimb
-from mocap.body import body_frames
 from mocap.cameras.camera import stacked
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.errors import MocapError
 from mocap.filters.anatomy import Limb, anatomy_of, masses_of
 from mocap.filters.bodies import rod_masses
+from mocap.filters.body_axes import body_frames
 from mocap.filters.lagrangian import JointSights, JointTrack, learned_noise, track_joint
-from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
@@ -36,11 +35,11 @@ BETA = 1.0
 LAMBDA = 1e-3
 MOST_SAMPLES = 150
 LEAST_SAMPLES = 30
+LEAST_BONES = 2
 JOINT_HZ = 30.0
 """Body axes follow the trunk up to this frequency."""
 TRIED = 80
 """Frames by which 1/eps^2 and the power of the noise are chosen."""
-_NO_PIXELS = "{name}: mechanics of limbs need pixels and cameras, not positions alone"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -114,32 +113,6 @@ class Filmed:
     dof: Array
 
 
-def filmed_of(prepared: Prepared, markers: MarkerTracks, *, without: Array | None = None) -> Filmed:
-    """A prepared recording and its track.
-
-    Args:
-        prepared: The recording.
-        markers: What the tracker made of it.
-        without: (T, M) samples that are not looked at; None: all are.
-
-    Raises:
-        MocapError: positions without cameras.
-    """
-    if prepared.filmed is None:
-        raise MocapError(_NO_PIXELS.format(name=prepared.name))
-    keep = np.ones(prepared.xyz_m.shape[:2], dtype=bool) if without is None else ~without
-    return Filmed(
-        name=prepared.name,
-        skeleton=prepared.skeleton,
-        markers=markers,
-        seen=np.isfinite(prepared.xyz_m[..., 0]) & keep,
-        matrices=prepared.filmed.matrices,
-        uv_px=np.where(keep[None, ..., None], prepared.uv_px, np.nan),
-        sd_px=prepared.ray_scale_px,
-        dof=np.full(len(prepared.uv_px), USUAL_DOF) if prepared.noise is None else prepared.noise.dof,
-    )
-
-
 def filmed_run(run: Run) -> Filmed:
     """A run: its believed rays, each camera's scale by how its rays miss the track.
 
@@ -147,7 +120,7 @@ def filmed_run(run: Run) -> Filmed:
         MocapError: positions without cameras.
     """
     if run.ideal_px is None or not run.cameras:
-        raise MocapError(_NO_PIXELS.format(name=run.name))
+        raise MocapError(f"{run.name}: mechanics of limbs need pixels and cameras, not positions alone")
     uv = np.where(run.tracked.used[..., None], run.ideal_px.uv_px, np.nan)
     away = np.abs(uv - run.tracked.reprojected_px)
     sd = np.array([1.4826 * np.nanmedian(one) if np.isfinite(one).any() else 1.0 for one in away])
@@ -163,9 +136,7 @@ def filmed_run(run: Run) -> Filmed:
     )
 
 
-def limb_mechanics(
-    filmed: Filmed, *, least: int = 2, only: Collection[str] | None = None, potential: bool = True
-) -> list[LimbMechanics]:
+def limb_mechanics(filmed: Filmed) -> list[LimbMechanics]:
     """The longest chain of every limb of the skeleton, tracked by its own mechanics.
 
     The root of a limb and the axes of the body are those of the track; the limb's own markers are tracked from pixels.
@@ -174,9 +145,6 @@ def limb_mechanics(
 
     Args:
         filmed: The recording.
-        least: Bones of a limb.
-        only: Outermost markers of the limbs that are wanted; None: all.
-        potential: Whether V_z holds it; without it is a control.
 
     Raises:
         MocapError: no limb of the skeleton is seen whole often enough.
@@ -184,13 +152,12 @@ def limb_mechanics(
     names = filmed.markers.names
     anatomy = anatomy_of(names, filmed.skeleton.trunk, filmed.skeleton.rigid)
     chains = [longest_chain(limb) for limb in anatomy.limbs]
-    limbs = [limb for limb in chains if len(limb.children) >= least and filmed.skeleton.trunk]
-    limbs = [limb for limb in limbs if only is None or names[limb.children[-1]] in only]
+    limbs = [limb for limb in chains if len(limb.children) >= LEAST_BONES and filmed.skeleton.trunk]
     if not limbs:
         raise MocapError(
-            f"{filmed.name}: its skeleton has no limb of {least} rigid bones on a trunk: state bones and trunk"
+            f"{filmed.name}: its skeleton has no limb of {LEAST_BONES} rigid bones on a trunk: state bones and trunk"
         )
-    found = [_tracked(filmed, limb, potential) for limb in limbs]
+    found = [_tracked(filmed, limb) for limb in limbs]
     known = [one for one in found if one is not None]
     if not known:
         raise MocapError(
@@ -200,7 +167,7 @@ def limb_mechanics(
     return known
 
 
-def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | None:
+def _tracked(filmed: Filmed, limb: Limb) -> LimbMechanics | None:
     markers, outer = filmed.markers, list(limb.children)
     names, t_s = markers.names, markers.t_s
     order = {child: i for i, child in enumerate(outer)}
@@ -223,7 +190,7 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
     unit = bones_m / length[..., None]
     mean = unit[whole].mean(axis=0)
     mean /= np.linalg.norm(mean, axis=-1, keepdims=True)
-    masses = masses_of(names, filmed.skeleton.measures.segments.values())
+    masses = masses_of(names, filmed.skeleton.measures.masses)
     mass, centre, stated = rod_masses([(p, c) for c, p in ends], length_m, masses)
     rods = RodLimb(parents=parents, length_m=length_m, mass_kg=mass, centre=centre, mean=mean)
     q = rods.coordinates(np.where(np.isfinite(unit), unit, rods.mean))
@@ -240,7 +207,7 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
         return PenalisedModel(
             system=system,
             penalty=DirectionPenalty(limb=rods, potential=_potential(flat)),
-            strength=10.0 * scale if potential else 0.0,
+            strength=10.0 * scale,
         )
 
     begun = samples[samples >= frames.stop - TRIED]
@@ -253,7 +220,7 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
         q[tried.start],
         v[tried.start],
         powers_w=np.array([0.03, 0.3, 3.0]),
-        strengths_j=scale * np.array([1.0, 3.0, 10.0]) if potential else np.array([0.0]),
+        strengths_j=scale * np.array([1.0, 3.0, 10.0]),
         start_sd=start_sd,
         density=density,
     )
@@ -272,16 +239,10 @@ def _tracked(filmed: Filmed, limb: Limb, potential: bool) -> LimbMechanics | Non
         return None
     kinetic = system.kinetic(track.q, track.v)
     eps2 = float(last.strength)
-    bound = (
-        np.array(
-            [
-                theorem3(eps2, value0=float(a), kinetic0=float(k), potential0=0.0, potential_min=0.0)
-                for a, k in zip(track.value, kinetic, strict=True)
-            ]
-        )
-        if eps2 > 0
-        else np.full(len(kinetic), np.inf)
-    )
+    bound = np.full(len(kinetic), np.inf)
+    if eps2 > 0:  # 0: a limb at rest has no energy to scale it by
+        released = zip(track.value.tolist(), kinetic.tolist(), strict=True)
+        bound = np.array([theorem3(eps2, value0=a, kinetic0=k, potential0=0.0, potential_min=0.0) for a, k in released])
     xyz, cov = _world(track, rods, _part(sights, frames))
     spread = 1.4826 * np.median(np.abs(length[whole] - length_m), axis=0) / length_m
     return LimbMechanics(

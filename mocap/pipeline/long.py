@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.io.contents import FileContents
 from mocap.io.parquet_range import ParquetPoints

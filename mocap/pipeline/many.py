@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from eal import GaussianKernel, usual_kernel
+from eal.arrays import Array
 from eal.potential import EmpiricalPotential
 from eal.sums import PotentialSums, choose_landmarks, sums_of, total
-from mocap.arrays import Array
 from mocap.errors import MocapError
 from mocap.pipeline.potentials import FEWEST, FRAME, NAMES
 from mocap.pipeline.run import JointPotential, Run

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.filters.moving import Rates
-from mocap.moving import Asked, Motion
+from mocap.filters.velocities import Asked, Motion
 from mocap.records import MarkerTracks, Status
 
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import Plane, Run

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eal import fit_potential, usual_kernel
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.pipeline.run import JointPotential
 from mocap.records import JointTracks, MarkerTracks, Status
 from mocap.skeleton import Skeleton

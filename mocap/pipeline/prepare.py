@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from eal.arrays import Array
 from mocap import audit
-from mocap.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera
 from mocap.cleaning.bias import lasting_bias, ray_bias
@@ -29,6 +29,7 @@ from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
 from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
 from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, exchanged_samples
 from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.filters.anatomy import ends_among
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.io.unstated_unit import too_long
 from mocap.pipeline.lens_effect import lens_uncertainty
@@ -45,7 +46,7 @@ from mocap.pipeline.recording import (
 )
 from mocap.pipeline.run import Plane
 from mocap.records import MarkerTracks, PixelTracks
-from mocap.skeleton import Measures, Skeleton, ends_among
+from mocap.skeleton import Measures, Skeleton
 from mocap.stated import contradiction
 
 LEAST_SD_M = 1e-6

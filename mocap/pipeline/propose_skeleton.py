@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import body_frames, nearest_rotation
+from eal.arrays import Array
 from mocap.errors import MocapError
+from mocap.filters.body_axes import body_frames, nearest_rotation
 from mocap.filters.bones import learn_bones
 from mocap.filters.joint_types import Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
@@ -126,7 +126,7 @@ def _articulated(names: Sequence[str], trial: MarkerTrial, skeleton: Skeleton) -
         return []
     dt_s = float(np.diff(trial.t_s).mean()) if len(trial.t_s) > 1 else 1.0
     axes = body_frames(trial.xyz_m[:, trunk], dt_s=dt_s, cutoff_hz=JOINT_HZ).rotation
-    return articulation(names, trial.xyz_m, trial.sd_m, skeleton, axes)
+    return articulation(names, trial.xyz_m, trial.sd_m, axes, trunk=skeleton.trunk, bones=skeleton.rigid)
 
 
 def _model_lines(joints: Sequence[Articulation]) -> list[str]:

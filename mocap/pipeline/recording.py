@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from eal.arrays import Array, unique
 from mocap import audit
-from mocap.arrays import Array, unique
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, check_cameras, stacked

@@ -7,18 +7,17 @@ from typing import cast
 import numpy as np
 from scipy.special import chdtri
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.filters.joint_types import Articulation, undetermined
-from mocap.filters.records import TrackedMotion
 from mocap.markdown import plain
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.run import JointPotential
 from mocap.pipeline.tracking import Part, lasting_cov
-from mocap.records import Status
+from mocap.records import Status, TrackedMotion
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 

@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from eal.arrays import Array
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
-from mocap.arrays import Array
 from mocap.cameras.camera import Camera
-from mocap.filters.records import TrackedMotion
-from mocap.held import HeldLimb
+from mocap.filters.records import HeldLimb
+from mocap.filters.velocities import Motion
 from mocap.io.movies import Movie
 from mocap.joint_angles import JointAngles
-from mocap.moving import Motion
-from mocap.records import JointTracks, PixelTracks
+from mocap.records import JointTracks, PixelTracks, TrackedMotion
 from mocap.skeleton import Skeleton
 
 

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.body import BodyFrames, body_frames
+from eal.arrays import Array
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
-from mocap.filters.anatomy import anatomy_of
+from mocap.filters.anatomy import anatomy_of, ends_among
+from mocap.filters.body_axes import BodyFrames, body_frames
 from mocap.filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
 from mocap.filters.interpolate import interpolated
 from mocap.filters.mixture import Mixture
@@ -33,15 +33,16 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.moving import asked_of
 from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
-from mocap.filters.records import Estimate, TrackedMotion
+from mocap.filters.records import Estimate
 from mocap.filters.score import compared
-from mocap.moving import Asked
+from mocap.filters.velocities import Asked
 from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
-from mocap.records import MarkerTracks, Status
-from mocap.skeleton import Skeleton, ends_among
+from mocap.records import MarkerTracks, Status, TrackedMotion
+from mocap.side_by_side import call_all
+from mocap.skeleton import Skeleton
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
@@ -112,7 +113,7 @@ def learn_motion(
     """A motion model of a recording alone: of its poses or joints, held by V_z, or constant velocity of each marker."""
     names = part_names(prepared, part)
     skeleton = prepared.skeleton
-    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, skeleton.measures.segments.values())
+    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses)
     models = {
         "eal": settings,
         "articulated": ArticulatedSettings(),
@@ -157,6 +158,7 @@ def track_mixed(
         bones=skeleton.rigid,
         asked=None if asked is None else asked_of(names, asked),
         progress=progress,
+        call_all=call_all,
     )
 
 
@@ -172,7 +174,15 @@ def track_learned(
     names = part_names(prepared, part)
     points = None if asked is None else asked_of(names, asked)
     observations = prepared.observations(part.frames, part.markers)
-    return track_with(learned, names, marker_trial(prepared, part), observations, asked=points, progress=progress)
+    return track_with(
+        learned,
+        names,
+        marker_trial(prepared, part),
+        observations,
+        asked=points,
+        progress=progress,
+        call_all=call_all,
+    )
 
 
 def track(
@@ -326,14 +336,16 @@ def fill_hidden(
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     if "mixture" in methods and posed:
         alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid))
-        found["mixture"] = members(models_alone(settings, alone), alone, seen, progress=steps["mixture"])
+        models = models_alone(settings, alone)
+        found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
     for name in ALONE:
         if name in methods and (posed or name not in _OF_POSES) and not (name == "eal" and "mixture" in found):
             model = learn_motion(prepared, part, name, settings=settings, hidden=hidden.mask)
             found[name] = track(prepared, part, model, hidden=hidden.mask, progress=steps["rest"])
     if learned is not None:
         trials = trials_for(learned, names, own)
-        found["learned"] = members(models_of(learned, trials), trials, seen, progress=steps["learned"])
+        models = models_of(learned, trials)
+        found["learned"] = members(models, trials, seen, progress=steps["learned"], call_all=call_all)
     return found
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.audit import fit_findings
 from mocap.cameras import triangulate
 from mocap.errors import MocapError

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.hidden_gaps import EACH_MARKER
@@ -31,7 +31,7 @@ LEAST = 0.05
 JOINS, NEAR = 0.2, 3
 """A run of points joins the marker's motion if at its ends, of which another point is so many frames away at most, the
 marker by itself is expected less than such a share as far away as the pose filter expects it: in six flights and their
-copies with wrong clicks (docs/explanation/decisions.md) right runs have up to 0.2, wrong ones 0.24 to 1.5."""
+copies with wrong clicks (docs/experiments/two_cameras.md) right runs have up to 0.2, wrong ones 0.24 to 1.5."""
 BELIEVED = 0.5
 """Points of such a run are believed of which the marker by itself is expected less than such a share as far away."""
 LEFT = 1.5

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.errors import FormatError, MocapError

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap.arrays import Z95, Array
+from eal.arrays import Z95, Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, true_runs
+from eal.arrays import Array, true_runs
 from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.records import Status

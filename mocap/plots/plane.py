@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap.arrays import Z95
+from eal.arrays import Z95
 from mocap.pipeline.plane import in_units
 from mocap.pipeline.run import Run
 from mocap.plots.figures import Picture, write_pictures

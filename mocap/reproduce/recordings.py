@@ -11,11 +11,11 @@ from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel
 from eal.radius import valley_covariance
 from eal.systems import GRAVITY_M_S2, planar_pendulum, spherical_pendulum
-from mocap.body import body_frames
 from mocap.cleaning.click_noise import USUAL_DOF
 from mocap.datasets.lizards import make_lizard
 from mocap.datasets.pendulum_film import make_pendulum_film
 from mocap.datasets.recording import SyntheticRecording
+from mocap.filters.body_axes import body_frames
 from mocap.filters.lagrangian import JointSights, JointTrack, learned_noise, theorem_3, track_joint
 from mocap.joints import joint_tracks
 from mocap.pipeline.prepare import Prepared, prepare_pixels

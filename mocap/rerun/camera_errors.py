@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
-from mocap.filters.records import TrackedMotion
-from mocap.records import PixelTracks
+from eal.arrays import Array
+from mocap.records import PixelTracks, TrackedMotion
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,7 +9,7 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Single = NDArray[np.float32]
 """Numbers as the viewer keeps them."""

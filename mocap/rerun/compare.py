@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen

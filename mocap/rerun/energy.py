@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eal.arrays import Array
 from eal.bounds import theorem3
-from mocap.arrays import Array
 
 STIFFNESS = 20.0
 """1/eps^2 in units of the greatest kinetic energy: that motion alone could raise V by a twentieth."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.errors import MocapError
 from mocap.io.dvproject import read_project

@@ -7,7 +7,7 @@ from contourpy import contour_generator
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.pipeline.run import JointPotential
 from mocap.records import JointTracks
 from mocap.rerun.energy import JointEnergy, joint_energy

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mocap.arrays import Array
-from mocap.held import HeldLimb
+from eal.arrays import Array
+from mocap.filters.records import HeldLimb
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity
 from mocap.pipeline.run import Run

@@ -4,8 +4,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.arrays import Array
-from mocap.held import HeldLimb
+from eal.arrays import Array
+from mocap.filters.records import HeldLimb
 from mocap.pipeline.run import Run
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import segments, single, time_columns

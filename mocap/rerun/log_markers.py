@@ -7,7 +7,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.records import MarkerTracks, Status
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import changing, segments, single, time_columns

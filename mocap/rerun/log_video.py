@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.io.film import pyav
 from mocap.io.movies import FIRST_PIXEL, Movie, straightened, straightening

@@ -3,10 +3,11 @@
 import numpy as np
 import rerun as rr
 
+from mocap.filters.anatomy import ends_among
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import names_of, single
 from mocap.rerun.scene import Scene
-from mocap.skeleton import Skeleton, ends_among
+from mocap.skeleton import Skeleton
 
 BODY_CLASS = 1
 """Class of points that are joined by the skeleton's bones."""

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import FRAME
 from mocap.rerun.layout import Layout

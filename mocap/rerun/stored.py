@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 from rerun.chunk import Chunk, RrdReader
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.io.manifest import current
 from mocap.rerun import paths

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array, true_runs
+from eal.arrays import Array, true_runs
 from mocap.errors import MocapError
+from mocap.filters.anatomy import ends_among
 from mocap.records import MarkerTracks
-from mocap.skeleton import Skeleton, ends_among
+from mocap.skeleton import Skeleton
 
 CM_PER_M = 100.0
 ORDER = "ZXY"

@@ -3,9 +3,8 @@
 import numpy as np
 import xarray as xr
 
-from mocap.filters.records import TrackedMotion
 from mocap.io.tables import WORDS
-from mocap.records import Status
+from mocap.records import Status, TrackedMotion
 
 INDIVIDUAL = "id_0"
 """The only animal of a recording, as movement names it."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.pipeline.limb_mechanics import LimbMechanics
 
 FILE = "mechanics.csv"

@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mocap.arrays import Array
-from mocap.body import body_frames
+from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.filters.anatomy import masses_of
 from mocap.filters.bodies import UNKNOWN_KG, rod_masses
+from mocap.filters.body_axes import body_frames
 from mocap.filters.joint_types import Articulation, articulation
 from mocap.measures import AXES
 from mocap.pipeline.run import Run
@@ -96,7 +96,7 @@ def fitted_animal(run: Run, *, what: str) -> FittedAnimal:
     axes = body_frames(markers.xyz_m[:, trunk], dt_s=_step(markers.t_s), cutoff_hz=JOINT_HZ)
     known = markers.status == Status.MEASURED
     xyz = np.where(known[..., None], markers.xyz_m, np.nan)
-    joints = articulation(names, xyz, markers.sd_m, skeleton, axes.rotation)
+    joints = articulation(names, xyz, markers.sd_m, axes.rotation, trunk=skeleton.trunk, bones=skeleton.rigid)
     if not joints:
         raise MocapError(f"{run.name}: no segment beyond the trunk is seen often enough for {what}")
     body = axes.to_body(xyz)
@@ -172,7 +172,7 @@ def _masses(run: Run, joints: Sequence[Articulation]) -> dict[str, float]:
     names = run.tracked.markers.names
     bones = [(names.index(j.centre), names.index(j.child)) for j in joints]
     lengths = np.array([j.length_m for j in joints])
-    mass, _, _ = rod_masses(bones, lengths, masses_of(names, run.skeleton.measures.segments.values()))
+    mass, _, _ = rod_masses(bones, lengths, masses_of(names, run.skeleton.measures.masses))
     return {joint.child: float(m) for joint, m in zip(joints, mass, strict=True)}
 
 

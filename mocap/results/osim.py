@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.filters.joint_types import Articulation
 from mocap.measures import AXES
 from mocap.pipeline.run import Run

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from eal.arrays import Array
 from eal.needs import MissingPackageError
-from mocap.arrays import Array
 from mocap.errors import MocapError
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status

@@ -9,16 +9,15 @@ import numpy as np
 import xarray as xr
 
 from eal import load_potential
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import Camera
 from mocap.errors import FormatError
-from mocap.filters.records import TrackedMotion
-from mocap.held import HeldLimb
+from mocap.filters.records import HeldLimb
+from mocap.filters.velocities import Motion
 from mocap.io.netcdf import as_netcdf
 from mocap.joint_angles import JointAngles
-from mocap.moving import Motion
 from mocap.pipeline.run import JointPotential, Run
-from mocap.records import JointTracks, MarkerTracks, PixelTracks
+from mocap.records import JointTracks, MarkerTracks, PixelTracks, TrackedMotion
 from mocap.results.dataset import INDIVIDUAL, markers_dataset
 from mocap.skeleton import read_skeleton, write_skeleton
 

@@ -17,7 +17,7 @@ from benchmarks.triangulation import (
     scipy_loop,
     table,
 )
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.cameras.camera import stacked
 from mocap.cameras.triangulate import linear, refine
 

@@ -10,10 +10,10 @@ from mocap.filters.motion.singer import LastingAcceleration
 from mocap.filters.observations import PixelObservations, PositionObservations, some_markers
 from mocap.filters.smoother import smooth_step
 from mocap.filters.track import smooth
+from mocap.filters.velocities import Asked
 
 from mocap.cameras import triangulate
 from mocap.cameras.camera import project, stacked
-from mocap.moving import Asked
 
 T, M = 60, 4
 

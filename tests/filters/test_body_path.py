@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Markers, Moments
 from mocap.filters.motion.base import Step
@@ -13,8 +14,6 @@ from mocap.filters.observations import PositionObservations
 from mocap.filters.subspace import PoseSubspace
 from mocap.filters.track import filter_forward
 from scipy.spatial.transform import Rotation
-
-from mocap.body import BodyFrames
 
 DT_S, MARKERS, RANK = 0.005, 6, 2
 SHAPE = np.random.default_rng(0).normal(0, 0.1, 3 * MARKERS)

@@ -212,7 +212,7 @@ def test_a_hidden_elbow_keeps_its_distances():
 
     No potential: the difference is that of the bones alone. Root mean square 35 mm without them, 29 mm with them.
     """
-    settings = PoseSettings(ranks=(6,), potential="none", rotating=False)
+    settings = PoseSettings(ranks=(6,), potential="none")
     squared: dict[float, list[float]] = {0.0: [], 1.0: []}
     hole, elbow = slice(60, 120), 4
     for seed in range(6):

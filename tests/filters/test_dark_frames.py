@@ -1,10 +1,13 @@
 """Frames in which nothing at all is seen: wide, and right about how wide."""
 
+from dataclasses import replace
+
 import numpy as np
 from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Smoothed
 from mocap.filters.models.pose import PoseSettings, learn_pose
 from mocap.filters.motion.enforce import informed
+from mocap.filters.motion.shape import FreeShape
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial, poses_of
 from mocap.filters.track import smooth
@@ -45,9 +48,13 @@ def test_a_second_in_the_dark_is_stated_as_such():
     xyz = trial.xyz_m.copy()
     xyz[150:250] = np.nan
     shown = MarkerTrial(name="dark", t_s=trial.t_s, xyz_m=xyz, sd_m=trial.sd_m)
-    for potential in ("none", "shape"):
-        settings = PoseSettings(mechanics="free", potential=potential, ranks=(2,))
+    for potential in ("none", "limbs"):
+        settings = PoseSettings(potential=potential, ranks=(2,))
         model = learn_pose(poses_of([shown], [0, 1, 2, 3], body_hz=3.0), settings)
+        rate = (
+            model.shape_sd[2:] / 2
+        )  # white accelerations: of a sine at w of this velocity their density is 2 w rate^2
+        model = replace(model, mechanics=FreeShape(np.diag(rate * np.sqrt(2 * 2 * np.pi * 6))))
         found = smooth(model, PositionObservations(xyz_m=xyz, sd_m=trial.sd_m), trial.t_s)
         sd = np.sqrt(np.diagonal(found.cov_m2, axis1=-2, axis2=-1))[150:250]
         miss = np.abs(found.xyz_m - truth)[150:250]

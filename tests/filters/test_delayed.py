@@ -15,7 +15,7 @@ from tests.filters.test_gaps_in_trials import trial_of
 
 SETTINGS = DelaySettings(ranks=(2,))
 TRUNK = [0, 1, 2, 3]
-BODY = {"ranks": SETTINGS.ranks, "body_hz": SETTINGS.body_hz, "rotating": SETTINGS.rotating}
+BODY = {"ranks": SETTINGS.ranks, "body_hz": SETTINGS.body_hz}
 
 
 def lost(trial, marker, frames):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mocap.datasets import make_bat
+from mocap.filters.body_axes import body_frames
 from mocap.filters.models.constant_velocity import learn_constant_velocity
 from mocap.filters.models.pose import PoseSettings, learn_pose
 from mocap.filters.observations import PixelObservations
@@ -10,7 +11,6 @@ from mocap.filters.poses import pose_trial
 from mocap.filters.track import smooth
 from scipy.interpolate import CubicSpline
 
-from mocap.body import body_frames
 from mocap.cameras.camera import stacked, undistorted
 from mocap.cameras.triangulate import linear, refine, robust
 from mocap.cleaning.bias import ray_bias

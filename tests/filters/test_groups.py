@@ -11,8 +11,7 @@ from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import smooth, smooth_together
-
-from mocap.moving import Asked
+from mocap.filters.velocities import Asked
 
 T = 90
 

@@ -43,8 +43,8 @@ def straight(mechanics):
 def test_it_is_the_unscented_transform_of_the_whole_state(mechanics):
     """Filtered and smoothed: all 2n + 1 sigma points through dynamics and markers, covariances as sums of squares.
 
-    To 1e-9 of deviations: 1e-16 times the condition of the covariance in units of deviations (1e5), and the body's turns
-    of 1e-7, whose square is left out of the markers.
+    To 1e-9 of deviations: 1e-16 times the condition of the covariance in units of deviations (1e5), and the body's
+    turns of 1e-7, whose square is left out of the markers.
     """
     model, seen = straight(mechanics)
     start, points = model.initial(), default_points(model.size)

@@ -5,16 +5,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from mocap.datasets import make_bat
+from mocap.filters.errors import FilterError
 from mocap.filters.hidden_gaps import WITH_JOINTS, Effort
 from mocap.filters.hide import hide_neighbours
 from mocap.filters.model import LearnedModel, learn_model, track_with, trials_for
-from mocap.filters.model_file import load_model, save_model
 from mocap.filters.models.constant_velocity import learn_constant_velocity
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import smooth
 
 from mocap.errors import MocapError
+from mocap.pipeline.model_file import load_model, save_model
 from tests.filters.small_model import same, small_model
 
 NAMES = ("sternum", "back", "shoulder_l", "shoulder_r", "elbow_l", "wrist_l", "elbow_r", "wrist_r")
@@ -163,7 +164,8 @@ def test_other_rates_are_refused(small, name):
     """Half the rate is named with both numbers, also where recordings have the same name; 0.5 % off is let pass."""
     trial = replace(small.trials[0], name=name)
     slow = replace(trial, t_s=2 * trial.t_s)
-    with pytest.raises(MocapError, match=f"need one frame rate.*walk 100, {name} 50"):
+    assert issubclass(FilterError, MocapError)
+    with pytest.raises(FilterError, match=f"need one frame rate.*walk 100, {name} 50"):
         trials_for(small, small.names, slow)
     with pytest.raises(MocapError, match="need one frame rate"):
         learn_model(small.names, (), [small.trials[0], slow], np.random.default_rng(0))
@@ -228,6 +230,23 @@ def test_progress_goes_from_nothing_to_all(small):
     track_with(small, small.names, small.trials[0], positions(small.trials[0]), progress=told.append)
     assert told == sorted(told)
     assert told[-1] == 1
+
+
+def test_calls_that_do_not_wait_are_made_as_wanted(small):
+    """Made backwards by a function of the caller's they give the same."""
+    made = []
+
+    def backwards(calls, progress):  # noqa: ARG001
+        made.append(len(calls))
+        return [call(progress=None) for call in calls[::-1]][::-1]
+
+    found = [
+        track_with(small, small.names, small.trials[0], positions(small.trials[0]), **options).markers
+        for options in ({}, {"call_all": backwards})
+    ]
+    assert made == [2]
+    np.testing.assert_array_equal(found[0].xyz_m, found[1].xyz_m)
+    np.testing.assert_array_equal(found[0].cov_m2, found[1].cov_m2)
 
 
 def test_a_recording_that_was_learned_from_is_not_its_own_teacher(flights):

@@ -1,9 +1,10 @@
 """What is learned from tracks: noise densities, potentials as forces, models that fit their data."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
+from mocap.filters.body_axes import body_frames
 from mocap.filters.models.constant_velocity import acceleration_density, learn_constant_velocity
 from mocap.filters.models.pose import (
     PoseSettings,
@@ -16,7 +17,7 @@ from mocap.filters.models.pose import (
 from mocap.filters.motion.base import Step
 from mocap.filters.poses import pose_trial, shapes_of
 
-from mocap.body import body_frames
+from benchmarks.gaps.ours import Quadratic
 
 DT_S = 0.005
 
@@ -112,26 +113,26 @@ def test_the_pose_model_holds_its_data(learned):
     assert model.residual_rate_hz > 0
 
 
-@pytest.mark.parametrize(
-    ("potential", "name"),
-    [("shape", "eal"), ("motion", "eal"), ("quadratic", "pose_quadratic"), ("quadratic motion", "pose_quadratic")],
-)
-def test_the_potential_is_added_and_nothing_else(learned, potential, name):
-    """``with_potential`` changes gradient, what it reads, and name; unseen states are pulled, seen ones hardly."""
+@pytest.mark.parametrize("potential", ["limbs", "limb motion"])
+@pytest.mark.parametrize("kind", [PoseSettings, Quadratic])
+def test_the_potential_is_added_and_nothing_else(learned, kind, potential):
+    """``with_potential`` changes gradient, what it reads, and name; unseen states are pulled, seen ones hardly.
+
+    So does the potential of a person's own settings, here the quadratic one of a benchmark.
+    """
     _, settings, model, shapes, trial = learned
     motion = recorded_motion([trial], shapes, least_known=settings.least_known)
-    held = with_potential(model, motion, replace(settings, potential=potential))
+    held = with_potential(model, motion, kind(**{**vars(settings), "potential": potential}))
     (added,) = held.potentials
     states = np.column_stack([motion.z, motion.rate]) @ added.on_shape.T
     assert states.shape[1] == (4 if "motion" in potential else 2)
     np.testing.assert_allclose(states, added.samples)
     changed = {field.name for field in fields(held) if getattr(held, field.name) is not getattr(model, field.name)}
     assert changed - {"points", "reads"} == {"potentials", "name"}
-    assert held.name == name
+    assert held.name == "eal"
     far, near = (np.linalg.norm(added.gradient(size * states[:5])) for size in (3, 1))
-    quadratic = "quadratic" in potential
-    assert far > (2.9 if quadratic else 10) * near  # a parabola's force is proportional
-    if quadratic:  # V = (x - mean) grad V / 2 is charged the weight on average
+    assert far > (2.9 if kind is Quadratic else 10) * near  # a parabola's force is proportional
+    if kind is Quadratic:  # V = (x - mean) grad V / 2 is charged the weight on average
         away = states - states.mean(axis=0)
         charged = 0.5 * np.mean(np.sum(away * added.gradient(states), axis=1))
         assert charged == pytest.approx(settings.weight / motion.tau_s, rel=0.02)

@@ -4,6 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from mocap.filters.body_axes import body_frames
 from mocap.filters.gaussian import Markers
 from mocap.filters.live import live, looks
 from mocap.filters.models.pose import PoseSettings, learn_pose
@@ -13,7 +14,6 @@ from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import pose_trial
 from mocap.filters.track import filter_forward, smooth
 
-from mocap.body import body_frames
 from tests.filters.filmed import pixels, still
 from tests.filters.test_learned_models import flapping
 

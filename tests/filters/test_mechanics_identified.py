@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from mocap.filters.ensemble import Gaussian
-from mocap.filters.mechanics import Motion, field_shape, free_shape, joined, linear_shape
+from mocap.filters.mechanics import Motion, joined, linear_shape
 from mocap.filters.motion.shape import LinearShape
-from scipy.integrate import solve_ivp
 
 RANK, DT_S = 2, 1 / 240
 STIFFNESS = (2 * np.pi * np.array([[8.0, 1.0], [2.0, 5.0]])) ** 2
@@ -82,14 +81,6 @@ def harmonic(amplitude, hz, n_frames=2400):
     return Motion(z=z, rate=rate, acceleration=-(w**2) * z, trial=np.zeros(n_frames, dtype=np.int64), dt_s=DT_S)
 
 
-@pytest.mark.parametrize(("amplitude", "hz"), [(0.02, 4.0), (1.0, 10.0)])
-def test_free_shapes_are_driven_as_fast_as_they_move(amplitude, hz):
-    """Of a sine of variance v at w the density is 2 v w^3; ``process_noise`` multiplies it."""
-    for excess in (1.0, 3.0):
-        found = free_shape(harmonic(amplitude, hz), process_noise=excess).density[0, 0] ** 2
-        assert found == pytest.approx(excess * 2 * amplitude**2 * (2 * np.pi * hz) ** 3, rel=1e-6)
-
-
 def test_what_is_unexplained_drives_what_is_explained():
     """A sine of variance v at w that no regressor follows leaves the density 2 v / w, to (w dt)^2 / 24 of it."""
     motion, w = harmonic(0.02, 4.0), 2 * np.pi * 11.0
@@ -100,43 +91,6 @@ def test_what_is_unexplained_drives_what_is_explained():
     )
     found = linear_shape(disturbed, ridge=1e-9, process_noise=2.0).density[0, 0] ** 2
     assert found == pytest.approx(2.0 * 2 * 5.0**2 / w, rel=0.01)
-
-
-def duffing(x):
-    return -900 * x[:, :1] * (0.5 + x[:, :1] ** 2) - 2 * x[:, 1:]
-
-
-def van_der_pol(x):
-    return -900 * x[:, :1] + 15 * (1 - x[:, :1] ** 2) * x[:, 1:]
-
-
-def swings(force, rng, *, noise):
-    """Eight trials of 200 frames from random states, as SciPy integrates them."""
-    parts = []
-    for _ in range(8):
-        start, t = rng.uniform(-1, 1, 2) * [1.5, 40], DT_S * np.arange(200)
-        found = solve_ivp(lambda _, x: [x[1], force(x[None])[0, 0]], (0, t[-1]), start, t_eval=t, rtol=1e-6)
-        states = found.y.T
-        parts.append((states[:, :1], states[:, 1:], force(states) + noise * rng.normal(size=(200, 1))))
-    return joined(parts, DT_S)
-
-
-@pytest.mark.parametrize("force", [duffing, van_der_pol])
-def test_a_field_explains_what_bends(force):
-    """Accelerations of states that it has not seen: under a fifth of the linear error, and less noise in the filter.
-
-    Far from all data the kernel is zero, and the linear mechanics remain.
-    """
-    rng = np.random.default_rng(6)
-    seen, held_out = swings(force, rng, noise=5.0), swings(force, rng, noise=0.0)
-    at = np.column_stack([held_out.z, held_out.rate])
-    linear = linear_shape(seen, ridge=1e-6)
-    field = field_shape(seen, ridge=1e-6, beta=2.0, centres=200)
-    errors = [np.sqrt(np.mean((shape.acceleration(at) - force(at)) ** 2)) for shape in (field, linear)]
-    assert errors[0] < 0.2 * errors[1]
-    assert field.density[0, 0] < 0.5 * linear.density[0, 0]
-    far = 100 * at[:5]
-    np.testing.assert_allclose(field.acceleration(far), linear.acceleration(far), rtol=1e-9)
 
 
 def test_joined_stretches_keep_apart():

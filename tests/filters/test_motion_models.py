@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Adjoint, Markers, Moments
 from mocap.filters.motion.base import Step
@@ -15,8 +16,6 @@ from mocap.filters.subspace import PoseSubspace
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
-
-from mocap.body import BodyFrames
 
 RANK, MARKERS, FRAMES = 3, 4, 5
 

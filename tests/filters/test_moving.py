@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from mocap.filters.body_axes import BodyFrames
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.moving import asked_of
 from mocap.filters.observations import PositionObservations
 from mocap.filters.track import smooth
+from mocap.filters.velocities import Asked
 
-from mocap.body import BodyFrames
-from mocap.moving import Asked
 from tests.filters.test_motion_models import FRAMES, MARKERS, oscillating, pose
 
 DT = 0.01

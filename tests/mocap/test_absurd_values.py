@@ -12,7 +12,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from mocap.filters.model_file import load_model
 
 from eal import archive
 from mocap.errors import FormatError
@@ -22,6 +21,7 @@ from mocap.io.contents import point_recording
 from mocap.io.lines import frame_numbers, number
 from mocap.io.plausible import plausible
 from mocap.io.registry import read, write
+from mocap.pipeline.model_file import load_model
 from mocap.records import MarkerTracks
 
 VICON = "Trajectories\n100\n,,A:tip,,,A:root,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n,,mm,mm,mm,mm,mm,mm\n"

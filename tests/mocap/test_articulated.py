@@ -6,13 +6,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from mocap.filters.joint_types import articulation, undetermined
-from mocap.filters.records import TrackedMotion
+from mocap.filters.velocities import without_rates
 from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
-from mocap.moving import without_rates
 from mocap.pipeline.run import Run
-from mocap.records import marker_tracks
+from mocap.records import TrackedMotion, marker_tracks
 from mocap.results.mjcf import mjcf_text
 from mocap.results.osim import osim_text
 from mocap.skeleton import Bone, Skeleton
@@ -49,7 +48,7 @@ def arm(*, n=200, wrist=(0.0, 0.0), elbow_deg=50.0, slip=0.0, seed=0):
 
 def found(**options):
     xyz, turn = arm(**options)
-    return articulation(NAMES, xyz, np.full(xyz.shape[:2], 2e-4), SKELETON, turn)
+    return articulation(NAMES, xyz, np.full(xyz.shape[:2], 2e-4), turn, trunk=SKELETON.trunk, bones=SKELETON.rigid)
 
 
 @pytest.mark.parametrize(

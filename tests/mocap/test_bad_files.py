@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocap.arrays import unique
+from eal.arrays import unique
 from mocap.cameras.camera import dlt_camera
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.csv_table import read_table

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mocap.arrays import frozen
+from eal.arrays import frozen
 from mocap.errors import FormatError
 from mocap.io.every_frame import MOST, every_frame, frame_steps
 from mocap.io.registry import write

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from mocap.filters.body_axes import BodyFrames
 from scipy.spatial.transform import Rotation
 
-from mocap.body import BodyFrames
 from mocap.joints import FRAMES, joint_tracks
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Joint, Skeleton

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mocap.filters.model_file import save_model
 
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.pipeline.job import run_job
+from mocap.pipeline.model_file import save_model
 from mocap.pipeline.prepare import prepare, prepare_tracks
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part

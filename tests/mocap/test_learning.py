@@ -12,7 +12,6 @@ from mocap.datasets import make_bat
 from mocap.filters.hidden_gaps import EACH_MARKER, Effort
 from mocap.filters.hide import hide_neighbours
 from mocap.filters.model import learn_model, renamed, track_with
-from mocap.filters.model_file import load_model, save_model
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.constant_velocity import learn_constant_velocity
 from mocap.filters.observations import PositionObservations
@@ -24,6 +23,7 @@ from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST
 from mocap.pipeline import learning
 from mocap.pipeline.learning import readable_scores
+from mocap.pipeline.model_file import load_model, save_model
 from mocap.pipeline.prepare import prepare, prepare_tracks
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
@@ -161,7 +161,7 @@ def test_names_that_a_model_knows_are_not_taken(model):
     learned = load_model(model)
     other = replace(learned, names=("pt1", *learned.names[1:]))
     skeleton = Skeleton(name="s", markers=NAMES, aliases={"pt1": NAMES[1], NAMES[2]: NAMES[0], NAMES[3]: NAMES[0]})
-    assert renamed(other, skeleton).names == other.names
+    assert renamed(other, skeleton.renamed(other.names)).names == other.names
 
 
 def test_validation_measures_the_learned_model_too(mocap, flights, model, tmp_path):

@@ -10,7 +10,6 @@ from mocap.filters.bodies import rod_masses
 from eal.rods import RodLimb
 from mocap.cameras.camera import project, stacked
 from mocap.errors import MocapError
-from mocap.measures import Segment
 from mocap.pipeline.limb_mechanics import Filmed, limb_mechanics, longest_chain
 from mocap.plots.mechanics import draw_mechanics
 from mocap.records import marker_tracks
@@ -94,10 +93,10 @@ def test_masses_are_those_stated_spread_over_the_bones_between():
     names = ["s", "e", "w", "t"]
     bones = [(0, 1), (1, 2), (2, 3)]
     lengths = np.array([0.3, 0.2, 0.1])
-    mass, centre, stated = rod_masses(bones, lengths, masses_of(names, [Segment(start="s", end="w", mass_g=30.0)]))
+    mass, centre, stated = rod_masses(bones, lengths, masses_of(names, [("s", "w", 0.03, 0.5)]))
     assert stated
     np.testing.assert_allclose(mass, [0.018, 0.012, 0.006])
-    _, centre, _ = rod_masses(bones, lengths, masses_of(names, [Segment(start="e", end="s", mass_g=1.0, centre=0.4)]))
+    _, centre, _ = rod_masses(bones, lengths, masses_of(names, [("e", "s", 0.001, 0.4)]))
     np.testing.assert_allclose(centre, [0.6, 0.5, 0.5])
     mass, _, stated = rod_masses(bones, lengths, [])
     assert not stated

@@ -1,8 +1,8 @@
 """The limb's own plane: which side of it a joint is on."""
 
 import numpy as np
+from mocap.filters.body_axes import BodyFrames
 
-from mocap.body import BodyFrames
 from mocap.joints import joint_tracks
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Joint, Skeleton

@@ -9,9 +9,11 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.hidden_gaps import EACH_MARKER, Effort, hidden_gaps
+from mocap.filters.models.constant_velocity import MarkerSettings
 
 import mocap
 from mocap.errors import MocapError
+from mocap.pipeline import learning, tracking
 from mocap.pipeline.job import run_job
 from mocap.pipeline.recording import Recording
 from mocap.side_by_side import begin, call_all
@@ -88,7 +90,7 @@ def test_hidden_gaps_are_filled_to_the_same_bits():
     )
     (here,) = gaps.fill([EACH_MARKER])
     with mocap.processes(2):
-        (there,) = gaps.fill([EACH_MARKER])
+        (there,) = gaps.fill([EACH_MARKER], call_all)
     np.testing.assert_array_equal(here.error_m, there.error_m)
     np.testing.assert_array_equal(here.variance, there.variance)
 
@@ -110,3 +112,26 @@ def test_a_result_is_written_by_two_processes_as_by_one(tmp_path):
     assert one.keys() == two.keys()
     for name in ("markers.csv", "kinematics.csv", "report.json", "cycles.csv"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_learning_and_tracking_leave_their_calls_to_the_processes(monkeypatch, tmp_path):
+    """A fold for each of two flights; with a learned model each of its two models, and a fold of the recording."""
+    made = []
+
+    def counted(calls, progress=None):
+        made.append(len(calls))
+        return call_all(calls, progress)
+
+    for room in (learning, tracking):
+        monkeypatch.setattr(room, "call_all", counted)
+    flights = []
+    for seed in (1, 2):
+        bat = make_bat(seed=seed, n_frames=40, n_cameras=3)
+        files = write_recording(bat, tmp_path / str(seed))
+        camera = {"calibration": files["coefficients"], "profile": files["profile"]}
+        flights.append(Recording(tracks=files["pixels"], skeleton=files["skeleton"], fps=bat.fps, **camera))
+    effort = Effort(validated=2, times=1)
+    learned = learning.learn_from(flights, models=(EACH_MARKER, MarkerSettings()), effort=effort)
+    assert made == [2]
+    run_job(flights[1], learned=learned, validated=False)
+    assert made == [2, 3]

@@ -202,7 +202,7 @@ def test_memory_does_not_grow_with_the_rate():
     """Body frames at the fastest rate take what the frames take: a moving average is no wider than a constant."""
     import tracemalloc
 
-    from mocap.body import body_frames
+    from mocap.filters.body_axes import body_frames
 
     xyz = np.random.default_rng(0).normal(size=(30, 5, 3))
     tracemalloc.start()

@@ -18,7 +18,7 @@ from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.intervals import tune
 from benchmarks.gaps.peers.rays import Rays, projected, rays_of
 from benchmarks.gaps.peers.released.tools import bones
-from mocap.arrays import Array
+from eal.arrays import Array
 
 THRESHOLD_PX, LENGTH, STEPS = 15.0, 2.0, 8
 Rows = tuple[Array, Array, Array]

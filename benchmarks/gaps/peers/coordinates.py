@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.body_axes import body_frames
 
 from benchmarks.gaps.method import Estimate, Trial
-from mocap.arrays import Array
-from mocap.body import body_frames
+from eal.arrays import Array
 
 BODY_HZ = 3.0
 """Faster motion of the trunk is left to the pose, as in the tracker (``PoseSettings.body_hz``)."""
@@ -63,7 +63,7 @@ class Body:
     shape: Array
 
     def place(self, trial: Trial) -> Placed:
-        """Take out how the trunk moves (``mocap.body.body_frames``), and bring its mean shape to that of training."""
+        """Take out how the trunk moves (``body_frames``), and bring its mean shape to that of training."""
         points = _trunk(trial)
         if not np.isfinite(points).any():
             return World().place(trial)

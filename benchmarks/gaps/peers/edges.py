@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
 from benchmarks.gaps.peers.coordinates import Placed
-from mocap.arrays import Array
-from mocap.body import smooth_series
+from eal.arrays import Array
 
 EDGE = (0, 1, 2, 3, 5, 8)
 """Frames on each side of a gap, counted from its edge, at which the residual is taken."""

@@ -20,7 +20,7 @@ from benchmarks.gaps.peers.coordinates import Body, Placed, learn_body
 from benchmarks.gaps.peers.edges import Blend, Predict, fill_blended, refill
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed, patterns, usable
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentModel, linear_dynamics, regress
 from benchmarks.gaps.peers.manifold import LatentFiller
 from benchmarks.gaps.peers.poses import completed
-from mocap.arrays import Array
+from eal.arrays import Array
 
 POSES = 200
 

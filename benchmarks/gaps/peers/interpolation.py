@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, World, learn_body
 from benchmarks.gaps.peers.intervals import tune
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Curve = Callable[[Array, Array], Callable[[Array], Array]]
 """(n,) times and (n, 3) positions to a function of times."""

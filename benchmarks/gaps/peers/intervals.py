@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.gaps.method import Estimate, Filler, Trial
 from benchmarks.gaps.peers.edges import BLENDS, Blend, gaps
 from benchmarks.gaps.protocol import choose, validation
-from mocap.arrays import Array
+from eal.arrays import Array
 
 Candidate = TypeVar("Candidate")
 

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.coordinates import Body, World, learn_body
 from benchmarks.gaps.peers.intervals import tune
-from mocap.arrays import Array
+from eal.arrays import Array
 
 DENSITIES = 10.0 ** np.arange(-13.0, 0.1)
 """Grid of process noise, in m^2 per frame^(2 order - 1); a parabola finds the best between its points."""

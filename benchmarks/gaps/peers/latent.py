@@ -10,7 +10,7 @@ from mocap.filters.smoother import smooth_step
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def squared_distances(a: Array, b: Array) -> Array:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 from sklearn.manifold import Isomap, LocallyLinearEmbedding
 
@@ -21,8 +22,7 @@ from benchmarks.gaps.peers.edges import Blend, fill_blended
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.latent import LatentModel, Regression, follow, linear_dynamics, regress
 from benchmarks.gaps.peers.poses import completed
-from mocap.arrays import Array
-from mocap.body import smooth_series
+from eal.arrays import Array
 
 POSES = 300
 """Training poses that are embedded."""

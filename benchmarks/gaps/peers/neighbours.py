@@ -16,7 +16,7 @@ from benchmarks.gaps.peers.coordinates import Body, learn_body
 from benchmarks.gaps.peers.edges import Blend, fill_blended, shown
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed
-from mocap.arrays import Array
+from eal.arrays import Array
 
 POOL = 6000
 """Most training poses that are searched."""

@@ -28,7 +28,7 @@ from benchmarks.gaps.peers.edges import Blend, Predict, fill_blended, shown
 from benchmarks.gaps.peers.gaussian import Moments, moments
 from benchmarks.gaps.peers.intervals import tune_blended
 from benchmarks.gaps.peers.poses import completed, patterns
-from mocap.arrays import Array
+from eal.arrays import Array
 
 MISSING_WEIGHT = 0.02
 

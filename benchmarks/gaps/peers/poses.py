@@ -7,7 +7,7 @@ from mocap.filters.subspace import principal_components
 from numpy.typing import NDArray
 
 from benchmarks.gaps.peers.coordinates import Placed
-from mocap.arrays import Array
+from eal.arrays import Array
 
 
 def patterns(seen: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.int64]]]:

@@ -18,7 +18,7 @@ from benchmarks.gaps.method import Estimate, Filler, Method, Trial
 from benchmarks.gaps.peers.intervals import tune
 from benchmarks.gaps.peers.kalman import Pass, likeliest_density, smooth_series, transition, wide_prior
 from benchmarks.gaps.prepared import recording
-from mocap.arrays import Array
+from eal.arrays import Array
 
 GATE = 13.82
 """99.9 % of a chi-square variable of two degrees of freedom: of rays that do not meet, one farther off is left out."""

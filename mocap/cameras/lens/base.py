@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from mocap.arrays import Array
+from eal.arrays import Array
 
 _BLOCK = 1 << 15
 """Points that Newton's iteration treats at once: their arrays stay in the cache."""

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mocap.arrays import Z95
+from eal.arrays import Z95
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import Quantity, Rests
 from mocap.pipeline.run import Run

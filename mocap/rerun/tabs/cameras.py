@@ -5,10 +5,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
-from mocap.filters.records import TrackedMotion
+from eal.arrays import Array
 from mocap.pipeline.run import Run
-from mocap.records import PixelTracks
+from mocap.records import PixelTracks, TrackedMotion
 from mocap.rerun import palette, paths
 from mocap.rerun.columns import Single, changing, segments, single, time_columns
 from mocap.rerun.layout import Layout

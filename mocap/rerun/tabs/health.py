@@ -6,7 +6,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.pipeline.run import Run
 from mocap.rerun import palette, paths
 from mocap.rerun.camera_errors import usual_limit

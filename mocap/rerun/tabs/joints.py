@@ -5,7 +5,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from mocap.arrays import Array
+from eal.arrays import Array
 from mocap.pipeline.run import Run
 from mocap.records import JointTracks
 from mocap.rerun import palette, paths

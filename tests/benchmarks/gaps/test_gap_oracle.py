@@ -7,10 +7,25 @@ import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.poses import MarkerTrial
 from mocap.filters.subspace import PoseSubspace
 
 from benchmarks.gaps.oracle import EalOracle, Informed, shapes_in
-from benchmarks.what_vz_adds import TRUNK, trial
+
+TRUNK = (0, 1, 2, 3)
+
+
+def trial(seed, *, frames=300, sd_m=2e-4):
+    """Ten markers, four of them a rigid trunk; the others move with two angles a and b, and with a^2 and a b."""
+    animal, rng = np.random.default_rng(100), np.random.default_rng(seed)
+    t_s = np.arange(frames) / 200
+    trunk = np.random.default_rng(99).normal(0, 0.03, (4, 3))
+    mean, directions = animal.normal(0, 0.05, 18), np.linalg.qr(animal.normal(size=(18, 4)))[0].T
+    a, b = np.sin(2 * np.pi * (rng.random(2)[:, None] + np.array([[4.0], [1.5]]) * t_s))
+    shape = mean + 0.03 * np.column_stack([a, b, a**2, a * b]) @ directions
+    xyz = np.concatenate([np.tile(trunk.ravel(), (frames, 1)), shape], axis=1).reshape(frames, 10, 3)
+    xyz = xyz + rng.normal(0, sd_m, xyz.shape)
+    return MarkerTrial(name=f"gait_{seed}", t_s=t_s, xyz_m=xyz, sd_m=np.full(xyz.shape[:2], sd_m))
 
 
 def test_shapes_are_those_that_poses_were_made_of():
@@ -29,11 +44,11 @@ def test_only_the_potential_knows_the_trial():
 
     Subspace, mechanics and noise are the same arrays with both.
     """
-    others, own = [trial(seed, bend=1.0, gait=0) for seed in (1, 2)], trial(3, bend=1.0, gait=0)
+    others, own = [trial(seed) for seed in (1, 2)], trial(3)
     xyz = np.array(own.xyz_m)
     xyz[100:200, 6:] = np.nan
     hidden = replace(own, xyz_m=xyz)
-    plain = PoseSettings(ranks=(4,), rotating=False, bones=0.0, regression=0.0)
+    plain = PoseSettings(ranks=(4,), bones=0.0, regression=0.0)
     informed = Informed(**{**vars(plain), "whole": (*others, own)})
     trials = TrialSet([*others, hidden], Anatomy(tuple(TRUNK)))
     usual, knowing = (model.fit(trials).motion for model in (plain, informed))

@@ -8,13 +8,13 @@ import pytest
 from mocap.datasets import make_lizard
 from mocap.datasets.bats import BEAT_HZ, bat_motion, make_bat
 from mocap.datasets.lizards import GAIT, lizard_motion
+from mocap.filters.velocities import Motion, with_means
 
-from mocap.arrays import true_runs
+from eal.arrays import true_runs
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import cycles, cycles_table, ensemble, footfalls
 from mocap.kinematics.points import asked_for
 from mocap.measures import Measures
-from mocap.moving import Motion, with_means
 from mocap.skeleton import Skeleton
 
 

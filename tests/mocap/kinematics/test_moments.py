@@ -11,13 +11,13 @@ from mocap.datasets.bat_skeleton import bat_skeleton
 from mocap.datasets.lizard_skeleton import lizard_skeleton
 from mocap.datasets.pendulum_film import pendulum_skeleton
 from mocap.datasets.pendulums import make_pendulum
+from mocap.filters.velocities import Motion
 
 from mocap.kinematics.cycles import Footfalls
 from mocap.kinematics.distal import Distal, distal_parts
 from mocap.kinematics.moments import GRAVITY_M_S2, moments
 from mocap.kinematics.records import Rests
 from mocap.measures import Measures, Segment
-from mocap.moving import Motion
 from mocap.results.tables import write_kinematics
 from mocap.skeleton import Bone, Joint, Skeleton
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mocap.filters.velocities import Motion, with_means
 from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
@@ -14,7 +15,6 @@ from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Rests
 from mocap.kinematics.stroke import stroke_plane
 from mocap.measures import JointAxes, Measures, Segment
-from mocap.moving import Motion, with_means
 from mocap.skeleton import Joint, Skeleton
 
 NAMES = ("hip", "knee", "ankle", "tip")

@@ -3,16 +3,15 @@
 from itertools import pairwise
 
 import numpy as np
-from mocap.filters.records import TrackedMotion
+from mocap.filters.velocities import without_rates
 
+from eal.arrays import Array
 from eal.kernels import GaussianKernel
 from eal.potential import fit_potential
-from mocap.arrays import Array
 from mocap.cameras.camera import Camera, pinhole_camera, project, stacked
-from mocap.moving import without_rates
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.run import JointPotential, Run
-from mocap.records import JointTracks, MarkerTracks, PixelTracks, Status
+from mocap.records import JointTracks, MarkerTracks, PixelTracks, Status, TrackedMotion
 from mocap.skeleton import Bone, Joint, Skeleton
 
 SIZE_PX = (1280, 800)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import rerun.blueprint as rrb
 from flapping import make_run
+from mocap.filters.records import HeldLimb
 from readback import column, entities
 from vulkan import need_vulkan
 
-from mocap.held import HeldLimb
 from mocap.pipeline.cut import cut
 from mocap.rerun import palette, paths
 from mocap.rerun.headless import Headless

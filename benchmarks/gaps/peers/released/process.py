@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.gaps.peers.released.make_env import interpreter
-from mocap.arrays import Array
+from eal.arrays import Array
 
 WORKER = Path(__file__).with_name("worker.py")
 

@@ -13,7 +13,7 @@ from benchmarks.gaps.peers.interpolation import CURVES, through
 from benchmarks.gaps.peers.intervals import tune
 from benchmarks.gaps.peers.poses import completed
 from benchmarks.gaps.peers.released.process import run
-from mocap.arrays import Array
+from eal.arrays import Array
 
 LEARNING_FRAMES = 200
 """Frames of a trial that EM and EKS's optimiser are shown."""

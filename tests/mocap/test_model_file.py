@@ -6,11 +6,11 @@ from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
-from mocap.filters.model_file import load_model, save_model
 from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.errors import FormatError
+from mocap.pipeline.model_file import load_model, save_model
 from tests.filters.small_model import same, small_model
 
 
@@ -23,8 +23,6 @@ def test_every_choice_is_kept(small, tmp_path):
     """Settings of all kinds come back as they were: numbers, ranks, names."""
     kind = PoseSettings(
         ranks=(1, 7),
-        rotating=False,
-        mechanics="free",
         potential="none",
         weight=1 / 3,
         lam=1e-7,
@@ -74,7 +72,7 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 9"}')},
+        {"header": np.array('{"format": "eal-mocap model 10"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
@@ -100,8 +98,8 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     path = tmp_path / "m.npz"
     save_model(small, path)
     with np.load(path) as file:
-        header = {**json.loads(str(file["header"])), "format": "eal-mocap model 10"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 9', but it says 'eal-mocap model 10': learn it"):
+        header = {**json.loads(str(file["header"])), "format": "eal-mocap model 11"}
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 10', but it says 'eal-mocap model 11': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))

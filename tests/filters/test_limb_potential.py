@@ -2,7 +2,7 @@
 
 import numpy as np
 from mocap.datasets import make_bat
-from mocap.filters.held import HeldKeeper
+from mocap.filters.limb_potential import HeldKeeper
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.kinematics.points import asked_for

@@ -8,11 +8,11 @@ from mocap.filters.gaussian import Smoothed
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
+from mocap.filters.records import HeldLimb
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from mocap.arrays import Array
-from mocap.held import HeldLimb
+from eal.arrays import Array
 
 GRID = 60
 _MARGIN = 0.25

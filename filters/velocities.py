@@ -6,10 +6,10 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from mocap.filters.errors import FilterError
 from numpy.typing import NDArray
 
-from mocap.arrays import Array, frozen, unique
-from mocap.errors import MocapError
+from eal.arrays import Array, frozen, unique
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,10 +87,10 @@ class Motion:
         """Where a point is.
 
         Raises:
-            MocapError: there is none of that name.
+            FilterError: there is none of that name.
         """
         if name not in self.names:
-            raise MocapError(f"there is no marker {name!r}: the markers are {', '.join(self.names)}")
+            raise FilterError(f"there is no marker {name!r}: the markers are {', '.join(self.names)}")
         return self.names.index(name)
 
     @cached_property

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mocap.filters.body_axes import BodyFrames, body_frames, trunk_shape
+from mocap.filters.whittaker import smooth_series, smoother
 from scipy.spatial.transform import Rotation, Slerp
-
-from mocap.body import BodyFrames, body_frames, smooth_series, smoother, trunk_shape
 
 DT_S = 0.01
 

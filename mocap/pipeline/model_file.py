@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from eal import npz
+from eal.arrays import Array
+from mocap.errors import FormatError
 from mocap.filters.mixture import Mixture
 from mocap.filters.model import LearnedModel, own_trials
 from mocap.filters.models.registry import read, written
 from mocap.filters.poses import MarkerTrial
 
-from eal import npz
-from mocap.arrays import Array
-from mocap.errors import FormatError
-
-FORMAT = "eal-mocap model 9"
+FORMAT = "eal-mocap model 10"
 _DAMAGE = (
     OSError,
     LookupError,

@@ -48,7 +48,7 @@ def angles_of(film: SyntheticRecording) -> None:
         learned, filtered = seconds[name]
         print(
             f"  {name}: positions filled {miss(one, truth, ~seen)}, measured {miss(one, truth, seen)}; learned in "
-            f"{learned:.1f} s, {1e3 * filtered / len(truth):.1f} ms a frame, {models[name].motion.points.n} states"
+            f"{learned:.1f} s, {1e3 * filtered / len(truth):.1f} ms a frame, {models[name].motion.size} states"
         )
 
 

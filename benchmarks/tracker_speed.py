@@ -55,7 +55,8 @@ class Case:
     def filtered(self) -> None:
         """Forward only; of a frame what was seen is kept."""
         with one_blas_thread():
-            filter_forward(self.model, self.seen, self.t_s, keep=False)
+            for _ in filter_forward(self.model, self.seen, self.t_s):
+                pass
 
     def smoothed(self, most_bytes: float = 1e9, passes: int = 1) -> None:
         """Forward and back."""
@@ -116,7 +117,7 @@ def show(title: str, case: Case, calls: dict[str, Callable[[], None]], rounds: i
     n_frames = len(case.t_s)
     for name, (wall, cpu) in best(calls, rounds).items():
         print(
-            f"{title:44}{case.model.points.n:4}  {name:22}{1e3 * wall / n_frames:9.2f}{1e3 * cpu / n_frames:9.2f}"
+            f"{title:44}{case.model.size:4}  {name:22}{1e3 * wall / n_frames:9.2f}{1e3 * cpu / n_frames:9.2f}"
             f"{n_frames / wall:10.0f}",
             flush=True,
         )
@@ -161,7 +162,7 @@ def mouse() -> None:
     case = Case(model, PositionObservations(xyz_m=xyz, sd_m=own.sd_m), tracks.t_s)
     (wall, cpu) = best({"smooth": case.smoothed}, 1)["smooth"]
     print(
-        f"mouse, {len(xyz)} x {xyz.shape[1]} positions, V_z, bones, n = {model.points.n}: learned in {learned:.1f} s, "
+        f"mouse, {len(xyz)} x {xyz.shape[1]} positions, V_z, bones, n = {model.size}: learned in {learned:.1f} s, "
         f"filtered and smoothed in {wall:.1f} s ({cpu:.1f} s of the processor)"
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from mocap.datasets.rig import tunnel_cameras
 from mocap.filters.ensemble import Gaussian, Update, default_points, predict, update
-from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.smoother import smooth_step
 from mocap.filters.unscented import UnscentedKalmanFilter as OurFilter
 from scipy.linalg.blas import dgemm  # type: ignore[attr-defined]  # made at run time
@@ -34,7 +34,7 @@ class Problem:
 
     Attributes:
         name: What observes.
-        model: Constant velocity of M markers.
+        noise: (n, n) lower factor of the noise of a step.
         start: State of size n = 6 M.
         h: (S, 3 M) positions to (S, m) rows.
         affine: Whether ``h`` is affine.
@@ -42,7 +42,7 @@ class Problem:
     """
 
     name: str
-    model: ConstantVelocity
+    noise: Array
     start: Gaussian
     h: Callable[[Array], Array]
     affine: bool
@@ -133,37 +133,41 @@ def problem(n: int, m: int, *, affine: bool, seed: int = 0) -> Problem:
         pixels = project(matrices, positions.reshape(len(positions), -1, 3))  # (C, S, M, 2)
         return np.moveaxis(pixels, 1, 0).reshape(len(positions), -1)[:, :m]
 
-    model = ConstantVelocity(
-        start_m=rng.uniform(-0.15, 0.15, (k // 3, 3)), start_sd_m=1, speed_sd_m_s=1, density=np.full(k // 3, 30.0)
-    )
+    place = rng.uniform(-0.15, 0.15, k)
+    l11, l21, l22 = white_acceleration(np.full(k, 30.0), DT_S)
+    noise = np.block([[np.diag(l11), np.zeros((k, k))], [np.diag(l21), np.diag(l22)]])
     loadings = rng.standard_normal((n, n))
     correlation = 0.5 * np.eye(n) + 0.5 * np.corrcoef(loadings)
     sd = np.repeat([3e-3, 0.3], k)
-    start = Gaussian(
-        np.concatenate([model.start_m.ravel(), rng.standard_normal(k)]), sd[:, None] * np.linalg.cholesky(correlation)
-    )
-    true = model.advance((start.mean + start.factor @ rng.standard_normal(n))[None], DT_S)
+    start = Gaussian(np.concatenate([place, rng.standard_normal(k)]), sd[:, None] * np.linalg.cholesky(correlation))
+    true = advance((start.mean + start.factor @ rng.standard_normal(n))[None], DT_S)
     y = h(true[:, :k])[0] + SD_PX * rng.standard_normal(m)
-    return Problem(name="planar" if affine else "pixels", model=model, start=start, h=h, affine=affine, y=y)
+    return Problem(name="planar" if affine else "pixels", noise=noise, start=start, h=h, affine=affine, y=y)
+
+
+def advance(states: Array, dt_s: float) -> Array:
+    """(S, n) states of constant velocity a step later."""
+    k = states.shape[1] // 2
+    return np.concatenate([states[:, :k] + dt_s * states[:, k:], states[:, k:]], axis=1)
 
 
 def compare(case: Problem, *, repeats: int, budget_s: float) -> list[Row]:
     """Time a step and a smoothing step of both programs, and compare their states."""
-    model, k, n, m = case.model, case.model.reads, len(case.start.mean), len(case.y)
-    noise, sd = model.noise(DT_S), np.full(m, SD_PX)
+    n, m = len(case.start.mean), len(case.y)
+    k, noise, sd, points = n // 2, case.noise, np.full(m, SD_PX), default_points(n)
 
     def step(states: Array) -> Array:
-        return model.advance(states, DT_S)
+        return advance(states, DT_S)
 
     def ours() -> tuple[Gaussian, Update]:
-        prediction = predict(case.start, step, noise, model.points, linear=True)
-        return prediction.state, update(prediction.state, case.h, case.y, sd, model.points, reads=k, linear=case.affine)
+        prediction = predict(case.start, step, noise, points, linear=True)
+        return prediction.state, update(prediction.state, case.h, case.y, sd, points, reads=k, linear=case.affine)
 
     peer = UnscentedKalmanFilter(
         dim_x=n,
         dim_z=m,
         dt=DT_S,
-        fx=lambda x, dt: model.advance(x[None], dt)[0],
+        fx=lambda x, dt: advance(x[None], dt)[0],
         hx=lambda x: case.h(x[None, :k])[0],
         points=default_points(n),
     )
@@ -179,7 +183,7 @@ def compare(case: Problem, *, repeats: int, budget_s: float) -> list[Row]:
         _, after = ours()
         theirs()
         states = np.stack([case.start.mean, peer.x]), np.stack([start_cov, peer.P])
-        prediction = predict(case.start, step, noise, model.points, linear=True)
+        prediction = predict(case.start, step, noise, points, linear=True)
         smoothed = smooth_step(case.start, prediction, after.state)
         peer_mean, peer_cov, _ = peer.rts_smoother(*states)
     a = np.ones((k if case.affine else 2 * k, m), order="F")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Smoothed
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
@@ -41,17 +41,16 @@ class HeldKeeper:
         limbs = tuple(p for p in model.potentials if p.children and p.potential is not None)
         return HeldKeeper(model, limbs) if limbs else None
 
-    def take(self, frame: int, state: Gaussian) -> None:
+    def take(self, frame: int, state: Smoothed) -> None:
         """One frame's smoothed state."""
-        _, g, e, _, _ = self.model.parts
+        g = self.model.parts[1]
         turn = Rotation.from_rotvec(state.mean[g][3:]).as_matrix()
         self._turned.append(self.model.path.frames.rotation[frame] @ turn)
         self._means.append(state.mean)
         found = []
         for limb in self.limbs:
-            mean, rows = limb.coordinates(state, e, self.model.reads)
-            spread = rows @ limb.plane
-            found.append((mean, spread.T @ spread))
+            rows = limb.rows(self.model.chains)
+            found.append((limb.mean + rows @ state.mean[: rows.shape[1]], state.of(limb.plane.T @ rows)))
         self._taken.append(found)
 
     def held(self, names: Sequence[str]) -> tuple[HeldLimb, ...]:

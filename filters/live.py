@@ -3,14 +3,13 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, Prediction
-from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.observations import Observations, Sights
 from mocap.filters.observe import Observed
-from mocap.filters.smoother import smooth_step
-from mocap.filters.track import filter_frame, marker_moments
+from mocap.filters.track import filter_frame, smooth_back
 
 from eal.arrays import Array
 from eal.threads import one_blas_thread
@@ -40,15 +39,12 @@ class LiveEstimate:
     observed: Observed
 
 
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    """What smoothing back needs of a frame."""
+class _Kept(NamedTuple):
+    """A frame that is not given away yet."""
 
-    frame: int
+    number: int
     t_s: float
-    prediction: Prediction | None
-    state: Gaussian
-    observed: Observed
+    frame: Frame
 
 
 @dataclass(frozen=True)
@@ -107,11 +103,11 @@ def live(
                 dt = round(time - last_s, 12)
                 if not dt > 0:
                     raise ValueError(f"times must increase, but frame {frame} at {time} s follows one at {last_s} s")
-                noise = step.noise if step is not None and step.dt_s == dt else model.noise(dt)
-                step = Step(frame, dt, noise)
+                step = Step(frame, dt)
             last_s = time
-            prediction, state, seen = filter_frame(model, _Now(look), frame, state, step, gate_sd)
-            kept.append(_Kept(frame, time, prediction, state, seen))
+            filtered = filter_frame(model, _Now(look), frame, state, step, gate_sd)
+            state = filtered.state
+            kept.append(_Kept(frame, time, filtered))
             done = _smoothed(model, kept, every) if len(kept) == lag + every else []
         for estimate in done:
             kept.popleft()
@@ -123,16 +119,21 @@ def live(
 
 def _smoothed(model: MotionModel, kept: deque[_Kept], n: int) -> list[LiveEstimate]:
     """Smooth back from the last of the kept frames; the first n of them."""
-    out, state, ahead = [], None, None
-    for i in range(len(kept) - 1, -1, -1):
-        here = kept[i]
-        state = here.state if ahead is None or state is None else smooth_step(here.state, ahead, state)
-        ahead = here.prediction
-        if i < n:
-            dark = not len(here.observed.where)
-            xyz, cov = marker_moments(model, model.informed(state) if dark else state, here.frame)
-            later = len(kept) - 1 - i
+    out = []
+    for later, (_, state, _) in enumerate(smooth_back(one.frame for one in reversed(kept))):
+        one = kept[-1 - later]
+        if later >= len(kept) - n:
+            seen = one.frame.observed
+            shown = state if len(seen.where) else model.informed(state)
+            view = model.view(shown.mean, one.number)
             out.append(
-                LiveEstimate(frame=here.frame, t_s=here.t_s, ahead=later, xyz_m=xyz, cov_m2=cov, observed=here.observed)
+                LiveEstimate(
+                    frame=one.number,
+                    t_s=one.t_s,
+                    ahead=later,
+                    xyz_m=view.mean,
+                    cov_m2=shown.markers(view),
+                    observed=seen,
+                )
             )
     return out[::-1]

@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, Prediction
-from mocap.filters.motion.base import MotionModel
+from mocap.filters.gaussian import Smoothed
+from mocap.filters.motion.base import Frame, MotionModel
 from mocap.filters.velocities import Asked
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrmm, dtrsm  # type: ignore[attr-defined]  # made at run time
 
 from eal.arrays import Array
 
@@ -51,7 +50,7 @@ class RateKeeper:
     _own: list[NDArray] = field(default_factory=list)
     _cross: list[NDArray] = field(default_factory=list)
     _kept: dict[int, Array] = field(default_factory=dict)
-    _ahead: list[tuple[Gaussian, Prediction | None, Array, Array]] = field(default_factory=list)
+    _ahead: list[tuple[Frame, Array, Array]] = field(default_factory=list)
 
     @cached_property
     def _weights(self) -> Array:
@@ -61,58 +60,66 @@ class RateKeeper:
     def _pairs(self) -> NDArray[np.int64]:
         return np.array(self.asked.pairs, dtype=np.int64).reshape(-1, 2)
 
-    def take(self, frame: int, filtered: Gaussian, prediction: Prediction | None, state: Gaussian) -> None:
+    def take(self, frame: int, filtered: Frame, smoothed: Smoothed, state: Smoothed, matrix: Array) -> None:
         """One frame.
 
         Args:
             frame: Which; the frame before was the one after it.
-            filtered: Its filtered state.
-            prediction: From it to the next frame; None at the last.
-            state: Its smoothed state.
+            filtered: What the filter made of it.
+            smoothed: Its smoothed state.
+            state: The same with what is known of any frame, if nothing is seen (``MotionModel.informed``).
+            matrix: Lambda: what later frames say of the filtered state.
         """
         found = self.model.rates(state.mean, frame)
         if found is None:
             return
         velocity, jacobian = found
-        weights = self._weights
-        count, n = len(velocity), len(state.mean)
-        if len(weights) > count:
-            means = np.tensordot(weights[count:], jacobian, 1)
-            jacobian = np.concatenate([jacobian, means])
-            velocity = np.concatenate([velocity, weights[count:] @ velocity])
-        flat = jacobian.reshape(-1, n)
-        rows: NDArray = flat.astype(np.float32) @ state.factor.astype(np.float32)
-        every = (rows @ rows.T).reshape(len(jacobian), 6, len(jacobian), 6).swapaxes(1, 2)
-        each = np.arange(len(jacobian))
-        self._velocity.append(velocity)
-        self._own.append(every[each, each])
-        self._cross.append(every[self._pairs[:, 0], self._pairs[:, 1]])
-        speeds = np.ascontiguousarray(jacobian[:, 3:].reshape(-1, n))
-        if len(self._ahead) == 2 and frame % EVERY == 0 and prediction is not None:
-            self._kept[frame + 1] = self._change(filtered, prediction, speeds)
-        self._ahead = [(filtered, prediction, speeds, state.factor), *self._ahead[:1]]
+        if jacobian.ndim == 2 and len(self._weights) > len(velocity):
+            means = self._weights[len(velocity) :]
+            rows = jacobian.reshape(len(velocity), -1)
+            jacobian = np.concatenate([rows, means @ rows]).reshape(-1, jacobian.shape[1])
+        gains = jacobian @ state.filtered
+        every = state.of(jacobian, gains)
+        if jacobian.ndim == 2:
+            blocks = every.reshape(len(self._weights), 6, -1, 6).swapaxes(1, 2)
+            each = np.arange(len(blocks))
+            own, cross = blocks[each, each], blocks[self._pairs[:, 0], self._pairs[:, 1]]
+        else:  # markers are independent
+            flat = every.reshape(len(every), 36)
+            own = (self._weights**2 @ flat).reshape(-1, 6, 6)
+            both = self._weights[self._pairs[:, 0]] * self._weights[self._pairs[:, 1]]
+            cross = (both @ flat).reshape(-1, 6, 6)
+        self._velocity.append(self._weights @ velocity)
+        self._own.append(own.astype(np.float32))
+        self._cross.append(cross.astype(np.float32))
+        if frame % EVERY not in (0, 1, 2):
+            return
+        speed = jacobian.reshape(*jacobian.shape[:-2], -1, 2, 3, jacobian.shape[-1])[..., 1, :, :]
+        speed = speed.reshape(*jacobian.shape[:-2], -1, jacobian.shape[-1])
+        variance = np.einsum("...ii->...i", smoothed.of(speed)).reshape(-1, 3)
+        gains = speed @ filtered.state.cov
+        if len(self._ahead) == 2 and frame % EVERY == 0:
+            self._kept[frame + 1] = self._change(gains, variance)
+        from_later = np.swapaxes(speed, -1, -2) - matrix @ np.swapaxes(gains, -1, -2)
+        self._ahead = [(filtered, from_later, variance), *self._ahead[:1]]
 
-    def _change(self, filtered: Gaussian, prediction: Prediction, speeds: Array) -> Array:
+    def _change(self, gains: Array, variance: Array) -> Array:
         """(N, 3) variance of the change of velocity over two steps, over the sum of the variances at both ends.
 
-        x(t) = G x(t+1) + r with the smoother's gain G and r independent of x(t+1), of covariance P - G P- G^T; twice.
+        Cov(x(t+2), x(t)) given all frames is (1 - P Lambda) of t+2 times what steps and observations up to there made
+        of P(t).
+
+        Args:
+            gains: (..., 3m, n) covariance of the velocities of the first of three frames with its filtered state.
+            variance: (N', 3) their smoothed variances.
         """
-        (middle, onward, _, _), (_, _, last, factor) = self._ahead
-        if onward is None:
-            raise ValueError("the middle one of three frames has a prediction to the last")
-        hold = speeds
-        variance = np.zeros(len(speeds))
-        for state, step in ((filtered, prediction), (middle, onward)):
-            n = len(state.mean)
-            w = dtrsm(1.0, step.state.factor, step.rows[:n].T, lower=1)
-            now = dtrmm(1.0, state.factor, hold, side=1, lower=1)
-            then = now @ w.T
-            variance += np.sum(now**2, axis=1) - np.sum(then**2, axis=1)
-            hold = dtrsm(1.0, step.state.factor, then, side=1, lower=1)
-        both = dtrmm(1.0, factor, last - hold, side=1, lower=1)
-        variance += np.sum(both**2, axis=1)
-        own = np.einsum("nii->ni", self._own[-1])[:, 3:] + np.einsum("nii->ni", self._own[-3])[:, 3:]
-        return np.clip(variance.reshape(-1, 3) / np.maximum(own, 1e-300), 0.0, 2.0)
+        (middle, _, _), (last, from_later, after) = self._ahead
+        for one in (middle, last):
+            gains = one.carry(gains)
+        shared = np.einsum("...ij,...ji->...i", gains, from_later).reshape(-1, 3)
+        weights = self._weights**2 if gains.ndim == 3 else np.eye(len(variance))
+        own = weights @ (variance + after)
+        return np.clip(1 - 2 * (weights @ shared) / np.maximum(own, 1e-300), 0.0, 2.0)
 
     def rates(self, n_frames: int) -> Rates | None:
         """All frames, from the first on; None where the model has no velocities."""

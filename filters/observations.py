@@ -108,9 +108,9 @@ class PixelObservations:
         innovation[:n, :2] = self.uv_px[camera, frame, marker] - predicted
         slope[:n, :2] = change
         sd[:n, :2] = np.sqrt(self.sd_px[camera, frame, marker, None] ** 2 + error)
-        whitening = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, points]))
-        slope[n:] = whitening
-        innovation[n:] = np.einsum("gij,gj->gi", whitening, self.xyz_m[frame, points] - mean[points])
+        if len(points):
+            slope[n:] = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, points]))
+            innovation[n:] = np.einsum("gij,gj->gi", slope[n:], self.xyz_m[frame, points] - mean[points])
         several = np.isfinite(self.uv_px[:, frame, :, 0]).sum(axis=0) > 1
         apart = (several & np.isnan(self.xyz_m[frame, :, 0]))[marker]
         return Sights(

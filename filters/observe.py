@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, cholesky, condition, each_marker, marker_covariances
+from mocap.filters.gaussian import Markers, Moments, Update, diagonal_blocks
 from mocap.filters.observations import WHOLE, Sights
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
+from scipy.linalg.lapack import dgesv  # type: ignore[attr-defined]  # made at run time
 
 from eal.arrays import Array
 
@@ -60,13 +60,13 @@ def gate_groups(
 
 
 def observe(
-    state: Gaussian, sights: Sights, deviations: Array, *, reads: int, gate_sd: float = 6.0, rounds: int = 3
-) -> tuple[Gaussian, Observed]:
+    markers: Markers, sights: Sights, *, gate_sd: float = 6.0, rounds: int = 3
+) -> tuple[Moments, Update | None, Observed]:
     """Condition a state on the sights of a frame.
 
-    The whitened rows W_g of all groups of a marker act through J = sum W^T W = V diag(l) V^T alone: three rows
-    diag(l)^1/2 V^T with the innovation diag(l)^-1/2 V^T sum W^T y give the same posterior, and what is left of y^T y is
-    the misfit of the rays among themselves. The state is conditioned on these.
+    The whitened rows W_g of all groups of a marker act through J = sum W^T W and j = sum W^T y alone: with J = R R^T
+    the three rows R^T with the innovation R^-1 j give the same posterior, and what is left of y^T y is the misfit of
+    the rays among themselves. The state is conditioned on these.
 
     Errors that follow Student's t with nu degrees of freedom are normal ones whose precision is scaled by a weight;
     its expectation given a residual r (d rows, scaled) is (nu + d) / (nu + E[r^2]) (Lange et al. 1989; with the
@@ -75,48 +75,60 @@ def observe(
     to: the spread of the posterior would else leave out that the weights are estimates.
 
     Args:
-        state: Predicted state.
+        markers: Those of the predicted state.
         sights: What is seen.
-        deviations: (k, M, 3) ensemble rows of the markers: their covariance is the sum of squares over k; the first
-            ``reads`` belong to the first columns of the factor.
-        reads: Number of columns of the factor that move the markers.
         gate_sd: Groups with a row further off than this many standard deviations are not believed (``gate_groups``);
             a measured position always is.
         rounds: Reweightings of Student-t groups.
+
+    Returns:
+        The posterior, how it came from the state (None: nothing was believed), and what was seen.
     """
     n_groups, marker = len(sights.size), sights.where[:, 1]
     if not n_groups:
-        return state, unused(sights)
-    white, y = sights.slope / sights.sd[..., None], sights.innovation / sights.sd
-    cov = marker_covariances(deviations)
-    predicted = 1 + np.einsum("gri,gij,grj->gr", white, cov[marker], white)
-    far = (np.abs(y) > gate_sd * np.sqrt(predicted)).any(axis=1)
-    used = gate_groups(np.sum(y**2 / predicted, axis=1), far, sights.where, sights.apart)
+        return markers.state, None, unused(sights)
+    turn, cov, together = markers.view.turn, markers.own, markers.spread
+    scaled = sights.slope / sights.sd[..., None]
+    y = sights.innovation / sights.sd
+    white = scaled if turn is None else scaled @ turn
+    predicted = 1 + np.sum((white @ cov[marker]) * white, axis=2)
+    squared = y**2 / predicted
+    used = gate_groups(squared.sum(axis=1), (squared > gate_sd**2).any(axis=1), sights.where, sights.apart)
     if not used.any():
-        return state, unused(sights)
+        return markers.state, None, unused(sights)
+    both = np.concatenate([white, y[..., None]], axis=2)
+    both = np.swapaxes(both, 1, 2) @ both  # [W y]^T [W y] of each group
+    sums = np.zeros((len(cov), n_groups))  # of the groups of each marker
+    sums[marker, np.arange(n_groups)] = 1
     weight = used.astype(float)
-    heavy = used & np.isfinite(sights.dof) & (rounds > 0)
+    heavy = used & np.isfinite(sights.dof)
+    heavy_rounds = rounds if heavy.any() else 0
     freedom = sights.dof[heavy] + sights.size[heavy]
-    rounds = rounds if heavy.any() else 0
-    flat = deviations.reshape(len(deviations), -1)
-    together = flat.T @ flat if rounds else np.zeros((0, 0))
-    for _ in range(rounds):
-        shift, left = _posterior_markers(*_information(white, y, weight, marker, len(cov)), together)
-        miss = y - np.einsum("gri,gi->gr", white, shift[marker])
-        spread = np.einsum("gri,gij,grj->gr", white, left[marker], white)
-        squared = np.sum(miss**2 + spread, axis=1)
-        weight[heavy] = freedom / (sights.dof[heavy] + squared[heavy])
+    moments = np.empty((len(cov), 4, 4))
+    for _ in range(heavy_rounds):
+        shift, left = _posterior_markers(_sum(sums, weight, both), together)
+        moments[:, :3, :3] = left + shift[:, :, None] * shift[:, None]
+        moments[:, :3, 3] = moments[:, 3, :3] = -shift
+        moments[:, 3, 3] = 1
+        expected = np.einsum("gij,gij->g", both[heavy], moments[marker[heavy]])
+        weight[heavy] = freedom / (sights.dof[heavy] + expected)
     information = np.ones(n_groups)
-    information[heavy] = freedom / (freedom + 2)
-    weight *= information
-    a, target = _compress(white, y, weight, marker, deviations)
-    posterior, w, log_det = condition(state, a, target, reads)
+    if heavy_rounds:
+        information[heavy] = freedom / (freedom + 2)
+        weight *= information
+    summed = _sum(sums, weight, both)
+    values, vectors = np.linalg.eigh(summed[:, :3, :3])
+    known = values > 1e-12 * np.maximum(values[:, -1:], 1e-300)  # one ray leaves a direction free
+    root = np.sqrt(np.where(known, values, 0.0))
+    target = np.einsum("mi,mij->mj", summed[:, :3, 3], vectors) / np.where(known, root, np.inf)
+    posterior, update = markers.condition(np.swapaxes(vectors * root[:, None], 1, 2), target, known)
     n_rows = int(sights.size[used].sum())
-    nis = float(np.sum(weight[:, None] * y**2) - w @ w)
+    nis = float(summed[:, 3, 3].sum() - np.sum(target**2) + np.sum(update.innovation**2))
     log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()
-    log_likelihood = -0.5 * (n_rows * np.log(2 * np.pi) + 2 * log_sd + log_det + nis)
+    log_likelihood = -0.5 * (n_rows * np.log(2 * np.pi) + 2 * log_sd + update.log_det + nis)
     nis *= n_rows / float(sights.size[used] @ information[used])  # about n_rows, of rows that follow their law
-    return posterior, Observed(sights.where, sights.innovation, weight, nis, n_rows, float(log_likelihood))
+    seen = Observed(sights.where, sights.innovation, weight, nis, n_rows, float(log_likelihood))
+    return posterior, update, seen
 
 
 def unused(sights: Sights) -> Observed:
@@ -124,51 +136,27 @@ def unused(sights: Sights) -> Observed:
     return Observed(sights.where, sights.innovation, np.zeros(len(sights.size)), np.nan, 0, 0.0)
 
 
-def _compress(
-    white: Array, y: Array, weight: Array, marker: NDArray[np.int64], deviations: Array
-) -> tuple[Array, Array]:
-    """Ensemble rows (k, m), innovations (m,) of at most three rows for each marker that is seen."""
-    information, pull = _information(white, y, weight, marker, deviations.shape[1])
-    seen = np.unique(marker[weight > 0])
-    values, vectors = np.linalg.eigh(information[seen])
-    known = values > 1e-12 * values[:, -1:]
-    root = np.sqrt(np.where(known, values, 1.0))
-    rows = each_marker(deviations[:, seen], vectors * root[:, None])
-    target = np.einsum("mi,mij->mj", pull[seen], vectors) / root
-    return np.ascontiguousarray(rows[:, known]), target[known]
+def _sum(sums: Array, weight: Array, both: Array) -> Array:
+    """(M, 4, 4) weighted sums over the groups of each marker."""
+    return (sums @ (weight[:, None] * both.reshape(len(both), 16))).reshape(-1, 4, 4)
 
 
-def _information(
-    white: Array, y: Array, weight: Array, marker: NDArray[np.int64], n_markers: int
-) -> tuple[Array, Array]:
-    """J = sum W^T W (M, 3, 3) and sum W^T y (M, 3) of the groups of each marker."""
-    scaled = weight[:, None, None] * white
-    information, pull = np.zeros((n_markers, 3, 3)), np.zeros((n_markers, 3))
-    np.add.at(information, marker, np.swapaxes(scaled, 1, 2) @ white)
-    np.add.at(pull, marker, np.einsum("gri,gr->gi", scaled, y))
-    return information, pull
-
-
-def _posterior_markers(information: Array, pull: Array, together: Array) -> tuple[Array, Array]:
-    """Shift (M, 3) and covariance (M, 3, 3) of the markers given J (M, 3, 3) and j = W^T y (M, 3) of each.
-
-    With J = R R^T and the covariance C of all markers together, (C^-1 + J)^-1 = C - C R (1 + R^T C R)^-1 R^T C.
+def _posterior_markers(summed: Array, together: Array) -> tuple[Array, Array]:
+    """Shift (M, 3) and covariance (M, 3, 3) of the markers given J and j of each: (1 + C J)^-1 of C j and of C.
 
     Args:
-        information: J.
-        pull: j.
-        together: C, (3M, 3M).
+        summed: (M, 4, 4) J with j beside and below it.
+        together: C, (..., 3m, 3m) covariance of all of a part; markers of different parts are independent.
     """
-    count = len(information)
-    least = 1e-12 * np.trace(information, axis1=1, axis2=2) + 1e-300  # one ray leaves a direction free
-    root = np.linalg.cholesky(information + least[:, None, None] * np.eye(3))
-    half = (np.swapaxes(root, 1, 2) @ together.reshape(count, 3, -1)).reshape(3 * count, -1)  # R^T C
-    c = (half.reshape(-1, count, 3).swapaxes(0, 1) @ root).swapaxes(0, 1).reshape(3 * count, -1)
-    c[np.diag_indices(3 * count)] += 1
-    solved = dtrsm(1.0, cholesky(np.asfortranarray(np.tril(c))), half, lower=1)
-    j = pull.ravel()
-    shift = together @ j - solved.T @ (solved @ j)
-    each = np.arange(count)
-    own = together.reshape(count, 3, count, 3)[each, :, each]
-    rows = solved.reshape(-1, count, 3).swapaxes(0, 1)
-    return shift.reshape(count, 3), own - np.swapaxes(rows, 1, 2) @ rows
+    information, j = summed[:, :3, :3], summed[:, :3, 3]
+    if together.ndim > 2:
+        left = np.linalg.solve(np.eye(3) + together @ information, together)
+        return np.einsum("mij,mj->mi", left, j), left
+    size = len(together)
+    least = 1e-12 * np.trace(information, axis1=1, axis2=2)  # one ray leaves a direction free
+    information = information + least[:, None, None] * np.eye(3)
+    system = (information @ together.reshape(-1, 3, size)).reshape(size, size)
+    np.einsum("ii->i", system)[...] += 1
+    right = np.concatenate([together, (together @ j.ravel())[None]])  # its transpose, as LAPACK has it in memory
+    _, _, found, _ = dgesv(system.T, right.T, overwrite_a=1, overwrite_b=1)
+    return found[:, -1].reshape(-1, 3), diagonal_blocks(found[:, :-1])

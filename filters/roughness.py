@@ -34,9 +34,8 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, commo
     part = slice(middle, middle + MOST_FRAMES)
     rates = common_hz * RATES
     turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)[:, None]  # (K, 1, 3, 3), of [e, e' / rate, e'' / rate^2]
-    root = np.moveaxis(matern_noise(rates * dt_s), -1, 0)[:, None]
     size = (sd**2)[:, None, None]
-    added = root @ np.swapaxes(root, -1, -2) * size  # (K, D, 3, 3)
+    added = np.moveaxis(matern_noise(rates * dt_s), -1, 0)[:, None] * size  # (K, D, 3, 3)
     mean = np.zeros((len(rates), len(sd), 3))
     cov = np.broadcast_to(STATIONARY * size, (len(rates), len(sd), 3, 3))
     total = np.zeros((len(rates), len(sd)))

@@ -1,46 +1,30 @@
-"""The tracker: filter forward, smooth backward, return markers with covariance."""
+"""The tracker: filter forward, smooth backward, return markers with covariance.
 
-from collections.abc import Callable, Sequence
+It is an unscented Kalman filter that propagates exactly what is linear in the state, and takes sigma points where
+something is not, over the coordinates that are not: rays over the three of their marker, potentials over theirs; joint
+angles and the Lagrangian are linearised by their derivatives.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from mocap.filters.apart import smooth_apart
-from mocap.filters.ensemble import Gaussian, Prediction, gram, marker_covariances
+from mocap.filters.gaussian import Adjoint, Markers, Moments, Smoothed, Update
 from mocap.filters.groups import MOST, groups_of, smooth_in_groups
 from mocap.filters.limb_potential import HeldKeeper
-from mocap.filters.motion.base import MotionModel, Step
-from mocap.filters.motion.constant_velocity import ConstantVelocity
+from mocap.filters.motion.base import Frame, MotionModel, Step
 from mocap.filters.motion.pose import PoseMotion
-from mocap.filters.motion.singer import LastingAcceleration
 from mocap.filters.moving import RateKeeper
 from mocap.filters.observations import Observations, seen_from
 from mocap.filters.observe import Observed, observe, unused
 from mocap.filters.records import Estimate
-from mocap.filters.smoother import smooth_step
 from mocap.filters.velocities import Asked
 from threadpoolctl import threadpool_limits
 
 from eal.arrays import Array
 
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Filtered:
-    """Frames that were filtered one after the other.
-
-    Attributes:
-        states: Filtered state of each frame; empty where they were not kept.
-        predictions: What led to each frame; None to the first of the recording.
-        observed: What was seen in each frame.
-        last: Filtered state of the last frame.
-    """
-
-    states: list[Gaussian]
-    predictions: list[Prediction | None]
-    observed: list[Observed]
-    last: Gaussian
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,34 +46,38 @@ def filter_frame(
     model: MotionModel,
     observations: Observations,
     frame: int,
-    before: Gaussian,
+    before: Moments,
     step: Step | None,
     gate_sd: float,
     *,
     about: Reference | None = None,
-) -> tuple[Prediction | None, Gaussian, Observed]:
+) -> Frame:
     """Predict one frame and condition on what it shows; without a ``step`` (at the first frame) only the latter.
 
     Rays and potentials are linearised about the prediction, or ``about`` what an earlier pass made of the frame.
     """
-    prediction, state = None, before
+    move, predicted, state, updates = None, before, before, []
     if step is not None:
-        prediction = model.predict(before, step)
-        state = model.constrain(prediction.state, step, None if about is None else about.model)
-    mean, deviations = model.deviations(state, frame)
-    sights = observations.sights(frame, mean, marker_covariances(deviations))
+        move = model.move(before, step)
+        predicted = move.ahead(before)
+        state, updates = model.constrain(predicted, step, None if about is None else about.model)
+    markers = Markers(state, model.view(state.mean, frame))
+    mean = markers.view.mean
+    sights = observations.sights(frame, mean, markers.cov)
     if not len(sights.size):  # a potential would hold a shape whose phase nobody knows, and be sure of it
-        return prediction, state if prediction is None else prediction.state, unused(sights)
+        return Frame(predicted, move, (), unused(sights))
     if about is not None:
         sights = seen_from(observations.sights(frame, about.mean, about.cov), about.mean - mean)
 
-    def update(mean: Array, deviations: Array, shift: Array | None) -> tuple[Gaussian, Observed]:
-        here = sights
+    def update(here: Markers, shift: Array | None) -> tuple[Moments, tuple[Update | None, Observed]]:
+        seen = sights
         if shift is not None:
-            here = seen_from(observations.sights(frame, mean, marker_covariances(deviations)), -shift)
-        return observe(state, here, deviations, reads=model.reads, gate_sd=gate_sd)
+            seen = seen_from(observations.sights(frame, here.view.mean, here.cov), -shift)
+        found, done, what = observe(here, seen, gate_sd=gate_sd)
+        return found, (done, what)
 
-    return prediction, *model.conditioned(state, frame, update, first=(mean, deviations))
+    state, (done, seen) = model.conditioned(state, frame, update, first=markers)
+    return Frame(state, move, updates if done is None else [*updates, done], seen)
 
 
 def filter_forward(
@@ -98,13 +86,12 @@ def filter_forward(
     t_s: Array,
     *,
     frames: range | None = None,
-    before: Gaussian | None = None,
+    before: Moments | None = None,
     gate_sd: float = 6.0,
-    keep: bool = True,
     about: Sequence[Reference] | None = None,
     progress: Progress | None = None,
-) -> Filtered:
-    """Filter frames.
+) -> Iterator[Frame]:
+    """Filter frames, one after the other.
 
     Args:
         model: Motion model.
@@ -113,33 +100,37 @@ def filter_forward(
         frames: Consecutive frames; None: all.
         before: Filtered state of the frame before them; None: the model's initial state.
         gate_sd: Groups further off are not believed (``gate_groups``).
-        keep: Whether to keep states and predictions for smoothing.
         about: What an earlier pass made of all frames of the recording (``filter_frame``).
         progress: Called with the share of all frames done.
     """
-    frames = range(observations.n_frames) if frames is None else frames
-    states: list[Gaussian] = []
-    predictions: list[Prediction | None] = []
-    observed: list[Observed] = []
     state = model.initial() if before is None else before
-    noise_of: dict[float, tuple[Array, Array]] = {}
-    for frame in frames:
-        step = None
-        if frame:
-            dt = round(float(t_s[frame] - t_s[frame - 1]), 12)
-            if dt not in noise_of:
-                noise = model.noise(dt)
-                noise_of[dt] = noise, gram(noise)
-            step = Step(frame, dt, *noise_of[dt])
+    for frame in range(observations.n_frames) if frames is None else frames:
+        step = Step(frame, round(float(t_s[frame] - t_s[frame - 1]), 12)) if frame else None
         here = None if about is None else about[frame]
-        prediction, state, seen = filter_frame(model, observations, frame, state, step, gate_sd, about=here)
-        if keep:
-            states.append(state)
-            predictions.append(prediction)
-        observed.append(seen)
+        filtered = filter_frame(model, observations, frame, state, step, gate_sd, about=here)
+        state = filtered.state
+        yield filtered
         if progress is not None:
             progress((frame + 1) / observations.n_frames)
-    return Filtered(states, predictions, observed, state)
+
+
+def smooth_back(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Smoothed, Array]]:
+    """Smooth filtered frames, from the last of a recording to the first.
+
+    Yields:
+        Each frame, its smoothed state, and Lambda: what all later frames say of its filtered state.
+    """
+    adjoint, later = None, None
+    for frame in frames:
+        state = frame.state
+        if adjoint is None:  # nothing comes later
+            adjoint = Adjoint(np.zeros_like(state.mean), np.zeros_like(state.cov))
+        smoothed = adjoint.smoothed(state)
+        if later is not None and later[0].move is not None and not frame.updates:
+            cov = later[0].move.smoothed_cov(state.cov, later[1].cov)
+            smoothed = Smoothed(smoothed.mean, cov, np.zeros_like(cov))
+        yield frame, smoothed, adjoint.matrix
+        adjoint, later = frame.back(adjoint), (frame, smoothed)
 
 
 def smooth(
@@ -175,10 +166,6 @@ def smooth(
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    if isinstance(model, ConstantVelocity | LastingAcceleration) and passes == 1:
-        plain: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
-        with threadpool_limits(1):
-            return smooth_apart(model, observations, t_s, **plain)
     options: dict[str, Any] = {
         "gate_sd": gate_sd,
         "most_bytes": most_bytes,
@@ -241,48 +228,52 @@ def _pass(
     progress: Progress | None,
 ) -> tuple[Estimate, list[Reference]]:
     """One pass forward and back, about what the one before it found."""
-    n_frames, size = observations.n_frames, model.points.n
+    n_frames, size = observations.n_frames, model.initial().cov.size
     options: dict[str, Any] = {"gate_sd": gate_sd, "about": about}
-    length = max(2, int(most_bytes / (3 * 8 * size**2)))
+    length = max(2, int(most_bytes / (3 * 8 * size)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
+    xyz, cov, references, angles, energies = [], [], [], [], []
+    keeper = None if asked is None else RateKeeper(model, asked)
+    holder = None if asked is None else HeldKeeper.of(model)
     with threadpool_limits(1):
         half = None if progress is None else (lambda share: progress(0.5 * share))
-        before: list[Gaussian | None] = [None]
+        before: list[Moments | None] = [None]
         observed: list[Observed] = []
-        filtered = None
+        filtered: list[Frame] = []
         for block in blocks:
-            keep = block is blocks[-1]
-            filtered = filter_forward(
-                model, observations, t_s, frames=block, before=before[-1], keep=keep, progress=half, **options
-            )
-            before.append(filtered.last)
-            observed.extend(filtered.observed)
-        xyz, cov, references, angles, energies = [], [], [], [], []
-        state, ahead = before[-1], None
-        keeper = None if asked is None else RateKeeper(model, asked)
-        holder = None if asked is None else HeldKeeper.of(model)
-        for i in range(len(blocks) - 1, -1, -1):
-            if filtered is None or i < len(blocks) - 1:
-                filtered = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], **options)
-            for frame in reversed(blocks[i]):
-                here, after = filtered.states.pop(), ahead
-                state = here if ahead is None or state is None else smooth_step(here, ahead, state)
-                ahead = filtered.predictions.pop()
-                dark = not len(observed[frame].where)
-                shown = model.informed(state) if dark else state
-                mean, covariance = marker_moments(model, shown, frame)
-                if keeper is not None:
-                    keeper.take(frame, here, after, shown)
-                if holder is not None:
-                    holder.take(frame, shown)
-                angles.append(model.angles_of(shown))
-                energies.append(model.energy_of(shown, frame))
-                xyz.append(mean)
-                cov.append(covariance)
-                if not last:
-                    references.append(Reference(mean, covariance, model.reference(state)))
-                if progress is not None:
-                    progress(1 - 0.5 * frame / n_frames)
+            filtered.clear()
+            for one in filter_forward(
+                model, observations, t_s, frames=block, before=before[-1], progress=half, **options
+            ):
+                if block is not blocks[-1]:
+                    filtered.clear()
+                filtered.append(one)
+                observed.append(one.observed)
+            before.append(filtered[-1].state)
+
+        def backwards() -> Iterator[Frame]:
+            for i in range(len(blocks) - 1, -1, -1):
+                again = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], **options)
+                frames = filtered if blocks[i] is blocks[-1] else list(again)
+                while frames:
+                    yield frames.pop()
+
+        for frame, (here, state, matrix) in zip(range(n_frames - 1, -1, -1), smooth_back(backwards()), strict=True):
+            shown = state if len(here.observed.where) else model.informed(state)
+            view = model.view(shown.mean, frame)
+            mean, covariance = view.mean, shown.markers(view)
+            if keeper is not None:
+                keeper.take(frame, here, state, shown, matrix)
+            if holder is not None:
+                holder.take(frame, shown)
+            angles.append(model.angles_of(shown))
+            energies.append(model.energy_of(shown.mean, frame))
+            xyz.append(mean)
+            cov.append(covariance)
+            if not last:
+                references.append(Reference(mean, covariance, model.reference(state)))
+            if progress is not None:
+                progress(1 - 0.5 * frame / n_frames)
         rates = None if keeper is None else keeper.rates(n_frames)
     found = Estimate(
         xyz_m=np.array(xyz[::-1]),
@@ -294,9 +285,3 @@ def _pass(
         held=() if holder is None or asked is None else holder.held(asked.names),
     )
     return found, references[::-1]
-
-
-def marker_moments(model: MotionModel, state: Gaussian, frame: int) -> tuple[Array, Array]:
-    """Mean (M, 3) and covariance (M, 3, 3) of the markers of a state."""
-    mean, deviations = model.deviations(state, frame)
-    return mean, marker_covariances(deviations)

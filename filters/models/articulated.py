@@ -306,6 +306,7 @@ def learn_articulated(
             "name": "articulated",
             "farthest": ArticulatedMotion.farthest,
             "subspace": subspace,
+            "residual_rate_hz": wide.residual_rate_hz[columns],
             "potentials": tuple(replace(one, on_residual=one.on_residual[:, columns]) for one in held),
             "tree": tree,
             "arm_m": arms,

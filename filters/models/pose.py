@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Moments
 from mocap.filters.mechanics import Motion, joined, linear_shape
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.delayed_poses import DelaySettings
@@ -189,7 +189,10 @@ def learn_pose(
     left_sd = settings.residual * np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[target]))
     memory_s = residual_memory_s(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd)
     common_hz = settings.residual_rate * MATERN_HALF / memory_s
-    left, noise = out_of_sample(shapes.residual[target], trial.sd_m, subspace.basis)
+    rates = np.full(len(left_sd), common_hz)
+    if trial.sd_m.any():  # without the noise's size nothing tells it from rough motion
+        left, noise = out_of_sample(shapes.residual[target], trial.sd_m, subspace.basis)
+        rates = marker_rates(left, noise, trial.dt_s, left_sd, common_hz)
     own = replace(subspace, mean=subspace.mean + shapes.offset[target], residual_sd=left_sd)
     spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
     extent = float(np.sqrt(np.nanmean((trial.y - np.nan_to_num(own.mean)) ** 2)))
@@ -200,7 +203,7 @@ def learn_pose(
         body_density=settings.body * density,
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
-        residual_rate_hz=marker_rates(left, noise, trial.dt_s, left_sd, common_hz),
+        residual_rate_hz=rates,
         usual=usual_motion(motion),
         bones=bones if bones is not None and len(bones.ends) and settings.bones else None,
         bone_stiffness=settings.bones / motion.tau_s,
@@ -237,8 +240,9 @@ def likely_noise(model: PoseMotion, trials: TrialSet) -> float:
 
     def likelihood(power: int) -> float:
         candidate, frames = with_noise(plain, 4.0**power), range(start, start + length)
-        found = filter_forward(candidate, observations, trial.t_s, frames=frames, keep=False)
-        return sum(frame.log_likelihood for frame in found.observed)
+        return sum(
+            frame.observed.log_likelihood for frame in filter_forward(candidate, observations, trial.t_s, frames=frames)
+        )
 
     known = {power: likelihood(power) for power in (0, 1)}
     step = 1 if known[1] > known[0] else -1
@@ -281,13 +285,11 @@ def with_potentials(
     return replace(model, potentials=limbs, name="eal")
 
 
-def usual_motion(motion: Motion) -> Gaussian:
+def usual_motion(motion: Motion) -> Moments:
     """Mean and covariance of the recorded [z, zdot]."""
     states = np.column_stack([motion.z, motion.rate])
     cov = np.cov(states.T)
-    return Gaussian(
-        states.mean(axis=0), np.linalg.cholesky(cov + 1e-6 * np.diag(np.diag(cov)) + 1e-18 * np.eye(len(cov)))
-    )
+    return Moments(states.mean(axis=0), cov + 1e-6 * np.diag(np.diag(cov)) + 1e-18 * np.eye(len(cov)))
 
 
 def body_density(trial: PoseTrial) -> Array:

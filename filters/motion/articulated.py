@@ -1,10 +1,9 @@
 """Motion of an animal of rigid segments: joint angles in place of marker positions are the state."""
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, default_points
+from mocap.filters.gaussian import Moments, Move, Smoothed, View
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.tree import Posed, Tree, left_jacobian
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ STEP_RAD = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArticulatedMotion(PoseMotion):
-    """State [z (r), zdot (r), u, g (6), e (F), s (3M), gdot (6), edot (F), eddot (F)].
+    """State [z (r), zdot (r), u, g (6), gdot (6), s (3M) | e (F), edot (F), eddot (F)]: joints' chains of e.
 
     What ``PoseMotion`` says of marker coordinates holds of the F joint angles, each in arc length: angle * arm =
     mean + basis z + e. So z is what joints do together, with mechanics that were learned, and e what each does by
@@ -48,41 +47,32 @@ class ArticulatedMotion(PoseMotion):
     length_sd_m: Array
     name: str = "articulated"
     farthest: float = 3.0
-    slip: slice = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Sizes: as of a pose, with the slip after what moves the markers."""
-        super().__post_init__()
-        start = self.reads
-        object.__setattr__(self, "slip", slice(start, start + 3 * len(self.slip_sd)))
-        object.__setattr__(self, "reads", self.slip.stop)
-        size = self.points.n + 3 * len(self.slip_sd)
-        object.__setattr__(self, "points", default_points(size))
+    @property
+    def chains(self) -> int:
+        """Where the chains begin."""
+        return self.slip.stop
 
-    @cached_property
-    def parts(self) -> tuple[slice, slice, slice, slice, slice]:
-        """Where [z, zdot], g, e, gdot and edot are."""
-        r, d, end = self.shape_states, len(self.subspace.mean), self.slip.stop
-        return slice(0, r), slice(r, r + 6), slice(r + 6, r + 6 + d), slice(end, end + 6), slice(end + 6, end + 6 + d)
+    @property
+    def slip(self) -> slice:
+        """Where s is."""
+        start = self.shape_states + 12
+        return slice(start, start + 3 * len(self.slip_sd))
 
-    def initial(self) -> Gaussian:
+    def initial(self) -> Moments:
         """The mean pose at rest, with the deviations of the samples."""
-        found = super().initial()
-        found.factor[self.slip, self.slip] = np.diag(np.repeat(self.slip_sd, 3))
-        return found
+        start = super().initial()
+        start.cov[self.slip, self.slip] = np.diag(np.repeat(self.slip_sd, 3) ** 2)
+        return start
 
-    def advance(self, states: Array, dt_s: float) -> Array:
-        """As a pose; slip is forgotten."""
-        out = super().advance(states, dt_s)
-        out[:, self.slip] *= np.exp(-self.slip_rate_hz * dt_s)
-        return out
-
-    def noise(self, dt_s: float) -> Array:
-        """As of a pose; of slip what keeps its variance."""
-        factor, index = super().noise(dt_s), np.arange(self.slip.start, self.slip.stop)
-        forgotten = np.sqrt(-np.expm1(-2 * self.slip_rate_hz * dt_s))
-        factor[index, index] = forgotten * np.repeat(self.slip_sd, 3)
-        return factor
+    def _usual_move(self, dt_s: float) -> Move:
+        """As a pose; slip is forgotten, and noise keeps its variance."""
+        if dt_s not in self._usual_moves:
+            move, slip = super()._usual_move(dt_s), self.slip
+            kept = np.exp(-self.slip_rate_hz * dt_s)
+            move.shared[slip, slip] = kept * np.eye(slip.stop - slip.start)
+            move.noise[slip, slip] = (1 - kept**2) * np.diag(np.repeat(self.slip_sd, 3) ** 2)
+        return self._usual_moves[dt_s]
 
     def further(self, at: Array, found: Array) -> Array | None:
         """Where a joint turned by more than ``BENT_RAD``, so far that none turns by more than ``STEP_RAD``."""
@@ -96,12 +86,14 @@ class ArticulatedMotion(PoseMotion):
         e = self.parts[2]
         return (bent + states[:, e] if e.stop > e.start else bent) / self.arm_m
 
-    def angles_of(self, state: Gaussian) -> tuple[Array, Array]:
+    def angles_of(self, state: Smoothed) -> tuple[Array, Array]:
         """Mean (F,) and standard deviation (F,) of the joint angles of a state, without whole turns of a joint."""
-        rows, e = self.subspace.basis @ state.factor[: self.rank], self.parts[2]
-        rows = rows + state.factor[e] if e.stop > e.start else rows
+        rows = np.zeros((len(self.arm_m), self.parts[2].stop))
+        rows[:, : self.rank] = self.subspace.basis
+        if self.parts[2].stop > self.parts[2].start:
+            rows[:, self.parts[2]] = np.eye(len(rows))
         angles, rows = self.tree.without_turns(self.angles(state.mean[None])[0], rows / self.arm_m[:, None])
-        return angles, np.linalg.norm(rows, axis=1)
+        return angles, np.sqrt(np.maximum(np.diag(state.of(rows)), 0.0))
 
     def moved(self, means: Array, residual: Array) -> Array:
         """As the angles turn what they carry."""
@@ -124,15 +116,17 @@ class ArticulatedMotion(PoseMotion):
         turn, position = self._root(states, frame)
         return self._inside(states)[1] @ np.swapaxes(turn, 1, 2) + position[:, None]
 
-    def deviations(self, state: Gaussian, frame: int) -> tuple[Array, Array]:
+    def view(self, mean: Array, frame: int) -> View:
         """As ``markers`` has them, linearised in closed form."""
-        g, factor = self.parts[1], state.factor[:, : self.reads]
-        inside, slopes = self._slopes(state.mean[None])
-        turn, position = self._root(state.mean[None], frame)
+        g = self.parts[1]
+        inside, slopes = self._slopes(mean[None])
+        turn, position = self._root(mean[None], frame)
         about = inside[0] @ turn[0].T
-        turned = self.path.frames.rotation[frame] @ left_jacobian(state.mean[g][3:]) @ factor[g][3:]
-        rows = turn[0] @ (slopes[0] @ factor) - skew(about) @ turned + factor[g][:3]
-        return about + position[0], np.ascontiguousarray(np.moveaxis(rows, 2, 0))
+        rows = turn[0] @ slopes[0][..., : self.parts[2].stop]
+        rows[:, :, g.start : g.start + 3] = np.eye(3)
+        tilt = self.path.frames.rotation[frame] @ left_jacobian(mean[g][3:])
+        rows[:, :, g.start + 3 : g.stop] = -skew(about) @ tilt
+        return View(about + position[0], rows.reshape(-1, rows.shape[-1]))
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
         """Velocities of the markers; as ``PoseMotion.rates`` with u of the joint angles.
@@ -166,7 +160,7 @@ class ArticulatedMotion(PoseMotion):
         position[:, :, here] = speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
         position[:, :, there] = speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
         speed[:, :, there] = -rotation @ (skew(pose_rate) + skew(omega) @ lever)
-        return velocity, out
+        return velocity, out.reshape(-1, n)
 
     def _slopes(self, states: Array) -> tuple[Array, Array]:
         """(S, M, 3) markers in axes of the root, and (S, M, 3, n) their derivative by z, e and s."""

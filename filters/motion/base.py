@@ -1,11 +1,12 @@
 """What every motion model answers."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from mocap.filters.ensemble import Gaussian, Prediction, SigmaPoints, ensemble, predict, scale, spread
+from mocap.filters.gaussian import Adjoint, Markers, Moments, Move, Smoothed, Update, View
+from mocap.filters.observe import Observed
 
 from eal.arrays import Array
 
@@ -14,61 +15,77 @@ ROUNDS = 10
 More = TypeVar("More")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Step:
     """One step of time.
 
     Attributes:
         frame: Frame that it leads to.
         dt_s: Its length.
-        noise: (n, n) lower factor of the process noise covariance.
-        noise_cov: (n, n) lower triangle of that covariance, which many steps share; None: made from the factor.
     """
 
     frame: int
     dt_s: float
-    noise: Array
-    noise_cov: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What a filter made of a frame, and what going back needs of it.
+
+    Attributes:
+        state: Filtered state.
+        move: Step that led to it; None to the first of a recording.
+        updates: What came after it, in order.
+        observed: What was seen.
+    """
+
+    state: Moments
+    move: Move | None
+    updates: Sequence[Update]
+    observed: Observed
+
+    def back(self, adjoint: Adjoint) -> Adjoint:
+        """What it and all later frames say of the state before it."""
+        for update in reversed(self.updates):
+            adjoint = update.back(adjoint)
+        return adjoint if self.move is None else self.move.back(adjoint)
+
+    def carry(self, rows: Array) -> Array:
+        """(..., n) rows of covariances with the state before it: with its filtered state."""
+        rows = rows if self.move is None else self.move.forward(rows)
+        for update in self.updates:
+            rows = update.carry(rows)
+        return rows
 
 
 class MotionModel(ABC):
     """A prior on motion: how the state moves, and where the markers are for a given state.
 
+    Its state is a block that all markers share, then chains (``mocap.filters.gaussian``); with a leading axis, one such
+    state for each marker by itself.
+
     Attributes:
         name: For reports.
-        points: Sigma-point parameters for a state of this size.
-        reads: The markers depend only on the first so many components of the state (positions first).
-        linear: Whether ``advance`` and ``markers`` are affine in the state, or so nearly that second-order rows are
-            left out.
     """
 
     name: str
-    points: SigmaPoints
-    reads: int
-    linear: bool
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Numbers of a state, all parts together."""
 
     @abstractmethod
-    def initial(self) -> Gaussian:
+    def initial(self) -> Moments:
         """State before the first observation."""
 
     @abstractmethod
-    def advance(self, states: Array, dt_s: float) -> Array:
-        """(S, n) states to (S, n) states ``dt_s`` seconds later."""
+    def move(self, state: Moments, step: Step) -> Move:
+        """A step of time from a state; what is not linear in it is linearised under its uncertainty."""
 
     @abstractmethod
-    def noise(self, dt_s: float) -> Array:
-        """(n, n) lower factor of the process noise covariance of one step."""
-
-    @abstractmethod
-    def markers(self, states: Array, frame: int) -> Array:
-        """(S, reads) leading components to (S, M, 3) marker positions in the world, in metres."""
-
-    def deviations(self, state: Gaussian, frame: int) -> tuple[Array, Array]:
-        """Mean (M, 3) and ensemble rows (k, M, 3) of the markers of a state: their sum of squares is the covariance."""
-        c, gamma = scale(self.points)
-        markers = self.markers(spread(state, c, columns=self.reads, rows=self.reads), frame)
-        mean, rows = ensemble(markers.reshape(len(markers), -1), c, gamma, linear=self.linear)
-        return mean.reshape(-1, 3), rows.reshape(len(rows), -1, 3)
+    def view(self, mean: Array, frame: int) -> View:
+        """The markers near the mean (..., n) of a state."""
 
     def further(self, at: Array, found: Array) -> Array | None:  # noqa: ARG002
         """Where to linearise the markers again; None: they are as good as linear between two means of a state, here."""
@@ -76,12 +93,12 @@ class MotionModel(ABC):
 
     def conditioned(
         self,
-        state: Gaussian,
+        state: Moments,
         frame: int,
-        update: Callable[[Array, Array, Array | None], tuple[Gaussian, More]],
+        update: Callable[[Markers, Array | None], tuple[Moments, More]],
         *,
-        first: tuple[Array, Array] | None = None,
-    ) -> tuple[Gaussian, More]:
+        first: Markers | None = None,
+    ) -> tuple[Moments, More]:
         """Condition a state on what is known of the markers, by an iterated Kalman filter (Bell & Cathey 1993).
 
         Gauss-Newton steps to the most probable state: the markers are linearised about the posterior again as long
@@ -90,45 +107,35 @@ class MotionModel(ABC):
         Args:
             state: Predicted state.
             frame: Which frame it is of.
-            update: Called with the markers (M, 3) where they are linearised, ensemble rows (k, M, 3), and what is
-                added (M, 3) to the markers to have the prediction of that linear model, None: nothing; gives the
-                posterior and what else it finds.
-            first: ``deviations`` of the state, if they are known.
+            update: Called with the markers where they are linearised, and what is added (M, 3) to them to have the
+                prediction of that linear model, None: nothing; gives the posterior and what else it finds.
+            first: The markers of the state, if they are known.
         """
         at = state.mean
-        found, more = update(*(first or self.deviations(state, frame)), None)
+        found, more = update(first or Markers(state, self.view(at, frame)), None)
         for _ in range(ROUNDS):
             ahead = self.further(at, found.mean)
             if ahead is None:
                 break
             at = ahead
-            mean, rows = self.deviations(Gaussian(at, state.factor), frame)
-            _, back = self.deviations(Gaussian(at, (state.mean - at)[:, None]), frame)
-            found, more = update(mean, rows, back[0])
+            markers = Markers(state, self.view(at, frame))
+            found, more = update(markers, markers.view.moved(state.mean - at))
         return found, more
 
-    def predict(self, state: Gaussian, step: Step) -> Prediction:
-        """Propagate a state."""
-        return predict(
-            state,
-            lambda x: self.advance(x, step.dt_s),
-            step.noise,
-            self.points,
-            linear=self.linear,
-            noise_cov=step.noise_cov,
-        )
-
-    def constrain(self, state: Gaussian, step: Step, about: Any = None) -> Gaussian:  # noqa: ARG002
+    def constrain(self, state: Moments, step: Step, about: Any = None) -> tuple[Moments, list[Update]]:  # noqa: ARG002
         """Apply what is known of the state beside its dynamics, once a frame; here nothing.
 
         Args:
             state: Predicted state.
             step: The step that led to it.
             about: Where to linearise it (``reference``); None: at the prediction.
-        """
-        return state
 
-    def reference(self, state: Gaussian) -> Any:  # noqa: ARG002
+        Returns:
+            The state, and how it came about.
+        """
+        return state, []
+
+    def reference(self, state: Smoothed) -> Any:  # noqa: ARG002
         """What ``constrain`` needs of a smoothed state to linearise about it; None: it is linear, here nothing."""
         return None
 
@@ -140,18 +147,18 @@ class MotionModel(ABC):
             frame: Which frame it is of.
 
         Returns:
-            (M, 3) velocities in m/s, and the (M, 6, n) Jacobian of each marker's position and velocity.
+            (M, 3) velocities in m/s, and the (..., 6m, n) Jacobian of each marker's position and velocity, in order.
         """
         return None
 
-    def angles_of(self, state: Gaussian) -> tuple[Array, Array] | None:  # noqa: ARG002
+    def angles_of(self, state: Smoothed) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Mean and standard deviation of the joint angles of a state; None: it has none, here."""
         return None
 
-    def energy_of(self, state: Gaussian, frame: int) -> tuple[float, float, float] | None:  # noqa: ARG002
+    def energy_of(self, mean: Array, frame: int) -> tuple[float, float, float] | None:  # noqa: ARG002
         """Energy in J of a state, its V_z, and Theorem 3's bound of that; None: it is no Lagrangian, here."""
         return None
 
-    def informed(self, state: Gaussian) -> Gaussian:
+    def informed(self, state: Smoothed) -> Smoothed:
         """A smoothed state of a frame in which nothing is seen, with what is known of any frame; here nothing."""
         return state

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from mocap.filters.gaussian import Markers
 from mocap.filters.motion.enforce import Term
 from numpy.typing import NDArray
 
@@ -37,16 +38,14 @@ class Differences:
     cov: Array
 
 
-def differences(bones: Bones, pose: Array, deviations: Array) -> Differences:
-    """Of a pose (M, 3) with ensemble rows (k, M, 3)."""
+def differences(bones: Bones, mean: Array, cov: Array) -> Differences:
+    """Of markers (M, 3) with the covariance (3M, 3M) of all."""
     a, b = bones.ends.T
-    rows = np.swapaxes(deviations[:, a] - deviations[:, b], 0, 1)
-    return Differences(pose[a] - pose[b], np.swapaxes(rows, 1, 2) @ rows)
+    each = cov.reshape(len(mean), 3, len(mean), 3)
+    return Differences(mean[a] - mean[b], each[a, :, a] - each[a, :, b] - each[b, :, a] + each[b, :, b])
 
 
-def bones_term(
-    bones: Bones, pose: Array, deviations: Array, stiffness: float, *, about: Differences | None = None
-) -> Term:
+def bones_term(bones: Bones, markers: Markers, stiffness: float, *, about: Differences | None = None) -> Term:
     """V_b, linearised.
 
     The difference of two markers has the mean d and, across it, the covariance P. Their distance then has the mean
@@ -55,13 +54,12 @@ def bones_term(
 
     Args:
         bones: The bones.
-        pose: (M, 3) mean of the markers, in any frame.
-        deviations: (k, M, 3) their ensemble rows in that frame, for the first k columns of the state's factor.
+        markers: In any axes.
         stiffness: Factor on V_b.
         about: Where distances are linearised; None: the prediction.
     """
-    a, b = bones.ends.T
-    about = differences(bones, pose, deviations) if about is None else about
+    (a, b), view = bones.ends.T, markers.view
+    about = differences(bones, view.mean, markers.spread) if about is None else about
     distance = np.maximum(np.linalg.norm(about.mean, axis=1), 1e-3 * bones.length_m)
     unit = about.mean / distance[:, None]
     beside = np.eye(3) - unit[:, :, None] * unit[:, None]
@@ -69,6 +67,11 @@ def bones_term(
     longer = np.trace(cov, axis1=1, axis2=2) / (2 * distance)
     bent = np.einsum("bij,bij->b", cov, cov) / (2 * distance**2)
     sd = np.sqrt((bones.sd_m**2 + bent) / stiffness)
-    along = np.einsum("kbi,bi->kb", deviations[:, a] - deviations[:, b], unit)
-    expected = distance + longer + np.einsum("bi,bi->b", pose[a] - pose[b] - about.mean, unit)
-    return Term(along / sd, (bones.length_m - expected) / sd, np.zeros(len(deviations)))
+    along = (unit / sd[:, None])[:, None]
+    expected = distance + longer + np.einsum("bi,bi->b", view.mean[a] - view.mean[b] - about.mean, unit)
+    gains = markers.gains.reshape(len(view.mean), 3, -1)
+    return Term(
+        view.combined(a, along) - view.combined(b, along),
+        (along @ (gains[a] - gains[b]))[:, 0],
+        (bones.length_m - expected) / sd,
+    )

@@ -1,10 +1,10 @@
 """Constant velocity, each marker for itself: white noise acceleration."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, SigmaPoints, default_points
-from mocap.filters.motion.base import MotionModel
+from mocap.filters.gaussian import Moments, Move, View
+from mocap.filters.motion.base import MotionModel, Step
 
 from eal.arrays import Array
 
@@ -27,7 +27,7 @@ def white_acceleration(density: Array, dt_s: float) -> tuple[Array, Array, Array
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ConstantVelocity(MotionModel):
-    """State [positions (3M), velocities (3M)] in the world.
+    """State [position (3), velocity (3)] in the world, of each marker by itself.
 
     Attributes:
         start_m: (M, 3) mean of the positions before anything is seen.
@@ -41,54 +41,51 @@ class ConstantVelocity(MotionModel):
     speed_sd_m_s: float
     density: Array
     name: str = "constant_velocity"
-    linear: bool = True
-    reads: int = field(init=False)
-    points: SigmaPoints = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Sizes."""
-        object.__setattr__(self, "reads", self.start_m.size)
-        object.__setattr__(self, "points", default_points(2 * self.start_m.size))
+    @property
+    def size(self) -> int:
+        """Numbers of a state."""
+        return 2 * self.start_m.size
 
-    def initial(self) -> Gaussian:
+    def initial(self) -> Moments:
         """At ``start_m``, at rest."""
-        k = self.reads
-        sd = np.concatenate([np.full(k, self.start_sd_m), np.full(k, self.speed_sd_m_s)])
-        return Gaussian(np.concatenate([self.start_m.ravel(), np.zeros(k)]), np.diag(sd))
+        return at_rest(self.start_m, np.array([[self.start_sd_m, self.speed_sd_m_s]] * len(self.start_m)))
 
-    def advance(self, states: Array, dt_s: float) -> Array:
-        """Positions move on with their velocities."""
-        k = self.reads
-        return np.concatenate([states[:, :k] + dt_s * states[:, k:], states[:, k:]], axis=1)
+    def move(self, state: Moments, step: Step) -> Move:  # noqa: ARG002
+        """Positions move on with their velocities; accelerations are white."""
+        l11, l21, l22 = white_acceleration(self.density, step.dt_s)
+        noise = np.array([[l11**2, l11 * l21], [l11 * l21, l21**2 + l22**2]])
+        return apart(np.array([[1.0, step.dt_s], [0.0, 1.0]]), np.moveaxis(noise, 2, 0))
 
-    def noise(self, dt_s: float) -> Array:
-        """White acceleration."""
-        k = self.reads
-        entries = white_acceleration(np.repeat(self.density, 3), dt_s)
-        factor = np.zeros((2 * k, 2 * k))
-        diagonal = np.arange(k)
-        factor[diagonal, diagonal], factor[k + diagonal, diagonal], factor[k + diagonal, k + diagonal] = entries
-        return factor
-
-    def markers(self, states: Array, frame: int) -> Array:  # noqa: ARG002
+    def view(self, mean: Array, frame: int) -> View:  # noqa: ARG002
         """The positions themselves."""
-        return states.reshape(len(states), -1, 3)
-
-    def starts(self) -> tuple[Array, Array]:
-        """Mean (M, 6) and lower factor (M, 6, 6) of each marker's [position, velocity] (``mocap.filters.apart``)."""
-        mean = np.concatenate([self.start_m, np.zeros_like(self.start_m)], axis=1)
-        sd = np.repeat([self.start_sd_m, self.speed_sd_m_s], 3)
-        return mean, np.repeat(np.diag(sd)[None], len(mean), axis=0)
-
-    def steps(self, dt_s: float) -> tuple[Array, Array]:
-        """Transition (6, 6) and noise (M, 6, 6) of each marker (``mocap.filters.apart``)."""
-        l11, l21, l22 = white_acceleration(self.density, dt_s)
-        entries = np.array([[l11**2, l11 * l21], [l11 * l21, l21**2 + l22**2]])
-        noise = np.einsum("abm,ij->maibj", entries, np.eye(3)).reshape(-1, 6, 6)
-        return np.kron([[1.0, dt_s], [0.0, 1.0]], np.eye(3)), noise
+        return positions(mean)
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """The second half of the state."""
-        count = self.reads // 3
-        jacobian = np.eye(2 * self.reads).reshape(2, count, 3, -1)
-        return mean[self.reads :].reshape(-1, 3), np.moveaxis(jacobian, 0, 1).reshape(count, 6, -1)
+        """The velocities themselves."""
+        return positions_and_velocities(mean)
+
+
+def at_rest(start_m: Array, sd: Array) -> Moments:
+    """States [position (3), 0, ...] of markers at (M, 3), whose k parts have the standard deviations (M, k)."""
+    each = np.repeat(sd, 3, axis=1)
+    mean = np.zeros(each.shape)
+    mean[:, :3] = start_m
+    return Moments(mean, each[:, None] * each[..., None] * np.eye(each.shape[1]))
+
+
+def apart(chain: Array, noise: Array) -> Move:
+    """A step of markers by themselves: (k, k) transition of each coordinate, (M, k, k) covariance of its noise."""
+    size = 3 * len(chain)
+    each = np.einsum("mab,ij->maibj", noise, np.eye(3)).reshape(-1, size, size)
+    return Move(np.zeros((0, 0)), chain[..., None], each)
+
+
+def positions(mean: Array) -> View:
+    """The markers of states (M, n) = [position (3), ...]."""
+    return View(mean[:, :3], np.zeros((len(mean), 3, 0)), 0)
+
+
+def positions_and_velocities(mean: Array) -> tuple[Array, Array]:
+    """Velocities of states (M, n) = [position (3), velocity (3), ...], and ``MotionModel.rates``' Jacobian."""
+    return mean[:, 3:6], np.broadcast_to(np.eye(6, mean.shape[1]), (len(mean), 6, mean.shape[1]))

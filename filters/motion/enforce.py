@@ -9,32 +9,54 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, condition, default_points, scale, triangular
-from scipy.linalg.blas import dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
+from mocap.filters.ensemble import triangular
+from mocap.filters.gaussian import Moments, Smoothed, Update, condition, pushed
 
 from eal.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
-    """What one potential says of a state, linearised: rows that are 0, and a pull.
+class Coordinates:
+    """Numbers q that are linear in a state.
 
     Attributes:
-        rows: (k, m) whitened ensemble rows, for the first k columns of the state's factor.
-        away: (m,) whitened innovations.
-        pull: (k,) force, in units of these columns.
+        mean: (d,) their mean.
+        rows: (d, r) change with the first r components of the state.
+        gains: (d, n) their covariance with the state.
+    """
+
+    mean: Array
+    rows: Array
+    gains: Array
+
+    @property
+    def cov(self) -> Array:
+        """(d, d)."""
+        return self.gains[:, : self.rows.shape[1]] @ self.rows.T
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """What one potential says of a state, linearised: rows that are 0, and a force.
+
+    Attributes:
+        rows: (m, r) of unit noise, on the first r components of the state.
+        gains: (m, n) their covariance with the state.
+        away: (m,) innovations.
+        force: (r,) on these components; None: there is none.
     """
 
     rows: Array
+    gains: Array
     away: Array
-    pull: Array
+    force: Array | None = None
 
 
 def potential_term(
     gradient: Callable[[Array], Array],
-    coordinates: tuple[Array, Array],
+    coordinates: Coordinates,
     *,
-    about: Gaussian | None = None,
+    about: Moments | None = None,
     least_sd: float = 0.0,
 ) -> Term:
     """A potential of coordinates q that are linear in the state, as its mean gradient and mean Hessian.
@@ -45,36 +67,45 @@ def potential_term(
 
     Args:
         gradient: (S, d) points to (S, d) gradients of the potential, its stiffness included.
-        coordinates: Mean (d,) of q, and its (k, d) ensemble rows for the first k columns of the state's factor.
-        about: Where the potential is linearised: mean and factor of q; None: the prediction.
+        coordinates: q.
+        about: Where the potential is linearised: mean and covariance of q; None: the prediction.
         least_sd: Directions that are known better than this are left out: no potential moves q along them by much.
     """
-    mean, rows = coordinates
-    variance, directions = np.linalg.eigh(rows.T @ rows)
+    variance, directions = np.linalg.eigh(coordinates.cov)
     sure = int(np.searchsorted(variance, max(least_sd**2, 1e-24 * variance[-1])))
     directions, sd = directions[:, sure:], np.sqrt(variance[sure:])
     p = len(sd)
-    unit = (rows @ directions) / sd  # rows of q along these directions, in units of their deviations
+    unit = (directions / sd).T  # q along these directions, in units of their deviations
     if not p:
-        return Term(unit, np.zeros(0), np.zeros(len(unit)))
-    c, _ = scale(default_points(p))
-    factor = np.diag(sd) if about is None else triangular(about.factor.T @ directions)
-    here = mean if about is None else about.mean
+        return Term(unit @ coordinates.rows, unit @ coordinates.gains, np.zeros(0))
+    c = min(3.0, p)  # spread of the sigma points; their second moment is 3, if there are so many directions
+    factor = np.diag(sd) if about is None else _factor(directions.T @ about.cov @ directions)
+    here = coordinates.mean if about is None else about.mean
     steps = np.sqrt(c) * (directions @ factor).T
     gradients = gradient(np.concatenate([here[None], here + steps, here - steps])) @ directions
     force = gradients[0] + (gradients[1:] - gradients[0]).sum(axis=0) / (2 * c)
     difference = (gradients[1 : p + 1] - gradients[p + 1 :]) * (0.5 / np.sqrt(c))  # rows H L_j
-    hessian = dtrsm(1.0, factor, difference, lower=1, trans_a=1)  # L^T H = difference
+    # L^T H = difference
+    hessian = difference / sd[:, None] if about is None else np.linalg.solve(factor.T, difference)
     values, vectors = np.linalg.eigh((0.5 * (hessian + hessian.T)) * sd[:, None] * sd)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    bent = values > 1e-13  # the others take no part: a thousand of them would change a variance by 1e-10
+    root = vectors[:, bent] * np.sqrt(values[bent])
     # force at the prediction by the linear model, mean gradient + H (q - about), in units of the deviations of q
     target = -sd * force
     if about is not None:
-        target += root @ (root.T @ (directions.T @ (about.mean - mean) / sd))
-    return Term(unit @ root, np.zeros(p), unit @ target)
+        target += root @ (root.T @ (unit @ (about.mean - coordinates.mean)))
+    curved = root.T @ unit
+    zero = np.zeros(len(curved))
+    return Term(curved @ coordinates.rows, curved @ coordinates.gains, zero, (target @ unit) @ coordinates.rows)
 
 
-def enforce(state: Gaussian, terms: Sequence[Term], *, farthest: float = np.inf) -> Gaussian:
+def _factor(cov: Array) -> Array:
+    """Lower triangular L with L L^T a covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(cov)
+    return triangular(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+
+
+def enforce(state: Moments, terms: Sequence[Term], *, farthest: float = np.inf) -> tuple[Moments, list[Update]]:
     """Minimise 1/2 |x - x_pred|^2 in the metric P^-1 plus potentials, all at once.
 
     The result reads as a measurement update with information equal to the sum of the Hessians: it contracts the
@@ -84,25 +115,23 @@ def enforce(state: Gaussian, terms: Sequence[Term], *, farthest: float = np.inf)
         state: Predicted state.
         terms: Potentials.
         farthest: Forces move the state by at most so many of its deviations: no further than they were linearised for.
+
+    Returns:
+        The state, and how it came about.
     """
     if not terms:
-        return state
-    rows = np.concatenate([term.rows for term in terms], axis=1)
-    k = len(rows)
-    posterior, _, _ = condition(state, rows, np.concatenate([term.away for term in terms]), k)
-    columns = posterior.factor[:, :k]
-    pull = dtrsv(state.factor[:k, :k], np.sum([term.pull for term in terms], axis=0), lower=1, trans=1)
-    move = columns[:k].T @ pull  # in deviations of the posterior
-    size = float(np.linalg.norm(move))
-    if size > farthest:
-        move *= farthest / size
-    return Gaussian(posterior.mean + columns @ move, posterior.factor)
+        return state, []
+    rows, gains = np.concatenate([t.rows for t in terms]), np.concatenate([t.gains for t in terms])
+    after, update = condition(state, rows, gains, np.concatenate([t.away for t in terms]))
+    forces = [term.force for term in terms if term.force is not None]
+    if forces:
+        after, update = pushed(after, update, np.sum(forces, axis=0), farthest)
+    return after, [update]
 
 
-def informed(state: Gaussian, known: Gaussian) -> Gaussian:
-    """A state that knows nothing of ``known``, (k,) mean and factor of its first k components, conditioned on it."""
-    k = len(known.mean)
-    rows = dtrsm(1.0, known.factor, state.factor[:k, :k], lower=1).T  # of the components in units of known
-    offset = dtrsv(known.factor, known.mean - state.mean[:k], lower=1)
-    posterior, _, _ = condition(state, np.ascontiguousarray(rows), offset, k)
-    return posterior
+def informed(state: Smoothed, known: Moments) -> Smoothed:
+    """A state that knows nothing of ``known``, moments of its first k components, conditioned on it."""
+    k, before = len(known.mean), Moments(state.mean, state.cov)
+    white = np.linalg.inv(np.linalg.cholesky(known.cov))
+    after, _ = condition(before, white, white @ before.cov[:k], white @ (known.mean - before.mean[:k]))
+    return Smoothed(after.mean, after.cov, np.zeros_like(after.cov))

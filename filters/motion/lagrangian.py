@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 from mocap.filters.animal import Animal, Moving
-from mocap.filters.ensemble import Gaussian, Prediction, default_points, predicted
 from mocap.filters.errors import FilterError
+from mocap.filters.gaussian import Moments, Move
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import white_acceleration
@@ -21,7 +21,7 @@ from eal.vectors import skew
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LagrangianMotion(ArticulatedMotion):
-    """State [z (F), zdot (F), g (6), s (3M), gdot (6)]: z are all joint angles in arc length, less their mean.
+    """State [z (F), zdot (F), g (6), gdot (6), s (3M)]: z are all joint angles in arc length, less their mean.
 
     ``ArticulatedMotion`` with the mechanics of the whole animal, its true M(q) and all, in place of learned ones in a
     subspace. A frame is one implicit midpoint step of the Lagrangian from the mean, linearised by its derivative; what
@@ -37,20 +37,21 @@ class LagrangianMotion(ArticulatedMotion):
     white: Array
     name: str = "lagrangian"
 
-    def __post_init__(self) -> None:
-        """Sizes."""
-        count = len(self.subspace.mean)
-        start = 2 * count + 6
-        object.__setattr__(self, "rank", count)
-        object.__setattr__(self, "slip", slice(start, start + 3 * len(self.slip_sd)))
-        object.__setattr__(self, "reads", self.slip.stop)
-        object.__setattr__(self, "points", default_points(self.slip.stop + 6))
+    @property
+    def shape_states(self) -> int:
+        """Numbers that belong to the joints: z and zdot."""
+        return 2 * self.rank
 
-    @cached_property
+    @property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
         """Where [z, zdot], g, nothing, gdot and nothing are."""
-        r, end = 2 * self.rank, self.slip.stop
-        return slice(0, r), slice(r, r + 6), slice(r + 6, r + 6), slice(end, end + 6), slice(end + 6, end + 6)
+        r, none = 2 * self.rank, slice(self.chains, self.chains)
+        return slice(0, r), slice(r, r + 6), none, slice(r + 6, r + 12), none
+
+    @property
+    def size(self) -> int:
+        """Numbers of a state."""
+        return self.chains
 
     def moving(self, mean: Array, frame: int) -> Moving:
         """The state of the animal of a mean."""
@@ -74,7 +75,7 @@ class LagrangianMotion(ArticulatedMotion):
         """The mean of a state of the animal: the inverse of ``moving``."""
         _, g, _, g_rate, _ = self.parts
         r, path = self.rank, self.path
-        out = np.zeros(self.points.n)
+        out = np.zeros(self.size)
         out[:r] = moving.angles * self.arm_m - self.subspace.mean
         out[r : 2 * r] = moving.velocity[6:] * self.arm_m
         turned = path.frames.rotation[frame].T @ moving.turn
@@ -86,7 +87,7 @@ class LagrangianMotion(ArticulatedMotion):
         out[self.slip] = slip
         return out
 
-    def predict(self, state: Gaussian, step: Step) -> Prediction:
+    def move(self, state: Moments, step: Step) -> Move:
         """The animal by its Lagrangian, linearised about the mean; slip is forgotten."""
         start = self.moving(state.mean, step.frame - 1)
         try:
@@ -99,16 +100,22 @@ class LagrangianMotion(ArticulatedMotion):
         kept = np.exp(-self.slip_rate_hz * step.dt_s)
         mean = self.mean_of(end, step.frame, kept * state.mean[self.slip])
         w0, w1 = state.mean[self.parts[1]][3:], mean[self.parts[1]][3:]
-        transition = self._from_animal(end, w1) @ slope @ self._to_animal(start, w0)
-        rows, moves = kept * state.factor.T, self._moves
-        rows[:, moves] = state.factor[moves].T @ transition.T
-        return predicted(mean, rows, step.noise, step.noise_cov)
+        shared, moves = kept * np.eye(self.size), self._moves
+        shared[np.ix_(moves, moves)] = self._from_animal(end, w1) @ slope @ self._to_animal(start, w0)
+        if step.dt_s not in self._noises:
+            self._noises[step.dt_s] = self.noise(step.dt_s)
+        return Move(shared, np.zeros((0, 0, 1)), self._noises[step.dt_s], mean - shared @ state.mean)
+
+    @cached_property
+    def _noises(self) -> dict[float, Array]:
+        """Noise of steps, by their time."""
+        return {}
 
     @cached_property
     def _moves(self) -> NDArray[np.int64]:
         """(12 + 2F,) components of the state that the animal is: g and z, then their rates."""
         shape, g, _, g_rate, _ = self.parts
-        index = np.arange(self.points.n)
+        index = np.arange(self.size)
         z, rate = np.split(index[shape], 2)
         return np.concatenate([index[g], z, index[g_rate], rate])
 
@@ -136,8 +143,8 @@ class LagrangianMotion(ArticulatedMotion):
         return out
 
     def noise(self, dt_s: float) -> Array:
-        """White accelerations of joints and root; of slip what keeps its variance."""
-        factor, index = np.zeros((self.points.n,) * 2), np.arange(self.points.n)
+        """(n, n) covariance: white accelerations of joints and root; of slip what keeps its variance."""
+        factor, index = np.zeros((self.size,) * 2), np.arange(self.size)
         shape, g, _, g_rate, _ = self.parts
         l11, l21, l22 = white_acceleration(np.ones(1), dt_s)
         zero = np.zeros_like(self.white)
@@ -147,19 +154,19 @@ class LagrangianMotion(ArticulatedMotion):
         factor[index[g_rate], index[g]] = l21
         slip = index[self.slip]
         factor[slip, slip] = np.sqrt(-np.expm1(-2 * self.slip_rate_hz * dt_s)) * np.repeat(self.slip_sd, 3)
-        return factor
+        return factor @ factor.T
 
-    def initial(self) -> Gaussian:
+    def initial(self) -> Moments:
         """The mean pose at rest, with the deviations of the samples."""
-        sd = np.zeros(self.points.n)
+        sd = np.zeros(self.size)
         shape, g, _, g_rate, _ = self.parts
         sd[shape], sd[g], sd[g_rate] = self.shape_sd, self.body_sd[:6], self.body_sd[6:]
         sd[self.slip] = np.repeat(self.slip_sd, 3)
-        return Gaussian(np.zeros(len(sd)), np.diag(sd))
+        return Moments(np.zeros(len(sd)), np.diag(sd**2))
 
-    def energy_of(self, state: Gaussian, frame: int) -> tuple[float, float, float]:
+    def energy_of(self, mean: Array, frame: int) -> tuple[float, float, float]:
         """Of a state's mean: energy in J (``Animal.energy_j``), V_z, and what V_z stays below if released there."""
-        at = self.moving(state.mean, frame)
+        at = self.moving(mean, frame)
         velocity = np.concatenate([at.velocity[:3] @ at.turn, at.velocity[3:]])[None]
         angles, animal = at.angles[None], self.animal
         found = animal.energy_j(angles, velocity), animal.value(angles), animal.bound(angles, velocity)

@@ -1,18 +1,17 @@
 """Motion of the whole pose: a subspace of shapes, a body that moves, a potential that holds the shape."""
 
-import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from mocap.filters.body_axes import BodyFrames
-from mocap.filters.ensemble import Gaussian, Prediction, SigmaPoints, condition, default_points, each_marker, predicted
+from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.motion.base import MotionModel, Step
 from mocap.filters.motion.bones import Bones, Differences, bones_term, differences
 from mocap.filters.motion.constant_velocity import white_acceleration
-from mocap.filters.motion.enforce import enforce, informed, potential_term
+from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
 from mocap.filters.motion.potential import PosePotential
 from mocap.filters.motion.shape import ShapeMechanics
 from mocap.filters.subspace import PoseSubspace
@@ -110,26 +109,26 @@ class Reference(NamedTuple):
     """Where potentials of a pose are linearised.
 
     Attributes:
-        held: Mean and factor of the coordinates of each potential.
+        held: Mean and covariance of the coordinates of each potential.
         bones: Differences of the ends of bones; None: it has none.
     """
 
-    held: tuple[Gaussian, ...]
+    held: tuple[Moments, ...]
     bones: Differences | None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseMotion(MotionModel):
-    """State [z (r), zdot (r), u, g (6), e (3M), gdot (6), edot (3M), eddot (3M)], u forces of the shape that last.
+    """State [z (r), zdot (r), u, g (6), gdot (6) | e (3M), edot (3M), eddot (3M)]: a shared block, and chains of e.
 
     Markers are R exp(w) (mean + basis z + e) + c + p, where R, c is the body's path and g = [p, w] the body's own
     deviation from it, gdot its velocity less the path's (angular: in body axes). The body moves with white acceleration
     and angular acceleration: the path is where it is linearised, and drops out of what is predicted. The shape z has
-    ``mechanics``; the residual e of each coordinate is a Matern-5/2 process, (d/dt + a)^3 e = noise, with its own
-    variance and rate: positions of animals have accelerations, and a rougher process states velocities twice as
-    uncertain as they are. With an empirical potential the shape is held by that (``enforce``), in place of the
-    constraints that nobody knows, as in the paper's empirical-analytical models. Constraints that are known, the
-    lengths of rigid bones, hold shape and residual (``hold_bones``).
+    ``mechanics``, u being forces of it that last; the residual e of each coordinate is a Matern-5/2 process,
+    (d/dt + a)^3 e = noise, with its own variance and rate: motion of animals has accelerations, and a rougher process
+    states velocities twice as uncertain as they are. With an empirical potential the shape is held by that
+    (``enforce``), in place of the constraints that nobody knows, as in the paper's empirical-analytical models.
+    Constraints that are known, the lengths of rigid bones, hold shape and residual (``hold_bones``).
 
     Attributes:
         path: Path of the body.
@@ -155,82 +154,106 @@ class PoseMotion(MotionModel):
     shape_sd: Array
     body_sd: Array
     residual_rate_hz: Array
-    usual: Gaussian | None = None
+    usual: Moments | None = None
     regression: Regression | None = None
     bones: Bones | None = None
     bone_stiffness: float = 0.0
     potentials: tuple[PosePotential, ...] = ()
     name: str = "eal"
-    linear: bool = True
     farthest: float = np.inf
-    reads: int = field(init=False)
-    points: SigmaPoints = field(init=False)
-    rank: int = field(init=False)
 
     def __post_init__(self) -> None:
-        """Sizes."""
-        rank, size = self.subspace.basis.shape[1], len(self.subspace.mean)
-        object.__setattr__(self, "rank", rank)
-        object.__setattr__(self, "residual_rate_hz", np.broadcast_to(self.residual_rate_hz, size))
-        object.__setattr__(self, "reads", self.shape_states + 6 + size)
-        object.__setattr__(self, "points", default_points(self.shape_states + 12 + 3 * size))
+        """One rate may stand for all coordinates."""
+        rates = np.broadcast_to(self.residual_rate_hz, self.subspace.mean.shape)
+        object.__setattr__(self, "residual_rate_hz", rates)
 
-    @cached_property
-    def parts(self) -> tuple[slice, slice, slice, slice, slice]:
-        """Where [z, zdot], g, e, gdot and edot are."""
-        r, d = self.shape_states, len(self.subspace.mean)
-        ends = np.cumsum([0, r, 6, d, 6, d])
-        shape, g, e, g_rate, e_rate = (slice(a, b) for a, b in itertools.pairwise(ends.tolist()))
-        return shape, g, e, g_rate, e_rate
+    @property
+    def rank(self) -> int:
+        """Number r of shapes."""
+        return self.subspace.basis.shape[1]
+
+    @property
+    def chains(self) -> int:
+        """Where the chains begin."""
+        return self.shape_states + 12
 
     @property
     def shape_states(self) -> int:
-        """Components of the state that belong to the shape: z, zdot, and forces that last."""
+        """Numbers that belong to the shape: z, zdot, and forces that last."""
         return 2 * self.rank + len(self.mechanics.lasting_sd)
 
     @property
-    def residual(self) -> Array:
-        """(3, D) components of the state that e, edot and eddot of each coordinate are."""
-        _, _, e, _, e_rate = self.parts
-        return np.array([e.start, e_rate.start, e_rate.stop])[:, None] + np.arange(len(self.residual_rate_hz))
+    def parts(self) -> tuple[slice, slice, slice, slice, slice]:
+        """Where [z, zdot, u], g, e, gdot and edot are."""
+        r, start, d = self.shape_states, self.chains, len(self.subspace.mean)
+        e, e_rate = slice(start, start + d), slice(start + d, start + 2 * d)
+        return slice(0, r), slice(r, r + 6), e, slice(r + 6, r + 12), e_rate
 
-    def initial(self) -> Gaussian:
+    @property
+    def size(self) -> int:
+        """Numbers of a state."""
+        return self.chains + 3 * len(self.subspace.mean)
+
+    def initial(self) -> Moments:
         """The mean pose at rest, with the deviations of the samples."""
+        sd = np.zeros(self.size)
         shape, g, _, g_rate, _ = self.parts
-        factor = np.zeros((self.points.n, self.points.n))
-        shape_sd = np.concatenate([self.shape_sd, self.mechanics.lasting_sd])
-        for part, sd in ((shape, shape_sd), (g, self.body_sd[:6]), (g_rate, self.body_sd[6:])):
-            factor[part, part] = np.diag(sd)
-        factor[self.residual[:, None], self.residual] = self._scaled(np.linalg.cholesky(STATIONARY))
-        return Gaussian(np.zeros(len(factor)), factor)
+        sd[shape] = np.concatenate([self.shape_sd, self.mechanics.lasting_sd])
+        sd[g], sd[g_rate] = self.body_sd[:6], self.body_sd[6:]
+        cov, e = np.diag(sd**2), slice(self.chains, None)
+        cov[e, e] = self._chains(STATIONARY[..., None])
+        return Moments(np.zeros(len(sd)), cov)
 
-    def advance(self, states: Array, dt_s: float) -> Array:
-        """Body deviation and residual move on; the shape is left as it is (``predict`` moves it)."""
-        _, g, _, g_rate, _ = self.parts
-        out = states.copy()
-        out[:, g] += dt_s * states[:, g_rate]
-        out[:, self.residual] = np.einsum("ijd,sjd->sid", self._flow(dt_s), states[:, self.residual])
-        return out
+    def _chains(self, cov: Array) -> Array:
+        """(3D, 3D) covariance of chains from that of processes of unit variance and rate, (3, 3, 1 or D)."""
+        size = self.residual_rate_hz ** np.arange(3)[:, None] * self.subspace.residual_sd  # (3, D)
+        blocks, d = size[:, None] * size * cov, size.shape[1]
+        out = np.zeros((3, d, 3, d))
+        out[:, np.arange(d), :, np.arange(d)] = np.moveaxis(blocks, -1, 0)
+        return out.reshape(3 * d, 3 * d)
 
-    def predict(self, state: Gaussian, step: Step) -> Prediction:
+    def move(self, state: Moments, step: Step) -> Move:
         """The shape by its mechanics, linearised under the state's uncertainty; everything else is linear."""
+        usual = self._usual_move(step.dt_s)
         shape, g, _, g_rate, _ = self.parts
-        r = self.shape_states
-        mean, transition, bent = self.mechanics.linearised(Gaussian(state.mean[:r], state.factor[:r, :r]), step.dt_s)
-        states = np.concatenate([state.mean[None], state.factor.T])
-        both = self.advance(states, step.dt_s)
+        shared, noise, shift = usual.shared.copy(), usual.noise, np.zeros(self.size)
+        offset = usual.shift
+        if offset is None:
+            here = Moments(state.mean[shape], state.cov[shape, shape])
+            mean, shared[shape, shape], bent = self.mechanics.linearised(here, step.dt_s)
+            offset, noise = mean - shared[shape, shape] @ here.mean, noise.copy()
+            noise[shape, shape] += bent @ bent.T
+        along, speed, half = self._along(step.frame, step.dt_s)
         turn, spin = slice(g.start + 3, g.stop), slice(g_rate.start + 3, g_rate.stop)
-        shift, speed, half = self._along(step.frame, step.dt_s)
-        both[:, turn] = (states[:, turn] @ half + step.dt_s * states[:, spin]) @ half  # in axes that turn with the path
-        ahead, rows = both[0], both[1:]
-        ahead[shape], rows[:, shape] = mean, state.factor[shape].T @ transition.T
-        ahead[g] += shift
-        ahead[g_rate] += speed
-        if bent.shape[1]:
-            extra = np.zeros((bent.shape[1], len(ahead)))
-            extra[:, shape] = bent.T
-            rows = np.concatenate([rows, extra])
-        return predicted(ahead, rows, step.noise, step.noise_cov)
+        shared[turn, turn], shared[turn, spin] = (half @ half).T, step.dt_s * half.T  # in axes that turn with the path
+        shift[shape], shift[g], shift[g_rate] = offset, along, speed
+        return Move(shared, usual.chain, noise, shift)
+
+    @cached_property
+    def _usual_moves(self) -> dict[float, Move]:
+        """What steps of the same time have in common, by that time."""
+        return {}
+
+    def _usual_move(self, dt_s: float) -> Move:
+        """A step whose path is straight; its shift is that of the shape's mechanics, None where that is not linear."""
+        if dt_s not in self._usual_moves:
+            shape, g, e, g_rate, _ = self.parts
+            shared, noise = np.eye(self.chains), np.zeros((self.size,) * 2)
+            shared[g, g_rate] = dt_s * np.eye(6)
+            root = self.mechanics.noise(dt_s)
+            noise[shape, shape] = root @ root.T
+            l11, l21, l22 = (np.diag(entry) for entry in white_acceleration(self.body_density, dt_s))
+            noise[g, g], noise[g_rate, g_rate] = l11**2, l21**2 + l22**2
+            noise[g, g_rate] = noise[g_rate, g] = l11 * l21
+            offset = None
+            if self.mechanics.linear:
+                still = Moments(np.zeros(self.shape_states), np.eye(self.shape_states))
+                offset, shared[shape, shape], _ = self.mechanics.linearised(still, dt_s)
+            a, power = self.residual_rate_hz, np.arange(3)[:, None]
+            chain = matern_flow(a * dt_s) * a ** (power[:, None] - power)
+            noise[e.start :, e.start :] = self._chains(matern_noise(a * dt_s))
+            self._usual_moves[dt_s] = Move(shared, chain, noise, offset)
+        return self._usual_moves[dt_s]
 
     @cached_property
     def _steps(self) -> list[tuple[float, PathStep]]:
@@ -246,32 +269,8 @@ class PoseMotion(MotionModel):
             return PathStep(*(part[frame - 1] for part in steps))
         return PathStep(*(part[0] for part in path_steps(self.path, dt_s, slice(frame - 1, frame + 1))))
 
-    def _flow(self, dt_s: float) -> Array:
-        """(3, 3, D) transition of e, edot and eddot of each coordinate."""
-        a = self.residual_rate_hz
-        power = np.arange(3)[:, None]
-        return matern_flow(a * dt_s) * a ** (power[:, None] - power)
-
-    def _scaled(self, factor: Array) -> Array:
-        """(3, 3, D) factor of e, edot and eddot from that of a process of unit rate and variance."""
-        whole = factor if factor.ndim == 3 else factor[..., None]
-        return whole * self.residual_rate_hz ** np.arange(3)[:, None, None] * self.subspace.residual_sd
-
-    def noise(self, dt_s: float) -> Array:
-        """That of the mechanics; white acceleration of the body; for the residual what keeps its variance."""
-        shape, g, _, g_rate, _ = self.parts
-        factor = np.zeros((self.points.n, self.points.n))
-        factor[shape, shape] = self.mechanics.noise(dt_s)
-        l11, l21, l22 = white_acceleration(self.body_density, dt_s)
-        index = np.arange(self.points.n)
-        factor[index[g], index[g]] = l11
-        factor[index[g_rate], index[g]] = l21
-        factor[index[g_rate], index[g_rate]] = l22
-        factor[self.residual[:, None], self.residual] = self._scaled(matern_noise(self.residual_rate_hz * dt_s))
-        return factor
-
     def markers(self, states: Array, frame: int) -> Array:
-        """Shape and residual in the body, then to the world."""
+        """(S, M, 3) markers of states (S, n): shape and residual in the body, then to the world."""
         _, g, e, _, _ = self.parts
         frames = self.path.frames
         body = self.subspace.mean + states[:, : self.rank] @ self.subspace.basis.T + states[:, e]
@@ -279,22 +278,25 @@ class PoseMotion(MotionModel):
         position = frames.position_m[frame] + states[:, g][:, :3]
         return body.reshape(len(states), -1, 3) @ np.swapaxes(turn, 1, 2) + position[:, None]
 
-    def deviations(self, state: Gaussian, frame: int) -> tuple[Array, Array]:
-        """As ``markers`` has them, linearised in closed form: d exp(w) u = (J(w) dw) x exp(w) u."""
-        _, g, _, _, _ = self.parts
-        pose, rows = self._pose(state)
-        w = state.mean[g][3:]
-        rotation = self.path.frames.rotation[frame]
+    def view(self, mean: Array, frame: int) -> View:
+        """In axes of the body, u = mean + basis z + e moves by du + exp(-w) R^T dp + (exp(-w) J(w) dw) x u.
+
+        J is the left Jacobian: exp(w + dw) = exp(J dw) exp(w) to first order.
+        """
+        g, r = self.parts[1], self.rank
+        pose, (w, rotation) = self._pose(mean), (mean[g][3:], self.path.frames.rotation[frame])
         own, jacobian = _exponential(w)
         turn = rotation @ own
-        body = pose @ turn.T
-        moved = state.factor[g, : self.reads]
-        turned = rotation @ jacobian @ moved[3:]
-        lever = _skew(body).reshape(-1, 3)  # x cross u = -skew(u) x
-        out = (rows.reshape(-1, 3) @ turn.T).reshape(rows.shape)
-        out -= (turned.T @ lever.T).reshape(out.shape)
-        out += moved[:3].T[:, None]
-        return body + self.path.frames.position_m[frame] + state.mean[g][:3], out
+        rows = np.zeros((len(pose), 3, g.stop))
+        rows[:, :, :r] = self.subspace.basis.reshape(-1, 3, r)
+        rows[:, :, g.start : g.start + 3] = turn.T
+        rows[:, :, g.start + 3 :] = -_skew(pose) @ (own.T @ jacobian)
+        place = pose @ turn.T + self.path.frames.position_m[frame] + mean[g][:3]
+        return View(place, rows.reshape(-1, g.stop), self.chains, turn)
+
+    def _pose(self, mean: Array) -> Array:
+        """(M, 3) markers in the body."""
+        return (self.subspace.mean + self.subspace.basis @ mean[: self.rank] + mean[self.parts[2]]).reshape(-1, 3)
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:
         """Velocities of the markers, in closed form.
@@ -333,55 +335,68 @@ class PoseMotion(MotionModel):
         speed[:, :, there] = -rotation @ (_skew(pose_rate) + _skew(omega) @ lever)
         speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
         speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
-        return velocity, out
+        return velocity, out.reshape(-1, n)
 
-    def constrain(self, state: Gaussian, step: Step, about: "Reference | None" = None) -> Gaussian:
+    def constrain(self, state: Moments, step: Step, about: "Reference | None" = None) -> tuple[Moments, list[Update]]:
         """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
-        dt_s = step.dt_s
+        updates = []
         if self.regression is not None:
             which, xyz, whitening = self.regression.at(step.frame)
             if len(which):
-                before = state
+                known = np.ones((len(which), 3), dtype=bool)
 
-                def update(mean: Array, rows: Array, shift: Array | None) -> tuple[Gaussian, Array]:
-                    predicted = (mean if shift is None else mean + shift)[which]
-                    rows = each_marker(rows[:, which], np.swapaxes(whitening, 1, 2)).reshape(len(rows), -1)
-                    away = np.einsum("mji,mi->mj", whitening, xyz - predicted).ravel()
-                    return condition(before, np.ascontiguousarray(rows), away, self.reads)[:2]
+                def update(markers: Markers, shift: Array | None) -> tuple[Moments, Update]:
+                    view = markers.view
+                    here = (view.mean if shift is None else view.mean + shift)[which]
+                    away = np.einsum("mji,mi->mj", whitening, xyz - here)
+                    along = whitening if view.turn is None else whitening @ view.turn
+                    return markers.condition(along, away, known, which)
 
-                state, _ = self.conditioned(before, step.frame, update)
+                state, done = self.conditioned(state, step.frame, update)
+                updates.append(done)
         terms = []
-        for i, held in enumerate(self.potentials):
+        for i, (held, rows) in enumerate(zip(self.potentials, self._rows, strict=True)):
+            coordinates = Coordinates(
+                held.mean + rows @ state.mean[: rows.shape[1]], rows, rows @ state.cov[: rows.shape[1]]
+            )
+            pull = partial(_scaled, held.gradient, step.dt_s)
             at = None if about is None else about.held[i]
-            coordinates = held.coordinates(state, self.parts[2], self.reads)
-            pull = partial(_scaled, held.gradient, dt_s)
             terms.append(potential_term(pull, coordinates, about=at, least_sd=LEAST_SD))
         if self.bones is not None:
             ends = None if about is None else about.bones
-            terms.append(bones_term(self.bones, *self._pose(state), dt_s * self.bone_stiffness, about=ends))
-        return enforce(state, terms, farthest=self.farthest)
+            markers = Markers(state, self._body(state.mean))
+            terms.append(bones_term(self.bones, markers, step.dt_s * self.bone_stiffness, about=ends))
+        state, done = enforce(state, terms, farthest=self.farthest)
+        return state, updates + done
+
+    @cached_property
+    def _rows(self) -> tuple[Array, ...]:
+        """How the coordinates of each potential change with the state."""
+        return tuple(held.rows(self.chains) for held in self.potentials)
+
+    def _body(self, mean: Array) -> View:
+        """The markers in the body."""
+        return View(self._pose(mean), self.subspace.basis, self.chains)
 
     def moved(self, means: Array, residual: Array) -> Array:  # noqa: ARG002
         """(S, M, 3) by how much markers move in the axes of the root, of states (S, n), for changes (S, D) of e."""
         return residual.reshape(len(residual), -1, 3)
 
-    def reference(self, state: Gaussian) -> "Reference | None":
+    def reference(self, state: Smoothed) -> "Reference | None":
         """What the potentials read, and the differences of the ends of bones."""
         if not self.potentials and self.bones is None:
             return None
-        return Reference(
-            tuple(held.marginal(state, self.parts[2], self.reads) for held in self.potentials),
-            None if self.bones is None else differences(self.bones, *self._pose(state)),
+        held = tuple(
+            Moments(one.mean + rows @ state.mean[: rows.shape[1]], state.of(rows))
+            for one, rows in zip(self.potentials, self._rows, strict=True)
         )
+        if self.bones is None:
+            return Reference(held, None)
+        body = self._body(state.mean)
+        cov = state.of(body.dense(), body.times(state.filtered))
+        return Reference(held, differences(self.bones, body.mean, cov))
 
-    def _pose(self, state: Gaussian) -> tuple[Array, Array]:
-        """(M, 3) markers in the body, and their (k, M, 3) ensemble rows."""
-        r, k, (_, _, e, _, _), basis = self.rank, self.reads, self.parts, self.subspace.basis
-        pose = self.subspace.mean + basis @ state.mean[:r] + state.mean[e]
-        deviations = state.factor[:r, :k].T @ basis.T + state.factor[e, :k].T
-        return pose.reshape(-1, 3), deviations.reshape(k, -1, 3)
-
-    def informed(self, state: Gaussian) -> Gaussian:
+    def informed(self, state: Smoothed) -> Smoothed:
         """The shape and its velocity are some that were recorded."""
         return state if self.usual is None else informed(state, self.usual)
 
@@ -401,17 +416,16 @@ def matern_flow(step: Array) -> Array:
 
 
 def matern_noise(step: Array) -> Array:
-    """(3, 3, D) lower factor of what noise adds to [e, e', e''] of a Matern-5/2 process of unit variance and rate.
+    """(3, 3, D) covariance of what noise adds to [e, e', e''] of a Matern-5/2 process of unit variance and rate.
 
-    The covariance is 16/3 times the integral of g g^T, g the last column of ``matern_flow``. By Gauss-Legendre
-    quadrature it stays positive at any step, where 1 - F F^T of short steps is a difference of nearly equal numbers.
+    It is 16/3 times the integral of g g^T, g the last column of ``matern_flow``. By Gauss-Legendre quadrature it stays
+    positive at any step, where P - F P F^T of short steps is a difference of nearly equal numbers.
     """
     nodes, weights = np.polynomial.legendre.leggauss(24)
     end = np.minimum(step, 20.0)  # exp(-40) of it is left beyond
     times = 0.5 * end * (nodes[:, None] + 1)  # (24, D)
-    last = np.moveaxis(matern_flow(times.ravel())[:, 2].reshape(3, *times.shape), 1, -1)  # (3, D, 24)
-    cov = 16 / 3 * np.einsum("idq,jdq,dq->dij", last, last, 0.5 * end[:, None] * weights)
-    return np.moveaxis(np.linalg.cholesky(cov), 0, -1)
+    last = matern_flow(times.ravel())[:, 2].reshape(3, *times.shape)  # (3, 24, D)
+    return 16 / 3 * np.einsum("iqd,jqd,qd->ijd", last, last, 0.5 * end * weights[:, None])
 
 
 def _scaled(gradient: Callable[[Array], Array], factor: float, q: Array) -> Array:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, triangular
 
 from eal import EmpiricalPotential
 from eal.arrays import Array
@@ -66,14 +65,9 @@ class PosePotential:
         largest = np.abs(vt[:2]).argmax(axis=1)
         return (vt[:2] * np.sign(vt[np.arange(len(vt[:2])), largest])[:, None]).T
 
-    def coordinates(self, state: Gaussian, residual: slice, reads: int) -> tuple[Array, Array]:
-        """Mean (d,) of q, and its (reads, d) ensemble rows."""
-        n = self.on_shape.shape[1]
-        mean = self.mean + self.on_shape @ state.mean[:n] + self.on_residual @ state.mean[residual]
-        rows = state.factor[:n, :reads].T @ self.on_shape.T + state.factor[residual, :reads].T @ self.on_residual.T
-        return mean, rows
-
-    def marginal(self, state: Gaussian, residual: slice, reads: int) -> Gaussian:
-        """Mean and factor of q."""
-        mean, rows = self.coordinates(state, residual, reads)
-        return Gaussian(mean, triangular(rows))
+    def rows(self, chains: int) -> Array:
+        """(d, r) how q changes with the components of a state [z, zdot, ..., e] whose chains begin at ``chains``."""
+        n, d = self.on_shape.shape[1], self.on_residual.shape[1]
+        out = np.zeros((len(self.mean), chains + d))
+        out[:, :n], out[:, chains:] = self.on_shape, self.on_residual
+        return out

@@ -4,9 +4,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, default_points, ensemble, scale, spread
+from mocap.filters.ensemble import Gaussian, ensemble, spread
+from mocap.filters.gaussian import Moments
 from mocap.filters.motion.constant_velocity import white_acceleration
 from scipy.linalg import expm
 
@@ -18,9 +20,11 @@ class ShapeMechanics(ABC):
 
     Attributes:
         density: (r, r) lower factor of the spectral density of the acceleration that the equation leaves unexplained.
+        linear: Whether a step is the same function, linear but for a constant, of any state.
     """
 
     density: Array
+    linear: ClassVar[bool] = True
 
     @property
     def lasting_sd(self) -> Array:
@@ -32,11 +36,11 @@ class ShapeMechanics(ABC):
         return {}
 
     @abstractmethod
-    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+    def linearised(self, state: Moments, dt_s: float) -> tuple[Array, Array, Array]:
         """Mean of [z, zdot] after a step, its transition matrix, and (2r, k) deviations that are not linear.
 
         Args:
-            state: [z, zdot] with its (2r, 2r) factor.
+            state: [z, zdot].
             dt_s: Step.
         """
 
@@ -53,7 +57,7 @@ class FreeShape(ShapeMechanics):
 
     density: Array
 
-    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+    def linearised(self, state: Moments, dt_s: float) -> tuple[Array, Array, Array]:
         """Velocities carry positions on."""
         transition = np.eye(len(state.mean))
         r = len(self.density)
@@ -119,7 +123,7 @@ class LinearShape(ShapeMechanics):
         alike = 0.5 * (cov + cov.T) / size / size[:, None]  # positions, velocities and forces differ by powers of dt
         return size[:, None] * np.linalg.cholesky(alike + 1e-9 * np.eye(n))
 
-    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+    def linearised(self, state: Moments, dt_s: float) -> tuple[Array, Array, Array]:
         """The exact flow (matrix exponential)."""
         flow = expm(dt_s * self._generator)
         transition = flow[:-1, :-1]
@@ -137,8 +141,9 @@ class FieldShape(ShapeMechanics):
 
     acceleration: Callable[[Array], Array]
     density: Array
+    linear = False
 
-    def linearised(self, state: Gaussian, dt_s: float) -> tuple[Array, Array, Array]:
+    def linearised(self, state: Moments, dt_s: float) -> tuple[Array, Array, Array]:
         """Classical Runge-Kutta step of the unscented transform's points, read as a linear map."""
         return unscented_flow(state, lambda x: self._flow(x, dt_s))
 
@@ -153,9 +158,10 @@ class FieldShape(ShapeMechanics):
         return states + dt_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def unscented_flow(state: Gaussian, flow: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
+def unscented_flow(state: Moments, flow: Callable[[Array], Array]) -> tuple[Array, Array, Array]:
     """A flow of points (S, n) to (S, n), read as a linear map: mean, transition, deviations that are not linear."""
-    c, gamma = scale(default_points(len(state.mean)))
-    mean, rows = ensemble(flow(spread(state, c)), c, gamma)
     n = len(state.mean)
-    return mean, np.linalg.solve(state.factor.T, rows[:n]).T, rows[n:].T
+    factor = np.linalg.cholesky(state.cov)
+    c = min(3.0, n)
+    mean, rows = ensemble(flow(spread(Gaussian(state.mean, factor), c)), c, 0.0)
+    return mean, np.linalg.solve(factor.T, rows[:n]).T, rows[n:].T

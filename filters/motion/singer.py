@@ -1,15 +1,18 @@
 """Each marker for itself, with an acceleration that lasts for a while (Singer 1970)."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, SigmaPoints, default_points
-from mocap.filters.motion.base import MotionModel
+from mocap.filters.gaussian import Moments, Move, View
+from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.constant_velocity import apart, at_rest, positions, positions_and_velocities
 from scipy.linalg import expm
 
 from eal.arrays import Array
 
 
+@lru_cache(maxsize=64)
 def lasting_acceleration(memory_s: float, dt_s: float) -> tuple[Array, Array]:
     """One step of [position, velocity, acceleration] whose acceleration forgets itself in a time tau.
 
@@ -39,7 +42,7 @@ def lasting_acceleration(memory_s: float, dt_s: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LastingAcceleration(MotionModel):
-    """State [positions (3M), velocities (3M), accelerations (3M)] in the world.
+    """State [position (3), velocity (3), acceleration (3)] in the world, of each marker by itself.
 
     Attributes:
         start_m: (M, 3) mean of the positions before anything is seen.
@@ -55,57 +58,26 @@ class LastingAcceleration(MotionModel):
     acceleration_m_s2: Array
     memory_s: float
     name: str = "lasting_acceleration"
-    linear: bool = True
-    reads: int = field(init=False)
-    points: SigmaPoints = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Sizes."""
-        object.__setattr__(self, "reads", self.start_m.size)
-        object.__setattr__(self, "points", default_points(3 * self.start_m.size))
-
-    def initial(self) -> Gaussian:
-        """At ``start_m``, at rest."""
-        sd = np.concatenate(
-            [np.full(self.reads, self.start_sd_m), np.full(self.reads, self.speed_sd_m_s), self._each_sd]
-        )
-        return Gaussian(np.concatenate([self.start_m.ravel(), np.zeros(2 * self.reads)]), np.diag(sd))
 
     @property
-    def _each_sd(self) -> Array:
-        return np.repeat(self.acceleration_m_s2, 3)
+    def size(self) -> int:
+        """Numbers of a state."""
+        return 3 * self.start_m.size
 
-    def advance(self, states: Array, dt_s: float) -> Array:
-        """Positions, velocities and accelerations move on."""
-        move, _ = lasting_acceleration(self.memory_s, dt_s)
-        return np.einsum("ab,sbk->sak", move, states.reshape(len(states), 3, -1)).reshape(states.shape)
+    def initial(self) -> Moments:
+        """At ``start_m``, at rest."""
+        sd = np.column_stack(np.broadcast_arrays(self.start_sd_m, self.speed_sd_m_s, self.acceleration_m_s2))
+        return at_rest(self.start_m, sd)
 
-    def noise(self, dt_s: float) -> Array:
-        """What drives the accelerations."""
-        factor = np.linalg.cholesky(lasting_acceleration(self.memory_s, dt_s)[1])
-        return np.kron(factor, np.diag(self._each_sd))
+    def move(self, state: Moments, step: Step) -> Move:  # noqa: ARG002
+        """Positions, velocities and accelerations move on; noise drives the accelerations."""
+        chain, noise = lasting_acceleration(self.memory_s, step.dt_s)
+        return apart(chain, noise * (self.acceleration_m_s2**2)[:, None, None])
 
-    def markers(self, states: Array, frame: int) -> Array:  # noqa: ARG002
+    def view(self, mean: Array, frame: int) -> View:  # noqa: ARG002
         """The positions themselves."""
-        return states.reshape(len(states), -1, 3)
-
-    def starts(self) -> tuple[Array, Array]:
-        """Mean (M, 9) and lower factor (M, 9, 9) of each marker's state (``mocap.filters.apart``)."""
-        mean = np.concatenate([self.start_m, np.zeros((len(self.start_m), 6))], axis=1)
-        factor = np.zeros((len(mean), 9, 9))
-        index = np.arange(9)
-        factor[:, index[:3], index[:3]], factor[:, index[3:6], index[3:6]] = self.start_sd_m, self.speed_sd_m_s
-        factor[:, index[6:], index[6:]] = self.acceleration_m_s2[:, None]
-        return mean, factor
-
-    def steps(self, dt_s: float) -> tuple[Array, Array]:
-        """Transition (9, 9) and noise (M, 9, 9) of each marker (``mocap.filters.apart``)."""
-        move, noise = lasting_acceleration(self.memory_s, dt_s)
-        each = np.kron(noise, np.eye(3)) * (self.acceleration_m_s2**2)[:, None, None]
-        return np.kron(move, np.eye(3)), each
+        return positions(mean)
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:  # noqa: ARG002
-        """The second third of the state."""
-        count = self.reads // 3
-        jacobian = np.eye(2 * self.reads, 3 * self.reads).reshape(2, count, 3, -1)
-        return mean[self.reads : 2 * self.reads].reshape(-1, 3), np.moveaxis(jacobian, 0, 1).reshape(count, 6, -1)
+        """The velocities themselves."""
+        return positions_and_velocities(mean)

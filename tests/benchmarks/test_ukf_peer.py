@@ -4,10 +4,10 @@ from importlib.metadata import version
 
 import numpy as np
 import pytest
-from mocap.filters.ensemble import Gaussian, predict
+from mocap.filters.ensemble import Gaussian, default_points, predict
 from mocap.filters.smoother import smooth_step
 
-from benchmarks.ukf import DT_S, compare, problem
+from benchmarks.ukf import DT_S, advance, compare, problem
 
 
 @pytest.mark.parametrize("affine", [True, False])
@@ -35,9 +35,7 @@ def test_smoother_keeps_its_digits_where_the_future_knows_much_more(widen, narro
     """
     case = problem(24, 8, affine=True)
     start = Gaussian(case.start.mean, widen * case.start.factor)
-    prediction = predict(
-        start, lambda x: case.model.advance(x, DT_S), case.model.noise(DT_S), case.model.points, linear=True
-    )
+    prediction = predict(start, lambda x: advance(x, DT_S), case.noise, default_points(24), linear=True)
     future = Gaussian(prediction.state.mean + 0.01, narrow * case.start.factor)
     ours = smooth_step(start, prediction, future)
 

@@ -115,7 +115,7 @@ def test_limbs_hold_the_pose(potential):
     assert [limb.children for limb in anatomy.limbs] == [(4, 5), (6, 7)]
     assert len(model.potentials) == 2
     rng, n = np.random.default_rng(3), 2 * model.rank
-    state = np.zeros(model.points.n)
+    state = np.zeros(model.size)
     state[: model.rank] = 0.01 * rng.normal(size=model.rank)
     state[model.parts[2]] = 1e-3 * rng.normal(size=24)
     state[model.rank : n] = rng.normal(size=model.rank)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mocap.filters.animal import Animal, Moving, Valley
 from mocap.filters.bodies import Bodies, cloud, rod
-from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Moments
 from mocap.filters.mechanics import Motion
 from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings, learn_articulated
 from mocap.filters.models.base import TrialSet, estimate
@@ -186,13 +186,13 @@ def test_the_filter_s_prediction_without_noise_keeps_the_energy(arm_motion):
     model = replace(model, animal=model.animal.released())
     model = replace(model, path=replace(model.path, frames=still_frames(model), **still_path(model)))
     begin = model.initial()
-    begin = Gaussian(begin.mean + np.eye(len(begin.mean))[model.rank] * 0.2, begin.factor)
+    begin = Moments(begin.mean + np.eye(len(begin.mean))[model.rank] * 0.2, begin.cov)
     worst = []
     for h_s in (0.01, 0.005):
-        state, noise, energy = begin, model.noise(h_s), []
+        state, energy = begin, []
         for frame in range(1, 20):
-            state = model.predict(state, Step(frame, h_s, noise)).state
-            energy.append(model.energy_of(state, frame))
+            state = model.move(state, Step(frame, h_s)).ahead(state)
+            energy.append(model.energy_of(state.mean, frame))
         energy = np.array(energy)
         worst.append(np.ptp(energy[: round(0.08 / h_s), 0]))
         assert (energy[:, 1] <= energy[0, 2] + worst[-1] / model.animal.strength_j).all()

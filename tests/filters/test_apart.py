@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from mocap.datasets.rig import tunnel_cameras
-from mocap.filters.apart import smooth_apart
+from mocap.filters.ensemble import Gaussian, default_points, predict, update
+from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.motion.singer import LastingAcceleration
-from mocap.filters.observations import PixelObservations, PositionObservations
-from mocap.filters.track import smooth_together
+from mocap.filters.observations import PixelObservations, PositionObservations, some_markers
+from mocap.filters.smoother import smooth_step
+from mocap.filters.track import smooth
 from mocap.filters.velocities import Asked
 
 from mocap.cameras import triangulate
@@ -56,36 +58,74 @@ def lasting(model: ConstantVelocity) -> LastingAcceleration:
     )
 
 
+def together(model, seen, t_s):
+    """Means and covariances (T, n) and (T, n, n) of all markers as one state, by the unscented filter of any model."""
+    start = model.initial()
+    count, size = start.mean.shape
+
+    def block(each):
+        out = np.zeros((count, size, count, size))
+        out[np.arange(count), :, np.arange(count)] = each
+        return out.reshape(count * size, -1)
+
+    state, points = Gaussian(start.mean.ravel(), np.sqrt(block(start.cov))), default_points(count * size)
+    states, predictions = [], [None]
+    for k in range(len(t_s)):
+        if k:
+            move = model.move(start, Step(k, t_s[k] - t_s[k - 1]))
+            noise = np.linalg.cholesky(block(move.noise))
+            ahead = predict(
+                state,
+                lambda x, move=move: move.forward(x.reshape(-1, count, size)).reshape(len(x), -1),
+                noise,
+                points,
+                linear=True,
+            )
+            predictions.append(ahead)
+            state = ahead.state
+        y, sd = seen.xyz_m[k], np.repeat(seen.sd_m[k][:, None], 3, axis=1)
+        there = np.isfinite(y)
+        state = update(
+            state,
+            lambda x, there=there: x.reshape(-1, count, size)[..., :3][:, there],
+            y[there],
+            sd[there],
+            points,
+            linear=True,
+        ).state
+        states.append(state)
+    smoothed = states[-1:]
+    for k in range(len(t_s) - 2, -1, -1):
+        smoothed.insert(0, smooth_step(states[k], predictions[k + 1], smoothed[0]))
+    return np.array([s.mean for s in smoothed]), np.array([s.cov for s in smoothed])
+
+
 @pytest.mark.parametrize("lasts", [False, True], ids=["velocity", "acceleration"])
-@pytest.mark.parametrize("kind", ["points", "rays"])
-def test_as_one_matrix_of_all(kind, lasts):
+def test_as_one_matrix_of_all(lasts):
     """A block-diagonal covariance stays one, so that both ways are the same algebra.
 
     1e-8 of a covariance is what rounding costs of factors whose condition is 1e4, squared.
     """
-    model, seen, t_s = scene(kind)
-    model = lasting(model) if lasts else model
-    weights = (tuple(np.full(M, 1 / M)), (0.5, 0.5, 0.0, 0.0))
-    asked = Asked(names=("a", "b", "c", "d", "mean", "ab"), weights=weights, pairs=((0, 1), (0, 4), (4, 5)))
-    one = smooth_together(model, seen, t_s, asked=asked)
-    apart = smooth_apart(model, seen, t_s, asked=asked)
-    np.testing.assert_allclose(apart.xyz_m, one.xyz_m, atol=1e-10)
-    np.testing.assert_allclose(apart.cov_m2, one.cov_m2, rtol=1e-8, atol=1e-16)
-    np.testing.assert_allclose(apart.log_likelihood, one.log_likelihood, rtol=1e-8, atol=1e-8)
-    for ours, theirs in zip(apart.observed, one.observed, strict=True):
-        np.testing.assert_array_equal(ours.where, theirs.where)
-        np.testing.assert_allclose(ours.weight, theirs.weight, rtol=1e-8)
-        np.testing.assert_allclose([ours.nis, ours.n_rows], [theirs.nis, theirs.n_rows], rtol=1e-8)
-    np.testing.assert_allclose(apart.rates.velocity_m_s, one.rates.velocity_m_s, rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(apart.rates.own, one.rates.own, rtol=1e-4, atol=1e-9)
-    np.testing.assert_allclose(apart.rates.cross, one.rates.cross, rtol=1e-4, atol=1e-9)
-    np.testing.assert_allclose(apart.rates.kept, one.rates.kept, rtol=1e-6)
-
-
-def test_a_marker_is_not_changed_by_others():
-    """Each marker alone is what it is among the others."""
     model, seen, t_s = scene("points")
-    whole = smooth_apart(model, seen, t_s)
+    model = lasting(model) if lasts else model
+    found = smooth(model, seen, t_s, gate_sd=np.inf)
+    mean, cov = together(model, seen, t_s)
+    size = model.size // M
+    mean, cov = mean.reshape(T, M, size)[..., :3], cov.reshape(T, M, size, M, size)[:, :, :3, :, :3]
+    np.testing.assert_allclose(found.xyz_m, mean, atol=1e-10)
+    np.testing.assert_allclose(
+        found.cov_m2, cov[:, np.arange(M), :, np.arange(M)].swapaxes(0, 1), rtol=1e-8, atol=1e-16
+    )
+    assert not cov[:, 0, :, 1].any()
+
+
+@pytest.mark.parametrize("kind", ["points", "rays"])
+def test_a_marker_is_not_changed_by_others(kind):
+    """Each marker alone is what it is among the others: positions, covariances, velocities."""
+    model, seen, t_s = scene(kind)
+    asked = Asked(names=("a", "b", "c", "d"))
+    whole = smooth(model, seen, t_s, asked=asked)
+    assert whole.rates is not None
     for m in range(M):
         alone = ConstantVelocity(
             start_m=model.start_m[[m]],
@@ -93,5 +133,10 @@ def test_a_marker_is_not_changed_by_others():
             speed_sd_m_s=model.speed_sd_m_s,
             density=model.density[[m]],
         )
-        found = smooth_apart(alone, PositionObservations(xyz_m=seen.xyz_m[:, [m]], sd_m=seen.sd_m[:, [m]]), t_s)
+        found = smooth(alone, some_markers(seen, np.array([m])), t_s, asked=Asked(names=("a",)))
         np.testing.assert_allclose(found.xyz_m[:, 0], whole.xyz_m[:, m], atol=1e-12)
+        np.testing.assert_allclose(found.cov_m2[:, 0], whole.cov_m2[:, m], rtol=1e-7)
+        assert found.rates is not None
+        for name in ("velocity_m_s", "own", "kept"):
+            ours, theirs = (getattr(one.rates, name) for one in (found, whole))
+            np.testing.assert_allclose(ours[:, 0], theirs[:, m], rtol=1e-5, atol=1e-7)

@@ -105,25 +105,27 @@ def test_fitted_angles_are_those_of_the_pose():
 
 def test_deviations_and_rates_are_derivatives(learned):
     """Rows of the markers and their velocities against differences of ``markers`` in the state and along its flow."""
-    rng, n = np.random.default_rng(3), learned.points.n
+    rng, n = np.random.default_rng(3), learned.size
     mean = 0.01 * rng.normal(size=n)
-    state = Gaussian(mean, np.tril(1e-6 * rng.normal(size=(n, n))) + 1e-6 * np.eye(n))
-    at, rows = learned.deviations(state, 5)
+    view = learned.view(mean, 5)
 
     def markers(x, frame=5):
-        return learned.markers(x[None, : learned.reads], frame)[0]
+        return learned.markers(x[None], frame)[0]
 
-    np.testing.assert_allclose(at, markers(mean), atol=1e-14)
-    for k in range(0, learned.reads, 7):
-        column = state.factor[:, k]
-        np.testing.assert_allclose(rows[k], (markers(mean + column) - markers(mean - column)) / 2, atol=1e-12)
+    np.testing.assert_allclose(view.mean, markers(mean), atol=1e-14)
+    for k in range(0, n, 7):
+        change = 1e-6 * np.eye(n)[k]
+        found = (markers(mean + change) - markers(mean - change)) / 2
+        np.testing.assert_allclose(view.moved(change), found, atol=1e-12)
     velocity, jacobian = learned.rates(mean, 5)
+    jacobian = jacobian.reshape(len(velocity), 6, n)
     for k in range(0, n, 9):
+        if k in range(*learned.parts[1].indices(n)):  # the body's own turn is of first order there
+            continue
         step = 1e-5 * np.eye(n)[k]
         np.testing.assert_allclose(jacobian[:, :3, k], (markers(mean + step) - markers(mean - step)) / 2e-5, atol=1e-7)
         ahead, back = (learned.rates(mean + sign * step, 5)[0] for sign in (1, -1))
-        if k not in range(*learned.parts[1].indices(n)):  # the body's own turn is of first order there
-            np.testing.assert_allclose(jacobian[:, 3:, k], (ahead - back) / 2e-5, atol=1e-4)
+        np.testing.assert_allclose(jacobian[:, 3:, k], (ahead - back) / 2e-5, atol=1e-4)
     assert np.isfinite(velocity).all()
 
 
@@ -168,8 +170,9 @@ def test_a_potential_moves_a_state_no_further_than_it_was_linearised_for():
     """A force of a million deviations moves it by three of them; one of 1 moves it by 1."""
     state = Gaussian(np.zeros(2), np.diag([2.0, 3.0]))
     for force, expected in ((1e6, 3.0), (1.0, 1.0)):
-        term = Term(np.zeros((2, 1)), np.zeros(1), np.array([force, 0.0]))
-        np.testing.assert_allclose(enforce(state, [term], farthest=3.0).mean, [2 * expected, 0.0])
+        term = Term(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1), np.array([force / 2, 0.0]))
+        found, _ = enforce(state, [term], farthest=3.0)
+        np.testing.assert_allclose(found.mean, [2 * expected, 0.0])
 
 
 @pytest.mark.parametrize("model", ["articulated", "lagrangian"])
@@ -219,26 +222,27 @@ def test_whole_turns_of_a_joint_are_taken_out():
 def test_a_marker_far_from_its_prediction_is_met(learned, monkeypatch):
     """One marker of the hand where the arm is bent by a radian: the mode that scipy finds, which one step misses."""
     rng, at = np.random.default_rng(5), learned.initial()
-    size, sd, hand = learned.points.n, 1e-3, 6
+    factor = np.sqrt(at.cov)  # nothing is correlated
+    size, sd, hand = learned.size, 1e-3, 6
     bent = at.mean.copy()
     bent[learned.parts[2]] += rng.choice([-1.0, 1.0], len(learned.arm_m)) * learned.arm_m
     shown = np.full((1, learned.slip_sd.size, 3), np.nan)
-    shown[0, hand] = learned.markers(bent[None, : learned.reads], 0)[0, hand]
+    shown[0, hand] = learned.markers(bent[None], 0)[0, hand]
     observations = PositionObservations(xyz_m=shown, sd_m=np.full(shown.shape[:2], sd))
 
     def away(x):
-        mean = at.mean + at.factor @ x
-        return np.append(x, (learned.markers(mean[None, : learned.reads], 0)[0, hand] - shown[0, hand]) / sd)
+        mean = at.mean + factor @ x
+        return np.append(x, (learned.markers(mean[None], 0)[0, hand] - shown[0, hand]) / sd)
 
-    found = filter_frame(learned, observations, 0, at, None, 6.0)[1]
+    found = filter_frame(learned, observations, 0, at, None, 6.0).state
     mode = least_squares(away, np.zeros(size), xtol=1e-12, ftol=1e-12)
-    own = np.linalg.solve(at.factor, found.mean - at.mean)
+    own = np.linalg.solve(factor, found.mean - at.mean)
     assert 0.5 * np.sum(away(own) ** 2) < 1.05 * mode.cost + 0.1
-    white = at.factor @ np.linalg.inv(mode.jac.T @ mode.jac) @ at.factor.T
-    np.testing.assert_allclose(found.factor @ found.factor.T, white, atol=0.1 * np.diag(white).max())
+    white = factor @ np.linalg.inv(mode.jac.T @ mode.jac) @ factor.T
+    np.testing.assert_allclose(found.cov, white, atol=0.1 * np.diag(white).max())
     monkeypatch.setattr("mocap.filters.motion.articulated.BENT_RAD", np.inf)
-    once = filter_frame(learned, observations, 0, at, None, 6.0)[1]
-    assert np.sum(away(np.linalg.solve(at.factor, once.mean - at.mean)) ** 2) > 4 * mode.cost
+    once = filter_frame(learned, observations, 0, at, None, 6.0).state
+    assert np.sum(away(np.linalg.solve(factor, once.mean - at.mean)) ** 2) > 4 * mode.cost
 
 
 def test_a_held_root_leaves_slips_of_the_trunk_to_its_markers():

@@ -6,12 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Markers, Moments
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.pose import BodyPath, PoseMotion, body_path
 from mocap.filters.motion.shape import FreeShape
 from mocap.filters.observations import PositionObservations
 from mocap.filters.subspace import PoseSubspace
-from mocap.filters.track import filter_forward, marker_moments
+from mocap.filters.track import filter_forward
 from scipy.spatial.transform import Rotation
 
 DT_S, MARKERS, RANK = 0.005, 6, 2
@@ -63,11 +64,12 @@ def body_of(pose, mean, frame):
 def flown(pose, size, seed):
     """Body one step later as predicted, and as it is when its velocities do not change."""
     rng = np.random.default_rng(seed)
-    mean = np.zeros(pose.points.n)
+    mean = np.zeros(pose.size)
     _, g, _, g_rate, _ = pose.parts
     mean[g], mean[g_rate] = size * rng.normal(size=6), size / DT_S * rng.normal(size=6)
     orientation, position, spin, velocity = body_of(pose, mean, 1)
-    ahead = pose.predict(Gaussian(mean, np.eye(len(mean))), Step(2, DT_S, np.eye(len(mean)))).state.mean
+    start = Gaussian(mean, np.eye(len(mean)))
+    ahead = pose.move(start, Step(2, DT_S)).ahead(start).mean
     turned = orientation @ Rotation.from_rotvec(DT_S * spin).as_matrix()
     return body_of(pose, ahead, 2), (turned, position + DT_S * velocity, spin, velocity)
 
@@ -90,13 +92,13 @@ def test_the_body_flies_on_with_constant_velocity_in_the_world(seed):
 def test_steps_of_any_time_are_their_own():
     """What a step predicts does not depend on the times of those before it, to 1e-9 of a step."""
     path = curved(np.random.default_rng(0), 4)
-    size = model(path).points.n
+    size = model(path).size
     state, used = Gaussian(np.random.default_rng(1).normal(0, 0.01, size), 0.01 * np.eye(size)), model(path)
     for frame, dt_s in ((1, DT_S), (2, DT_S * (1 + 1e-12)), (3, 3 * DT_S), (2, DT_S)):
-        step = Step(frame, dt_s, used.noise(dt_s))
-        found, fresh = (pose.predict(state, step).state for pose in (used, model(path)))
+        step = Step(frame, dt_s)
+        found, fresh = (pose.move(state, step).ahead(state) for pose in (used, model(path)))
         np.testing.assert_allclose(found.mean, fresh.mean, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.factor @ found.factor.T, fresh.factor @ fresh.factor.T, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.cov, fresh.cov, rtol=0, atol=1e-9)
 
 
 @given(seed=st.integers(0, 1000))
@@ -188,11 +190,11 @@ def filtered(flight, *, shift_m, turn_rad):
     mean[g_rate][:3] = true.velocity_m_s[0] - about.velocity_m_s[0]
     mean[g_rate][3:] = true.rate_rad_s[0] - about.rate_rad_s[0]
     observations = PositionObservations(xyz_m=seen, sd_m=np.full(seen.shape[:2], 2e-3))
-    found = filter_forward(pose, observations, t, before=Gaussian(mean, start.factor), gate_sd=np.inf)
-    moments = [marker_moments(pose, state, frame) for frame, state in enumerate(found.states)]
-    xyz, cov = (np.array(part) for part in zip(*moments, strict=True))
+    found = list(filter_forward(pose, observations, t, before=Moments(mean, start.cov), gate_sd=np.inf))
+    markers = [Markers(f.state, pose.view(f.state.mean, frame)) for frame, f in enumerate(found)]
+    xyz, cov = np.array([m.view.mean for m in markers]), np.array([m.cov for m in markers])
     sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
-    return xyz, sd, sum(o.log_likelihood for o in found.observed)
+    return xyz, sd, sum(f.observed.log_likelihood for f in found)
 
 
 def test_paths_beside_each_other_are_one(flight):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Smoothed
 from mocap.filters.models.pose import PoseSettings, learn_pose
 from mocap.filters.motion.enforce import informed
 from mocap.filters.motion.shape import FreeShape
@@ -20,7 +21,7 @@ def test_informed_is_bayes_rule():
     known = Gaussian(known.mean, known.factor + 2 * np.eye(2))
     select = np.eye(2, 5)
     gain = state.cov @ select.T @ np.linalg.inv(select @ state.cov @ select.T + known.cov)
-    found = informed(state, known)
+    found = informed(Smoothed(state.mean, state.cov, np.zeros((5, 5))), known)
     np.testing.assert_allclose(found.mean, state.mean + gain @ (known.mean - select @ state.mean), rtol=1e-10)
     np.testing.assert_allclose(found.cov, state.cov - gain @ select @ state.cov, rtol=1e-9, atol=1e-12)
 

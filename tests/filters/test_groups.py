@@ -84,8 +84,8 @@ def test_a_part_of_a_model_says_the_same_of_its_markers(bat):
     part = part_of(model, some)
     assert isinstance(part, PoseMotion)
     rng = np.random.default_rng(0)
-    shared = rng.normal(size=2 * model.rank + 6)
-    residual = rng.normal(size=(34, 3))
+    shared = rng.normal(size=model.chains)
+    residual = rng.normal(size=(2, 34, 3))  # and its rate
     whole = model.markers(np.concatenate([shared, residual.ravel()])[None], 5)
-    few = part.markers(np.concatenate([shared, residual[some].ravel()])[None], 5)
+    few = part.markers(np.concatenate([shared, residual[:, some].ravel()])[None], 5)
     np.testing.assert_allclose(few, whole[:, some], atol=1e-12)

@@ -49,7 +49,7 @@ def test_learned_mechanics_carry_a_beat_on(two):
     miss, on = [], []
     for frame in range(40, 200, 16):
         state = np.append(states[frame], np.zeros(2))  # no force but the learned one
-        on.append(state[:2] + 22 * DT_S * state[2:] - motion.z[frame + 22])
+        on.append(state[:2] + 22 * DT_S * state[2:4] - motion.z[frame + 22])
         for _ in range(22):
             state, _, _ = learned.linearised(Gaussian(state, 1e-6 * np.eye(len(state))), DT_S)
         miss.append(state[:2] - motion.z[frame + 22])
@@ -65,7 +65,7 @@ def test_each_trial_is_tracked_about_its_own_mean(two):
         model = learn_pose(trials, SETTINGS, shapes=shapes, target=target)
         errors = []
         for other in (target, 1 - target):
-            states = np.zeros((len(trials[0].y), model.reads))
+            states = np.zeros((len(trials[0].y), model.size))
             states[:, :2] = shapes.z[other]
             frames = range(0, len(states), 20)
             found = np.array([model.markers(states[f : f + 1], f)[0] for f in frames])

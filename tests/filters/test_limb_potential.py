@@ -67,7 +67,7 @@ def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential():
         assert (held.at_state < 0.9).mean() > 0.9
         assert np.linalg.norm(held.pull, axis=-1).max() > 0
     model, rng = motion.motion, np.random.default_rng(0)
-    mean, change = 1e-3 * rng.normal(size=(2, model.points.n)), 1e-6 * rng.normal(size=(2, len(model.arm_m)))
+    mean, change = 1e-3 * rng.normal(size=(2, model.size)), 1e-6 * rng.normal(size=(2, len(model.arm_m)))
     ahead, back = mean.copy(), mean.copy()
     ahead[:, model.parts[2]] += change
     back[:, model.parts[2]] -= change

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.ensemble import Gaussian, default_points, ensemble, scale, spread, update
+from mocap.filters.gaussian import Markers, View
 from mocap.filters.observations import PixelObservations, linearised_pixels
 from mocap.filters.observe import observe
 
@@ -136,9 +137,8 @@ def test_updates_are_the_engines_to_second_order():
             cov_m2=np.zeros((1, N_MARKERS, 3, 3)),
             wide_m=np.inf,
         )
-        deviations = state.factor[: mean.size, : mean.size].T.reshape(mean.size, -1, 3)
-        sights = seen.sights(0, mean, np.einsum("kmi,kmj->mij", deviations, deviations))
-        ours, _ = observe(state, sights, deviations, reads=mean.size, gate_sd=np.inf)
+        markers = Markers(state, View(mean, np.eye(mean.size)))
+        ours, _, _ = observe(markers, seen.sights(0, mean, markers.cov), gate_sd=np.inf)
 
         def h(x):
             return np.moveaxis(project(MATRICES, x.reshape(len(x), -1, 3)), 1, 0).reshape(len(x), -1)

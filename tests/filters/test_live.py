@@ -5,15 +5,22 @@ import tracemalloc
 import numpy as np
 import pytest
 from mocap.filters.body_axes import body_frames
+from mocap.filters.gaussian import Markers
 from mocap.filters.live import live, looks
 from mocap.filters.models.pose import PoseSettings, learn_pose
+from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import pose_trial
-from mocap.filters.track import filter_forward, marker_moments, smooth
+from mocap.filters.track import filter_forward, smooth
 
 from tests.filters.filmed import pixels, still
 from tests.filters.test_learned_models import flapping
+
+
+def drawn(rng, cov):
+    """A draw from normal densities around 0."""
+    return np.einsum("mij,mj->mi", np.linalg.cholesky(cov), rng.normal(size=cov.shape[:2]))
 
 
 def flight(rng, n_frames, *, n_markers=2, gaps=0.3):
@@ -25,11 +32,12 @@ def flight(rng, n_frames, *, n_markers=2, gaps=0.3):
         speed_sd_m_s=1.0,
         density=rng.uniform(5, 20, n_markers),
     )
-    start, k = model.initial(), model.reads
-    x = [start.mean + start.factor @ rng.normal(size=2 * k)]
+    start = model.initial()
+    x = [start.mean + drawn(rng, start.cov)]
     for dt in np.diff(t_s):
-        x.append(model.advance(x[-1][None], dt)[0] + model.noise(dt) @ rng.normal(size=2 * k))
-    truth = np.array(x)[:, :k].reshape(n_frames, n_markers, 3)
+        move = model.move(start, Step(1, dt))
+        x.append(move.forward(x[-1]) + drawn(rng, move.noise))
+    truth = np.array(x)[..., :3]
     sd = rng.uniform(2e-3, 6e-3, truth.shape[:2])
     xyz = truth + sd[..., None] * rng.normal(size=truth.shape)
     xyz[rng.random(sd.shape) < gaps] = np.nan
@@ -45,7 +53,7 @@ def run(model, seen, t_s, **options):
 
 
 def same(found, expected):
-    """Equal to rounding: ``smooth`` filters independent markers one by one, ``live`` all as one state."""
+    """Equal to rounding."""
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
@@ -81,7 +89,7 @@ def test_a_frame_is_smoothed_as_if_the_recording_ended(lag, every):
 def test_no_lag_is_the_filter():
     """Each estimate is there before the next frame is looked at, and is the filtered one."""
     model, seen, t_s, _ = flight(np.random.default_rng(3), 12)
-    filtered = filter_forward(model, seen, t_s)
+    filtered = list(filter_forward(model, seen, t_s))
     looked = []
 
     def watched():
@@ -91,9 +99,10 @@ def test_no_lag_is_the_filter():
 
     for e in live(model, watched(), lag=0):
         assert looked[-1] == e.frame
-        mean, cov = marker_moments(model, filtered.states[e.frame], e.frame)
-        np.testing.assert_array_equal(e.xyz_m, mean)
-        np.testing.assert_array_equal(e.cov_m2, cov)
+        state = filtered[e.frame].state
+        markers = Markers(state, model.view(state.mean, e.frame))
+        np.testing.assert_array_equal(e.xyz_m, markers.view.mean)
+        np.testing.assert_allclose(e.cov_m2, markers.cov, rtol=1e-12)
 
 
 def test_pixels_too():
@@ -140,9 +149,9 @@ def test_hindsight_helps():
 
 
 def test_memory_is_flat():
-    """The peak of 200 frames is that of 50, and a state more raises it: with 12 markers a state has 41 kB.
+    """The peak of 200 frames is that of 50, and a frame more raises it: with 12 markers a state has 3.5 kB.
 
-    A kept frame has two factors, rows, the noise of its own time step and small change: 4 to 6 states.
+    A kept frame has a covariance, the noise of its own time step, rows and gains and what they leave, and small change.
     """
     rng = np.random.default_rng(6)
     model, seen, t_s, _ = flight(rng, 200, n_markers=12)
@@ -156,9 +165,10 @@ def test_memory_is_flat():
         tracemalloc.stop()
         return size
 
-    state = 8 * 72**2
-    assert peak(200, 5) < peak(50, 5) + state
-    assert 40 * state < peak(50, 15) - peak(50, 5) < 60 * state
+    state = 8 * 12 * 6**2
+    peak(50, 1)  # what is allocated once
+    assert peak(200, 5) < peak(50, 5) + 10 * state
+    assert 20 * state < peak(50, 15) - peak(50, 5) < 80 * state
 
 
 def test_one_frame_and_none():

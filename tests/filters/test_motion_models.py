@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Adjoint, Markers, Moments
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity, white_acceleration
 from mocap.filters.motion.pose import BodyPath, PoseMotion, Regression, body_path
@@ -71,11 +72,16 @@ FREE = ("constant_velocity", "pose")  # whose noise is exact at any step
 
 
 def matrices(model, dt_s):
-    """Transition and noise covariance as dense matrices, from what ``predict`` makes of a mean and of a factor."""
-    n = model.points.n
-    noise = model.noise(dt_s)
-    rows = model.predict(Gaussian(np.zeros(n), np.eye(n)), Step(1, dt_s, noise)).rows
-    return rows.T, noise @ noise.T
+    """Transition and noise covariance as dense matrices, from what a step makes of covariances 0 and 1."""
+    start = model.initial()
+    n = start.mean.shape[-1]
+    move = model.move(start, Step(1, dt_s))
+    rows = move.forward(np.broadcast_to(np.eye(n), start.cov.shape))
+    return np.swapaxes(rows, -1, -2), move.noise
+
+
+def turned(matrix):
+    return np.swapaxes(matrix, -1, -2)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -89,8 +95,9 @@ def test_two_steps_are_one(name, first, second):
     (a1, q1), (a2, q2), (a, q) = matrices(model, first), matrices(model, second), matrices(model, first + second)
     np.testing.assert_allclose(a2 @ a1, a, rtol=1e-9, atol=1e-9 * np.abs(a).max())
     if name in FREE:
-        sd = np.sqrt(np.diag(q))
-        np.testing.assert_allclose((a2 @ q1 @ a2.T + q2) / np.outer(sd, sd), q / np.outer(sd, sd), atol=1e-6)
+        sd = np.sqrt(np.einsum("...ii->...i", q))
+        unit = sd[..., None] * sd[..., None, :]
+        np.testing.assert_allclose((a2 @ q1 @ turned(a2) + q2) / unit, q / unit, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -98,63 +105,92 @@ def test_means_move_as_deviations_do(name):
     """A predicted mean is the predicted mean of zero plus the transition of the state: the model is affine."""
     model = MODELS[name]()
     rng = np.random.default_rng(3)
-    n, step = model.points.n, Step(1, 0.01, model.noise(0.01))
-    a, _ = matrices(model, 0.01)
-    zero, there = Gaussian(np.zeros(n), np.eye(n)), Gaussian(rng.normal(size=n), lower(rng, n))
-    offset, found = model.predict(zero, step).state, model.predict(there, step).state
-    np.testing.assert_allclose(found.mean, offset.mean + a @ there.mean, atol=1e-12)
-    expected = a @ there.cov @ a.T + step.noise @ step.noise.T
+    start, step = model.initial(), Step(1, 0.01)
+    a, q = matrices(model, 0.01)
+    root = rng.normal(size=start.cov.shape)
+    zero, there = np.zeros_like(start.mean), rng.normal(size=start.mean.shape)
+    cov = root @ turned(root)
+    ahead, found = (model.move(s, step).ahead(s) for s in (Moments(zero, cov), Moments(there, cov)))
+    np.testing.assert_allclose(found.mean, ahead.mean + np.einsum("...ij,...j->...i", a, there), atol=1e-12)
+    expected = a @ cov @ turned(a) + q
     np.testing.assert_allclose(found.cov, expected, atol=1e-12 * np.abs(expected).max())
+    shared = len(model.move(start, step).shared)  # where a mode may grow; exactly
+    np.testing.assert_array_equal(found.cov[..., :shared, :], turned(found.cov)[..., :shared, :])
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_noise_is_a_lower_factor(name):
-    """What the engine takes for a lower factor is one, with a positive diagonal, down to a step of 10 us."""
+def test_going_back_is_the_transpose(name):
+    """Lambda before a step is F^T Lambda F, lambda F^T lambda: by dense matrices."""
+    model, rng = MODELS[name](), np.random.default_rng(4)
+    start = model.initial()
+    a, _ = matrices(model, 0.01)
+    root, vector = rng.normal(size=start.cov.shape), rng.normal(size=start.mean.shape)
+    found = model.move(start, Step(1, 0.01)).back(Adjoint(vector, root @ turned(root)))
+    expected = turned(a) @ root @ turned(root) @ a
+    np.testing.assert_allclose(found.matrix, expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(found.vector, np.einsum("...ji,...j->...i", a, vector), atol=1e-12 * np.abs(a).max())
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_noise_is_a_covariance(name):
+    """In units of its own deviations it is symmetric and positive, down to a step of 10 us."""
     for dt_s in (1e-5, 1e-3, 0.1):
-        noise = MODELS[name]().noise(dt_s)
-        assert not np.triu(noise, 1).any()
-        assert (np.diag(noise) > 0).all()
+        _, noise = matrices(MODELS[name](), dt_s)
+        sd = np.sqrt(np.einsum("...ii->...i", noise))
+        np.testing.assert_array_equal(noise, turned(noise))
+        assert np.linalg.eigvalsh(noise / (sd[..., None] * sd[..., None, :])).min() > 0
 
 
-@pytest.mark.parametrize(("name", "bend"), [("constant_velocity", 0.0), ("pose", 4.0)])
-def test_markers_are_affine_but_for_turns(name, bend):
+def test_markers_are_affine_but_for_turns():
     """A mean of states projects to the mean of the markers; with turns w the difference is of second order.
 
     That of a midpoint is an eighth of 2 dw x dy + dw x (dw x y), dw and dy about three times the size: below 4 size^2;
     and halving the size quarters it.
     """
-    model = MODELS[name]()
-    a, b = np.random.default_rng(3).normal(size=(2, 1, model.reads))
+    model = pose()
+    a, b = np.random.default_rng(4).normal(size=(2, 1, model.size))
 
     def apart(size):
         middle = model.markers(size * (a + b) / 2, 1)
         return np.abs(middle - (model.markers(size * a, 1) + model.markers(size * b, 1)) / 2).max()
 
-    assert apart(1e-2) <= bend * 1e-4 + 1e-15
+    assert apart(1e-2) <= 4 * 1e-4 + 1e-15
     assert apart(5e-3) == pytest.approx(apart(1e-2) / 4, rel=0.05, abs=1e-15)
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_initial_states_fit_their_models(name):
-    """The first state has the model's size and is read by its sigma points; what it reads comes first."""
+    """The first state has the model's size, and a view of its markers."""
     model = MODELS[name]()
     start = model.initial()
-    assert start.factor.shape == (len(start.mean),) * 2 == (model.points.n,) * 2
-    assert 0 < model.reads <= len(start.mean)
-    mean, deviations = model.deviations(start, 0)
-    np.testing.assert_allclose(mean, model.markers(start.mean[None, : model.reads], 0)[0], atol=1e-15)
-    assert deviations.shape == (model.reads, *mean.shape)
+    assert start.mean.size == model.size
+    assert start.cov.shape == (*start.mean.shape, start.mean.shape[-1])
+    view = model.view(start.mean, 0)
+    assert 0 < view.reads <= start.mean.shape[-1]
+    assert Markers(start, view).cov.shape == (*view.mean.shape, 3)
+
+
+def test_a_view_is_the_derivative_of_the_markers():
+    """By central differences of 1e-6, whose square times a third derivative of 1 is left, and 1e-16 over the step."""
+    model, rng = pose(), np.random.default_rng(6)
+    mean = 0.3 * rng.normal(size=model.size)
+    view = model.view(mean, 2)
+    np.testing.assert_allclose(view.mean, model.markers(mean[None], 2)[0], atol=1e-14)
+    ahead, back = (model.markers(mean + sign * 1e-6 * np.eye(model.size), 2) for sign in (1, -1))
+    for change, expected in zip(np.eye(model.size), (ahead - back) / 2e-6, strict=True):
+        np.testing.assert_allclose(view.moved(change), expected, atol=1e-9)
 
 
 def test_parts_are_all_of_the_state():
-    """[z, zdot], g, e, gdot, edot, eddot follow each other; positions g, e and rates come in the sizes of the body."""
+    """[z, zdot], g, gdot, e, edot follow each other, then eddot; positions g, e and rates come in the body's sizes."""
     model = pose()
-    parts = model.parts
-    index = np.arange(model.points.n)
-    np.testing.assert_array_equal(np.concatenate([*(index[part] for part in parts), model.residual[2]]), index)
-    assert [len(index[part]) for part in parts] == [2 * RANK, 6, 3 * MARKERS, 6, 3 * MARKERS]
-    assert parts[2].stop == model.reads
-    assert pose(oscillating).points.n == model.points.n + RANK
+    shape, g, e, g_rate, e_rate = model.parts
+    index = np.arange(model.size)
+    known = np.concatenate([index[part] for part in (shape, g, g_rate, e, e_rate)])
+    np.testing.assert_array_equal(known, index[: -3 * MARKERS])
+    assert [len(index[part]) for part in model.parts] == [2 * RANK, 6, 3 * MARKERS, 6, 3 * MARKERS]
+    assert model.view(np.zeros(model.size), 0).reads == e.stop
+    assert pose(oscillating).size == model.size + RANK  # a force of each shape that lasts
 
 
 def test_white_acceleration_is_the_integral():
@@ -174,15 +210,21 @@ def test_body_and_shape_are_driven_by_their_own_noise():
     """The body's and the shape's blocks of the noise are white acceleration of their densities, and nothing couples."""
     model, dt_s = pose(), 0.02
     _, q = matrices(model, dt_s)
-    shape, g, _, g_rate, _ = (np.arange(model.points.n)[part] for part in model.parts)
+    shape, g, e, g_rate, _ = (np.arange(model.size)[part] for part in model.parts)
     integral = np.array([[dt_s**3 / 3, dt_s**2 / 2], [dt_s**2 / 2, dt_s]])
     body, density = np.append(g, g_rate), model.mechanics.density @ model.mechanics.density.T
     np.testing.assert_allclose(q[np.ix_(body, body)], np.kron(integral, np.diag(model.body_density)), rtol=1e-12)
     np.testing.assert_allclose(q[np.ix_(shape, shape)], np.kron(integral, density), rtol=1e-12, atol=1e-18)
-    blocks = [shape, body, model.residual.ravel()]
+    blocks = [shape, body, np.arange(e[0], model.size)]
     for one in range(3):
         for other in range(one):
             assert not q[np.ix_(blocks[one], blocks[other])].any()
+
+
+def first_chain(model):
+    """Where e, e' and e'' of the first coordinate are, as a square of a matrix."""
+    three = model.parts[2].start + 3 * MARKERS * np.arange(3)
+    return np.ix_(three, three)
 
 
 @pytest.mark.parametrize("dt_s", [1e-4, 0.013, 0.3])
@@ -192,7 +234,7 @@ def test_the_residual_is_a_matern_process(dt_s):
     model = pose(rate_hz=a)
     transition, covariance = matrices(model, dt_s)
     drift = np.array([[0, 1, 0], [0, 0, 1], [-(a**3), -3 * a**2, -3 * a]])
-    three = np.ix_(model.residual[:, 0], model.residual[:, 0])
+    three = first_chain(model)
     np.testing.assert_allclose(transition[three], expm(drift * dt_s), rtol=1e-9, atol=1e-12)
     variance = model.subspace.residual_sd[0] ** 2
     q = np.diag([0.0, 0.0, 16 / 3 * a**5 * variance])  # the white noise that keeps the variance of e
@@ -209,19 +251,19 @@ def test_the_residual_is_a_matern_process(dt_s):
 def test_the_residual_is_stationary():
     """A P A^T + Q = P for the residual at its initial covariance, at every step: it neither dies nor grows."""
     model = pose()
-    residual = model.residual.ravel()
-    start = model.initial().cov[np.ix_(residual, residual)]
+    residual = slice(model.parts[2].start, None)
+    start = model.initial().cov[residual, residual]
     sd = np.sqrt(np.diag(start))
     for dt_s in (1e-4, 0.01, 1.0):
-        a, q = (m[np.ix_(residual, residual)] for m in matrices(model, dt_s))
+        a, q = (m[residual, residual] for m in matrices(model, dt_s))
         np.testing.assert_allclose((a @ start @ a.T + q - start) / np.outer(sd, sd), 0, atol=1e-9)
 
 
-def test_its_spectrum_falls_as_the_sixth_power():
-    """Correlation (1 + a s + (a s)^2 / 3) exp(-a s), from transitions and the initial covariance (Matern, nu = 5/2)."""
+def test_the_residual_is_correlated_as_matern_says():
+    """(1 + a s + (a s)^2 / 3) exp(-a s), from transitions and the initial covariance (nu = 5/2)."""
     a = 30.0
     model = pose(rate_hz=a)
-    three = np.ix_(model.residual[:, 0], model.residual[:, 0])
+    three = first_chain(model)
     start = model.initial().cov[three]
     for lag in (0.001, 0.02, 0.1):
         transition, _ = matrices(model, lag)
@@ -235,11 +277,11 @@ def test_markers_by_the_formula():
     frames = BodyFrames(rotation=Rotation.random(FRAMES, rng=rng).as_matrix(), position_m=rng.normal(size=(FRAMES, 3)))
     still = np.zeros((FRAMES, 3))
     model = pose(path=BodyPath(frames=frames, velocity_m_s=still, rate_rad_s=still))
-    states = rng.normal(size=(2, model.reads))
+    states = rng.normal(size=(2, model.size))
     for frame in range(FRAMES):
         found = model.markers(states, frame)
         for s in range(2):
-            z, _, p, w, e = np.split(states[s], [RANK, 2 * RANK, 2 * RANK + 3, 2 * RANK + 6])
+            z, _, p, w, _, e, _ = np.split(states[s], 2 * RANK + np.array([-RANK, 0, 3, 6, 12, 12 + 3 * MARKERS]))
             body = model.subspace.mean + model.subspace.basis @ z + e
             turn = frames.rotation[frame] @ expm(np.cross(np.eye(3), w))
             for m in range(MARKERS):
@@ -247,15 +289,15 @@ def test_markers_by_the_formula():
                 np.testing.assert_allclose(found[s, m], here, atol=1e-12)
 
 
-STEP = Step(1, 0.01, np.zeros((0, 0)))
+STEP = Step(1, 0.01)
 
 
 def test_the_model_holds_its_shape():
     """``constrain`` pulls the shape to a valley at zero, a stiffer valley the more, and never widens the state."""
     rng = np.random.default_rng(9)
-    n = pose().points.n
+    n = pose().size
     state = Gaussian(rng.normal(size=n), lower(rng, n))
-    assert pose().constrain(state, STEP) is state
+    assert pose().constrain(state, STEP) == (state, [])
     for held in (RANK, 2 * RANK):
         sizes = [np.linalg.norm(state.mean[:held])]
         for stiffness in (1e2, 1e3, 1e4):
@@ -267,7 +309,7 @@ def test_the_model_holds_its_shape():
                 gradient=lambda z, stiffness=stiffness: stiffness * z,
             )
             model = pose(potentials=(valley,))
-            found = model.constrain(state, STEP)
+            found, _ = model.constrain(state, STEP)
             sizes.append(np.linalg.norm(found.mean[:held]))
             assert np.linalg.eigvalsh(state.cov - found.cov).min() > -1e-9
         assert (np.diff(sizes) < 0).all()
@@ -281,22 +323,22 @@ def test_a_regression_is_one_more_observation():
     """
     rng = np.random.default_rng(10)
     plain = pose()
-    n = plain.points.n
+    n = plain.size
     state = Gaussian(1e-3 * rng.normal(size=n), 1e-3 * lower(rng, n))  # turns so small that markers are linear in them
     xyz, cov = np.full((FRAMES, MARKERS, 3), np.nan), np.full((FRAMES, MARKERS, 3, 3), np.nan)
-    mean, rows = plain.deviations(state, STEP.frame)
+    view = plain.view(state.mean, STEP.frame)
+    mean = view.mean
     for marker in (0, 2):
         root = 1e-3 * lower(rng, 3)
         xyz[STEP.frame, marker], cov[STEP.frame, marker] = mean[marker] + 2e-3 * rng.normal(size=3), root @ root.T
     model = pose(regression=Regression(xyz, cov))
-    slope = np.linalg.solve(state.factor[: plain.reads, : plain.reads].T, rows[:, [0, 2]].reshape(plain.reads, -1)).T
-    slope = np.pad(slope, ((0, 0), (0, n - plain.reads)))
+    slope = np.array([view.moved(change)[[0, 2]].ravel() for change in np.eye(n)]).T
     noise = np.zeros((6, 6))
     noise[:3, :3], noise[3:, 3:] = cov[STEP.frame, 0], cov[STEP.frame, 2]
     information = np.linalg.inv(state.cov) + slope.T @ np.linalg.solve(noise, slope)
     away = (xyz[STEP.frame, [0, 2]] - mean[[0, 2]]).ravel()
-    found = model.constrain(state, STEP)
+    found, _ = model.constrain(state, STEP)
     best = np.linalg.solve(information, slope.T @ np.linalg.solve(noise, away))
     np.testing.assert_allclose(found.mean - state.mean, best, atol=1e-6 * np.abs(best).max())
     np.testing.assert_allclose(found.cov, np.linalg.inv(information), atol=1e-6 * state.cov.max())
-    assert model.constrain(state, Step(STEP.frame + 1, STEP.dt_s, STEP.noise)) is state
+    assert model.constrain(state, Step(STEP.frame + 1, STEP.dt_s)) == (state, [])

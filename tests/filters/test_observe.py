@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.ensemble import Gaussian, default_points, update
+from mocap.filters.gaussian import Markers, View
 from mocap.filters.observations import PixelObservations, Sights
-from mocap.filters.observe import observe
+from mocap.filters.observe import observe as observe_markers
 from mocap.filters.track import smooth
 
 from mocap.cameras.camera import project, stacked
@@ -16,11 +17,17 @@ from tests.filters.filmed import pixels, still
 from tests.mocap.rigs import cloud, ring
 
 
+def observe(state, sights, view, **options):
+    """The posterior, and what was seen."""
+    found, _, seen = observe_markers(Markers(state, view), sights, **options)
+    return found, seen
+
+
 def frame(rng, *, n_cameras, n_markers, n=None, share=1.0, dof=np.inf, sd=(0.5, 2.0)):
     """A state whose first components move markers, and rays of random directions that see them.
 
     Returns:
-        State, sights, deviations (reads, M, 3) and the markers' dependence (3 M, reads) on the state.
+        State, sights, the view of the markers and their dependence (3 M, reads) on the state.
     """
     reads = int(rng.integers(1, 3 * n_markers + 3)) if n is None else n
     size = reads + int(rng.integers(0, 4))
@@ -37,7 +44,7 @@ def frame(rng, *, n_cameras, n_markers, n=None, share=1.0, dof=np.inf, sd=(0.5, 
         dof=np.full(count, dof),
         apart=np.zeros(count, dtype=bool),
     )
-    return state, sights, (depends @ factor[:reads, :reads]).T.reshape(reads, n_markers, 3), depends
+    return state, sights, View(np.zeros((n_markers, 3)), depends), depends
 
 
 def uncompressed(state, sights, depends, weight):
@@ -51,10 +58,11 @@ def uncompressed(state, sights, depends, weight):
 
 
 def agree(ours, seen, expected, *, tolerance=1e-10):
-    """Same mean in deviations, factor, surprise and density; rounding grows with a condition of 1e4 at most."""
+    """Same mean in deviations, covariance, surprise and density; rounding grows with a condition of 1e4 at most."""
     sd = np.sqrt(np.diag(expected.state.cov))
     np.testing.assert_allclose(ours.mean / sd, expected.state.mean / sd, atol=tolerance)
-    np.testing.assert_allclose(ours.factor / sd[:, None], expected.state.factor / sd[:, None], atol=tolerance)
+    unit = np.outer(sd, sd)
+    np.testing.assert_allclose(ours.cov / unit, expected.state.cov / unit, atol=tolerance)
     assert seen.nis == pytest.approx(expected.nis, rel=tolerance, abs=tolerance)
     assert seen.log_likelihood == pytest.approx(expected.log_likelihood, rel=tolerance, abs=tolerance)
     assert seen.n_rows == len(expected.innovation)
@@ -73,11 +81,10 @@ def test_three_rows_a_marker_are_all_rows(seed, n_cameras, n_markers, share, dof
     NIS is over the share of the information that Student's errors leave: (nu + 2) / (nu + 4) for two rows.
     """
     rng = np.random.default_rng(seed)
-    state, sights, deviations, depends = frame(
+    state, sights, view, depends = frame(
         rng, n_cameras=n_cameras, n_markers=n_markers, share=share, dof=dof, sd=(0.05, 2.0)
     )
-    reads = depends.shape[1]
-    found, seen = observe(state, sights, deviations, reads=reads, gate_sd=np.inf)
+    found, seen = observe(state, sights, view, gate_sd=np.inf)
     if not len(sights.where):
         assert found is state
         assert np.isnan(seen.nis)
@@ -93,8 +100,8 @@ def test_gated_rays_are_as_if_they_never_were():
     rng = np.random.default_rng(1)
     counts = []
     for _ in range(20):
-        state, sights, deviations, depends = frame(rng, n_cameras=4, n_markers=5)
-        found, seen = observe(state, sights, deviations, reads=depends.shape[1], gate_sd=0.5)
+        state, sights, view, depends = frame(rng, n_cameras=4, n_markers=5)
+        found, seen = observe(state, sights, view, gate_sd=0.5)
         counts.append(np.count_nonzero(seen.weight == 0))
         if (seen.weight > 0).any():
             agree(found, seen, uncompressed(state, sights, depends, seen.weight))
@@ -106,12 +113,12 @@ def test_gated_rays_are_as_if_they_never_were():
 def test_parallel_rays_say_nothing_of_their_depth():
     """Thirty cameras in one place: along the ray the deviation stays the prior's, to the rounding of 30 sums."""
     rng = np.random.default_rng(2)
-    state, deviations = Gaussian(np.zeros(3), np.eye(3)), np.eye(3).reshape(3, 1, 3)
+    state, view = Gaussian(np.zeros(3), np.eye(3)), View(np.zeros((1, 3)), np.eye(3))
     _, sights, _, _ = frame(rng, n_cameras=30, n_markers=1, n=3)
     slope = np.zeros((30, 3, 3))
     slope[:, :2] = np.eye(3)[:2] + 1e-9 * rng.normal(size=(30, 2, 3))
     sights = Sights(**{**vars(sights), "slope": slope, "sd": np.full((30, 3), 0.1)})
-    found, _ = observe(state, sights, deviations, reads=3, gate_sd=np.inf)
+    found, _ = observe(state, sights, view, gate_sd=np.inf)
     np.testing.assert_allclose(np.diag(found.cov), [1 / 3001, 1 / 3001, 1], rtol=1e-6)
 
 
@@ -140,10 +147,10 @@ def test_students_weights_are_a_fixed_point_of_their_formula(seed, dof):
     Expectation maximisation converges linearly: 300 rounds leave 1e-6 even where a step only halves a thousandth.
     """
     rng = np.random.default_rng(seed)
-    state, sights, deviations, depends = frame(rng, n_cameras=5, n_markers=3, dof=dof)
+    state, sights, view, depends = frame(rng, n_cameras=5, n_markers=3, dof=dof)
 
     def weights(rounds):
-        _, seen = observe(state, sights, deviations, reads=depends.shape[1], gate_sd=np.inf, rounds=rounds)
+        _, seen = observe(state, sights, view, gate_sd=np.inf, rounds=rounds)
         return seen.weight * ((dof + 4) / (dof + 2) if rounds else 1)
 
     np.testing.assert_array_equal(weights(0), 1)
@@ -176,7 +183,7 @@ def test_intervals_of_students_rays_hold(dof, n_rays):
             dof=np.full(n_rays, dof),
             apart=np.zeros(n_rays, dtype=bool),
         )
-        found, seen = observe(Gaussian(np.zeros(3), np.eye(3)), sights, np.eye(3).reshape(3, 1, 3), reads=3)
+        found, seen = observe(Gaussian(np.zeros(3), np.eye(3)), sights, View(np.zeros((1, 3)), np.eye(3)))
         nis.append(seen.nis / seen.n_rows)
         inside.append(np.abs(found.mean - truth) < 1.96 * np.sqrt(np.diag(found.cov)))
     assert 0.938 < np.mean(inside) < 0.962
@@ -186,13 +193,13 @@ def test_intervals_of_students_rays_hold(dof, n_rays):
 def test_an_outliers_weight_falls():
     """The further a ray is off, the less it is believed, as 1 / distance^2 in the end; the others as much as before."""
     rng = np.random.default_rng(3)
-    state, sights, deviations, _ = frame(rng, n_cameras=12, n_markers=2, n=6, dof=4.0)
+    state, sights, view, _ = frame(rng, n_cameras=12, n_markers=2, n=6, dof=4.0)
     weights = []
     for off in (0.0, 10.0, 30.0, 100.0, 300.0):
         innovation = sights.innovation.copy()
         innovation[7, 0] += off * sights.sd[7, 0]
         moved = Sights(**{**vars(sights), "innovation": innovation})
-        weights.append(observe(state, moved, deviations, reads=6, gate_sd=np.inf, rounds=30)[1].weight)
+        weights.append(observe(state, moved, view, gate_sd=np.inf, rounds=30)[1].weight)
     lone = np.array([w[7] for w in weights])
     assert (np.diff(lone) < 0).all()
     assert lone[-1] == pytest.approx(lone[-2] / 9, rel=0.1)
@@ -204,22 +211,22 @@ def test_an_outliers_weight_falls():
 def test_normal_errors_are_students_with_infinite_freedom():
     """Infinite freedom is the plain update to the last digit, beside Student-t rays too, and 1e12 is it to rounding."""
     rng = np.random.default_rng(4)
-    state, sights, deviations, depends = frame(rng, n_cameras=5, n_markers=3)
-    options = {"reads": depends.shape[1], "gate_sd": np.inf}
-    plain, normal = observe(state, sights, deviations, rounds=0, **options)
-    found, seen = observe(state, sights, deviations, **options)
+    state, sights, view, depends = frame(rng, n_cameras=5, n_markers=3)
+    options = {"gate_sd": np.inf}
+    plain, normal = observe(state, sights, view, rounds=0, **options)
+    found, seen = observe(state, sights, view, **options)
     np.testing.assert_array_equal(found.mean, plain.mean)
-    np.testing.assert_array_equal(found.factor, plain.factor)
+    np.testing.assert_array_equal(found.cov, plain.cov)
     np.testing.assert_array_equal(seen.weight, 1)
     assert seen.log_likelihood == normal.log_likelihood
     nearly = Sights(**{**vars(sights), "dof": np.full(len(sights.size), 1e12)})
     agree(
-        *observe(state, nearly, deviations, **options),
+        *observe(state, nearly, view, **options),
         uncompressed(state, sights, depends, np.ones(len(sights.size))),
         tolerance=1e-8,
     )
     mixed = Sights(**{**vars(sights), "dof": np.where(sights.where[:, 0] == 1, 3.0, np.inf)})
-    _, seen = observe(state, mixed, deviations, **options)
+    _, seen = observe(state, mixed, view, **options)
     np.testing.assert_array_equal(seen.weight == 1, sights.where[:, 0] != 1)
 
 
@@ -256,9 +263,8 @@ def test_gross_errors_do_little_to_students_rays():
             wide_m=np.inf,
             dof=np.full(6, dof),
         )
-        deviations = state.factor.T.reshape(180, 60, 3)
-        sights = seen.sights(0, mean, np.einsum("kmi,kmj->mij", deviations, deviations))
-        found, _ = observe(state, sights, deviations, reads=180, gate_sd=np.inf, rounds=5)
+        sights = seen.sights(0, mean, np.tile(0.02**2 * np.eye(3), (60, 1, 1)))
+        found, _ = observe(state, sights, View(mean, np.eye(180)), gate_sd=np.inf, rounds=5)
         return 1e3 * np.sqrt(np.mean(np.sum((found.mean.reshape(-1, 3) - truth) ** 2, axis=1)))
 
     assert error_mm(gross, 4.0) < 0.1 * error_mm(gross, np.inf)

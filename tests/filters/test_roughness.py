@@ -11,7 +11,7 @@ DT_S, SD_M, NOISE_M = 1 / 240, 1e-3, 3e-4
 def residuals(rate_hz, rng, n_frames=300, count=30):
     """(T, count) samples of a Matern-5/2 process with noise, drawn step by step."""
     step = np.array([rate_hz * DT_S])
-    flow, kick = matern_flow(step)[..., 0], matern_noise(step)[..., 0]
+    flow, kick = matern_flow(step)[..., 0], np.linalg.cholesky(matern_noise(step)[..., 0])
     state, out = np.linalg.cholesky(STATIONARY) @ rng.normal(size=(3, count)), []
     for _ in range(n_frames):
         out.append(SD_M * state[0])

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.ensemble import Gaussian
+from mocap.filters.gaussian import Markers, Moments, View
+from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.observations import WHOLE, PixelObservations, PositionObservations, Sights
 from mocap.filters.observe import gate_groups, observe
@@ -78,7 +80,7 @@ def test_groups_are_believed_as_a_whole_by_their_worst_row():
     size = np.array([2, 2, 2, 3, 2, 2, 2])
     slope = np.where(np.arange(3)[:, None] < size[:, None, None], np.eye(3), 0.0)
     state = Gaussian(np.zeros(12), np.eye(12))
-    deviations = np.eye(12).reshape(12, 4, 3)
+    view = View(np.zeros((4, 3)), np.eye(12))
     inside, outside = 3.9 * np.sqrt(2), 4.1 * np.sqrt(2)
 
     def condition(keep, innovation):
@@ -91,7 +93,8 @@ def test_groups_are_believed_as_a_whole_by_their_worst_row():
             dof=np.full(keep.sum(), np.inf),
             apart=np.zeros(keep.sum(), dtype=bool),
         )
-        return observe(state, sights, deviations, reads=12, gate_sd=4.0)
+        found, _, seen = observe(Markers(state, view), sights, gate_sd=4.0)
+        return found, seen
 
     for bad in (0, 2, 5):
         innovation = np.where(np.arange(3) < size[:, None], 0.1, 0.0)
@@ -102,21 +105,20 @@ def test_groups_are_believed_as_a_whole_by_their_worst_row():
         expected, short = condition(keep, innovation)
         np.testing.assert_array_equal(seen.weight, keep)
         np.testing.assert_array_equal(found.mean, expected.mean)
-        np.testing.assert_array_equal(found.factor, expected.factor)
+        np.testing.assert_array_equal(found.cov, expected.cov)
         assert seen.n_rows == short.n_rows == size[keep].sum()
         assert (seen.nis, seen.log_likelihood) == (short.nis, short.log_likelihood)
 
 
-def test_deviations_of_markers_are_those_of_the_state():
-    """Their sum of squares is the covariance of the markers, exactly where these are linear; rates are not read."""
+def test_covariances_of_markers_are_those_of_the_state():
+    """Exactly, where markers are linear; rates are not read."""
     rng = np.random.default_rng(5)
     model = ConstantVelocity(start_m=np.zeros((2, 3)), start_sd_m=1.0, speed_sd_m_s=1.0, density=np.ones(2))
-    state = Gaussian(rng.normal(size=12), np.tril(rng.normal(size=(12, 12))))
-    mean, deviations = model.deviations(state, 0)
-    np.testing.assert_array_equal(mean.ravel(), state.mean[:6])
-    assert deviations.shape == (6, 2, 3)
-    flat = deviations.reshape(6, 6)
-    np.testing.assert_allclose(flat.T @ flat, state.cov[:6, :6], atol=1e-12)
+    mean, root = rng.normal(size=(2, 6)), rng.normal(size=(2, 6, 6))
+    state = Moments(mean, root @ np.swapaxes(root, 1, 2))
+    markers = Markers(state, model.view(mean, 0))
+    np.testing.assert_array_equal(markers.view.mean, mean[:, :3])
+    np.testing.assert_allclose(markers.cov, state.cov[:, :3, :3], atol=1e-12)
 
 
 def test_a_bad_ray_is_gated_and_its_marker_stays_right():
@@ -208,10 +210,15 @@ def test_innovations_are_consistent():
         start_m=np.zeros((n_markers, 3)), start_sd_m=0.1, speed_sd_m_s=1.0, density=np.full(n_markers, density)
     )
     start = model.initial()
-    states = [start.mean + start.factor @ rng.normal(size=len(start.mean))]
+
+    def drawn(cov):
+        return np.einsum("mij,mj->mi", np.linalg.cholesky(cov), rng.normal(size=cov.shape[:2]))
+
+    states = [start.mean + drawn(start.cov)]
     for _ in range(n_frames - 1):
-        states.append(model.advance(states[-1][None], dt_s)[0] + model.noise(dt_s) @ rng.normal(size=len(start.mean)))
-    truth = np.array(states)[:, : 3 * n_markers].reshape(n_frames, n_markers, 3)
+        move = model.move(start, Step(1, dt_s))
+        states.append(move.forward(states[-1]) + drawn(move.noise))
+    truth = np.array(states)[..., :3]
     sd = np.full((n_frames, n_markers), 2e-3)
     seen = PositionObservations(xyz_m=truth + 2e-3 * rng.normal(size=truth.shape), sd_m=sd)
     found = smooth(model, seen, np.arange(n_frames) * dt_s, gate_sd=np.inf)

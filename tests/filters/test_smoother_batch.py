@@ -104,7 +104,9 @@ def test_tracked_positions_are_the_posterior_of_the_trajectory(even):
         rows = np.flatnonzero(np.isfinite(xyz[frame].ravel()))
         frames.append((np.eye(2 * k)[rows], xyz[frame].ravel()[rows], np.repeat(sd[frame], 3)[rows]))
     start = model.initial()
-    means, covs, density = reference.whole_trajectory(start.mean, start.cov, transitions, noises, frames)
+    sd = np.sqrt(np.einsum("mii->mi", start.cov)).reshape(-1, 2, 3).swapaxes(0, 1).ravel()  # positions, then velocities
+    first = start.mean.reshape(-1, 2, 3).swapaxes(0, 1).ravel()
+    means, covs, density = reference.whole_trajectory(first, np.diag(sd**2), transitions, noises, frames)
     np.testing.assert_allclose(found.xyz_m.reshape(n_frames, k), means[:, :k], atol=1e-9)
     for marker in range(n_markers):
         here = slice(3 * marker, 3 * marker + 3)

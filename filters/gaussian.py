@@ -1,0 +1,404 @@
+"""One Gaussian filter and smoother in covariance form, of states with declared structure.
+
+A state of n components is a block that everything shares (s of them), then chains: D coordinates that are independent
+of each other given that block, of k states each, in the order [e (D), its rate (D), ...]. Leading axes, where there are
+any, are parts that have nothing to do with each other (each marker by itself).
+
+Forward, an observation of rows H with unit noise and the innovation y takes the gains G = H P and leaves
+
+    S = 1 + G H^T = L L^T,   W = L^-1 G,   z = L^-1 y,   x + W^T z,   P - W^T W.
+
+Backward, the modified Bryson-Frazier smoother (Bierman 1977, Factorization Methods, section 10.4) carries a vector and
+a matrix with x_s = x - P lambda and P_s = P - P Lambda P. They pass observations and steps without any inverse.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from mocap.filters.ensemble import cholesky
+from numpy.typing import NDArray
+from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
+
+from eal.arrays import Array
+
+CANCELS = 1e4
+"""What becomes known better by this factor in variance is conditioned on by a sum of squares (Joseph), with 1 - K H by
+an inverse: of sixteen digits P - W^T W would lose as many as the factor has, as where a gap leaves metres and one ray
+a millimetre of them. Markers by themselves, whose matrices are small, always are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean (..., n) and covariance (..., n, n) of a state. Arrays are never written to."""
+
+    mean: Array
+    cov: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Adjoint:
+    """What all that comes later says of a state: (..., n) vector lambda and (..., n, n) matrix Lambda."""
+
+    vector: Array
+    matrix: Array
+
+    def smoothed(self, state: Moments) -> "Smoothed":
+        """The filtered state, smoothed."""
+        return Smoothed(state.mean - _times(state.cov, self.vector), state.cov, self.matrix)
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """A smoothed state of covariance P - P Lambda P, which is formed only where it is asked for.
+
+    Attributes:
+        mean: (..., n).
+        filtered: (..., n, n) P.
+        matrix: (..., n, n) Lambda.
+    """
+
+    mean: Array
+    filtered: Array
+    matrix: Array
+
+    @property
+    def cov(self) -> Array:
+        """(..., n, n) covariance."""
+        gains = self.filtered @ self.matrix
+        return self.filtered - _symmetric(gains @ self.filtered)
+
+    def markers(self, view: "View") -> Array:
+        """(M, 3, 3) covariances of markers in the world."""
+        gains, rows = view.times(self.filtered), view.dense()
+        each, n, reads = gains.reshape(-1, 3, gains.shape[-1]), gains.shape[-1], rows.shape[-1]
+        cov = each[..., :reads] @ _t(rows.reshape(-1, 3, reads))
+        cov -= (gains @ self.matrix).reshape(-1, 3, n) @ _t(each)
+        cov = _symmetric(cov)
+        return cov if view.turn is None else view.turn @ cov @ view.turn.T
+
+    def of(self, rows: Array, gains: Array | None = None) -> Array:
+        """(..., m, m) covariance of rows (..., m, r) of the first r components; ``gains`` (..., m, n) is rows P."""
+        reads = rows.shape[-1]
+        gains = rows @ self.filtered[..., :reads, :] if gains is None else gains
+        return _symmetric(gains[..., :reads] @ _t(rows) - (gains @ self.matrix) @ _t(gains))
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """One step of time, x -> F x + shift + noise.
+
+    Attributes:
+        shared: (s, s) what F does to the shared block.
+        chain: (k, k, 1 or D) what it does to the k states of each coordinate of the chains.
+        noise: (..., n, n) covariance of the noise.
+        shift: (n,) constant; None: 0.
+    """
+
+    shared: Array
+    chain: Array
+    noise: Array
+    shift: Array | None = None
+
+    def ahead(self, state: Moments) -> Moments:
+        """The state after the step."""
+        mean, cov = self.forward(state.mean), _both(state.cov, self.shared, self.chain)
+        cov += self.noise
+        return Moments(mean if self.shift is None else mean + self.shift, cov)
+
+    def forward(self, rows: Array) -> Array:
+        """(..., n) states, or rows that are to be carried on: rows F^T."""
+        s = len(self.shared)
+        out = np.empty(rows.shape)
+        out[..., :s] = rows[..., :s] @ self.shared.T
+        _mix(_columns(rows, s, len(self.chain)), self.chain, _columns(out, s, len(self.chain)))
+        return out
+
+    @property
+    def turned(self) -> "Move":
+        """F^T."""
+        return Move(self.shared.T, self.chain.swapaxes(0, 1), self.noise)
+
+    def back(self, adjoint: Adjoint) -> Adjoint:
+        """What later frames say of the state before the step."""
+        turned = self.turned
+        return Adjoint(turned.forward(adjoint.vector), _both(adjoint.matrix, turned.shared, turned.chain))
+
+    def smoothed_cov(self, cov: Array, later: Array) -> Array:
+        """Smoothed covariance of a state of filtered covariance P, given that of the state after the step.
+
+        D P D^T + K Q K^T + K P_s K^T with D = 1 - K F, a sum of squares (Rauch, Tung & Striebel 1965, as Joseph writes
+        it): where nothing is seen for long, P - P Lambda P cancels to nothing.
+        """
+        ahead = self.ahead(Moments(np.zeros(cov.shape[:-1]), cov)).cov
+        gain = _t(np.linalg.solve(ahead, _t(self.forward(cov))))
+        rest = np.eye(cov.shape[-1]) - self.turned.forward(gain)
+        return _symmetric(rest @ cov @ _t(rest) + gain @ (self.noise + later) @ _t(gain))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Markers as linear functions of a state near some mean.
+
+    In axes of their own they move by rows dx + de, where de is the change of the first states of the chains, if these
+    are coordinates of the markers.
+
+    Attributes:
+        mean: (M, 3) where they are, in the world.
+        rows: (..., 3m, s) change with the first s components of the state, in the axes; M is m times the parts.
+        chains: Where the chains begin; None: they are no coordinates of markers, or are in the rows.
+        turn: (3, 3) the axes in the world; None: they are the world's.
+    """
+
+    mean: Array
+    rows: Array
+    chains: int | None = None
+    turn: Array | None = None
+
+    @property
+    def reads(self) -> int:
+        """The first so many components of the state move the markers."""
+        return self.rows.shape[-1] if self.chains is None else self.chains + self.rows.shape[-2]
+
+    def times(self, columns: Array) -> Array:
+        """(..., 3m, c) of (..., n, c)."""
+        out = self.rows @ columns[..., : self.rows.shape[-1], :]
+        if self.chains is not None:
+            out += columns[..., self.chains : self.reads, :]
+        return out
+
+    def moved(self, change: Array) -> Array:
+        """(M, 3) by how much the markers move in the world for a change (..., n) of the state."""
+        moved = self.times(change[..., None]).reshape(-1, 3)
+        return moved if self.turn is None else moved @ self.turn.T
+
+    def dense(self) -> Array:
+        """(..., 3m, reads) how the markers change with the state, in their axes."""
+        return self.times(np.eye(self.reads))
+
+    def combined(self, which: NDArray[np.int64], along: Array) -> Array:
+        """(..., kq, reads) rows of q combinations of the coordinates of each of k markers, (..., k, q, 3)."""
+        *parts, count, q, _ = along.shape
+        m, s = self.rows.shape[-2] // 3, self.rows.shape[-1]
+        out = np.zeros((*parts, count, q, self.reads))
+        out[..., :s] = along @ self.rows.reshape(*parts, m, 3, s)[..., which, :, :]
+        if self.chains is not None:
+            own = self.chains + 3 * which[:, None, None] + np.arange(3)
+            out[..., np.arange(count)[:, None, None], np.arange(q)[:, None], own] = along
+        return out.reshape(*parts, count * q, self.reads)
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """The markers of a state.
+
+    Attributes:
+        state: Mean and covariance.
+        view: How they depend on it.
+    """
+
+    state: Moments
+    view: View
+
+    @cached_property
+    def gains(self) -> Array:
+        """(..., 3m, n) their covariance with the state, in their axes."""
+        return self.view.times(self.state.cov)
+
+    @cached_property
+    def spread(self) -> Array:
+        """(..., 3m, 3m) covariance of all of a part, in their axes."""
+        return _t(self.view.times(_t(self.gains)))
+
+    @cached_property
+    def own(self) -> Array:
+        """(M, 3, 3) covariance of each in their axes."""
+        return diagonal_blocks(self.spread)
+
+    @property
+    def cov(self) -> Array:
+        """(M, 3, 3) covariance of each in the world."""
+        turn = self.view.turn
+        return self.own if turn is None else turn @ self.own @ turn.T
+
+    def condition(
+        self, along: Array, innovation: Array, known: NDArray[np.bool_], which: NDArray[np.int64] | None = None
+    ) -> tuple[Moments, "Update"]:
+        """Condition the state on combinations of the coordinates of each marker.
+
+        Args:
+            along: (M, q, 3) combinations, of unit noise, in the axes of the view.
+            innovation: (M, q) observed minus predicted.
+            known: (M, q) those that were observed; the others are 0.
+            which: (M,) markers that these are of; None: all.
+        """
+        parts = self.state.mean.shape[:-1]
+        which = np.arange(self.view.rows.shape[-2] // 3) if which is None else which
+        if not parts:
+            seen = known.any(axis=1)
+            which, along, innovation, known = which[seen], along[seen], innovation[seen], known[seen]
+        along = along.reshape(*parts, -1, *along.shape[1:])
+        n = self.state.mean.shape[-1]
+        gains = (along @ self.gains.reshape(*parts, -1, 3, n)[..., which, :, :]).reshape(*parts, -1, n)
+        rows, target = self.view.combined(which, along), innovation.reshape(*parts, -1)
+        if not parts and not known.all():
+            kept = known.ravel()
+            rows, gains, target = rows[kept], gains[kept], target[kept]
+        return condition(self.state, rows, gains, target)
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What an observation did to a state.
+
+    Attributes:
+        rows: (..., m, r) L^-1 H, of the first r components of the state; it does not read the others.
+        gains: (..., m, n) W.
+        innovation: (..., m) z.
+        log_det: log det S, of all parts together.
+        force: (r,) b, a force that moved the state by P b after it; None: there was none.
+        left: (..., n, n) 1 - W^T Y, where it is known to more digits than the difference has; None: it is not.
+    """
+
+    rows: Array
+    gains: Array
+    innovation: Array
+    log_det: float
+    force: Array | None = None
+    left: Array | None = None
+
+    def back(self, adjoint: Adjoint) -> Adjoint:
+        """What it and all that comes later say of the state before it."""
+        reads = self.rows.shape[-1]
+        if self.left is not None:
+            vector, matrix = _times(_t(self.left), adjoint.vector), _t(self.left) @ adjoint.matrix @ self.left
+            vector[..., :reads] -= _times(_t(self.rows), self.innovation)
+            matrix[..., :reads, :reads] += _t(self.rows) @ self.rows
+            return Adjoint(vector, matrix)
+        vector, matrix = adjoint.vector.copy(), adjoint.matrix.copy()
+        if self.force is not None:
+            vector[..., :reads] -= self.force
+        pull = _times(self.gains, vector) + self.innovation
+        vector[..., :reads] -= _times(_t(self.rows), pull)
+        along = self.gains @ matrix
+        across = along @ _t(self.gains)
+        np.einsum("...ii->...i", across)[...] += 1
+        along[..., :reads] -= 0.5 * across @ self.rows
+        change = _t(self.rows) @ along
+        matrix[..., :reads, :] -= change
+        matrix[..., :, :reads] -= _t(change)
+        return Adjoint(vector, matrix)
+
+    def carry(self, rows: Array) -> Array:
+        """(..., n) rows of covariances with the state before it: with the state after it."""
+        return rows - (rows[..., : self.rows.shape[-1]] @ _t(self.rows)) @ self.gains
+
+
+def condition(state: Moments, rows: Array, gains: Array, innovation: Array) -> tuple[Moments, Update]:
+    """Condition a state on an observation.
+
+    Args:
+        state: Prior.
+        rows: (..., m, r) H, of unit noise, on the first r components of the state.
+        gains: (..., m, n) H P.
+        innovation: (..., m) observed minus predicted.
+
+    Raises:
+        np.linalg.LinAlgError: 1 + H P H^T is not positive definite, as P is not.
+    """
+    reads, n = rows.shape[-1], state.mean.shape[-1]
+    spread = gains[..., :reads] @ _t(rows)
+    widest = np.einsum("...ii->...i", spread).max(initial=0.0)
+    solved, log_det = whitened(spread, np.concatenate([gains, rows, innovation[..., None]], axis=-1))
+    w, y, z = solved[..., :n], solved[..., n:-1], solved[..., -1]
+    mean = state.mean + _times(_t(w), z)
+    if state.mean.ndim == 1 and widest < CANCELS:
+        return Moments(mean, state.cov - _t(w) @ w), Update(y, w, z, log_det)
+    near = state.cov[..., :, :reads] @ (_t(rows) @ rows)
+    left = np.zeros(state.cov.shape)
+    left[..., np.arange(reads, n), np.arange(reads, n)] = 1
+    left[..., :reads, :reads] = np.linalg.inv(np.eye(reads) + near[..., :reads, :])
+    left[..., reads:, :reads] = -near[..., reads:, :] @ left[..., :reads, :reads]
+    moved = left @ state.cov
+    gain = moved[..., :, :reads] @ _t(rows)
+    cov = _symmetric(moved @ _t(left)) + gain @ _t(gain)
+    return Moments(mean, cov), Update(y, w, z, log_det, left=left)
+
+
+def pushed(state: Moments, update: Update, force: Array, farthest: float) -> tuple[Moments, Update]:
+    """A state after a force (r,) on its first components too, by at most so many of its deviations (x + P b)."""
+    move = state.cov[:, : len(force)] @ force
+    size = np.sqrt(max(float(force @ move[: len(force)]), 0.0))
+    share = min(1.0, farthest / size) if size > 0 else 1.0
+    moved = Moments(state.mean + share * move, state.cov)
+    return moved, Update(update.rows, update.gains, update.innovation, update.log_det, share * force)
+
+
+def whitened(spread: Array, right: Array) -> tuple[Array, float]:
+    """L^-1 times (..., m, c), with L L^T = 1 + spread (..., m, m), and log det of that; both are overwritten.
+
+    Raises:
+        np.linalg.LinAlgError: it is not positive definite.
+    """
+    np.einsum("...ii->...i", spread)[...] += 1
+    if spread.ndim == 2:
+        factor = cholesky(spread.T)  # symmetric: as LAPACK has it in memory
+        solved = dtrsm(1.0, factor, right.T, side=1, lower=1, trans_a=1, overwrite_b=1).T
+    else:
+        factor = np.linalg.cholesky(spread)
+        solved = np.linalg.solve(factor, right)
+    return solved, 2 * float(np.log(np.einsum("...ii->...i", factor)).sum())
+
+
+def _t(matrix: Array) -> Array:
+    return matrix.swapaxes(-1, -2)
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]
+
+
+def diagonal_blocks(spread: Array) -> Array:
+    """(M, 3, 3) blocks on the diagonals of (..., 3m, 3m)."""
+    blocks = spread.reshape(*spread.shape[:-2], spread.shape[-1] // 3, 3, -1, 3)
+    return np.einsum("...iaib->...iab", blocks).reshape(-1, 3, 3)
+
+
+def _symmetric(matrix: Array) -> Array:
+    return 0.5 * (matrix + _t(matrix))
+
+
+def _columns(matrix: Array, start: int, count: int) -> list[Array]:
+    """The last axis from some place on, in so many parts."""
+    size = (matrix.shape[-1] - start) // max(count, 1)
+    return [matrix[..., start + i * size : start + (i + 1) * size] for i in range(count)]
+
+
+def _mix(parts: Sequence[Array], weights: Array, out: Sequence[Array]) -> None:
+    """Sums of parts with the (k, k, ...) weights of a chain."""
+    for target, row in zip(out, weights, strict=True):
+        np.multiply(parts[0], row[0], out=target)
+        for part, weight in zip(parts[1:], row[1:], strict=True):
+            if weight.any():
+                target += part * weight
+
+
+def _both(matrix: Array, shared: Array, chain: Array) -> Array:
+    """F C F^T of a symmetric matrix C (..., n, n).
+
+    What rounding leaves unsymmetric grows with the square of an unstable mode of F, which the shared block may have:
+    that block is made symmetric in each step.
+    """
+    s, k = len(shared), len(chain)
+    out = np.empty(matrix.shape)
+    if s:
+        top = shared @ matrix[..., :s, :]
+        out[..., :s, :s] = _symmetric(top[..., :s] @ shared.T)
+        _mix(_columns(top, s, k), chain, _columns(out[..., :s, :], s, k))
+        out[..., s:, :s] = _t(out[..., :s, s:])
+    inner = matrix[..., s:, s:]
+    half = np.empty(inner.shape)
+    _mix([_t(c) for c in _columns(_t(inner), 0, k)], chain[..., None], [_t(c) for c in _columns(_t(half), 0, k)])
+    _mix(_columns(half, 0, k), chain, _columns(out[..., s:, s:], 0, k))
+    return out

@@ -1,0 +1,60 @@
+"""Velocities and joint covariances of what was returned: errors that last move positions, and no velocity."""
+
+import numpy as np
+from mocap.filters.moving import Rates
+from mocap.filters.velocities import Asked
+
+from mocap.pipeline.moving import motion_of
+from mocap.records import MarkerTracks, Status
+
+FRAMES, NAMES = 6, ("a", "b")
+
+
+def smoothed(rng):
+    """Rates of two markers whose twelve numbers have one covariance in each frame."""
+    root = rng.normal(size=(FRAMES, 12, 12))
+    whole = (root @ np.swapaxes(root, 1, 2)).reshape(FRAMES, 2, 6, 2, 6)
+    own = np.stack([whole[:, i, :, i] for i in range(2)], axis=1).astype(np.float32)
+    cross = whole[:, 0, :, 1][:, None].astype(np.float32)
+    asked = Asked(names=NAMES, pairs=((0, 1),))
+    velocity = rng.normal(size=(FRAMES, 2, 3))
+    return Rates(asked=asked, velocity_m_s=velocity, own=own, cross=cross, kept=np.ones((FRAMES, 2, 3)))
+
+
+def returned(rates, added):
+    """The motion where so much is added to the smoother's covariance of positions."""
+    markers = MarkerTracks(
+        names=NAMES,
+        t_s=0.01 * np.arange(FRAMES),
+        xyz_m=np.zeros((FRAMES, 2, 3)),
+        cov_m2=rates.own[..., :3, :3].astype(float) + added * np.eye(3),
+        status=np.full((FRAMES, 2), Status.MEASURED),
+    )
+    return motion_of(markers, slice(0, FRAMES), rates, rates.asked)
+
+
+def test_an_error_that_lasts_leaves_velocities_as_they_are():
+    """A constant covariance added to positions is in their block; velocities, their mean included, keep theirs."""
+    rates = smoothed(np.random.default_rng(0))
+    motion = returned(rates, 25.0)
+    np.testing.assert_allclose(motion.own[..., :3, :3], rates.own[..., :3, :3] + 25.0 * np.eye(3), rtol=1e-4)
+    np.testing.assert_array_equal(motion.own[..., 3:, 3:], rates.own[..., 3:, 3:])
+    np.testing.assert_array_equal(motion.cross[..., 3:, 3:], rates.cross[..., 3:, 3:])
+    np.testing.assert_array_equal(motion.velocity_m_s, rates.velocity_m_s)
+
+
+def test_what_is_returned_stays_a_covariance():
+    """Positions and velocities of both markers together: no variance of any combination is negative."""
+    rates = smoothed(np.random.default_rng(1))
+    for added in (0.0, 25.0):
+        joint, known = returned(rates, added).joint([0, 1])
+        assert known
+        assert np.linalg.eigvalsh(joint).min() > -1e-4
+
+
+def test_nothing_added_changes_nothing():
+    """The smoother's own covariance comes back, to the digits that are kept."""
+    rates = smoothed(np.random.default_rng(2))
+    motion = returned(rates, 0.0)
+    np.testing.assert_allclose(motion.own, rates.own, atol=1e-4)
+    np.testing.assert_allclose(motion.cross, rates.cross, atol=1e-4)

@@ -427,7 +427,7 @@ def _both(matrix: Array, shared: Array, chain: Array) -> Array:
     What rounding leaves unsymmetric grows with the square of an unstable mode of F, which the shared block may have:
     that block is made symmetric in each step.
     """
-    s, k = len(shared), len(chain)
+    s, k, n = len(shared), len(chain), matrix.shape[-1]
     out = np.empty(matrix.shape)
     if s:
         top = shared @ matrix[..., :s, :]
@@ -435,6 +435,13 @@ def _both(matrix: Array, shared: Array, chain: Array) -> Array:
         _mix(_columns(top, s, k), chain, _columns(out[..., :s, :], s, k))
         out[..., s:, :s] = _t(out[..., :s, s:])
     inner = matrix[..., s:, s:]
+    if (
+        k and chain.shape[-1] == 1 and matrix.ndim == 2
+    ):  # all coordinates alike: F C, and then of its transpose the same
+        one, size = chain[..., 0], n - s
+        half = (one @ inner.reshape(k, -1)).reshape(size, size)
+        out[s:, s:] = (one @ half.T.reshape(k, -1)).reshape(size, size)
+        return out
     half = np.empty(inner.shape)
     _mix([_t(c) for c in _columns(_t(inner), 0, k)], chain[..., None], [_t(c) for c in _columns(_t(half), 0, k)])
     _mix(_columns(half, 0, k), chain, _columns(out[..., s:, s:], 0, k))

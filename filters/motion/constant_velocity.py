@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, View
-from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.base import MotionModel, Step, Steps
 
 from eal.arrays import Array
 
@@ -59,9 +59,8 @@ class ConstantVelocity(MotionModel):
         return self._moves[step.dt_s]
 
     @cached_property
-    def _moves(self) -> dict[float, Move]:
-        """Steps, by their time."""
-        return {}
+    def _moves(self) -> Steps[Move]:
+        return Steps()
 
     def _move(self, dt_s: float) -> Move:
         l11, l21, l22 = white_acceleration(self.density, dt_s)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
-from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.base import MotionModel, Step, Steps
 from mocap.filters.motion.bones import Bones, Differences, bones_term, differences
 from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
@@ -210,9 +210,8 @@ class PoseMotion(MotionModel):
         return Move(shared, usual.chain, noise, shift)
 
     @cached_property
-    def _usual_moves(self) -> dict[float, Move]:
-        """What steps of the same time have in common, by that time."""
-        return {}
+    def _usual_moves(self) -> Steps[Move]:
+        return Steps()
 
     def _usual_move(self, dt_s: float) -> Move:
         """A step whose path is straight; its shift is that of the shape's mechanics, None where that is not linear."""

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, View
-from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.base import MotionModel, Step, Steps
 from mocap.filters.motion.constant_velocity import apart, at_rest, positions, positions_and_velocities
 from scipy.linalg import expm
 
@@ -76,9 +76,8 @@ class LastingAcceleration(MotionModel):
         return self._moves[step.dt_s]
 
     @cached_property
-    def _moves(self) -> dict[float, Move]:
-        """Steps, by their time."""
-        return {}
+    def _moves(self) -> Steps[Move]:
+        return Steps()
 
     def view(self, mean: Array, frame: int) -> View:  # noqa: ARG002
         """The positions themselves."""

@@ -53,12 +53,11 @@ def barrier_value(kernel: Kernel, centres: Array, root: Array, q: Array) -> Arra
     return np.maximum(-2.0 * top - np.log(np.einsum("nr,nr->n", a, a)), 0.0)
 
 
-def barrier_gradient(kernel: Kernel, centres: Array, root: Array, q: Array) -> Array:
-    """Gradient of -log(1 - V): (n, d). The common factor exp(2 top) cancels."""
+def barrier_gradient(kernel: Kernel, centres: Array, square: Array, q: Array) -> Array:
+    """Gradient of -log(1 - V): (n, d), from B B^T (m, m). The common factor exp(2 top) cancels."""
     k, _ = _scaled(kernel, centres, q)
-    a = k @ root
-    w = (a @ root.T) * k
-    w *= (-2.0 / np.einsum("nr,nr->n", a, a))[:, None]
+    w = (k @ square) * k
+    w *= (-2.0 / w.sum(axis=1))[:, None]
     return kernel.weighted_gradient(q, centres, w)
 
 

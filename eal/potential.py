@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -134,7 +135,12 @@ class EmpiricalPotential:
 
     def barrier_gradient(self, q: ArrayLike) -> Array:
         """Gradient of -log(1 - V_z): (..., d) to (..., d), in 1/unit; raises as ``value``."""
-        return self._at(evaluation.barrier_gradient, q)
+        return self._at(lambda kernel, centres, _, x: evaluation.barrier_gradient(kernel, centres, self._square, x), q)
+
+    @cached_property
+    def _square(self) -> Array:
+        """(m, m) B B^T: half the work of B and its transpose where gradients are asked for again and again."""
+        return self.root @ self.root.T
 
     def barrier_hessian(self, q: ArrayLike) -> Array:
         """Hessian of -log(1 - V_z): (..., d) to (..., d, d), in 1/unit^2; raises as ``value``."""

@@ -12,15 +12,17 @@ subtracts from a covariance, so none turns indefinite.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints
 from numpy.typing import NDArray
 from scipy.linalg.blas import dsyrk, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
 from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]
 
 from eal.arrays import Array
+
+if TYPE_CHECKING:
+    from filterpy.kalman import MerweScaledSigmaPoints
 
 
 class SigmaPoints(Protocol):
@@ -47,8 +49,10 @@ class SigmaPoints(Protocol):
         ...
 
 
-def default_points(n: int) -> MerweScaledSigmaPoints:
+def default_points(n: int) -> "MerweScaledSigmaPoints":
     """Spread sqrt(3) standard deviations and gamma = 0: the best against Monte Carlo at n = 204 (kappa = 0)."""
+    from filterpy.kalman import MerweScaledSigmaPoints  # half a second, for those who need it: it loads scipy.stats
+
     alpha2 = min(3.0 / n, 1.0)
     return MerweScaledSigmaPoints(n, alpha=np.sqrt(alpha2), beta=alpha2, kappa=0.0)
 

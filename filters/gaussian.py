@@ -13,7 +13,7 @@ a matrix with x_s = x - P lambda and P_s = P - P Lambda P. They pass observation
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +27,11 @@ CANCELS = 1e4
 """What becomes known better by this factor in variance is conditioned on by a sum of squares (Joseph), with 1 - K H by
 an inverse: of sixteen digits P - W^T W would lose as many as the factor has, as where a gap leaves metres and one ray
 a millimetre of them. Markers by themselves, whose matrices are small, always are."""
+
+
+MOST = 1e8
+"""No observation makes anything known better by more than this factor in variance at once: of a sharper one a share of
+its information is taken first, and then the rest. 1 + H P H^T keeps half of its digits, whatever the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +106,24 @@ class Move:
     noise: Array
     shift: Array | None = None
 
+    @cached_property
+    def dense(self) -> Array | None:
+        """(n, n) F of a few numbers, where it is faster as one; None: it has a shared block, or other chains."""
+        if len(self.shared) or self.chain.shape[-1] > 1:
+            return None
+        return np.kron(self.chain[..., 0], np.eye(self.noise.shape[-1] // len(self.chain)))
+
     def ahead(self, state: Moments) -> Moments:
         """The state after the step."""
-        mean, cov = self.forward(state.mean), _both(state.cov, self.shared, self.chain)
+        mean, dense = self.forward(state.mean), self.dense
+        cov = _both(state.cov, self.shared, self.chain) if dense is None else dense @ state.cov @ dense.T
         cov += self.noise
         return Moments(mean if self.shift is None else mean + self.shift, cov)
 
     def forward(self, rows: Array) -> Array:
         """(..., n) states, or rows that are to be carried on: rows F^T."""
+        if self.dense is not None:
+            return rows @ self.dense.T
         s = len(self.shared)
         out = np.empty(rows.shape)
         out[..., :s] = rows[..., :s] @ self.shared.T
@@ -122,7 +137,9 @@ class Move:
 
     def back(self, adjoint: Adjoint) -> Adjoint:
         """What later frames say of the state before the step."""
-        turned = self.turned
+        turned, dense = self.turned, self.dense
+        if dense is not None:
+            return Adjoint(adjoint.vector @ dense, dense.T @ adjoint.matrix @ dense)
         return Adjoint(turned.forward(adjoint.vector), _both(adjoint.matrix, turned.shared, turned.chain))
 
     def smoothed_cov(self, cov: Array, later: Array) -> Array:
@@ -259,6 +276,8 @@ class Update:
         log_det: log det S, of all parts together.
         force: (r,) b, a force that moved the state by P b after it; None: there was none.
         left: (..., n, n) 1 - W^T Y, where it is known to more digits than the difference has; None: it is not.
+        first: A part of the same information that was conditioned on before; None: this is all of it. The determinant
+            is of both.
     """
 
     rows: Array
@@ -267,9 +286,19 @@ class Update:
     log_det: float
     force: Array | None = None
     left: Array | None = None
+    first: "Update | None" = None
+
+    @property
+    def explained(self) -> float:
+        """|z|^2."""
+        return float(np.sum(self.innovation**2)) + (0.0 if self.first is None else self.first.explained)
 
     def back(self, adjoint: Adjoint) -> Adjoint:
         """What it and all that comes later say of the state before it."""
+        adjoint = self._back(adjoint)
+        return adjoint if self.first is None else self.first.back(adjoint)
+
+    def _back(self, adjoint: Adjoint) -> Adjoint:
         reads = self.rows.shape[-1]
         if self.left is not None:
             vector, matrix = _times(_t(self.left), adjoint.vector), _t(self.left) @ adjoint.matrix @ self.left
@@ -292,6 +321,7 @@ class Update:
 
     def carry(self, rows: Array) -> Array:
         """(..., n) rows of covariances with the state before it: with the state after it."""
+        rows = rows if self.first is None else self.first.carry(rows)
         return rows - (rows[..., : self.rows.shape[-1]] @ _t(self.rows)) @ self.gains
 
 
@@ -309,7 +339,15 @@ def condition(state: Moments, rows: Array, gains: Array, innovation: Array) -> t
     """
     reads, n = rows.shape[-1], state.mean.shape[-1]
     spread = gains[..., :reads] @ _t(rows)
-    widest = np.einsum("...ii->...i", spread).max(initial=0.0)
+    widest = float(np.einsum("...ii->...i", spread).max(initial=0.0))
+    if widest > MOST:
+        share = 0.5 * MOST / widest
+        before, first = condition(state, share**0.5 * rows, share**0.5 * gains, share**0.5 * innovation)
+        rest, moved = (1 - share) ** 0.5, (before.mean - state.mean)[..., :reads]
+        rows = rest * rows
+        gains = rows @ before.cov[..., :reads, :]
+        after, last = condition(before, rows, gains, rest * innovation - _times(rows, moved))
+        return after, replace(last, first=first, log_det=first.log_det + last.log_det)
     solved, log_det = whitened(spread, np.concatenate([gains, rows, innovation[..., None]], axis=-1))
     w, y, z = solved[..., :n], solved[..., n:-1], solved[..., -1]
     mean = state.mean + _times(_t(w), z)
@@ -332,7 +370,7 @@ def pushed(state: Moments, update: Update, force: Array, farthest: float) -> tup
     size = np.sqrt(max(float(force @ move[: len(force)]), 0.0))
     share = min(1.0, farthest / size) if size > 0 else 1.0
     moved = Moments(state.mean + share * move, state.cov)
-    return moved, Update(update.rows, update.gains, update.innovation, update.log_det, share * force)
+    return moved, replace(update, force=share * force)
 
 
 def whitened(spread: Array, right: Array) -> tuple[Array, float]:
@@ -380,8 +418,7 @@ def _mix(parts: Sequence[Array], weights: Array, out: Sequence[Array]) -> None:
     for target, row in zip(out, weights, strict=True):
         np.multiply(parts[0], row[0], out=target)
         for part, weight in zip(parts[1:], row[1:], strict=True):
-            if weight.any():
-                target += part * weight
+            target += part * weight
 
 
 def _both(matrix: Array, shared: Array, chain: Array) -> Array:
@@ -390,7 +427,7 @@ def _both(matrix: Array, shared: Array, chain: Array) -> Array:
     What rounding leaves unsymmetric grows with the square of an unstable mode of F, which the shared block may have:
     that block is made symmetric in each step.
     """
-    s, k = len(shared), len(chain)
+    s, k, n = len(shared), len(chain), matrix.shape[-1]
     out = np.empty(matrix.shape)
     if s:
         top = shared @ matrix[..., :s, :]
@@ -398,6 +435,13 @@ def _both(matrix: Array, shared: Array, chain: Array) -> Array:
         _mix(_columns(top, s, k), chain, _columns(out[..., :s, :], s, k))
         out[..., s:, :s] = _t(out[..., :s, s:])
     inner = matrix[..., s:, s:]
+    if (
+        k and chain.shape[-1] == 1 and matrix.ndim == 2
+    ):  # all coordinates alike: F C, and then of its transpose the same
+        one, size = chain[..., 0], n - s
+        half = (one @ inner.reshape(k, -1)).reshape(size, size)
+        out[s:, s:] = (one @ half.T.reshape(k, -1)).reshape(size, size)
+        return out
     half = np.empty(inner.shape)
     _mix([_t(c) for c in _columns(_t(inner), 0, k)], chain[..., None], [_t(c) for c in _columns(_t(half), 0, k)])
     _mix(_columns(half, 0, k), chain, _columns(out[..., s:, s:], 0, k))

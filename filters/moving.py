@@ -78,14 +78,15 @@ class RateKeeper:
             means = self._weights[len(velocity) :]
             rows = jacobian.reshape(len(velocity), -1)
             jacobian = np.concatenate([rows, means @ rows]).reshape(-1, jacobian.shape[1])
-        gains = jacobian @ state.filtered
-        every = state.of(jacobian, gains)
         if jacobian.ndim == 2:
-            blocks = every.reshape(len(self._weights), 6, -1, 6).swapaxes(1, 2)
-            each = np.arange(len(blocks))
-            own, cross = blocks[each, each], blocks[self._pairs[:, 0], self._pairs[:, 1]]
+            gains = jacobian @ state.filtered
+            rows = gains.reshape(-1, 6, gains.shape[1])  # P_s J^T = P (J^T - Lambda P J^T), of the points asked for
+            columns = (jacobian - gains @ state.matrix).reshape(rows.shape).swapaxes(1, 2)
+            own = rows @ columns
+            own = 0.5 * (own + own.swapaxes(1, 2))
+            cross = rows[self._pairs[:, 0]] @ columns[self._pairs[:, 1]]
         else:  # markers are independent
-            flat = every.reshape(len(every), 36)
+            flat = state.of(jacobian).reshape(len(jacobian), 36)
             own = (self._weights**2 @ flat).reshape(-1, 6, 6)
             both = self._weights[self._pairs[:, 0]] * self._weights[self._pairs[:, 1]]
             cross = (both @ flat).reshape(-1, 6, 6)

@@ -103,14 +103,14 @@ def observe(
     weight = used.astype(float)
     heavy = used & np.isfinite(sights.dof)
     heavy_rounds = rounds if heavy.any() else 0
-    freedom = sights.dof[heavy] + sights.size[heavy]
+    freedom, of, squares = sights.dof[heavy] + sights.size[heavy], marker[heavy], both[heavy].reshape(-1, 16)
     moments = np.empty((len(cov), 4, 4))
     for _ in range(heavy_rounds):
         shift, left = _posterior_markers(_sum(sums, weight, both), together)
         moments[:, :3, :3] = left + shift[:, :, None] * shift[:, None]
         moments[:, :3, 3] = moments[:, 3, :3] = -shift
         moments[:, 3, 3] = 1
-        expected = np.einsum("gij,gij->g", both[heavy], moments[marker[heavy]])
+        expected = np.einsum("gk,gk->g", squares, moments.reshape(-1, 16)[of])
         weight[heavy] = freedom / (sights.dof[heavy] + expected)
     information = np.ones(n_groups)
     if heavy_rounds:
@@ -123,7 +123,7 @@ def observe(
     target = np.einsum("mi,mij->mj", summed[:, :3, 3], vectors) / np.where(known, root, np.inf)
     posterior, update = markers.condition(np.swapaxes(vectors * root[:, None], 1, 2), target, known)
     n_rows = int(sights.size[used].sum())
-    nis = float(summed[:, 3, 3].sum() - np.sum(target**2) + np.sum(update.innovation**2))
+    nis = float(summed[:, 3, 3].sum() - np.sum(target**2)) + update.explained
     log_sd = np.log(sights.sd[used]).sum() - 0.5 * (sights.size[used] * np.log(weight[used])).sum()
     log_likelihood = -0.5 * (n_rows * np.log(2 * np.pi) + 2 * log_sd + update.log_det + nis)
     nis *= n_rows / float(sights.size[used] @ information[used])  # about n_rows, of rows that follow their law

@@ -1,10 +1,9 @@
 """An unscented Kalman filter for any model, with filterpy's names and the arithmetic of ``mocap.filters.ensemble``."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from filterpy.kalman import MerweScaledSigmaPoints
 from mocap.filters.ensemble import Gaussian, Prediction, predict, triangular, update
 from mocap.filters.smoother import smooth_step
 from numpy.typing import ArrayLike
@@ -12,6 +11,9 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsm  # type: ignore[attr-defined]  # made at run time
 
 from eal.arrays import Array
+
+if TYPE_CHECKING:
+    from filterpy.kalman import MerweScaledSigmaPoints
 
 Function = Callable[..., Any]
 
@@ -41,7 +43,7 @@ class UnscentedKalmanFilter:
         dt: float,
         hx: Function,
         fx: Function,
-        points: MerweScaledSigmaPoints,
+        points: "MerweScaledSigmaPoints",
         *,
         vectorised: bool = False,
     ) -> None:

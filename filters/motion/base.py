@@ -28,6 +28,22 @@ class Step:
     dt_s: float
 
 
+class Steps(dict[float, More]):
+    """What steps of the same time have in common, by that time; of few times, as a clock may have ever new ones.
+
+    Attributes:
+        FEW: So many are kept.
+    """
+
+    FEW = 8
+
+    def __setitem__(self, dt_s: float, step: More) -> None:
+        """Keep one more, or begin anew."""
+        if len(self) >= self.FEW:
+            self.clear()
+        super().__setitem__(dt_s, step)
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """What a filter made of a frame, and what going back needs of it.

@@ -67,11 +67,12 @@ def bones_term(bones: Bones, markers: Markers, stiffness: float, *, about: Diffe
     longer = np.trace(cov, axis1=1, axis2=2) / (2 * distance)
     bent = np.einsum("bij,bij->b", cov, cov) / (2 * distance**2)
     sd = np.sqrt((bones.sd_m**2 + bent) / stiffness)
-    along = (unit / sd[:, None])[:, None]
+    along, each = np.zeros((len(a), len(view.mean), 3)), np.arange(len(a))
+    along[each, a], along[each, b] = unit / sd[:, None], -unit / sd[:, None]
+    along = along.reshape(len(a), -1)
     expected = distance + longer + np.einsum("bi,bi->b", view.mean[a] - view.mean[b] - about.mean, unit)
-    gains = markers.gains.reshape(len(view.mean), 3, -1)
-    return Term(
-        view.combined(a, along) - view.combined(b, along),
-        (along @ (gains[a] - gains[b]))[:, 0],
-        (bones.length_m - expected) / sd,
-    )
+    rows = np.zeros((len(a), view.reads))
+    rows[:, : view.rows.shape[1]] = along @ view.rows
+    if view.chains is not None:
+        rows[:, view.chains :] = along
+    return Term(rows, along @ markers.gains, (bones.length_m - expected) / sd)

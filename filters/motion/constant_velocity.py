@@ -1,10 +1,11 @@
 """Constant velocity, each marker for itself: white noise acceleration."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, View
-from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.base import MotionModel, Step, Steps
 
 from eal.arrays import Array
 
@@ -53,9 +54,18 @@ class ConstantVelocity(MotionModel):
 
     def move(self, state: Moments, step: Step) -> Move:  # noqa: ARG002
         """Positions move on with their velocities; accelerations are white."""
-        l11, l21, l22 = white_acceleration(self.density, step.dt_s)
+        if step.dt_s not in self._moves:
+            self._moves[step.dt_s] = self._move(step.dt_s)
+        return self._moves[step.dt_s]
+
+    @cached_property
+    def _moves(self) -> Steps[Move]:
+        return Steps()
+
+    def _move(self, dt_s: float) -> Move:
+        l11, l21, l22 = white_acceleration(self.density, dt_s)
         noise = np.array([[l11**2, l11 * l21], [l11 * l21, l21**2 + l22**2]])
-        return apart(np.array([[1.0, step.dt_s], [0.0, 1.0]]), np.moveaxis(noise, 2, 0))
+        return apart(np.array([[1.0, dt_s], [0.0, 1.0]]), np.moveaxis(noise, 2, 0))
 
     def view(self, mean: Array, frame: int) -> View:  # noqa: ARG002
         """The positions themselves."""

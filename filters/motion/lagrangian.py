@@ -8,7 +8,7 @@ from mocap.filters.animal import Animal, Moving
 from mocap.filters.errors import FilterError
 from mocap.filters.gaussian import Moments, Move
 from mocap.filters.motion.articulated import ArticulatedMotion
-from mocap.filters.motion.base import Step
+from mocap.filters.motion.base import Step, Steps
 from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.tree import left_jacobian
 from numpy.typing import NDArray
@@ -107,9 +107,8 @@ class LagrangianMotion(ArticulatedMotion):
         return Move(shared, np.zeros((0, 0, 1)), self._noises[step.dt_s], mean - shared @ state.mean)
 
     @cached_property
-    def _noises(self) -> dict[float, Array]:
-        """Noise of steps, by their time."""
-        return {}
+    def _noises(self) -> Steps[Array]:
+        return Steps()
 
     @cached_property
     def _moves(self) -> NDArray[np.int64]:

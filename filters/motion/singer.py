@@ -1,18 +1,17 @@
 """Each marker for itself, with an acceleration that lasts for a while (Singer 1970)."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, View
-from mocap.filters.motion.base import MotionModel, Step
+from mocap.filters.motion.base import MotionModel, Step, Steps
 from mocap.filters.motion.constant_velocity import apart, at_rest, positions, positions_and_velocities
 from scipy.linalg import expm
 
 from eal.arrays import Array
 
 
-@lru_cache(maxsize=64)
 def lasting_acceleration(memory_s: float, dt_s: float) -> tuple[Array, Array]:
     """One step of [position, velocity, acceleration] whose acceleration forgets itself in a time tau.
 
@@ -71,8 +70,14 @@ class LastingAcceleration(MotionModel):
 
     def move(self, state: Moments, step: Step) -> Move:  # noqa: ARG002
         """Positions, velocities and accelerations move on; noise drives the accelerations."""
-        chain, noise = lasting_acceleration(self.memory_s, step.dt_s)
-        return apart(chain, noise * (self.acceleration_m_s2**2)[:, None, None])
+        if step.dt_s not in self._moves:
+            chain, noise = lasting_acceleration(self.memory_s, step.dt_s)
+            self._moves[step.dt_s] = apart(chain, noise * (self.acceleration_m_s2**2)[:, None, None])
+        return self._moves[step.dt_s]
+
+    @cached_property
+    def _moves(self) -> Steps[Move]:
+        return Steps()
 
     def view(self, mean: Array, frame: int) -> View:  # noqa: ARG002
         """The positions themselves."""

@@ -81,3 +81,18 @@ def test_it_is_the_unscented_transform_of_the_whole_state(mechanics):
         np.testing.assert_allclose(found.xyz_m[frame] / sd, markers.view.mean / sd, atol=1e-9)
         np.testing.assert_allclose(found.cov_m2[frame], markers.cov, atol=1e-9 * sd.max() ** 2)
     assert found.log_likelihood.sum() == pytest.approx(density, rel=1e-8)
+
+
+@pytest.mark.parametrize("mechanics", [free, oscillating])
+@pytest.mark.parametrize("sd_m", [1e-6, 1e-8])
+def test_positions_without_noise_leave_a_covariance(mechanics, sd_m):
+    """Known to a millionth and less of the metre that the body is before: 1e12 and 1e16 in variance.
+
+    What is seen is where it is seen, to a hundredth of its deviation or so, and no covariance turns indefinite.
+    """
+    model, seen = straight(mechanics)
+    sharp = PositionObservations(xyz_m=seen.xyz_m, sd_m=np.full(seen.sd_m.shape, sd_m))
+    found = smooth(model, sharp, T_S, gate_sd=np.inf)
+    assert np.linalg.eigvalsh(found.cov_m2).min() > 0.5 * sd_m**2
+    there = np.isfinite(seen.xyz_m[..., 0])
+    np.testing.assert_allclose(found.xyz_m[there], seen.xyz_m[there], atol=0.1 * sd_m)

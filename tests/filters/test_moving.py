@@ -7,7 +7,7 @@ from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.moving import asked_of
 from mocap.filters.observations import PositionObservations
-from mocap.filters.track import smooth
+from mocap.filters.track import filter_forward, smooth, smooth_back
 from mocap.filters.velocities import Asked
 
 from tests.filters.test_motion_models import FRAMES, MARKERS, oscillating, pose
@@ -135,3 +135,24 @@ def test_covariances_are_of_the_smoothed_state():
     )
     assert found.rates is not None
     np.testing.assert_allclose(found.rates.own[:, :, :3, :3], found.cov_m2, rtol=1e-5, atol=1e-9)
+
+
+def test_rates_of_a_pose_have_its_smoothed_covariance():
+    """J P_s J^T with P_s = P - P Lambda P written out, of each point, a mean of two, and pairs; float32 keeps 1e-7."""
+    rng = np.random.default_rng(8)
+    model = pose(oscillating)
+    seen = PositionObservations(xyz_m=rng.normal(size=(FRAMES, MARKERS, 3)), sd_m=np.full((FRAMES, MARKERS), 0.1))
+    weights = ((0.5, 0.0, 0.5, 0.0),)
+    asked = Asked(names=("a", "b", "c", "d", "ac"), weights=weights, pairs=((0, 1), (3, 4)))
+    found = smooth(model, seen, DT * np.arange(FRAMES), gate_sd=np.inf, asked=asked)
+    assert found.rates is not None
+    frames = list(filter_forward(model, seen, DT * np.arange(FRAMES), gate_sd=np.inf))
+    for frame, (_, state, _) in zip(range(FRAMES - 1, -1, -1), smooth_back(reversed(frames)), strict=True):
+        _, jacobian = model.rates(state.mean, frame)
+        rows = np.tensordot(asked.all_weights, jacobian.reshape(MARKERS, 6, -1), 1).reshape(30, -1)
+        cov = (rows @ state.cov @ rows.T).reshape(5, 6, 5, 6)
+        size = np.abs(cov).max()
+        for k in range(5):
+            np.testing.assert_allclose(found.rates.own[frame, k], cov[k, :, k], atol=1e-6 * size)
+        for k, (a, b) in enumerate(asked.pairs):
+            np.testing.assert_allclose(found.rates.cross[frame, k], cov[a, :, b], atol=1e-6 * size)

@@ -101,7 +101,7 @@ def test_clicks_in_a_browser_become_tracks(scene, tmp_path):
             assert np.abs(off).max() < AIM_PX / scale
         body = driver.find_element("tag name", "body")
         body.send_keys(Keys.ENTER)
-        until(driver, "document.body.dataset.tracked === '1'", 60)
+        until(driver, "document.body.dataset.tracked === '1'")
         found = session.found
         assert found is not None
         away = np.linalg.norm(found.pixels.uv_px - scene.uv_px, axis=-1)

@@ -37,7 +37,7 @@ def test_the_scene_is_beside_the_films(scene, tmp_path):
         asked = requests_of(driver)
         assert sum(url.endswith("/scene/points.rrd") for url in asked) == 1
         driver.execute_script("track()")
-        until(driver, "document.body.dataset.tracked === '1'", 60)
+        until(driver, "document.body.dataset.tracked === '1'")
         end = time.monotonic() + 60
         again = []
         while time.monotonic() < end and not any(url.endswith("/scene/points.rrd") for url in again):

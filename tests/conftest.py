@@ -45,7 +45,7 @@ SLOW = {
     "filters/test_mixture.py": 2,
     "filters/test_observe.py": 9,
     "filters/test_recording_alone.py": 4,
-    "filters/test_registry.py": 7,
+    "mocap/test_model_settings.py": 7,
     "filters/test_shape_mechanics.py": 2,
     "mocap/batches/test_batch.py": 20,
     "mocap/batches/test_find_trials.py": 3,

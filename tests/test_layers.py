@@ -74,11 +74,13 @@ ALLOWED = {
         "mocap/digitising",
         "mocap/io",
         "mocap/joint_design",
+        "mocap/kinematics",
         "mocap/library",
         "mocap/pipeline",
         "mocap/reproduce",
         "mocap/rerun",
         "mocap/results",
+        "mocap/web",
     },
 }
 """The packages and the rooms of mocap, in the direction of the flow: which others each imports, and no more."""

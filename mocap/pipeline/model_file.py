@@ -15,8 +15,8 @@ from mocap.documents import from_json, one_line
 from mocap.errors import FormatError, MocapError
 from mocap.filters.mixture import Mixture
 from mocap.filters.model import LearnedModel, check_rates, own_trials
-from mocap.filters.models.registry import read, written
 from mocap.filters.poses import MarkerTrial
+from mocap.pipeline.model_settings import read, written
 from mocap.schema import POSITIVE, Entry, Schema, checked, names
 
 FORMAT = "eal-mocap model 10"

@@ -12,10 +12,11 @@ from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.delayed_poses import DelaySettings
 from mocap.filters.models.pose import PoseSettings
-from mocap.filters.models.registry import MODELS, read, written
+from mocap.filters.models.registry import MODELS
 from mocap.filters.models.singer import LastingSettings
 from mocap.filters.observations import PositionObservations
 
+from mocap.pipeline.model_settings import read, written
 from tests.filters.test_gaps_in_trials import trial_of
 
 POSE = PoseSettings(ranks=(2,), weight=1 / 3)

@@ -72,7 +72,7 @@ def names(size: str | None = None, *, among: str = "", filled: bool = False, nee
 
 def checked(
     where: str, found: Any, schema: Schema, *, sizes: dict[str, int] | None = None, again: str
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, Any]:
     """The entries of a record as arrays, each as its schema says; others are left out.
 
     Args:
@@ -103,7 +103,7 @@ def checked(
 
 def tables(
     where: str, found: Any, schema: Schema, *, sizes: dict[str, int] | None = None, again: str
-) -> list[dict[str, NDArray[Any]]]:
+) -> list[dict[str, Any]]:
     """``checked`` of each record of a list; each has sizes of its own beside those that are known.
 
     Raises:
@@ -138,7 +138,7 @@ def _entry(value: Any, entry: Entry, sizes: dict[str, int], before: Mapping[str,
         other = before[entry.there]
         shared = min(array.ndim, other.ndim)
         own, its = (np.isnan(part).any(axis=tuple(range(shared, part.ndim))) for part in (array, other))
-        lacks = own & ~its
+        lacks = np.asarray(own & ~its)
         if lacks.any():
             raise ValueError(f"is missing{_at(lacks)}, where {entry.there} is not")
     return array
@@ -200,7 +200,7 @@ def _check_numbers(array: NDArray[Any], entry: Entry, sizes: Mapping[str, int]) 
         if entry.filled and missing.all():
             raise ValueError("is missing everywhere")
         together = tuple(range(array.ndim - entry.missing, array.ndim))
-        some = missing.any(axis=together) & ~missing.all(axis=together)
+        some = np.asarray(missing.any(axis=together) & ~missing.all(axis=together))
         if some.any():
             raise ValueError(f"is missing in part{_at(some)}")
     most = sizes[entry.most] - 1 if isinstance(entry.most, str) else entry.most
@@ -229,7 +229,8 @@ def not_covariances(matrices: NDArray[Any]) -> NDArray[np.bool_]:
     sd = np.sqrt(np.maximum(variance, 0.0))
     scale = np.where(sd > 0, sd, 1.0)
     unit = flat / scale[:, :, None] / scale[:, None, :]
-    wrong = (variance < 0).any(axis=1) | (np.abs(unit - np.swapaxes(unit, 1, 2)) > _ROUNDING).any(axis=(1, 2))
+    skew = np.abs(unit - np.swapaxes(unit, 1, 2)) > _ROUNDING
+    wrong = np.asarray((variance < 0).any(axis=1) | skew.any(axis=(1, 2)))
     try:
         np.linalg.cholesky(unit[~wrong] + n * _ROUNDING * np.eye(n))  # one call for all that are good
     except np.linalg.LinAlgError:

@@ -221,7 +221,8 @@ FARTHEST = 4
 
 def with_noise(model: PoseMotion, factor: float) -> PoseMotion:
     """The model with the density of its shape's unexplained force times a factor."""
-    return replace(model, mechanics=replace(model.mechanics, density=np.sqrt(factor) * model.mechanics.density))
+    mechanics: Any = model.mechanics  # whichever it is, it has a density
+    return replace(model, mechanics=replace(mechanics, density=np.sqrt(factor) * mechanics.density))
 
 
 def likely_noise(model: PoseMotion, trials: TrialSet) -> float:

@@ -165,8 +165,9 @@ class PoseMotion(MotionModel):
 
     def __post_init__(self) -> None:
         """One rate may stand for all coordinates."""
-        rates = np.broadcast_to(self.residual_rate_hz, self.subspace.mean.shape)
-        object.__setattr__(self, "residual_rate_hz", rates)
+        if np.shape(self.residual_rate_hz) != self.subspace.mean.shape:
+            rates = np.broadcast_to(self.residual_rate_hz, self.subspace.mean.shape)
+            object.__setattr__(self, "residual_rate_hz", rates)
 
     @property
     def rank(self) -> int:

@@ -142,8 +142,8 @@ def tracked(
     keys = {f"track-{i}": trial for i, trial in enumerate(trials)}
     # marked as producers of data, tasks wait at the scheduler and not at a worker whose death they would be accused of
     graph = {key: Task(key, track_here, trial, options, out, again, _data_producer=True) for key, trial in keys.items()}
-    futures = connected.get(graph, list(graph), sync=False, retries=1)
-    ended: Queue[Future] = Queue()
+    futures: Any = connected.get(graph, list(graph), sync=False, retries=1)
+    ended: Queue[Any] = Queue()
     for future in futures:
         future.add_done_callback(ended.put)
     for _ in futures:

@@ -1,6 +1,7 @@
 """Caliscope's tables: ``xy.csv``, a row for each point that a camera saw, and ``xyz.csv``, one for each point."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,7 +27,7 @@ def _table(path: Path) -> pd.DataFrame:
     table = pd.DataFrame(values, columns=header)
     camera = [title for title in _CAMERAS if title in header]
     keys = ["sync_index", *camera, "point_id"]
-    if (table[keys] % 1 != 0).any(axis=None):
+    if (table[keys].to_numpy() % 1 != 0).any():
         raise FormatError(f"{path.name}: {', '.join(keys)} should be whole numbers: export it again")
     if table.duplicated(keys).any():
         row = int(np.argmax(table.duplicated(keys)))
@@ -36,8 +37,9 @@ def _table(path: Path) -> pd.DataFrame:
 
 def _rows(path: Path, table: pd.DataFrame, columns: list[str]) -> tuple[np.ndarray, Array]:
     """(T,) frames from the first to the last, and (T, M, K) values of the M points in order of their numbers."""
-    points, first, last = np.unique(table["point_id"]), table["sync_index"].min(), table["sync_index"].max()
-    check_bytes(path, 8 * int(last - first + 1) * len(points) * len(columns), "all frames up to its last sync_index")
+    points, index = np.unique(table["point_id"]), table["sync_index"].to_numpy()
+    first, last = int(index.min()), int(index.max())
+    check_bytes(path, 8 * (last - first + 1) * len(points) * len(columns), "all frames up to its last sync_index")
     frames = np.arange(first, last + 1)
     values = np.full((len(frames), len(points), len(columns)), np.nan)
     values[table["sync_index"] - frames[0], np.searchsorted(points, table["point_id"])] = table[columns]
@@ -47,7 +49,7 @@ def _rows(path: Path, table: pd.DataFrame, columns: list[str]) -> tuple[np.ndarr
 def _rate(path: Path, table: pd.DataFrame) -> tuple[float | None, list[str]]:
     """Frames a second by the mean time of each frame, where there are times."""
     if "frame_time" in table:
-        times = table.groupby("sync_index")["frame_time"].mean().dropna()
+        times: Any = table.groupby("sync_index")["frame_time"].mean().dropna()  # type: ignore[union-attr]
         if len(times) > 1 and np.ptp(times.to_numpy()) > 0:
             return rate_of_times(path, np.interp(np.arange(times.index[0], times.index[-1] + 1), times.index, times))
     return None, ["the file does not state the frame rate"]

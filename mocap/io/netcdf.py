@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
 from mocap.documents import one_line
@@ -120,7 +119,7 @@ def read_netcdf(path: Path, *, again: str) -> xr.Dataset:
 
 def variables(
     where: str, dataset: xr.Dataset, schema: Schema, *, sizes: dict[str, int] | None = None, again: str
-) -> dict[str, NDArray[Any]]:
+) -> dict[str, Any]:
     """``mocap.schema.checked`` of variables, their axes in the order of the schema, which names the dimensions.
 
     Raises:

@@ -262,9 +262,11 @@ def _finish(folder: Path, manifest: Manifest) -> Manifest:
         done = Manifest(results=results)
         write_manifest(folder, done)
     except OSError as error:
+        place = folder / (error.filename2 or error.filename or "")  # names are told relative to their folder
+        advice = shown_elsewhere(OSError(error.errno, error.strerror, str(place)))
         raise OutputError(
             f"{folder}: the new result is complete, but {error.filename or 'a file'} could not be moved to its place "
-            f"({error.strerror or error}): {shown_elsewhere(error)}mocap view reads it; the next command that writes "
+            f"({error.strerror or error}): {advice}mocap view reads it; the next command that writes "
             "there finishes it",
             kept="the new result is complete",
         ) from None

@@ -39,6 +39,11 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     rows = [(i, line) for i, line in enumerate(lines[5:], start=6) if line.strip(", \t")]
     if not rows:
         raise FormatError(f"{path.name}: no frames after the header: export it again")
+    counts = [line.count(separator or "\t") + 1 for _, line in rows]
+    usual = max(set(counts), key=counts.count)
+    for (line, _), count in zip(rows, counts, strict=True):
+        if count > usual and (count - usual) % 3:  # no whole trajectory more
+            raise FormatError(f"{path.name}: line {line} has {count} cells, expected {usual}: export it again")
     text = [line.rstrip("\t, ") if separator else "\t".join(line.split()) for _, line in rows]
     names, findings = _names(path, titles, text, separator or "\t")
     if head.get("NumMarkers") != str(len(names)):

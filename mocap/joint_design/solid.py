@@ -87,7 +87,7 @@ def make_kit(truss: Truss, flexures: Sequence[Flexure], stack: Stack, region_m: 
     posts = _posts(truss, flexures, bottoms, stack, top, printing)
     columns = _columns(truss, flexures, region_m, printing) if stack.hanging else np.empty((0, 2))
     corners = np.concatenate([truss.fixed_m / MM, region_m / MM, columns])
-    rim = CrossSection.hull_points(corners).offset(
+    rim = CrossSection.hull_points(np.asarray(corners, dtype=np.float64)).offset(
         RIM_MM + printing.eye_m / MM, JoinType.Round, circular_segments=ROUND
     )
     base = Manifold.extrude(rim, PLATE_MM) + Manifold.batch_boolean(

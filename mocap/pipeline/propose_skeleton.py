@@ -97,7 +97,7 @@ def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, st
         bones=tuple(Bone(a=names[a], b=names[b], rigid=bool(kept.varies[a, b] <= RIGID)) for a, b in bones),
         joints=tuple(joint for joint, _ in joints),
         trunk=tuple(names[m] for m in trunk),
-        aliases=aliases,
+        aliases=dict(aliases),
         measures=proposed_measures(names, trial, bones, trunk),
     )
     jointed = _articulated(names, trial, skeleton)

@@ -92,5 +92,5 @@ def long_table(axes: Mapping[str, Array], **values: Array) -> dict[str, Array]:
         Columns of equal length.
     """
     grid = np.meshgrid(*(np.asarray(a, dtype=np.float64) for a in axes.values()), indexing="ij")
-    columns = {name: g.reshape(-1) for name, g in zip(axes, grid, strict=True)}
+    columns: dict[str, Array] = {name: g.reshape(-1) for name, g in zip(axes, grid, strict=True)}
     return columns | {name: np.asarray(v, dtype=np.float64).reshape(-1) for name, v in values.items()}

@@ -22,7 +22,7 @@ def test_c3d_as_ezc3d_reads_it(tmp_path, odd):
     path.write_bytes(C3D[odd](c3d(tmp_path)))
     try:
         theirs = ezc3d.c3d(str(path))["data"]["points"]
-    except OSError:
+    except (OSError, RuntimeError):  # RuntimeError: bad_alloc, of the first of two parameters of one name
         pytest.skip("ezc3d refuses this one")
     if theirs.shape[1:] != (3, FRAMES):
         pytest.skip(f"ezc3d finds {theirs.shape} of it")

@@ -222,7 +222,7 @@ def test_whole_turns_of_a_joint_are_taken_out():
 def test_a_marker_far_from_its_prediction_is_met(learned, monkeypatch):
     """One marker of the hand where the arm is bent by a radian: the mode that scipy finds, which one step misses."""
     rng, at = np.random.default_rng(5), learned.initial()
-    factor = np.sqrt(at.cov)  # nothing is correlated
+    factor = np.linalg.cholesky(at.cov)
     size, sd, hand = learned.size, 1e-3, 6
     bent = at.mean.copy()
     bent[learned.parts[2]] += rng.choice([-1.0, 1.0], len(learned.arm_m)) * learned.arm_m

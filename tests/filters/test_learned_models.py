@@ -110,7 +110,7 @@ def test_the_pose_model_holds_its_data(learned):
     assert model.body_density[:3].max() < 1e-2 * density.max()  # the body's frame moves by noise only
     assert (model.shape_sd > 0).all()
     assert (model.body_sd > 0).all()
-    assert model.residual_rate_hz > 0
+    assert (model.residual_rate_hz > 0).all()
 
 
 @pytest.mark.parametrize("potential", ["limbs", "limb motion"])

@@ -137,7 +137,7 @@ def test_a_wrong_click_is_left_out_and_named():
 def test_places_that_points_do_not_tell_are_refused():
     """Too few points, a line, rows from below, other points, and a plane seen from afar: each in words of its own."""
     _, lenses, xyz, uv = scene(4)
-    with pytest.raises(CalibrationError, match="3 known points were clicked, and 4 are needed"):
+    with pytest.raises(CalibrationError, match="3 different known points were clicked, and 4 are needed"):
         place_camera(lenses[0], xyz[:3], uv[0, :3])
     line = np.linspace(0, 1, 10)[:, None] * [1.0, 0, 0]
     with pytest.raises(CalibrationError, match="lie on one line"):

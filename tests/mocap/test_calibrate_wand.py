@@ -156,7 +156,7 @@ def test_known_points_that_say_nothing_are_refused():
     flat = points * [1, 1, 0]
     with pytest.raises(CalibrationError, match="lie in one plane"):
         fit_dlt("c", flat, project(camera.matrix[None], flat)[0])
-    with pytest.raises(CalibrationError, match="both files list the same points"):
+    with pytest.raises(CalibrationError, match=r"do not determine the coefficients|both files list the same points"):
         fit_dlt("c", points, uv[::-1])
 
 

@@ -198,7 +198,7 @@ def test_trc_is_read_by_its_times(tmp_path):
     np.testing.assert_array_equal(recording.points.xyz_m[0, 0], [1, 2, 3])
     assert "DataRate says 60" in " ".join(recording.findings)
     (tmp_path / "b.trc").write_text("\n".join(text.split("\n")[:-2]) + "\n")
-    assert "3 rows, but NumFrames says 4: the file is cut" in " ".join(read(tmp_path / "b.trc").findings)
+    assert "NumFrames is 4, but there are 3 rows" in " ".join(read(tmp_path / "b.trc").findings)
 
 
 def test_unsupported_cameras_are_refused_by_name(tmp_path):

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mocap import side_by_side
+from mocap import documents, side_by_side
 from mocap.cli.track import again
 from mocap.errors import FormatError, OutputError
 from mocap.io import output
@@ -120,10 +120,10 @@ def test_a_file_that_excel_has_open_is_named(tmp_path, monkeypatch):
     write("1")
     real = os.replace
 
-    def held(source, target):
+    def held(source, target, **where):
         if Path(target).name != MANIFEST:
             raise PermissionError(errno.EACCES, "Permission denied", str(source), None, str(target))
-        real(source, target)
+        real(source, target, **where)
 
     monkeypatch.setattr(output.os, "replace", held)
     with pytest.raises(
@@ -141,9 +141,9 @@ def test_an_input_that_excel_has_open_is_named(tmp_path, monkeypatch):
     path = tmp_path / "a.xlsx"
     path.write_text("x")
 
-    def held(self, *_, **__):
-        raise PermissionError(errno.EACCES, "Permission denied", str(self))
+    def held(path, *_, **__):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
-    monkeypatch.setattr(Path, "open", held)
+    monkeypatch.setattr(documents.os, "open", held)
     with pytest.raises(FormatError, match=r"close a\.xlsx in the program that has it open"):
         head(path)

@@ -104,10 +104,11 @@ def write_unseen(path: Path, clicks: Iterable[Click]) -> None:
     last = {(click.camera, click.frame, click.marker): click.uv_px for click in clicks}
     with path.open("w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)
-        table.writerow(["camera", "frame", "marker"])
+        table.writerow(_HEADER)
         table.writerows([n + 1 for n in place] for place, uv_px in last.items() if uv_px is None)
 
 
+_HEADER = ["camera", "frame", "marker"]
 _UNSEEN: Schema = {"rows": Entry(kind="i", shape=(None, 3), least=1, most=MOST_FRAMES)}
 
 
@@ -120,7 +121,10 @@ def read_unseen(path: Path) -> list[Click]:
     again = "expected a table of camera, frame and marker, counted from 1: delete it to go on"
     try:
         lines = regular_bytes(path).decode("utf-8").splitlines()
-        rows = [[int(text) for text in row] for row in list(csv.reader(lines))[1:]]
+        header, *table = csv.reader(lines)
+        if header != _HEADER:
+            raise ValueError("its first line is another")
+        rows = [[int(text) for text in row] for row in table]
     except (ValueError, csv.Error) as error:
         raise FormatError(f"{path.name}: {one_line(error)}: {again}") from None
     found = checked(path.name, {"rows": rows}, _UNSEEN, again=again)["rows"] - 1

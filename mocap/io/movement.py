@@ -18,14 +18,15 @@ from mocap.io.netcdf import as_netcdf, read_netcdf
 from mocap.io.optical import UNIT_M, metres, rate_of_times
 from mocap.io.tables import WORDS, with_sd
 from mocap.records import Status
-from mocap.schema import Entry, checked
+from mocap.schema import LARGEST, Entry, checked
 
+_AGAIN = "save it again"
 _ONE = {"individual": "id_0", "view": "cam1"}
 """The only individual or camera of a file that names none."""
 
 
 def _read(path: Path, _hints: Hints) -> FileContents:
-    data = read_netcdf(path, again="save it again")
+    data = read_netcdf(path, again=_AGAIN)
     try:
         return _recording(path, _laid_out(path, data))
     except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
@@ -34,8 +35,9 @@ def _read(path: Path, _hints: Hints) -> FileContents:
 
 def _laid_out(path: Path, data: Any) -> Any:
     """With the names of dimensions of this version, of which none is missing."""
-    if odd := [name for name, one in data.variables.items() if one.dtype.kind == "c"]:
-        raise FormatError(f"{path.name}: {odd[0]} is complex, expected real numbers: save it again")
+    numbers = ("position", "confidence", "origin", "status", "sd", "covariance", "time", "frame")
+    if odd := [name for name in numbers if name in data.variables and data[name].dtype.kind not in "fiub"]:
+        raise FormatError(f"{path.name}: {odd[0]} is {data[odd[0]].dtype}, expected real numbers: save it again")
     data = data.rename({old: old[:-1] for old in ("keypoints", "individuals") if old in data.dims})
     if "shape" in data or data.attrs.get("ds_type") == "bboxes":
         raise FormatError(f"{path.name}: contains bounding boxes; expected poses (ds_type = poses)")
@@ -78,17 +80,15 @@ def _recording(path: Path, data: Any) -> FileContents:
         "animals": tuple((a, p) for a in animals for p in parts) if animals != ["id_0"] else (),
         "findings": tuple(findings),
     }
-    score = _array(data, "confidence", order)
+    score = _array(path.name, data, "confidence", order)
     if len(axes) == 2:
         return pixel_recording(path, "movement", cameras=views, uv_px=values, score=score, **common)
     if len(views) != 1:
         raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
-    origin = _array(data, "status" if "status" in data else "origin", order)
+    origin = _array(path.name, data, "status" if "status" in data else "origin", order)
     unit = str(attributes.get("space_unit", "")) or None
     unit = unit if unit in UNIT_M else None
-    sd = _array(data, "sd", order)
-    if sd is not None:
-        checked(path.name, {"sd": sd}, {"sd": Entry(shape=(None,) * 3, least=0.0, missing=0)}, again="save it again")
+    sd = _array(path.name, data, "sd", order)
     found = point_recording(
         path,
         "movement",
@@ -119,16 +119,23 @@ def _codes(path: Path, values: Array) -> NDArray[np.int64]:
     whole = values.astype(np.int64) if (np.abs(values) < MOST_FRAMES).all() else values
     kept: Any = whole if np.array_equal(whole, values) else values
     known = Entry(kind="i", shape=(None, None), least=0, most=int(max(Status)))
-    return checked(path.name, {"status": kept}, {"status": known}, again="save it again")["status"]
+    return checked(path.name, {"status": kept}, {"status": known}, again=_AGAIN)["status"]
 
 
-def _array(data: Any, name: str, order: tuple[str, ...]) -> Array | None:
-    """(C, T, M) values of a variable; None where it is absent or says nothing."""
+def _array(where: str, data: Any, name: str, order: tuple[str, ...]) -> Array | None:
+    """(C, T, M) values of a variable; None where it is absent or says nothing.
+
+    Raises:
+        FormatError: one is infinite, or an sd below 0.
+    """
     if name not in data or set(data[name].dims) != set(order) & set(data["position"].dims):
         return None
     values = np.asarray(data[name].transpose(*order).values, dtype=np.float64)
     values = values.reshape(*values.shape[:2], -1)
-    return None if np.isnan(values).all() else values
+    if np.isnan(values).all():
+        return None
+    least = 0.0 if name == "sd" else -LARGEST
+    return checked(where, {name: values}, {name: Entry(shape=(None,) * 3, least=least, missing=0)}, again=_AGAIN)[name]
 
 
 def write_movement(path: Path, recording: FileContents) -> None:

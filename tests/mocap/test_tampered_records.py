@@ -40,6 +40,8 @@ def test_numbers_that_cannot_be_are_never_read(folder, title):
     kind = KINDS[title]
     shown = as_text(kind.read(folder))
     for entry, name, change in tampered(kind, folder):
+        if (entry, name) == ("frame", "above every code"):
+            continue  # the number of a frame is no code: it may be any
         if name in ("infinite", "complex", "text", "objects", "above every code", "another axis", "nested", "digits"):
             assert judged(kind, folder, change, shown)[0] in ("refused", "same"), (entry, name)
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from mocap.errors import MocapError
     from mocap.io.format import Hints
     from mocap.library.digitised import Digitised, digitise
+    from mocap.library.joint_comparison import compare_joints
     from mocap.library.labelled import LabelledRecording, label
     from mocap.library.learning import Model, learn, load_model
     from mocap.library.many import learn_joints
@@ -29,6 +30,7 @@ __all__ = [
     "Recording",
     "Tracked",
     "batch",
+    "compare_joints",
     "digitise",
     "label",
     "learn",
@@ -51,6 +53,7 @@ _PLACES = {
     "Recording": "mocap.pipeline.recording",
     "Tracked": "mocap.library.tracked",
     "batch": "mocap.batches.run",
+    "compare_joints": "mocap.library.joint_comparison",
     "digitise": "mocap.library.digitised",
     "label": "mocap.library.labelled",
     "learn": "mocap.library.learning",

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
+from mocap.cli.compare_joints import compare_joints
 from mocap.cli.console import in_words_of, say, say_error, show_text, talk_in_any_encoding, visible
 from mocap.cli.convert import convert
 from mocap.cli.data import data
@@ -51,6 +52,7 @@ PAGES = {
     "share": "howto/looking.md",
     "reproduce": "explanation/errata.md",
     "design-joint": "howto/mechanism.md",
+    "compare-joints": "howto/comparing.md",
     "data": "howto/truth.md",
     "calibrate": "howto/calibration.md",
 }
@@ -125,6 +127,7 @@ COMMANDS = (
     share,
     reproduce,
     design_joint,
+    compare_joints,
 )
 for command in COMMANDS:
     app.command()(command)

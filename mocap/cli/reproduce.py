@@ -17,7 +17,8 @@ def reproduce(
     real: Annotated[
         Path | None,
         typer.Option(
-            envvar="MOCAP_REAL_DATA", help="Folder of real recordings: figure 7 is also drawn for one of them, figure 8 compares all."
+            envvar="MOCAP_REAL_DATA",
+            help="Folder of real recordings: figure 7 is also drawn for one of them, figure 8 compares all its bats.",
         ),
     ] = None,
     span: Annotated[

@@ -232,8 +232,8 @@ def figure_20(samples_m: Array, *, quick: bool) -> Figure:  # noqa: ARG001
         judged(
             "20",
             _PATH,
-            "thrown along the valley with 4 J, V stays below V(q0) + 4 J eps^2 (theorem 3, to 1 % for the integrator) and "
-            "reaches 0.8 of it, where the valley ends",
+            "thrown along the valley with 4 J, V stays below V(q0) + 4 J eps^2 (theorem 3, to 1 % for the integrator) "
+            "and reaches 0.8 of it, where the valley ends",
             f"{reached.min():.2f} to {reached.max():.2f} of it: {1.0 / reached.min():.2f} times loose at most",
             lambda shares: shares.min() > 0.8 and shares.max() < 1.01,
             reached,

@@ -44,7 +44,7 @@ def test_no_more_splits_than_one_in_twenty_are_real(rng):
 
 
 def test_effects_are_those_that_were_made(rng):
-    """Shifted by 10 degrees, or stretched twice about the median: a quarter of the stiffness; overlap in closed form."""
+    """Shifted by 10 degrees; stretched twice about the median, a quarter of the stiffness; overlap in closed form."""
     a = swings(rng, 6)
     moved = compare(a, [trial + 10.0 for trial in a])
     assert moved.shift == pytest.approx(10.0)

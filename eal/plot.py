@@ -1,11 +1,12 @@
 """A potential of one or two coordinates as a curve or a map."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eal.arrays import Array
+from eal.arrays import Z95, Array
 
 if TYPE_CHECKING:
     from eal.comparison import Comparison
@@ -13,12 +14,17 @@ if TYPE_CHECKING:
 
 POINTS, MARGIN = 160, 0.35
 """Of the grid in each coordinate; of the samples' range, on each side."""
+SD_STEP = 0.1
+"""Between the lines of equal standard deviation, where V is between 0 and 1."""
 
 
 def plot_potential(
     potential: "EmpiricalPotential", ax: Any = None, *, scale: float = 1.0, labels: Sequence[str] | None = None
 ) -> Any:
-    """V_z from 0 (on the samples) to 1 (far from them), with the samples.
+    """V_z from 0 (on the samples) to 1 (far from them), with the samples and its own standard deviation.
+
+    That is of ``eal.radius.value_deviation``: what other recordings of the kind would change. Of two coordinates red
+    lines show where it is 0.1, 0.2, ..., of one a band of 95 %.
 
     Args:
         potential: Of one or two coordinates.
@@ -38,19 +44,30 @@ def plot_potential(
         )
     from matplotlib import pyplot
 
+    from eal.radius import value_deviation
+
     ax = pyplot.subplots(figsize=(4.6, 4), layout="constrained")[1] if ax is None else ax
     samples = potential.samples
     grid = grid_of(samples)
     labels = _labels(potential.names, potential.units) if labels is None else labels
     ax.set_xlabel(labels[0])
+    deviation = partial(value_deviation, potential, rng=np.random.default_rng(0))  # the same picture each time
     if potential.dimension == 1:
-        ax.plot(scale * grid[0], potential.value(grid[0][:, None]), color="#0072B2")
+        v, sd = (f(grid[0][:, None]) for f in (potential.value, deviation))
+        ax.fill_between(scale * grid[0], np.maximum(v - Z95 * sd, 0), np.minimum(v + Z95 * sd, 1), color="0.8")
+        ax.plot(scale * grid[0], v, color="#0072B2")
         ax.plot(scale * samples[:, 0], np.zeros(len(samples)), "|", color="0.3")
         ax.set_ylabel("V_z")
         return ax
     v = potential.value(np.stack(np.meshgrid(*grid), axis=-1))
     filled = ax.contourf(*(scale * axis for axis in grid), v, levels=np.linspace(0.0, 1.0, 21), cmap="viridis")
     ax.plot(scale * samples[:, 0], scale * samples[:, 1], ".", color="white", markersize=2, alpha=0.7)
+    coarse = [axis[:: POINTS // 40] for axis in grid]
+    sd = deviation(np.stack(np.meshgrid(*coarse), axis=-1))
+    if sd.max() > SD_STEP:
+        levels = np.arange(SD_STEP, sd.max(), SD_STEP)
+        lines = ax.contour(*(scale * axis for axis in coarse), sd, levels=levels, colors="#D55E00", linewidths=0.8)
+        ax.clabel(lines, fontsize=6, fmt="%.1f")
     ax.set_aspect("equal")
     ax.set_ylabel(labels[1])
     ax.figure.colorbar(filled, ax=ax, label="V_z: 0 on the samples, 1 far from them")

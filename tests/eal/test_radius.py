@@ -43,9 +43,9 @@ def test_resampled_potential_is_a_fit_with_weights(rng):
 
 
 def test_the_deviation_at_a_point_is_that_of_repeated_recordings():
-    """SD of V_z over 120 recordings of five trials, against the mean that each states: within a factor of 1.5 at each radius.
+    """SD of V_z over 120 recordings of five trials, and what each states of it: within a factor of 1.5 at each radius.
 
-    Whole trials are drawn; as if samples were independent it would be less than half of that (trials of 40 alike samples).
+    Whole trials are drawn; as if their 40 samples were independent it would be less than half of that.
     """
     rng = np.random.default_rng(4)
     at = np.stack([[0.6, 1.0, 1.4], np.zeros(3)], axis=1)

@@ -14,11 +14,12 @@ from mocap.filters.hidden_gaps import (
     Effort,
     HiddenGaps,
     Mixed,
+    gaps_like_own,
     hidden_gaps,
     mixed,
     own_gaps,
 )
-from mocap.filters.hide import gap_lengths
+from mocap.filters.hide import gap_lengths, nearest_length
 from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
 from mocap.filters.models.pose import PoseSettings
@@ -187,12 +188,11 @@ def track_alone(
         None: no gap could be hidden.
     """
     trials = TrialSet([recording], anatomy_of(names, trunk, bones))
-    effort = Effort(most_frames=300, times=2)
-    gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
+    gaps = gaps_like_own(trials, most=300, times=2)
     if not gaps.hidden:
         return None
     every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress, call_all)
-    return every.mixed(learn_mixture(residuals))
+    return every.mixed(learn_mixture([replace(part, length=nearest_length(part.length)) for part in residuals]))
 
 
 def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:

@@ -44,8 +44,8 @@ class LearnedModel:
         trials: What it learned from; none where a recording is to teach itself.
         models: The K models that are mixed; the last is a filter, whose record of what was observed is kept.
         mixture: How they are mixed.
-        scores: For each of them and the mixture, by length of gap: root mean square error in mm and the share of
-            coordinates inside 95 % intervals, in gaps that were hidden while learning.
+        scores: For each of them and the mixture, by length of gap: root mean square error in mm, the share of
+            coordinates inside 95 % intervals and ``Score.z``, in gaps that were hidden while learning.
     """
 
     names: tuple[str, ...]
@@ -219,12 +219,13 @@ def scores_of(found: Mixed) -> dict[str, dict[str, list[float]]]:
     named = [(model.description, part) for model, part in zip(found.models, found.residuals, strict=True)]
     out = {}
     for name, part in [*named, ("mixture", mixed)]:
-        rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": []}
+        rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": [], "z": []}
         for n in np.unique(length):
             value = part.some(part.length == n).score()
             rows["gap_frames"].append(int(n))
             rows["rmse_mm"].append(value.rmse_mm)
             rows["coverage95"].append(100 * value.coverage95)
+            rows["z"].append(value.z)
         out[name] = rows
     return out
 

@@ -178,6 +178,8 @@ def test_one_score_is_numpy_s_own_and_scipy_s_likelihood():
     assert found.rmse_mm == pytest.approx(np.sqrt(np.mean([1e6 * e @ e for e in error])), rel=1e-12)
     inside = [abs(e[i]) <= 1.959964 * np.sqrt(c[i, i]) for e, c in zip(error, cov, strict=True) for i in range(3)]
     assert found.coverage95 == np.mean(inside)
+    ratio = [e[i] / np.sqrt(c[i, i]) for e, c in zip(error, cov, strict=True) for i in range(3)]
+    assert found.z == pytest.approx(np.sqrt(np.mean(np.square(ratio))), rel=1e-12)
     density = [multivariate_normal(cov=1e6 * c).logpdf(1e3 * e) for e, c in zip(error, cov, strict=True)]
     assert found.nll == pytest.approx(-np.mean(density) / 3, rel=1e-9)
 
@@ -185,10 +187,11 @@ def test_one_score_is_numpy_s_own_and_scipy_s_likelihood():
 def test_what_cannot_be_scored_is_not_a_number():
     """No samples, no intervals, a covariance that is none: NaN each, and None in reports; the rest is as it was."""
     error, cov = np.full((2, 3), 1e-3), np.tile(1e-6 * np.eye(3), (2, 1, 1))
-    assert score(error[:0], None).as_json() == {"rmse_mm": None, "coverage95": None}
-    assert score(error, None).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": None}
+    nothing = {"coverage95": None, "z": None}
+    assert score(error[:0], None).as_json() == {"rmse_mm": None, **nothing}
+    assert score(error, None).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), **nothing}
     assert np.isnan(score(error, cov - 2e-6).nll)
-    assert score(error, cov).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": 100.0}
+    assert score(error, cov).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": 100.0, "z": 1.0}
 
 
 @pytest.mark.parametrize("frames", [1, 7, 30, 31])
@@ -224,9 +227,8 @@ def test_gaps_like_the_recording_s_own_are_its_gaps_at_other_times(seed):
     for gap in hidden.gaps:
         beside = [*range(gap.start - 3, gap.start), *range(gap.frames.stop, gap.frames.stop + 3)]
         assert np.isfinite(hidden.shown.xyz_m[beside][:, gap.hidden]).all()
-    again = hide_own(trial, np.random.default_rng(seed))
-    other = hide_own(trial, np.random.default_rng(seed))
-    np.testing.assert_array_equal(again.mask, other.mask)
+    first, again = (hide_own(trial, np.random.default_rng(seed)).mask for _ in range(2))
+    np.testing.assert_array_equal(first, again)
 
 
 def test_a_recording_without_gaps_has_none_like_its_own():

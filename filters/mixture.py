@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mocap.filters.score import Residuals
 from numpy.typing import NDArray
-from scipy.optimize import minimize, root_scalar
+from scipy.optimize import minimize, minimize_scalar, root_scalar
 
-from eal.arrays import Array, frozen
+from eal.arrays import Z95, Array, frozen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,9 +88,9 @@ class Mixture:
         Another animal, another day: some models err more here than in what the mixture was learned from. The scale of
         each is multiplied by what makes its root mean square error in stated deviations 1 in the geometric mean over
         gaps, as if ``own`` gaps more had shown that nothing is to be changed; that is for the weights. All widths are
-        multiplied by the factor under which the mixture's errors are as large as stated, with ``prior`` such gaps,
-        whatever the scales have become; by 1 where it is less, for a few gaps that were filled well do not tell how
-        other ones will be (docs/experiments/interval_widths.md).
+        multiplied by the ratio that 95 % of the mixture's errors stay under (``learn_mixture``), with ``prior`` such
+        gaps, whatever the scales have become; by 1 where it is less, for a few gaps that were filled well do not tell
+        how other ones will be (docs/experiments/interval_widths.md).
 
         Args:
             residuals: What each of the K models missed the hidden samples by.
@@ -102,9 +102,27 @@ class Mixture:
             scaled = replace(part, variance=part.variance * scaling[:, None] ** 2)
             found.append(_log_scale(scaled, [gap == one for one in np.unique(gap)]))
         scaled = replace(self, scale=self.scale * np.exp(_share(gap, own) * np.array(found)))
-        before, after = (_width(mixed_residuals(mixture, residuals)) for mixture in (self, scaled))
+        before, after = (_conformal(_widths(mixture, residuals), gap) for mixture in (self, scaled))
         factor = after / before * max(1.0, before) ** _share(gap, prior)
         return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
+
+
+def with_own_widths(mixture: Mixture, residuals: Sequence[Residuals], *, prior: float = 12.0) -> Mixture:
+    """The mixture with widths under which root mean square errors are what is stated, for the recording of the gaps.
+
+    What is learned for other recordings is wider (``learn_mixture``): their movement differs by more than gaps of one
+    do. The widths of a length are drawn to that of all as if ``prior`` gaps more had shown it.
+
+    Args:
+        mixture: The mixture.
+        residuals: What each model missed hidden samples of the recording by.
+        prior: See above.
+    """
+    found = mixed_residuals(replace(mixture, widen=np.ones(len(mixture.length))), residuals)
+    overall = _width(found)
+    scaled = replace(found, variance=found.variance * overall**2)
+    widen = [overall * _width(scaled.some(found.length == n), prior=prior) for n in mixture.length]
+    return replace(mixture, widen=np.clip(widen, 0.3, 5.0))
 
 
 def learn_mixture(
@@ -113,24 +131,41 @@ def learn_mixture(
     power: float = 1.0,
     strength: float = 0.1,
     prior: float = 12.0,
+    folds: int = 5,
 ) -> Mixture:
     """The mixture of K models that fills hidden gaps with the least error: the mean over lengths of log rmse.
 
     A generalisation of stacking (Wolpert 1992). Each model's scale is the root mean square of its errors in units of
-    what it states in gaps of a length. The widening makes the root mean square of the mixture's errors what is stated.
-    Both are drawn to those of all lengths as if ``prior`` gaps more had shown them.
+    what it states in gaps of a length. The widening is a quantile of the mixture's errors in units of 1.96 deviations,
+    in gaps that it was not learned from (each of ``folds`` parts of them by the mixture of the others); its level is
+    that of conformal prediction, 95 % (1 + 1 / n) for n errors (Lei et al. 2018), of which a gap is taken to show ten
+    that are independent. Both are drawn to those of all lengths
+    as if ``prior`` gaps more had shown them.
 
     Args:
         residuals: What each model missed the same hidden samples by.
         power: Power of the stated variances; 1: weights of precision. docs/experiments/mixture.md.
         strength: Penalty on squared offsets and slopes.
         prior: See above.
+        folds: See above.
     """
-    chosen = _mixture(residuals, power=power, strength=strength, prior=prior)
-    found = mixed_residuals(chosen, residuals)
-    overall = _width(found)
-    scaled = replace(found, variance=found.variance * overall**2)
-    widen = [overall * _width(scaled.some(found.length == n), prior=prior) for n in chosen.length]
+    options = {"power": power, "strength": strength, "prior": prior}
+    chosen = _mixture(residuals, **options)
+    gap, length = residuals[0].gap, residuals[0].length
+    fold = np.unique(gap, return_inverse=True)[1] % folds
+    ratio = np.empty(residuals[0].error_m.shape)
+    for k in range(folds):
+        here = fold == k
+        known = (
+            chosen if here.all() or not here.any() else _mixture([part.some(~here) for part in residuals], **options)
+        )
+        ratio[here] = _widths(known, [part.some(here) for part in residuals])
+    overall = _conformal(ratio, gap)
+    widen = []
+    for n in chosen.length:
+        here = length == n
+        share = _share(gap[here], prior)
+        widen.append(_conformal(ratio[here], gap[here]) ** share * overall ** (1 - share))
     return replace(chosen, widen=np.clip(widen, 0.3, 5.0))
 
 
@@ -145,27 +180,30 @@ def mixed_residuals(mixture: Mixture, residuals: Sequence[Residuals]) -> Residua
     return replace(residuals[0], error_m=mean, variance=total * mixture.widening(length)[:, None] ** 2)
 
 
-def _width(found: Residuals, *, prior: float = 0.0) -> float:
-    """The factor on stated deviations by which the mean of squared errors over variances is 1, gaps counting alike.
+def _widths(mixture: Mixture, residuals: Sequence[Residuals]) -> Array:
+    """(n, 3) factors, a tenth at least, on a mixture's deviation by which 95 % intervals just hold measurements."""
+    found = mixed_residuals(mixture, residuals)
+    beyond = (found.error_m / Z95) ** 2 - found.noise[:, None]
+    return np.sqrt(np.maximum(beyond / found.variance, 0.01))
 
-    Its logarithm is drawn to 0 as if ``prior`` gaps more had shown that nothing is to be changed. A gap counts for what
-    it shows: the square of the estimate's share of the variance, for where measurements err by more than the estimate
-    nothing can be seen of it.
+
+def _width(found: Residuals, *, prior: float = 0.0) -> float:
+    """The factor on stated deviations under which normal errors are likeliest, gaps counting alike.
+
+    Without noise the mean square of errors is then what is stated. Its logarithm is drawn to 0 as if ``prior`` gaps
+    more had shown that nothing is to be changed. A gap counts for what it shows (its Fisher information): the square
+    of the estimate's share of the variance, for where measurements err by more than the estimate nothing is seen of it.
     """
     count = np.unique(found.gap, return_inverse=True, return_counts=True)
     weight = (1 / count[2][count[1]])[:, None] / found.error_m.shape[1]  # 1 for each gap
 
-    def excess(log_factor: float) -> float:
+    def cost(log_factor: float) -> float:
         variance = np.exp(2 * log_factor) * found.variance + found.noise[:, None]
-        return float(np.sum(weight * (found.error_m**2 / variance - 1)))
+        return float(np.sum(weight * (found.error_m**2 / variance + np.log(variance))))
 
-    most = np.log(10.0)
-    if excess(most) >= 0 or excess(-most) <= 0:
-        factor = most if excess(most) >= 0 else -most
-    else:
-        factor = float(root_scalar(excess, bracket=(-most, most), xtol=1e-6).root)
+    best = minimize_scalar(cost, bounds=(-np.log(10), np.log(10)), method="bounded", options={"xatol": 1e-4})
     shown = float(np.sum(weight * (found.variance / found.expected) ** 2))
-    return float(np.exp(factor * shown / (shown + prior)))
+    return float(np.exp(best.x * shown / (shown + prior)))
 
 
 def _log_scale(part: Residuals, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:
@@ -211,6 +249,11 @@ def _mixture(residuals: Sequence[Residuals], *, power: float, strength: float, p
         return float(level + strength * np.sum(x**2))
 
     return mixture(minimize(cost, np.zeros(2 * k - 2), method="L-BFGS-B").x) if k > 1 else start
+
+
+def _conformal(ratio: Array, gap: NDArray[np.int64]) -> float:
+    """The 95 % quantile of ratios, a little more where few gaps show it."""
+    return float(np.quantile(ratio, min(1.0, 0.95 * (1 + 0.1 / len(np.unique(gap))))))
 
 
 def _share(gap: NDArray[np.int64], prior: float) -> float:

@@ -20,7 +20,7 @@ from mocap.filters.hidden_gaps import (
     own_gaps,
 )
 from mocap.filters.hide import gap_lengths, nearest_length
-from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
+from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals, with_own_widths
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
@@ -192,7 +192,8 @@ def track_alone(
     if not gaps.hidden:
         return None
     every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress, call_all)
-    return every.mixed(learn_mixture([replace(part, length=nearest_length(part.length)) for part in residuals]))
+    residuals = tuple(replace(part, length=nearest_length(part.length)) for part in residuals)
+    return every.mixed(with_own_widths(learn_mixture(residuals), residuals))
 
 
 def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:

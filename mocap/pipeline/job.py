@@ -1,8 +1,10 @@
-"""The main job: from the files of a recording to tracked motion, joints, potentials and a report."""
+"""The main job: from a recording to tracked motion, joints, potentials and a report."""
 
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from os import PathLike
+from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +55,20 @@ _JOINTED = ("articulated", "lagrangian")
 Model = Literal["auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity"]
 Watch = Callable[[Prepared, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
+MODELS: tuple[Model, ...] = get_args(Model)
 JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
+
+
+def existing_model(model: object) -> Path:
+    """The file of a learned model.
+
+    Raises:
+        MocapError: there is none; the message lists the models.
+    """
+    if isinstance(model, str | PathLike) and Path(model).is_file():
+        return Path(model)
+    raise MocapError(f"`model` {model!s}: give {', '.join(MODELS)}, or a file that mocap learn wrote")
 
 
 def run_job(
@@ -71,7 +85,7 @@ def run_job(
     """Track a recording.
 
     Args:
-        source: Its files, or what was prepared of them.
+        source: The recording, or what was prepared of it.
         model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), ``lagrangian``
             (the same, moved by the forces of its masses), a ``mixture`` of ``eal`` and constant
             velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
@@ -197,7 +211,7 @@ def _run_job(
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),
-        file=source.tracks if isinstance(source, Recording) else None,
+        file=source.file if isinstance(source, Recording) else None,
         angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )

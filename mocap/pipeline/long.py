@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.cameras.camera import Camera
-from mocap.io.contents import FileContents
 from mocap.io.parquet_range import ParquetPoints
 from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
-from mocap.pipeline.recording import Filmed, Recording, film_of, load_in_unit, load_points, load_skeleton
+from mocap.pipeline.reading import animal
+from mocap.pipeline.recording import Filmed, Recording, film_of, load_in_unit, load_points
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton
 from mocap.text import as_text
@@ -173,26 +173,21 @@ def long_tracks(
 
 
 def long_recording(source: Recording) -> LongRecording:
-    """A recording's files, to be tracked in blocks.
+    """A recording, to be tracked in blocks.
 
     Raises:
-        MocapError: a file cannot be read, or pixels and calibration do not belong together.
+        MocapError: pixels and calibration do not belong together.
     """
-    contents: FileContents = source.contents
     if not source.filmed:
-        points = load_points(source)
-        skeleton, names = load_skeleton(source.skeleton, points.names)
-        return long_points(replace(points, names=names), skeleton, name=source.name, findings=source.frame_findings)
+        return long_points(load_points(source), source.skeleton, name=source.name, findings=source.findings)
     source, filmed = load_in_unit(source, iterations=None)
-    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
-    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     return long_pixels(
         filmed,
-        skeleton,
+        source.skeleton,
         name=source.name,
         pixel_sd=source.pixel_sd,
-        likelihood=contents.score,
-        findings=(*filmed.told, *source.frame_findings, filmed.pixel_origin.describe()),
+        likelihood=source.contents.score,
+        findings=(*filmed.told, *source.findings, filmed.pixel_origin.describe()),
     )
 
 
@@ -208,7 +203,7 @@ def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
     """
     points = ParquetPoints(path)
-    skeleton, names = load_skeleton(skeleton_file, points.names)
+    skeleton, names = animal(skeleton_file, points.names)
 
     def tracks(frames: slice) -> MarkerTracks:
         found, _ = points.read(frames)

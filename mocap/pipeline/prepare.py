@@ -1,4 +1,4 @@
-"""From files to the input of a tracker: triangulated and cleaned, slowly varying pixel errors removed."""
+"""From a recording to the input of a tracker: triangulated and cleaned, slowly varying pixel errors removed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -41,7 +41,6 @@ from mocap.pipeline.recording import (
     film_of,
     load_in_unit,
     load_points,
-    load_skeleton,
 )
 from mocap.pipeline.run import Plane
 from mocap.records import MarkerTracks, PixelTracks
@@ -189,7 +188,7 @@ def _middle(xyz_m: Array) -> Array:
 
 
 def prepare(source: Recording) -> Prepared:
-    """Read and clean a recording; see the module.
+    """Clean a recording; see the module.
 
     Raises:
         MocapError: whatever makes that impossible, with what to do.
@@ -197,18 +196,16 @@ def prepare(source: Recording) -> Prepared:
     if source.planar:
         return _prepare_plane(source)
     if not source.filmed:
-        return _prepare_points(source)
+        return prepare_tracks(load_points(source), source.skeleton, name=source.name, findings=source.findings)
     source, filmed = load_in_unit(source, iterations=None)
-    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
-    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     stale, told = audit_points(source, filmed)
     return prepare_filmed(
         filmed,
-        skeleton,
+        source.skeleton,
         name=source.name,
-        file=source.tracks.name,
+        file=source.where,
         pixel_sd=source.pixel_sd,
-        findings=source.frame_findings,
+        findings=source.findings,
         likelihood=source.contents.score,
         stored_findings=told,
         stale=stale,
@@ -368,25 +365,13 @@ def _by_likelihood(filmed: Filmed, likelihood: Array | None) -> tuple[Likelihood
     return found, unlikely, found.factors(likelihood)
 
 
-def _prepare_points(source: Recording) -> Prepared:
-    tracks = load_points(source)
-    if not tracks.seen.any():
-        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
-    skeleton, names = load_skeleton(source.skeleton, tracks.names)
-    return prepare_tracks(replace(tracks, names=names), skeleton, name=source.name, findings=source.frame_findings)
-
-
 def _prepare_plane(source: Recording) -> Prepared:
     found = in_plane(source)
     if not found.tracks.seen.any():
-        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
-    skeleton, names = load_skeleton(source.skeleton, found.tracks.names)
-    tracks = replace(found.tracks, names=names)
-    told = (*source.frame_findings, *found.findings)
-    prepared = prepare_tracks(
-        tracks, replace(skeleton, bones=(), joints=(), measures=Measures()), name=source.name, findings=told
-    )
-    return replace(prepared, plane=found.plane)
+        raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
+    skeleton = replace(source.skeleton, bones=(), joints=(), measures=Measures())
+    told = (*source.findings, *found.findings)
+    return replace(prepare_tracks(found.tracks, skeleton, name=source.name, findings=told), plane=found.plane)
 
 
 def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = ()) -> Prepared:

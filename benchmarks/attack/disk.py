@@ -124,7 +124,6 @@ def tracking(files: Path) -> list[Case]:
     from mocap.datasets.lizards import make_lizard
     from mocap.filters.model import learn_model
 
-    import mocap
     from mocap.pipeline.job import run_job
     from mocap.pipeline.prepare import prepare
     from mocap.pipeline.tracking import marker_trial, part_names, seen_part
@@ -162,7 +161,6 @@ def showing(files: Path) -> list[Case]:
 
     from mocap.datasets.lizards import make_lizard
 
-    import mocap
     from mocap.pipeline.job import run_job
     from mocap.rerun.record import write_recording as write_rrd
     from mocap.rerun.viewer import open_viewer

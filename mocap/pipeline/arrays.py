@@ -1,5 +1,6 @@
 """Recordings of numbers that are in memory already: arrays, tables of pandas, Datasets of movement."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from eal.arrays import Array, unique
 from mocap.cameras.camera import Camera, dlt_camera, scaled
 from mocap.cameras.origin import PixelCorner
-from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.movement import of_dataset
 from mocap.io.optical import metres, rate_of_times
@@ -131,6 +132,8 @@ def _recording(
     unit: str | None,
     skeleton: Skeleton | str | PathLike[str] | None,
 ) -> Recording:
+    if fps is None and contents.fps is None:
+        raise NoRateError(f"{name}: the frame rate is not stated: give `fps`")
     contents, findings = complete(plausible(contents), where=name, fps=fps, unit=unit)
     known, names = animal(skeleton, contents.names)
     return Recording(
@@ -176,18 +179,16 @@ def _numbers(given: Any, argument: str, shape: tuple[int | None, ...], expected:
         FormatError: they are not; the message says what came.
     """
     try:
-        values = np.array(given, dtype=np.float64)
+        values = np.ma.filled(np.ma.array(given, dtype=np.float64), np.nan)
     except (TypeError, ValueError):
         raise FormatError(f"`{argument}` is {type(given).__name__}, expected ({expected}) numbers") from None
     fits = len(values.shape) == len(shape) and all(n in (None, m) for n, m in zip(shape, values.shape, strict=True))
     if not fits or 0 in values.shape:
-        flat = values.ndim == len(shape) - 1 and values.shape[-1] > 0 and values.shape[-1] % (shape[-1] or 1) == 0
-        how = f": if its columns are the coordinates of one marker after the other, give {argument}.reshape(" + (
-            f"*{argument}.shape[:-1], -1, {shape[-1]})"
-        )
-        raise FormatError(
-            f"`{argument}` has the shape {values.shape}, expected ({expected}){how if flat and shape[-1] else ''}"
-        )
+        how, last = "", shape[-1]
+        if last and values.ndim == len(shape) - 1 and values.shape[-1] in range(last, sys.maxsize, last):
+            how = ": if its columns are the coordinates of one marker after the other, give "
+            how += f"{argument}.reshape(*{argument}.shape[:-1], -1, {last})"
+        raise FormatError(f"`{argument}` has the shape {values.shape}, expected ({expected}){how}")
     if np.isinf(values).any():
         raise FormatError(f"`{argument}` contains infinite numbers: write NaN where nothing was seen")
     return values

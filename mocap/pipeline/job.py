@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from eal.over_time import at_frames
 from mocap.errors import MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
@@ -227,7 +228,7 @@ def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
 
 def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldLimb, ...]:
     """Limbs over all frames of the recording."""
-    return tuple(limb.along(_frames_of(n_frames, part)) for limb in limbs)
+    return tuple(at_frames(limb, _frames_of(n_frames, part)) for limb in limbs)
 
 
 def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
@@ -247,7 +248,7 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, 
         length_sd_m=motion.length_sd_m,
         energies=np.zeros((found.shape[1], 0)) if energies is None else energies,
     )
-    return angles.along(_frames_of(len(prepared.t_s), part))
+    return at_frames(angles, _frames_of(len(prepared.t_s), part))
 
 
 def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:

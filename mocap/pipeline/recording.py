@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from eal.arrays import Array
+from eal.over_time import Time
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
@@ -145,7 +147,7 @@ class Filmed:
     pixels: PixelTracks
     cameras: tuple[Camera, ...]
     pixel_origin: origin.PixelOrigin
-    ideal_px: Array
+    ideal_px: Annotated[Array, Time(1)]
     late_frames: Array | None = None
     told: tuple[str, ...] = ()
     lens: TrackLens | None = None

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-import mocap
 import mocap as library
 from mocap.audit.inspect import inspect
 from mocap.cameras.camera import dlt_coefficients, record
@@ -119,7 +118,7 @@ def test_the_report_tells_residuals_by_camera_and_marker(tmp_path):
     )
     np.savetxt(tmp_path / "rig.csv", np.stack([dlt_coefficients(c) for c in rig], axis=1), "%.12g", ",")
     found = residuals_by_camera(
-        prepare(mocap.read(tmp_path / "a_xypts.csv", calibration=tmp_path / "rig.csv", fps=200))
+        prepare(library.read(tmp_path / "a_xypts.csv", calibration=tmp_path / "rig.csv", fps=200))
     )
     worst = max(((c, m) for c in found for m in found[c]), key=lambda cm: found[cm[0]][cm[1]] or 0.0)
     assert worst == ("cam3", "pt2")

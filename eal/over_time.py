@@ -48,7 +48,7 @@ def in_succession(records: Sequence[R]) -> R:
 def _of(records: Sequence[Any], part: Any) -> Any:
     """One record of several: timed arrays as ``part`` makes them of those of all, all else as in the first."""
     first = records[0]
-    if not is_dataclass(first):
+    if not is_dataclass(first) or isinstance(first, type):
         if isinstance(first, Mapping):
             made = {key: _of([one[key] for one in records], part) for key in first}
             return made if any(made[key] is not first[key] for key in first) else first

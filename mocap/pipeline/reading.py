@@ -83,8 +83,9 @@ def read(
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
     """
-    files, crops = _paths(tracks) or (Path(),), _paths(crop)
-    rig, lenses, points = (None if path is None else Path(path) for path in (calibration, profile, stored_points))
+    files, crops = _paths("tracks", tracks) or (Path(),), _paths("crop", crop)
+    beside = {"calibration": calibration, "profile": profile, "stored_points": stored_points}
+    rig, lenses, points = (None if path is None else _path(what, path) for what, path in beside.items())
     cameras_of = {"profile": profile, "origin": origin, "calibration_origin": calibration_origin}
     for name, value in cameras_of.items():
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
@@ -123,10 +124,23 @@ def read(
     )
 
 
-def _paths(given: PathText | Sequence[PathText] | None) -> tuple[Path, ...]:
+def _path(argument: str, given: object) -> Path:
+    """The file of an argument.
+
+    Raises:
+        MocapError: it is none.
+    """
+    if isinstance(given, str | PathLike):
+        return Path(given)
+    how = ": mocap.from_arrays and mocap.from_pixels take numbers in memory" if argument == "tracks" else ""
+    raise MocapError(f"`{argument}` is {type(given).__name__}, expected a file{how}")
+
+
+def _paths(argument: str, given: PathText | Sequence[PathText] | None) -> tuple[Path, ...]:
     if given is None:
         return ()
-    return (Path(given),) if isinstance(given, str | PathLike) else tuple(Path(one) for one in given)
+    several = given if isinstance(given, list | tuple) else (given,)
+    return tuple(_path(argument, one) for one in several)
 
 
 def recording_name(file: Path) -> str:
@@ -204,7 +218,7 @@ def animal(given: PathText | Skeleton | None, names: Sequence[str]) -> tuple[Ske
     """
     if given is None:
         return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
-    skeleton = given if isinstance(given, Skeleton) else read_skeleton(Path(given))
+    skeleton = given if isinstance(given, Skeleton) else read_skeleton(_path("skeleton", given))
     renamed = skeleton.renamed(names)
     try:
         unique("marker", renamed)

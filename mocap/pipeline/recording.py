@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_args
 
 import numpy as np
 
@@ -72,6 +72,10 @@ class Recording:
         """Check what is stated."""
         for name in ("pixel_sd", "image_height_px", "mm_per_px"):
             check_stated(name, getattr(self, name))
+        for name in ("pixel_origin", "calibration_origin"):
+            corner, corners = getattr(self, name), get_args(origin.PixelCorner)
+            if corner not in (None, *corners):
+                raise MocapError(f"`{name.removeprefix('pixel_')}` is {corner!r}, expected {' or '.join(corners)}")
         if self.mm_per_px is not None and not self.planar:
             raise MocapError("`mm_per_px` is the scale of one film without a calibration: leave it out")
 

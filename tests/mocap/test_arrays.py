@@ -18,6 +18,8 @@ from mocap.skeleton import Bone, Joint, read_skeleton, write_skeleton
 
 FPS = 200.0
 NAMES = ("hip", "knee", "ankle")
+RIG = [[800, 0, 0, 500, 0, 800, 0, 400, 0, x, 0.5] for x in (0, 0.1)]
+"""Coefficients of two cameras."""
 
 
 @pytest.fixture
@@ -205,6 +207,13 @@ def test_pixels_say_what_they_expect(uv, cameras, said):
             "`model` ukf: give auto, mixture, eal, .*constant_velocity, or",
         ),
         (lambda rec: mocap.track(rec, model=3), "`model` 3: give auto"),
+        (lambda _: mocap.read(np.zeros((5, 3, 3)), fps=FPS), "`tracks` is ndarray, expected a file: mocap.from_arrays"),
+        (lambda _: mocap.read("a.csv", calibration=np.ones((2, 11))), "`calibration` is ndarray, expected a file"),
+        (
+            lambda _: mocap.from_pixels(np.zeros((2, 5, 3, 2)), RIG, fps=FPS, origin="upper"),
+            "`origin` is 'upper', expected upper-left or lower-left",
+        ),
+        (lambda rec: mocap.from_arrays(rec.contents.points.xyz_m), "the frame rate is not stated: give `fps`"),
         (lambda rec: mocap.propose_skeleton(rec, names=["a"]), "1 names for 3 points"),
     ],
 )

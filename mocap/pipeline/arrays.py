@@ -259,7 +259,7 @@ def _cameras(given: Any, unit: str | None) -> tuple[tuple[Camera, ...], str | No
         cameras = tuple(given)
     else:
         try:
-            values: Array = np.array(given, dtype=np.float64)
+            values: Any = np.array(given, dtype=np.float64)
         except (TypeError, ValueError):
             values = np.zeros(0)
         if values.ndim == 2 and values.shape[1] == 11:

@@ -1,7 +1,6 @@
 """``mocap learn``."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -43,7 +42,7 @@ def learn(
     import mocap
     from mocap.io.output import result_file
 
-    recordings = [replace(stated.read(tracks)) for tracks in trials]  # checked; each is read again when its turn comes
+    recordings = [stated.read(tracks) for tracks in trials]
     inputs = [path for recording in recordings for path in recording.inputs]
     with result_file(out, replace=force, inputs=inputs, tell=say) as file:
         with mocap.processes(jobs):

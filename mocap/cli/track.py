@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from mocap.pipeline.long import LongRecording
     from mocap.pipeline.recording import Recording
 
-MODELS = ("auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity")
-
 
 @dataclass(frozen=True, kw_only=True)
 class VideoOptions:
@@ -104,6 +102,7 @@ def track(
     from mocap.io.output import result_folder
     from mocap.kinematics.cycles import why_none
     from mocap.pipeline.blocks import BLOCK
+    from mocap.pipeline.job import MODELS, existing_model
     from mocap.pipeline.long import long_recording
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
@@ -242,18 +241,3 @@ def in_blocks(
 def again() -> str:
     """The command as it was called, and with which version."""
     return f"{as_text(typed('mocap', *sys.argv[1:]))}    # version {version('eal-mocap')}"
-
-
-def existing_model(model: str) -> Path:
-    """The file of a learned model.
-
-    Raises:
-        MocapError: there is none.
-    """
-    path = Path(model)
-    if not path.is_file():
-        raise MocapError(
-            f"--model {model}: give auto, mixture, eal, articulated, lagrangian, constant_velocity, or a file that "
-            "mocap learn wrote"
-        )
-    return path

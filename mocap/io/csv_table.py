@@ -124,6 +124,7 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
             na_values=MISSING_WORDS,
             keep_default_na=False,
             skip_blank_lines=False,
+            float_precision="round_trip",  # without it pandas 2 may miss the last bit
         )
     except ValueError:
         raise FormatError(_bad_cell(path, body, names, line)) from None

@@ -77,6 +77,7 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
                 keep_default_na=False,
                 encoding="utf-8-sig",
                 index_col=False,
+                float_precision="round_trip",  # without it pandas 2 may miss the last bit
             )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # UnicodeDecodeError is a ValueError
         trouble = _bad_cell(path, kinds) or " ".join(str(error).split())[:200]

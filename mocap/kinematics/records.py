@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Z95, Array, frozen, unique
+from eal.over_time import OverTime
 from mocap.errors import MocapError
 
 if TYPE_CHECKING:
@@ -47,9 +48,9 @@ class Quantity:
     what: str
     kind: str
     markers: tuple[str, ...]
-    value: Array
-    sd: Array
-    rests: NDArray[np.int8]
+    value: OverTime[Array]
+    sd: OverTime[Array]
+    rests: OverTime[NDArray[np.int8]]
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -80,8 +81,8 @@ class Kinematics(Mapping[str, Quantity]):
     """
 
     recording: str
-    t_s: Array
     quantities: tuple[Quantity, ...]
+    t_s: OverTime[Array]
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -18,10 +18,13 @@ if TYPE_CHECKING:
 
 def shown(given: "Axes | None", ax: "Axes") -> "Axes":
     """Axes, whose figure pyplot shows where it was made for them: a notebook then shows it below the cell."""
-    if given is None:
+    figure = ax.get_figure(root=True)
+    if given is None and figure is not None:
         from matplotlib import pyplot
 
-        pyplot.figure(ax.figure)  # pyright: ignore[reportArgumentType]  # matplotlib 3.11 takes figures of others
+        canvas = pyplot.figure(figsize=figure.get_size_inches()).canvas
+        canvas.figure = figure  # in place of pyplot's own: before 3.11 it shows no others
+        figure.set_canvas(canvas)
     return ax
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -22,8 +22,9 @@ from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.library.learning import Model, load_model
+from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.job import Model as ModelName
-from mocap.pipeline.job import Watch, run_job
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
@@ -465,7 +466,7 @@ def track(
     """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
 
     Args:
-        recording: As ``mocap.read`` gives it.
+        recording: As ``mocap.read`` or ``mocap.from_arrays`` gives it.
         model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``articulated`` (the skeleton's
             segments and joints), ``lagrangian`` (the same, moved by the forces of its masses), ``constant_velocity``;
             ``auto``: the mixture, unless constant velocity fills hidden samples of the recording better.
@@ -477,11 +478,12 @@ def track(
     Raises:
         MocapError: what makes it impossible, with what to do.
     """
+    recording = as_recording(recording, "track")
     name: ModelName = "auto"
-    if model in get_args(ModelName):
+    if isinstance(model, str) and model in MODELS:
         name, model = model, None  # type: ignore[assignment]
     elif not isinstance(model, Model):
-        model = load_model(model)  # type: ignore[arg-type]
+        model = load_model(existing_model(model))
     learned = model.learned if isinstance(model, Model) else None
     stages = Stages(tell=progress)
     run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch)

@@ -15,7 +15,7 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.report import readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
@@ -52,8 +52,8 @@ def measured_demo(
     with TemporaryDirectory() as folder:
         with stages.stage("make the recording"):
             files = write_recording(recording, Path(folder))
-        source = Recording(
-            tracks=files["pixels"],
+        source = read(
+            files["pixels"],
             fps=recording.fps,
             calibration=files["coefficients"],
             profile=files["profile"],

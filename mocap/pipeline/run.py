@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eal.arrays import Array
+from eal.over_time import OverTime
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
 from mocap.cameras.camera import Camera
@@ -73,7 +74,7 @@ class Footage:
     """
 
     movie: Movie
-    frames: NDArray[np.int64]
+    frames: OverTime[NDArray[np.int64]]
     straight: bool
 
     @property
@@ -143,7 +144,7 @@ class Run:
     joints: Mapping[str, JointTracks]
     potentials: Mapping[str, JointPotential]
     spatial_potentials: Mapping[str, JointPotential]
-    repaired: NDArray[np.bool_]
+    repaired: OverTime[NDArray[np.bool_]]
     report: Mapping[str, object]
     report_text: str
     footage: tuple[Footage, ...] = ()

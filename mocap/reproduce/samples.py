@@ -9,7 +9,7 @@ from eal.arrays import Array
 from mocap.datasets.bats import bat_motion, make_bat
 from mocap.datasets.lizards import lizard_motion, make_lizard
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 
 
 def wrist_about_elbow(shoulder_m: Array, elbow_m: Array, wrist_m: Array) -> Array:
@@ -88,7 +88,7 @@ def real_bat_samples(folder: Path) -> Array | None:
     files = [folder / REAL_BAT / f"{REAL_BAT.name}_{kind}.csv" for kind in ("xypts", "dltCoefs")]
     if not all(file.exists() for file in files):
         return None
-    prepared = prepare(Recording(tracks=files[0], calibration=files[1], fps=700.0))
+    prepared = prepare(read(files[0], calibration=files[1], fps=700.0))
     xyz_m = np.asarray(prepared.xyz_m, dtype=np.float64)
     shoulder, elbow, wrist = (xyz_m[:, prepared.names.index(name)] for name in REAL_ARM)
     samples = wrist_about_elbow(shoulder, elbow, wrist)

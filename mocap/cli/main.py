@@ -22,6 +22,7 @@ from mocap.cli.info import info
 from mocap.cli.kinematics import kinematics
 from mocap.cli.label import label
 from mocap.cli.learn import learn
+from mocap.cli.options import Command
 from mocap.cli.reproduce import reproduce
 from mocap.cli.share import share
 from mocap.cli.skeleton import skeleton
@@ -127,7 +128,7 @@ COMMANDS = (
     design_joint,
 )
 for command in COMMANDS:
-    app.command()(command)
+    app.command(cls=Command)(command)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")
 

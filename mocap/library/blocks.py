@@ -14,6 +14,7 @@ from eal.threads import one_blas_thread
 from mocap.filters.body_axes import body_frames
 from mocap.filters.velocities import without_rates
 from mocap.io.output import result_folder
+from mocap.io.unstated_unit import length
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles, footfalls
@@ -205,6 +206,7 @@ def _report(
         "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
         "validation": {"methods": {} if known.learned is None else known.learned.scores},
         "joints": sorted(overview.potentials),
+        "length_m": length(overview.tracked.markers.xyz_m),
         "findings": [*recording.findings, *tally.sentences()],
     }
 

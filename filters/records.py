@@ -8,7 +8,7 @@ from mocap.filters.moving import Rates
 from mocap.filters.observe import Observed
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen
+from eal.arrays import Array, frozen, short_repr
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,6 +43,8 @@ class HeldLimb:
     cov: Array
     at_state: Array
     pull: Array
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""

@@ -9,7 +9,7 @@ import numpy as np
 from mocap.filters.errors import FilterError
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen, unique
+from eal.arrays import Array, frozen, short_repr, unique
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +67,8 @@ class Motion:
     cross: NDArray[np.float32]
     kept: Array
     measured: NDArray[np.bool_]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Freeze and check."""

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen, increasing, unique
+from eal.arrays import Array, frozen, increasing, short_repr, unique
 
 
 class Status(IntEnum):
@@ -36,6 +36,8 @@ class PixelTracks:
     cameras: tuple[str, ...]
     t_s: Array
     uv_px: Array
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -71,6 +73,8 @@ class MarkerTracks:
     xyz_m: Array
     cov_m2: Array
     status: NDArray[np.int8]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -138,6 +142,8 @@ class TrackedMotion:
     n_rows: NDArray[np.int64]
     log_likelihood: Array
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
         n_frames, n_markers = self.markers.status.shape
@@ -168,6 +174,8 @@ class JointTracks:
     t_s: Array
     q_m: Array
     sd_m: Array
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""

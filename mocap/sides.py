@@ -20,3 +20,14 @@ def by_side(names: Iterable[str]) -> Mapping[str, list[str]]:
     names = list(names)
     groups = {side: [name for name in names if side_of(name) == side] for side in SIDES}
     return {side: group for side, group in groups.items() if group}
+
+
+def words(name: str) -> str:
+    """A name as people say it, its side first: ``elbow_l`` is ``left elbow``."""
+    side = side_of(name)
+    parts = name.split("_")
+    if side != TRUNK and len(kept := [part for part in parts if part.lower() not in ("l", "r", "left", "right")]) < len(
+        parts
+    ):
+        parts = [side, *kept]
+    return " ".join(parts)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from eal.arrays import unique
+from eal.arrays import short_repr, unique
 from mocap.documents import from_toml, regular_bytes
 from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
@@ -57,6 +57,8 @@ class Skeleton:
     aliases: dict[str, str] = field(default_factory=dict)
     max_speed_m_s: float | None = None
     measures: Measures = field(default_factory=Measures)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Check names."""

@@ -50,7 +50,7 @@ PAGES = {
     "demo": "tutorials/first_bat.md",
     "view": "howto/looking.md",
     "share": "howto/looking.md",
-    "reproduce": "explanation/errata.md",
+    "reproduce": "explanation/potential.md",
     "design-joint": "howto/mechanism.md",
     "data": "howto/truth.md",
     "calibrate": "howto/calibration.md",

@@ -171,7 +171,8 @@ def _with_potentials(run: Run) -> Run:
 
 
 def _figures(run: Run, folder: Path) -> None:
-    from mocap.plots.figures import pictures, report_page, write_pictures
+    from mocap.plots.figures import pictures, write_pictures
+    from mocap.plots.page import report_page
 
     found = kinematics(run.motion, run.skeleton, recording=run.name)
     rows = cycles(found, run.motion, run.skeleton)

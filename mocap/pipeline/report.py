@@ -286,10 +286,10 @@ def _range(samples: Array) -> tuple[Array, Array]:
 
 def readable(report: Mapping, *, title: str) -> str:
     """The report as markdown."""
-    samples, rejected, noise = report["samples"], report["rejected"]["counts"], report["pixel_noise_px"]
+    rejected, noise = report["rejected"]["counts"], report["pixel_noise_px"]
     first, last = report["tracked_frames"]
     inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
-    within = {origin: samples[origin] / inside for origin in ("measured", "smoothed", "predicted", "rejected")}
+    within = {name: report["samples"][name] / inside for name in ("measured", "smoothed", "predicted", "rejected")}
     lines = [
         f"# {plain(title)}",
         "",

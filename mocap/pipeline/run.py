@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eal.arrays import Array
+from eal.arrays import Array, short_repr
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
 from mocap.cameras.camera import Camera
@@ -17,6 +17,7 @@ from mocap.filters.velocities import Motion
 from mocap.io.movies import Movie
 from mocap.joint_angles import JointAngles
 from mocap.records import JointTracks, PixelTracks, TrackedMotion
+from mocap.sides import words
 from mocap.skeleton import Skeleton
 
 
@@ -38,6 +39,8 @@ class JointPotential:
     potential: EmpiricalPotential
     scale_m: float
 
+    __repr__ = short_repr
+
     def value(self, q_m: ArrayLike) -> Array:
         """V_z at (..., d) coordinates in metres: (...) values between 0 (where the joint was seen) and 1."""
         return self.potential.value(np.asarray(q_m) / self.scale_m)
@@ -51,15 +54,38 @@ class JointPotential:
         return self.potential.hessian(np.asarray(q_m) / self.scale_m) / self.scale_m**2
 
     def plot(self, ax: Any = None) -> Any:
-        """Map of V_z in the plane of the limb, in mm, with its samples; on matplotlib axes, which it returns.
+        """Map of V_z in the plane of the limb, in mm and degrees of flexion, with samples and limb; returns its axes.
 
         Raises:
             ValueError: it has more than two coordinates.
         """
         labels = ("along the limb (mm)", "across (mm)", "third (mm)")[: self.samples_m.shape[1]]
         ax = plot_potential(self.potential, ax, scale=1e3 * self.scale_m, labels=labels)
-        ax.set_title(f"V_z of {self.joint}", fontsize=10)
+        ax.set_title(f"{words(self.joint)}: joint potential, low where the joint goes", fontsize=9)
+        if self.samples_m.shape[1] == 2:
+            self._draw_limb(ax)
         return ax
+
+    def _draw_limb(self, ax: Any) -> None:
+        """The segment before the joint, the mean of the next one, and flexion in degrees: 0 where both are in line."""
+        x, y = 1e3 * self.samples_m.T
+        length = float(np.median(np.hypot(x, y)))
+        (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+        ax.plot([-length, 0, x.mean()], [0, 0, y.mean()], "o-", color="white", linewidth=3, markersize=5, zorder=4)
+        ax.plot([-length, 0, x.mean()], [0, 0, y.mean()], "o-", color="0.15", linewidth=1.5, markersize=3, zorder=5)
+        angle = np.degrees(np.unwrap(np.arctan2(y, x)[np.argsort(np.arctan2(y, x))]))
+        for degrees in range(30 * int(np.floor(angle[0] / 30)), 30 * int(np.ceil(angle[-1] / 30)) + 1, 30):
+            c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+            ax.plot(
+                [0.9 * length * c, 1.1 * length * c], [0.9 * length * s, 1.1 * length * s], color="0.3", linewidth=0.8
+            )
+            ax.text(
+                1.2 * length * c, 1.2 * length * s, f"{degrees}°", fontsize=6.5, ha="center", va="center", clip_on=True
+            )
+        ax.set(
+            xlim=(min(left, -0.5 * length), max(right, 0.1 * length)),
+            ylim=(min(low, -0.1 * length), max(high, 0.1 * length)),
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -151,3 +177,5 @@ class Run:
     limbs: tuple[HeldLimb, ...] = ()
     angles: JointAngles | None = None
     plane: Plane | None = None
+
+    __repr__ = short_repr

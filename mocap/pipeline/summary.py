@@ -47,10 +47,9 @@ class Expected:
 
 def expected_error(report: Mapping) -> Expected | None:
     """What error to expect in gaps; None: nothing was hidden, or none of it was filled."""
-    unit = unit_of(report)
-    true = "gaps" in report
+    unit, true = unit_of(report), "gaps" in report
     methods = report["gaps"] if true else report.get("validation", {}).get("methods", {})
-    own = methods.get(report["model"]["name"], {})
+    own = methods.get(report.get("model", {}).get("name"), {})
     rmse = own.get(f"rmse_{unit}")
     if not isinstance(rmse, float):
         return None
@@ -120,4 +119,4 @@ def length_line(report: Mapping) -> str:
 def notes(report: Mapping) -> Sequence[str]:
     """Findings that ask for nothing: what was decided, rejected or repaired."""
     wrong = set(report.get("wrong", ()))
-    return [said for said in report["findings"] if said not in wrong]
+    return [said for said in report.get("findings", ()) if said not in wrong]

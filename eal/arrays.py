@@ -104,11 +104,9 @@ def points(name: str, value: ArrayLike, dimension: int) -> Array:
     return array
 
 
-def short_repr(record: Any) -> str:
+def short_repr(self: Any) -> str:
     """A line on a dataclass: arrays by their shape, what holds many things by how many; for ``__repr__ =``."""
-    return (
-        f"{type(record).__name__}({', '.join(f'{f.name}={_short(getattr(record, f.name))}' for f in fields(record))})"
-    )
+    return f"{type(self).__name__}({', '.join(f'{f.name}={_short(getattr(self, f.name))}' for f in fields(self))})"
 
 
 def _short(value: object) -> str:

@@ -71,21 +71,17 @@ class JointPotential:
         x, y = 1e3 * self.samples_m.T
         length = float(np.median(np.hypot(x, y)))
         (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
-        ax.plot([-length, 0, x.mean()], [0, 0, y.mean()], "o-", color="white", linewidth=3, markersize=5, zorder=4)
-        ax.plot([-length, 0, x.mean()], [0, 0, y.mean()], "o-", color="0.15", linewidth=1.5, markersize=3, zorder=5)
-        angle = np.degrees(np.unwrap(np.arctan2(y, x)[np.argsort(np.arctan2(y, x))]))
+        ax.set_facecolor(ax.collections[0].get_facecolors()[-1])  # that of 1, beyond the map
+        ax.plot([-length, 0, x.mean()], [0, 0, y.mean()], "o-", color="white", linewidth=2, markersize=4, zorder=4)
+        angle = np.sort(np.degrees(np.arctan2(y, x)))
+        shown = [(-0.5 * length, -0.1 * length), (0.1 * length, 0.1 * length), (left, low), (right, high)]
         for degrees in range(30 * int(np.floor(angle[0] / 30)), 30 * int(np.ceil(angle[-1] / 30)) + 1, 30):
-            c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-            ax.plot(
-                [0.9 * length * c, 1.1 * length * c], [0.9 * length * s, 1.1 * length * s], color="0.3", linewidth=0.8
-            )
-            ax.text(
-                1.2 * length * c, 1.2 * length * s, f"{degrees}°", fontsize=6.5, ha="center", va="center", clip_on=True
-            )
-        ax.set(
-            xlim=(min(left, -0.5 * length), max(right, 0.1 * length)),
-            ylim=(min(low, -0.1 * length), max(high, 0.1 * length)),
-        )
+            way = length * np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+            ax.plot(*np.outer(way, (1.22, 1.3)), color="white", linewidth=1)
+            ax.text(*(1.42 * way), f"{degrees}°", fontsize=7, ha="center", va="center", color="white")
+            shown.append(tuple(1.55 * way))
+        (x0, y0), (x1, y1) = np.min(shown, axis=0), np.max(shown, axis=0)
+        ax.set(xlim=(x0, x1), ylim=(y0, y1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

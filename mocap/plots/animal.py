@@ -88,7 +88,13 @@ def _scale_bar(ax: "Axes", low: Array, high: Array) -> None:
     length = max((k * 10.0**e for e in range(-4, 6) for k in (1, 2, 5) if k * 10.0**e <= quarter), default=quarter)
     ax.plot([low[0], low[0] + length], [low[1]] * 2, color="0.2", linewidth=1.5, solid_capstyle="butt")
     ax.annotate(
-        f"{length:g} mm", low, xytext=(0, -2), textcoords="offset points", fontsize=6.5, va="top", annotation_clip=False
+        f"{length:g} mm",
+        tuple(low),
+        xytext=(0, -2),
+        textcoords="offset points",
+        fontsize=6.5,
+        va="top",
+        annotation_clip=False,
     )
 
 

@@ -16,7 +16,7 @@ from mocap.plots.animal import draw_animal
 from mocap.sides import TRUNK, side_of, words
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import FigureBase
 
 FOLDER = "figures"
 
@@ -33,7 +33,7 @@ class Picture:
 
     name: str
     caption: str
-    figure: "Figure"
+    figure: "FigureBase"
 
 
 def pictures(run: Run, found: Kinematics, rows: Sequence[Cycle], steps: Footfalls | None) -> Iterator[Picture]:
@@ -137,12 +137,12 @@ def write_pictures(shown: Sequence[Picture], folder: Path) -> dict[str, str]:
     return out
 
 
-def drawn(figure: "Figure", kind: str, *, dpi: int = 200) -> bytes:
+def drawn(figure: "FigureBase", kind: str, *, dpi: int = 200) -> bytes:
     """A figure as PNG or SVG, the same bytes each time."""
     import matplotlib as mpl
 
     made = io.BytesIO()
     options = {"metadata": {"Date": None}} if kind == "svg" else {}
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mocap"}):
-        figure.savefig(made, format=kind, dpi=dpi, **options)
+        figure.savefig(made, format=kind, dpi=dpi, **options)  # type: ignore[attr-defined]
     return made.getvalue()

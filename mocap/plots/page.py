@@ -129,7 +129,8 @@ def _cycles(rows: Sequence[Cycle]) -> dict[str, Any] | None:
     table = cycles_table(rows).drop(columns=["recording", "number", "start_s", "end_s", "start_sd_s", "filled"])
     columns = [c for c in table.columns if c not in ("kind", "of") and "_sd_" not in c]
     lines = []
-    for (kind, of), some in table.groupby(["kind", "of"], sort=False):
+    for kind, of in dict.fromkeys(zip(table["kind"], table["of"], strict=True)):
+        some = table[(table["kind"] == kind) & (table["of"] == of)]
         values = [np.asarray(some[c], dtype=float) for c in columns]
         cells = [f"{np.nanmean(v):.3g} ± {np.nanstd(v):.2g}" if np.isfinite(v).any() else "–" for v in values]
         lines.append([f"{words(str(of))}, {str(kind).replace('_', ' ')}s", str(len(some)), *cells])

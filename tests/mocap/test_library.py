@@ -232,7 +232,7 @@ def test_plots_show_the_samples_they_are_of(tracked):
     bar, low = ax.child_axes[0], ax.collections[0].get_facecolors()[0][:3]
     assert bar.get_position().height > 0.9 * ax.get_position().height
     np.testing.assert_allclose(
-        255 * low, depth(np.array(1 / 40)), atol=1
+        255 * low, depth(np.array([1 / 40]))[0], atol=1
     )  # rerun's colours; the middle of the first step
     with pytest.raises(mocap.MocapError, match="give one of world, body, plane, limb"):
         joint.plot("room")

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from mocap.filters.score import Residuals
@@ -201,7 +202,7 @@ def _width(found: Residuals, *, prior: float = 0.0) -> float:
         variance = np.exp(2 * log_factor) * found.variance + found.noise[:, None]
         return float(np.sum(weight * (found.error_m**2 / variance + np.log(variance))))
 
-    best = minimize_scalar(cost, bounds=(-np.log(10), np.log(10)), method="bounded", options={"xatol": 1e-4})
+    best: Any = minimize_scalar(cost, bounds=(-np.log(10), np.log(10)), method="bounded", options={"xatol": 1e-4})
     shown = float(np.sum(weight * (found.variance / found.expected) ** 2))
     return float(np.exp(best.x * shown / (shown + prior)))
 

@@ -297,24 +297,12 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         FormatError: a file cannot be read.
         CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
     """
-    pixels, cameras, where, told = _pixels_and_cameras(source)
+    pixels, cameras, told = calibrated_pixels(source)
     if len(pixels.cameras) < 2:
         raise CalibrationError(
-            f"{source.tracks.name}: contains one camera: 3D points need two or more views in one file"
+            f"{source.tracks.name}: contains one camera: 3D points need two or more views in one file, or a model of "
+            "the animal from recordings with more (mocap learn): give `model`"
         )
-    if len(cameras) != len(pixels.cameras):
-        raise CalibrationError(
-            f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
-            f"{len(cameras)}: give the coefficients of this recording (one column for each camera)"
-        )
-    check_cameras(cameras, where)
-    if source.profile is not None:
-        with as_table(source.profile) as (profile, said):
-            cameras = with_profile(cameras, profile)
-        told += tuple(f"{source.profile.name}: {s}" for s in said)
-    pixels, counted = counted_from_one(source, pixels)
-    pixels, cropped = in_whole_picture(source, pixels, cameras)
-    told += counted + cropped
     return film_of(
         pixels,
         cameras,
@@ -328,6 +316,32 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         fit_lens=source.fit_lens,
         told=told,
     )
+
+
+def calibrated_pixels(source: Recording) -> tuple[PixelTracks, tuple[Camera, ...], tuple[str, ...]]:
+    """Pixels as recorded, the camera of each view with its lens, and sentences on how they were read.
+
+    Raises:
+        FormatError: a file cannot be read.
+        CalibrationError: pixels and coefficients do not belong together.
+    """
+    pixels, cameras, where, told = _pixels_and_cameras(source)
+    if len(pixels.cameras) == 1:
+        named = [camera for camera in cameras if camera.name == pixels.cameras[0]]
+        cameras = tuple(named) if len(named) == 1 else cameras
+    if len(cameras) != len(pixels.cameras):
+        raise CalibrationError(
+            f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
+            f"{len(cameras)}: give the coefficients of this recording (one column for each camera)"
+        )
+    check_cameras(cameras, where)
+    if source.profile is not None:
+        with as_table(source.profile) as (profile, said):
+            cameras = with_profile(cameras, profile)
+        told += tuple(f"{source.profile.name}: {s}" for s in said)
+    pixels, counted = counted_from_one(source, pixels)
+    pixels, cropped = in_whole_picture(source, pixels, cameras)
+    return pixels, cameras, told + counted + cropped
 
 
 def load_in_unit(source: Recording, *, iterations: int | None) -> tuple[Recording, Filmed]:

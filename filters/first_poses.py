@@ -76,10 +76,16 @@ def _apart(shapes: Array, missed: Array) -> NDArray[np.int64]:
     return np.array(kept)
 
 
-def settled(recorded: Recorded, at: Poses) -> tuple[Poses, Array]:
-    """Starts that each fit their frame, by damped Newton steps with the Gaussian of poses; and what each costs."""
+def settled(recorded: Recorded, at: Poses, *, placed: bool = False) -> tuple[Poses, Array]:
+    """Starts that each fit their frame, by damped Newton steps with the Gaussian of poses; and what each costs.
+
+    Args:
+        recorded: What was seen, a frame for each start.
+        at: The starts.
+        placed: Their shapes stay as they are.
+    """
     usual = replace(recorded, prior=replace(recorded.prior, hold=recorded.prior.gaussian()))
-    n = 6 + recorded.prior.rank
+    n = 6 if placed else 6 + recorded.prior.rank
     damping = np.full(len(at.z), 1e-2)
     cost = usual.apart(at)
     for _ in range(ROUNDS):
@@ -88,7 +94,7 @@ def settled(recorded: Recorded, at: Poses) -> tuple[Poses, Array]:
         diagonal = np.einsum("tii->ti", form)
         damped = form + (damping[:, None] * diagonal + 1e-9)[:, :, None] * np.eye(n)
         step = -np.linalg.solve(damped, slope[..., None])[..., 0]
-        there = usual.moved(at, step)
+        there = usual.moved(at, np.pad(step, ((0, 0), (0, 6 + recorded.prior.rank - n))))
         new = usual.apart(there)
         better = new < cost
         at = Poses(

@@ -37,6 +37,7 @@ class Found:
 
     Attributes:
         estimate: Markers, velocities, what was observed.
+        joint: (T, 3M, 3M) covariance of all markers of a frame together.
         poses: The most probable trajectory.
         costs: What it cost after each step.
         other: Probability of the mirror image.
@@ -45,6 +46,7 @@ class Found:
     """
 
     estimate: Estimate
+    joint: Array
     poses: Poses
     costs: tuple[float, ...]
     other: float
@@ -193,6 +195,7 @@ def track_views(
     )
     return Found(
         estimate=estimate,
+        joint=lags[0],
         poses=best,
         costs=tuple(costs),
         other=other,

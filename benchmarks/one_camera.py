@@ -99,24 +99,30 @@ def flight(path: Path) -> Flight:
 
 @dataclass(frozen=True, eq=False)
 class Density:
-    """Minus log of a kernel density of shapes, with the kernel of V_z and its weight (``pose_prior.Hold``)."""
+    """Minus log of a kernel density of shapes, as wide as held-out shapes are likeliest (``pose_prior.Hold``)."""
 
     centres: Array
     beta: float
-    weight: float
 
     def _apart(self, z: Array) -> tuple[Array, Array]:
         away = z[:, None] - self.centres
         return away, -self.beta * np.sum(away**2, axis=-1)
 
+    def held_out(self, shapes: Array, folds: int = 5) -> float:
+        """Mean log density of shapes (N, r) of which a fifth at a time is left out, with as many centres."""
+        fold, every = np.arange(len(shapes)) * folds // len(shapes), max(1, len(shapes) // len(self.centres))
+        parts = [replace(self, centres=shapes[fold != i][::every]) for i in range(folds)]
+        log = [-part.value(shapes[fold == i]) - np.log(len(part.centres)) for i, part in enumerate(parts)]
+        return float(np.mean(np.concatenate(log)) + 0.5 * shapes.shape[1] * np.log(self.beta))
+
     def value(self, z: Array) -> Array:
         """(S,)."""
-        return -self.weight * logsumexp(self._apart(z)[1], axis=1)
+        return -logsumexp(self._apart(z)[1], axis=1)
 
     def gradient(self, z: Array) -> Array:
         """(S, r)."""
         away, log = self._apart(z)
-        return 2 * self.beta * self.weight * np.einsum("sn,snr->sr", softmax(log, axis=1), away)
+        return 2 * self.beta * np.einsum("sn,snr->sr", softmax(log, axis=1), away)
 
     def hessian(self, z: Array) -> Array:
         """(S, r, r)."""
@@ -124,7 +130,7 @@ class Density:
         share = softmax(log, axis=1)
         mean = np.einsum("sn,snr->sr", share, away)
         spread = np.einsum("sn,sna,snb->sab", share, away, away) - mean[:, :, None] * mean[:, None]
-        return 2 * self.beta * self.weight * (np.eye(z.shape[1]) - 2 * self.beta * spread)
+        return 2 * self.beta * (np.eye(z.shape[1]) - 2 * self.beta * spread)
 
 
 def held(prior: PosePrior) -> dict[str, PosePrior]:
@@ -132,20 +138,12 @@ def held(prior: PosePrior) -> dict[str, PosePrior]:
     barrier = prior.hold
     assert isinstance(barrier, Barrier)
     beta = float(barrier.potential.kernel.curvature) / 2  # of a Gaussian kernel: 2 beta
-    fold, samples = np.arange(len(prior.shapes)) * 5 // len(prior.shapes), prior.shapes
-    density = Density(barrier.potential.centres, beta, 1.0)
-    unseen = np.concatenate(
-        [
-            Density(samples[fold != i][:: max(1, len(samples) // 200)], beta, 1.0).value(samples[fold == i])
-            for i in range(5)
-        ]
-    )
-    rise = float(np.mean(unseen) - density.value(samples).min())
+    wide = [Density(barrier.potential.centres, beta * 4.0**k) for k in range(6)]
     return {
         "V_z": prior,
         "Gaussian": replace(prior, hold=prior.gaussian()),
         "none": replace(prior, hold=Barrier(barrier.potential, 0.0)),
-        "kernel density": replace(prior, hold=replace(density, weight=0.5 * prior.rank / max(rise, 1e-9))),
+        "kernel density": replace(prior, hold=max(wide, key=lambda one: one.held_out(prior.shapes))),
     }
 
 
@@ -198,7 +196,7 @@ def scored(xyz_m: Array, joint: Array | None, truth_m: Array, centre_m: Array) -
         centre_m: (3,) of the camera.
     """
     seen = np.isfinite(xyz_m[..., 0]) & np.isfinite(truth_m[..., 0])
-    frames = seen.any(axis=1)
+    frames = seen.sum(axis=1) > 1  # of one marker nothing is relative
     xyz_m, truth_m, seen = xyz_m[frames], truth_m[frames], seen[frames]
     weight = seen / seen.sum(axis=1, keepdims=True)
 
@@ -268,7 +266,7 @@ def _of_teachers(
     mine, trunk = _only(own.trial, markers), [k for k, m in enumerate(markers) if POINTS[m] in TRUNK]
     prior = learn_prior(some, trunk, PoseSettings())
     every = held(prior)
-    mean = replace(prior, shapes=prior.shapes.mean(axis=0, keepdims=True))
+    mean = replace(prior, shapes=np.tile(prior.shapes.mean(axis=0), (2, 1)))  # two, as one has no spread
     for camera in QUICK[0] if quick else range(len(own.matrices)):
         uv = own.uv_px[camera : camera + 1][:, :, markers]
         if np.isfinite(uv[..., 0]).sum() == 0:

@@ -104,7 +104,7 @@ def sound(folder: Path) -> None:
     model = LearnedModel(
         names=tuple("abcde"), trunk=("a", "b"), bones=(("a", "b"),), trials=trials,
         models=(MarkerSettings(), PoseSettings(ranks=(2,))), mixture=mixture,
-        scores={"mixture": {"gap_frames": [10, 50], "rmse_mm": [1.0, 2.0], "coverage95": [95.0, 95.0]}},
+        scores={"mixture": {"gap_frames": [10, 50], "rmse_mm": [1.0, 2.0], "coverage95": [95.0] * 2, "z": [1.0] * 2}},
     )  # fmt: skip
     save_model(model, folder / "m.npz")
     made = make_lizard(seed=0, n_frames=60)

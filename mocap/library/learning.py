@@ -26,7 +26,7 @@ class Model:
 
     @property
     def scores(self) -> dict[str, dict[str, list[float]]]:
-        """Of each motion model, by length of gap: ``rmse_mm`` and ``coverage95`` in gaps hidden while learning."""
+        """Of each motion model, by length of gap: ``rmse_mm``, ``coverage95``, ``z`` in gaps hidden while learning."""
         return self.learned.scores
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:

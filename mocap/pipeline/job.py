@@ -128,7 +128,7 @@ def _run_job(
             alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
             watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
     mixing = learned is None and posed and model not in ("eal", *_JOINTED)
-    hidden = hide_samples(prepared, part, np.random.default_rng(seed)) if validated else None
+    hidden = hide_samples(prepared, part, np.random.default_rng([seed, 1])) if validated else None
     filling = None
     if hidden is not None and hidden.count:
         methods = {

@@ -171,13 +171,14 @@ def readable_scores(learned: LearnedModel) -> str:
         "",
         f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Root mean square errors in mm in "
         "the hidden gaps on which models were chosen (in brackets the share inside 95 % intervals, whose width was "
-        "set on the same gaps):",
+        "set on the same gaps, and z, the root mean square of error over stated deviation):",
         "",
         "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
         "|---" * (len(lengths) + 1) + "|",
     ]
     for name, rows in learned.scores.items():
-        cells = [f"{e:.3g} ({c:.0f} %)" for e, c in zip(rows["rmse_mm"], rows["coverage95"], strict=True)]
+        columns = zip(rows["rmse_mm"], rows["coverage95"], rows["z"], strict=True)
+        cells = [f"{e:.3g} ({c:.0f} %, z {z:.2f})" for e, c, z in columns]
         lines.append(f"| {plain(name)} | " + " | ".join(cells) + " |")
     bones = own_trials(learned).bones
     if len(bones.ends):

@@ -415,10 +415,18 @@ _METHODS = {
 def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
     if not methods:
         return []
-    lines = [f"## {title}", "", "| method | RMSE mm | inside 95 % intervals |", "|---|---|---|"]
+    lines = [
+        f"## {title}",
+        "",
+        "z is the root mean square of error over stated standard deviation: 1 where intervals are right.",
+        "",
+        "| method | RMSE mm | inside 95 % intervals | z |",
+        "|---|---|---|---|",
+    ]
     for name, value in methods.items():
         rmse = "-" if value["rmse_mm"] is None else f"{value['rmse_mm']:.2f}"
         coverage = "-" if value["coverage95"] is None else f"{value['coverage95']:.1f} %"
-        lines.append(f"| {plain(name)} | {rmse} | {coverage} |")
+        z = "-" if value["z"] is None else f"{value['z']:.2f}"
+        lines.append(f"| {plain(name)} | {rmse} | {coverage} | {z} |")
     told = "; ".join(f"{plain(name)}, {_METHODS[name]}" for name in methods if name in _METHODS)
     return [*lines, "", *([f"Methods: {told}.", ""] if told else [])]

@@ -188,7 +188,7 @@ def test_what_was_learned_is_told(model):
     assert len(rows) == 1 + len(learned.scores)
     assert rows[-1].startswith("| mixture | ")
     scores = learned.scores["mixture"]
-    assert f"{scores['rmse_mm'][0]:.3g} ({scores['coverage95'][0]:.0f} %)" in rows[-1]
+    assert f"{scores['rmse_mm'][0]:.3g} ({scores['coverage95'][0]:.0f} %, z {scores['z'][0]:.2f})" in rows[-1]
     assert all(f"{n} frames" in rows[0] for n in scores["gap_frames"])
 
 

@@ -44,15 +44,15 @@ X = TypeVar("X")
 class Problem(Protocol, Generic[X]):
     """What is minimised."""
 
-    def cost(self, at: X) -> float:
+    def cost(self, at: X, /) -> float:
         """-log of the posterior density, up to a constant."""
         ...
 
-    def quadratic(self, at: X) -> Quadratic:
+    def quadratic(self, at: X, /) -> Quadratic:
         """The same to second order; its matrix is positive semidefinite."""
         ...
 
-    def moved(self, at: X, step: Array) -> X:
+    def moved(self, at: X, step: Array, /) -> X:
         """A trajectory after a step (T, n) of the states."""
         ...
 
@@ -105,7 +105,7 @@ def covariance(found: Factor) -> list[Array]:
     own = np.where(
         row >= column, found.band[np.maximum(row - column, 0), n * np.arange(steps)[:, None, None] + column], 0
     )
-    out = [np.zeros((steps - lag, n, n)) for lag in range(min(lags, steps - 1) + 1)]
+    out: list[Array] = [np.zeros((steps - lag, n, n)) for lag in range(min(lags, steps - 1) + 1)]
     ahead = np.zeros((0, 0))  # covariance of the frames that follow
     for t in range(steps - 1, -1, -1):
         follow = min(lags, steps - 1 - t)

@@ -218,7 +218,7 @@ class PoseMotion(MotionModel):
         """The usual move, and what the path's own motion adds."""
         usual = self._usual_move(step.dt_s)
         _, g, _, g_rate, _ = self.parts
-        shared, shift = usual.shared.copy(), usual.shift.copy()
+        shared, shift = usual.shared.copy(), np.array(usual.shift)
         along, speed, half = self._along(step.frame, step.dt_s)
         turn, spin = slice(g.start + 3, g.stop), slice(g_rate.start + 3, g_rate.stop)
         shared[turn, turn], shared[turn, spin] = (half @ half).T, step.dt_s * half.T  # in axes that turn with the path

@@ -20,8 +20,8 @@ from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 
 MOST_FRAMES = 20_000
-"""Of all recordings together: no more teaches anything that could be measured (docs/benchmarks/batch.md), and what is
-learned is read again in each recording that is tracked with it."""
+"""Of all recordings together: no more teaches anything that could be measured (docs/experiments/batch_cost.md), and
+what is learned is read again in each recording that is tracked with it."""
 LONGEST = MOST_FRAMES // 4
 """Frames of one recording."""
 
@@ -142,14 +142,13 @@ def _prepared(sources: Iterable[Recording | Prepared], tell: Callable[[str], Non
         if isinstance(source, Prepared):
             one = source
         else:
-            fresh = replace(source).without_needless_calibration()  # what is read of it is not kept
             try:
-                one = prepare(fresh).in_space("learning")
+                one = prepare(source.without_needless_calibration()).in_space("learning")
             except OriginError as error:
                 doubt[number] = source, error
                 continue
             unit = unit_told(one.findings)
-            for finding in dict.fromkeys([*([unit] if unit else []), *fresh.frame_findings]):
+            for finding in dict.fromkeys([*([unit] if unit else []), *source.findings]):
                 tell(f"{one.name}: {finding}")
         if one.filmed:
             told.add((one.filmed.pixel_origin.pixels, one.filmed.pixel_origin.coefficients))

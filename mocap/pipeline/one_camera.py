@@ -20,8 +20,9 @@ from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.recording import Filmed, Recording, calibrated_pixels, load_skeleton
+from mocap.pipeline.recording import Filmed, Recording
 from mocap.pipeline.tracking import Part
+from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
 
 NAME = "one camera"
@@ -49,23 +50,21 @@ class OneCamera:
 
 def of_one_camera(source: Recording) -> bool:
     """Whether there are calibrated cameras of which no two see a marker at once."""
-    pixels = source.contents.pixels if source.filmed and not source.planar else None
+    pixels = source.contents.pixels if source.cameras else None
     return pixels is not None and bool(pixels.seen.any()) and not (pixels.seen.sum(axis=0) >= 2).any()
 
 
-def load_alone(source: Recording) -> Filmed:
+def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
     """Pixels and cameras. Where pixels are counted from is stated or taken as usual: nothing can tell from one camera.
 
     Raises:
-        FormatError: a file cannot be read.
-        CalibrationError: pixels and coefficients do not belong together, or something was to be estimated from rays
-            that meet.
+        CalibrationError: something was to be estimated from rays that meet.
     """
     asked = {"fit_lens": source.fit_lens, "correct_lag": source.correct_lag}
     for name, wanted in asked.items():
         if wanted:
             raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out, or give a `profile`")
-    pixels, cameras, told = calibrated_pixels(source)
+    cameras, told = source.cameras, source.told
     usual = source.contents.pixel_origin
     corner = source.pixel_origin or usual or source.calibration_origin or "upper-left"
     calibrated = source.calibration_origin or corner
@@ -102,16 +101,15 @@ def track_one_camera(
         CalibrationError: there is no model.
         FilterError: the model knows fewer than four of the markers, or another frame rate.
     """
+    pixels = source.contents.pixels
+    assert pixels is not None  # of_one_camera
     if learned is None:
-        cameras = source.contents.pixels.cameras if source.contents.pixels is not None else ()
-        seen = "contains one camera" if len(cameras) == 1 else "no marker is seen by two cameras at once"
+        seen = "contains one camera" if len(pixels.cameras) == 1 else "no marker is seen by two cameras at once"
         raise CalibrationError(
-            f"{source.tracks.name}: {seen}: 3D points need two or more views, or a model of the animal learned from "
+            f"{source.where}: {seen}: 3D points need two or more views, or a model of the animal learned from "
             "recordings with more (mocap learn): give `model`"
         )
-    filmed = load_alone(source)
-    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
-    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
+    filmed, skeleton, names = load_alone(source, pixels), source.skeleton, pixels.names
     learned = renamed(learned, skeleton.renamed(learned.names))
     t_s, uv = filmed.pixels.t_s, filmed.ideal_px
     empty = MarkerTrial(
@@ -123,7 +121,7 @@ def track_one_camera(
     markers = np.flatnonzero(known)
     seen = filmed.pixels.seen[:, :, markers].any(axis=(0, 2))
     if not seen.any():
-        raise FormatError(f"{source.tracks.name}: no marker of the model is ever seen")
+        raise FormatError(f"{source.where}: no marker of the model is ever seen")
     frames = np.flatnonzero(seen)
     part = Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=markers)
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
@@ -163,7 +161,7 @@ def _prepared(
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
     told = [
         *filmed.told,
-        *source.frame_findings,
+        *source.findings,
         "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
         "deviations along the line of sight are the largest",
     ]

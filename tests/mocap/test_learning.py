@@ -25,7 +25,7 @@ from mocap.pipeline import learning
 from mocap.pipeline.learning import readable_scores
 from mocap.pipeline.model_file import load_model, save_model
 from mocap.pipeline.prepare import prepare, prepare_tracks
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton, write_skeleton
@@ -72,6 +72,7 @@ def model(flights):
     return path
 
 
+@pytest.mark.quick
 def test_learn_then_track(mocap, flights, model, tmp_path):
     """The gap of a third flight is filled by the learned model, nearer than by a line; the report names its trials.
 
@@ -176,6 +177,7 @@ def test_validation_measures_the_learned_model_too(mocap, flights, model, tmp_pa
     assert methods["learned"]["rmse_mm"] < methods["linear"]["rmse_mm"]
 
 
+@pytest.mark.quick
 def test_what_was_learned_is_told(model):
     """Errors by length of gap, a row for each model and the mixture; bones found without a skeleton: of the file."""
     learned = load_model(model)
@@ -346,7 +348,7 @@ def test_real_flights_teach_a_third():
     """
     flights = {}
     for name, file in PROJECTS.items():
-        prepared = prepare(Recording(tracks=real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
+        prepared = prepare(read(real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
         flights[name] = prepared.names, marker_trial(prepared, seen_part(prepared))
     names, own = flights["F5"]
     trials = [excerpt(flights["F2"][1], 80), excerpt(flights["F3"][1], 60)]

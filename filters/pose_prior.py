@@ -145,9 +145,8 @@ class PosePrior:
     def gaussian(self) -> Quadratic:
         """The Gaussian of its shapes."""
         cov = np.cov(self.shapes.T).reshape(self.rank, self.rank)
-        return Quadratic(
-            self.shapes.mean(axis=0), np.linalg.inv(cov + (1e-9 * np.trace(cov) + 1e-12) * np.eye(self.rank))
-        )
+        floor = (1e-9 * np.trace(cov) + 1e-12) * np.eye(self.rank)  # a micrometre where shapes do not vary
+        return Quadratic(self.shapes.mean(axis=0), np.linalg.inv(cov + floor))
 
 
 SHAPES = 8

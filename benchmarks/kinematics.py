@@ -97,9 +97,10 @@ def savitzky_golay(x: Array, t_s: Array, window: float) -> tuple[Array, Array]:
 
 def spline(x: Array, t_s: Array, penalty: float) -> tuple[Array, Array]:
     """A cubic smoothing spline and its derivatives."""
-    flat = x.reshape(len(x), -1)
-    fitted = make_smoothing_spline(t_s, flat, lam=penalty)
-    return fitted.derivative(1)(t_s).reshape(x.shape), fitted.derivative(2)(t_s).reshape(x.shape)
+    columns = x.reshape(len(x), -1).T  # one by one: SciPy before 1.16 takes no more
+    fitted = [make_smoothing_spline(t_s, column, lam=penalty) for column in columns]
+    v, a = (np.stack([one.derivative(n)(t_s) for one in fitted], axis=-1).reshape(x.shape) for n in (1, 2))
+    return v, a
 
 
 def differences(x: Array, t_s: Array) -> tuple[Array, Array]:

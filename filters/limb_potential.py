@@ -44,7 +44,7 @@ class HeldKeeper:
     def take(self, frame: int, state: Smoothed) -> None:
         """One frame's smoothed state."""
         g = self.model.parts[1]
-        turn = Rotation.from_rotvec(state.mean[g][3:]).as_matrix()
+        turn = Rotation.from_rotvec(np.array(state.mean[g][3:])).as_matrix()
         self._turned.append(self.model.path.frames.rotation[frame] @ turn)
         self._means.append(state.mean)
         found = []

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from mocap.errors import MocapError
     from mocap.io.format import Hints
     from mocap.library.digitised import Digitised, digitise
+    from mocap.library.joint_comparison import compare_joints
     from mocap.library.labelled import LabelledRecording, label
     from mocap.library.learning import Model, learn, load_model
     from mocap.library.many import learn_joints
@@ -33,6 +34,7 @@ __all__ = [
     "Skeleton",
     "Tracked",
     "batch",
+    "compare_joints",
     "digitise",
     "from_arrays",
     "from_pixels",
@@ -58,6 +60,7 @@ _PLACES = {
     "Skeleton": "mocap.skeleton",
     "Tracked": "mocap.library.tracked",
     "batch": "mocap.batches.run",
+    "compare_joints": "mocap.library.joint_comparison",
     "digitise": "mocap.library.digitised",
     "from_arrays": "mocap.pipeline.arrays",
     "from_pixels": "mocap.pipeline.arrays",

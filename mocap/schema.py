@@ -150,7 +150,10 @@ def _array(value: Any, kind: str) -> NDArray[Any]:
     Raises:
         ValueError: its values are of another kind, or its lists are ragged.
     """
-    wrong = ValueError(f"is {repr(value)[:60]}, expected {_WORDS[kind]}")
+
+    def wrong() -> ValueError:  # made where it is raised: the text of an array takes longer than all checks of it
+        return ValueError(f"is {repr(value)[:60]}, expected {_WORDS[kind]}")
+
     stored = isinstance(value, np.ndarray | np.generic)
     array = np.asarray(value) if stored else _objects(value)
     if stored and array.dtype.kind not in _KINDS[kind]:
@@ -158,11 +161,11 @@ def _array(value: Any, kind: str) -> NDArray[Any]:
     if array.dtype.kind == "O":
         types = _TYPES[kind]
         if not all(isinstance(one, types) and (kind == "b") == isinstance(one, bool) for one in array.ravel()):
-            raise wrong
+            raise wrong()
     try:
         return array.astype({"f": array.dtype if stored else float, "i": np.int64, "b": bool, "s": object}[kind])
     except (OverflowError, ValueError, UnicodeError):
-        raise wrong from None
+        raise wrong() from None
 
 
 def _objects(value: Any) -> NDArray[np.object_]:

@@ -20,11 +20,12 @@ settings.load_profile("project")
 
 SLOW = {
     "benchmarks/gaps/test_gap_ours.py": 30,
-    "benchmarks/gaps/test_gap_run.py": 9,
     "benchmarks/gaps/test_gap_rays.py": 2,
+    "benchmarks/gaps/test_gap_run.py": 9,
     "benchmarks/gaps/test_gap_sets.py": 11,
     "benchmarks/gaps/test_peer_latent.py": 4,
     "benchmarks/gaps/test_peer_poses.py": 2,
+    "benchmarks/test_kinematics_peers.py": 20,
     "datasets/test_calibration_pictures.py": 6,
     "datasets/test_catalogue.py": 4,
     "datasets/test_interior_gaps.py": 2,
@@ -34,7 +35,9 @@ SLOW = {
     "eal/joint_design/test_truss_equilibrium.py": 20,
     "eal/test_errata.py": 27,
     "eal/test_integrators.py": 10,
-    "eal/test_reproduce.py": 15,
+    "eal/test_comparison.py": 10,
+    "eal/test_deconvolved.py": 8,
+    "eal/test_reproduce.py": 120,
     "eal/test_systems.py": 3,
     "filters/test_bones.py": 5,
     "filters/test_delayed.py": 29,
@@ -45,14 +48,16 @@ SLOW = {
     "filters/test_mixture.py": 2,
     "filters/test_observe.py": 9,
     "filters/test_recording_alone.py": 4,
-    "mocap/test_model_settings.py": 7,
     "filters/test_shape_mechanics.py": 2,
     "mocap/batches/test_batch.py": 20,
     "mocap/batches/test_find_trials.py": 3,
     "mocap/digitising/test_digitise.py": 15,
+    "mocap/digitising/test_kinds.py": 8,
     "mocap/digitising/test_label.py": 20,
     "mocap/digitising/test_page.py": 15,
+    "mocap/digitising/test_texture.py": 12,
     "mocap/joint_design/test_design_joint.py": 55,
+    "mocap/kinematics/test_moments.py": 8,
     "mocap/rerun/test_view_compare.py": 16,
     "mocap/rerun/test_view_ends.py": 25,
     "mocap/rerun/test_view_hover.py": 28,
@@ -62,24 +67,34 @@ SLOW = {
     "mocap/rerun/test_view_share.py": 85,
     "mocap/rerun/test_view_video.py": 40,
     "mocap/test_absurd_values.py": 5,
+    "mocap/test_arrangement.py": 17,
     "mocap/test_audit.py": 3,
     "mocap/test_audit_reports.py": 6,
+    "mocap/test_blocks.py": 34,
     "mocap/test_calibrate.py": 3,
+    "mocap/test_calibrate_apart.py": 15,
     "mocap/test_calibrate_boards.py": 36,
     "mocap/test_calibrate_wand.py": 20,
+    "mocap/test_calibration_tables.py": 15,
     "mocap/test_camera_health.py": 15,
     "mocap/test_cli.py": 55,
     "mocap/test_click_noise.py": 3,
     "mocap/test_convert.py": 2,
     "mocap/test_crop_offsets.py": 12,
-    "mocap/test_likelihoods.py": 4,
     "mocap/test_film_extra.py": 10,
+    "mocap/test_fit_lens.py": 6,
+    "mocap/test_foreign_results.py": 10,
     "mocap/test_format_files.py": 8,
     "mocap/test_format_roundtrips.py": 30,
     "mocap/test_fuzzed_files.py": 6,
+    "mocap/test_jumps.py": 5,
     "mocap/test_learning.py": 50,
     "mocap/test_library.py": 17,
+    "mocap/test_likelihoods.py": 4,
+    "mocap/test_limb_mechanics.py": 11,
     "mocap/test_main_job.py": 75,
+    "mocap/test_many.py": 9,
+    "mocap/test_model_settings.py": 7,
     "mocap/test_movement_package.py": 40,
     "mocap/test_odd_tables.py": 16,
     "mocap/test_optical_files.py": 3,
@@ -87,15 +102,22 @@ SLOW = {
     "mocap/test_project_source.py": 8,
     "mocap/test_propose_skeleton.py": 25,
     "mocap/test_ray_bias.py": 2,
+    "mocap/test_side_by_side.py": 17,
     "mocap/test_stated_noise.py": 9,
+    "mocap/test_strangers_formats.py": 11,
     "mocap/test_swap_states.py": 4,
     "mocap/test_swapped_names.py": 16,
+    "mocap/test_tampered_records.py": 90,
     "mocap/test_trouble.py": 9,
+    "mocap/test_two_rays.py": 60,
     "mocap/test_unstated_unit.py": 3,
     "mocap/web/test_web_server.py": 60,
     "test_installed.py": 70,
 }
-"""Files that take long, with roughly how many seconds; ``make quick`` leaves them out."""
+"""Files that take more than three seconds of processor time, with roughly how many; ``make quick`` leaves them out.
+
+Tests in them that are marked ``quick`` stay: a short main job, the command line, learning, the viewer.
+"""
 SCREEN = "mocap/rerun/"
 """Where tests show something on a screen."""
 
@@ -105,6 +127,14 @@ def group_of(name: str) -> str:
     return SCREEN if name.startswith(SCREEN) else name
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files without a test of ``make quick`` are not imported for it: that takes each worker as long as its tests."""
+    if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
+        return None
+    name = collection_path.relative_to(ROOT / "tests").as_posix()
+    return True if name in SLOW and "pytest.mark.quick" not in collection_path.read_text(encoding="utf-8") else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Marks what is slow, and puts what takes longest first: no worker is left with it at the end."""
     seconds: dict[str, int] = {}
@@ -112,7 +142,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         seconds[group_of(name)] = seconds.get(group_of(name), 0) + long
     names = {item: item.path.relative_to(ROOT / "tests").as_posix() for item in items}
     for item, name in names.items():
-        if name in SLOW:
+        if name in SLOW and item.get_closest_marker("quick") is None:
             item.add_marker(pytest.mark.slow)
     items.sort(key=lambda item: -seconds.get(group_of(names[item]), 0))
 

@@ -1,6 +1,8 @@
 """What the pages say is so: commands and options exist, links lead somewhere, the README is short."""
 
+import platform
 import re
+import sys
 import tomllib
 from importlib import import_module
 from pathlib import Path
@@ -26,6 +28,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs" / "scripts").rglob("*.py")])
 NAMES = [path.relative_to(ROOT).as_posix() for path in TEXTS]
 README_LINES = 100
+WORDS = 25_000
+"""Of the pages a user may read; measurements are in ``docs/experiments/``, which are not of the site."""
 
 
 def typed(text: str) -> list[str]:
@@ -143,6 +147,12 @@ def test_the_readme_is_short_and_its_pictures_are_there():
     assert all((ROOT / name).is_file() for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", "\n".join(lines)))
 
 
+def test_the_pages_can_be_read():
+    """All of them together have at most so many words, a picture's or a table's included."""
+    pages = [ROOT / "README.md", *(p for p in (ROOT / "docs").rglob("*.md") if "experiments" not in p.parts)]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= WORDS
+
+
 def test_the_version_is_one():
     """That of ``pyproject.toml``; ``CITATION.cff`` repeats it, and the changelog has a section of it."""
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
@@ -235,17 +245,32 @@ def test_a_column_that_nobody_described_is_seen():
 
 
 def test_the_licences_page_has_every_package_of_the_locks():
-    """In the version that a lock has, extras too, and nothing else; the site shows what is installed."""
-    table = licences.PAGE.read_text(encoding="utf-8").split(licences.BEGIN)[1].split(licences.END)[0]
-    rows = [line.split("|")[1].split() for line in table.splitlines() if line.startswith("| ")][1:]
+    """In the version that a lock has, extras too, and nothing else; what it says of a wheel is what lies in it."""
+    stored, made = (
+        {row[0]: row for row in table_rows(page)}
+        for page in (licences.PAGE.read_text(encoding="utf-8"), licences.page())
+    )
     locks = [(ROOT / f"requirements{kind}.lock").read_text(encoding="utf-8") for kind in ("", "-dev")]
     pinned = [set(re.findall(r"^([\w.-]+)==([^\s;]+)", lock, re.MULTILINE)) for lock in locks]
-    assert {row[0] for row in rows} == {name for name, _ in pinned[0] | pinned[1]}
-    assert {tuple(row) for row in rows if len(row) == 2} <= pinned[0] | pinned[1]
-    made = licences.page().split(licences.BEGIN)[1]
-    assert "x264" in next(line for line in made.splitlines() if line.startswith("| av "))
-    assert len(next(line for line in made.splitlines() if line.startswith("| pillow ")).split(", ")) >= 10
-    assert not [line for line in rows if len(line) > 2]
+    wanted = {name: version for name, version in pinned[0] | pinned[1]}
+    assert len(wanted) == len(pinned[0] | pinned[1])
+    absent = {name for name in stored if " " not in name}
+    assert {name.partition(" ")[0] for name in stored} == wanted.keys()
+    assert all(" ".join((name, wanted[name])) in stored for name in wanted.keys() - absent)
+    assert all("only where" in stored[name][2] for name in absent)
+    assert "x264" in next(row for name, row in made.items() if name.startswith("av "))[3]
+    assert len(next(row for name, row in made.items() if name.startswith("pillow "))[3].split(", ")) >= 10
+    if (sys.platform, platform.machine(), sys.version_info[:2]) == ("linux", "x86_64", (3, 11)):
+        same = made.keys() & stored.keys()  # in the locked versions; what needs it depends on all of them
+        assert {name: made[name][2:] for name in same} == {name: stored[name][2:] for name in same}
+
+
+def table_rows(page: str) -> list[list[str]]:
+    """Cells of the table that is made, without its head."""
+    table = page.split(licences.BEGIN)[1].split(licences.END)[0]
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines() if line.startswith("| ")
+    ][1:]
 
 
 def test_locks_name_no_hosts():

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tarfile
@@ -180,6 +181,23 @@ def test_the_sdist_gives_the_same_wheel_and_an_editable_one_the_same_modules(ins
     source = folder / "source"
     wanted = [source / "filters" / "__init__.py", source / "datasets" / "__init__.py", source / "mocap" / "py.typed"]
     assert done.stdout.split() == [str(place) for place in wanted]
+
+
+CONDA = {"opencv-python-headless": "py-opencv", "matplotlib": "matplotlib-base"}
+"""Names of packages that conda-forge has otherwise."""
+
+
+def test_the_conda_recipe_asks_for_what_the_wheel_asks_for():
+    """The version, the packages of the main job and their bounds."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    recipe = (ROOT / "docs" / "releasing" / "conda-recipe.yaml").read_text(encoding="utf-8")
+    wanted = {f"python {project['requires-python']}"}
+    for line in project["dependencies"]:
+        name, *bounds = re.split(r"(?=[<>=])", line, maxsplit=1)
+        wanted.add(" ".join((CONDA.get(name, name), *bounds)))
+    (needed,) = re.findall(r"  run:\n((?:    - .*\n)+)", recipe)
+    assert set(re.findall(r"- (.*)", needed)) == wanted
+    assert f'version: "{project["version"]}"' in recipe
 
 
 OTHERS = ("deeplabcut>=3", "movement", "sleap-io", "napari")

@@ -113,7 +113,7 @@ def upside_down(camera: RigCamera, height_px: float) -> RigCamera:
 
 def turn(vector: Array) -> Array:
     """(..., 3, 3) rotations by rotation vectors (..., 3)."""
-    flat = np.asarray(vector, dtype=float).reshape(-1, 3)
+    flat = np.array(vector, dtype=float).reshape(-1, 3)  # a copy: SciPy before 1.17 turns by no read-only arrays
     return Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(vector)[:-1], 3, 3)
 
 

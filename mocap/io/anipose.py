@@ -132,7 +132,7 @@ def write_calibration(path: Path, cameras: Sequence[Camera]) -> None:
             "size": list(camera.size_px),
             "matrix": pinhole.intrinsic.tolist(),
             "distortions": [0.0] * 5 if lens is None else lens.coefficients.tolist(),
-            "rotation": Rotation.from_matrix(pinhole.rotation).as_rotvec().tolist(),
+            "rotation": Rotation.from_matrix(np.array(pinhole.rotation)).as_rotvec().tolist(),
             "translation": pinhole.translation_m.tolist(),
         }
         name = camera.name.replace("\\", "\\\\").replace('"', '\\"')

@@ -101,7 +101,7 @@ class ParquetPoints:
         start, stop = frames.start or 0, self.n_frames if frames.stop is None else frames.stop
         if not 0 <= start <= stop <= self.n_frames:
             raise MocapError(f"{self.path}: has the frames 1 to {self.n_frames}, not {start + 1} to {stop}")
-        first = max(0, int(np.searchsorted(self._rows, start * m, side="right")) - 1)
+        first = min(int(np.searchsorted(self._rows, start * m, side="right")) - 1, len(self._rows) - 2)
         last = max(first + 1, int(np.searchsorted(self._rows, stop * m, side="left")))
         wanted = [name for name in self._columns if name not in ("frame", "marker")]
         table = self._opened().read_row_groups(list(range(first, min(last, len(self._rows) - 1))), columns=wanted)

@@ -103,7 +103,8 @@ def ellipsoids(cov_m2: Array) -> tuple[Array, Array]:
     """
     values, axes = np.linalg.eigh(cov_m2)
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
-    return ELLIPSOID_SD * np.sqrt(np.maximum(values, 0.0)), Rotation.from_matrix(axes).as_quat()
+    turned = Rotation.from_matrix(axes).as_quat() if len(axes) else np.empty((0, 4))  # SciPy 1.15 takes one or more
+    return ELLIPSOID_SD * np.sqrt(np.maximum(values, 0.0)), turned
 
 
 def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, trunk: tuple[str, ...]) -> None:

@@ -86,7 +86,7 @@ def viewer_files(recording: str) -> dict[str, bytes]:
     query, head = "new URLSearchParams(window.location.search)", "<html>"
     text = page.decode("utf-8")
     if text.count(query) != 1 or text.count(head) != 1:
-        raise MocapError("the page of this version of rerun is not known: install rerun-sdk==0.41.*")
+        raise MocapError("the page of this rerun is not known: run `pip install --force-reinstall eal-mocap`")
     text = re.sub(r"<link[^>]*>", "", text).replace(head, head + _SCRIPT)
     text = text.replace(
         query,

@@ -110,7 +110,7 @@ def viewer_program() -> str:
         found = shutil.which(str(Path(str(rerun_cli.__file__)).parent / name))
     found = found or shutil.which("rerun")
     if found is None:
-        raise ViewerError("the rerun viewer is not installed: run `pip install rerun-sdk==0.41.*`, then try again")
+        raise ViewerError("the rerun viewer is not installed: run `pip install --force-reinstall eal-mocap`")
     return found
 
 

@@ -55,7 +55,7 @@ def test_neighbours_on_a_line_do_not_spin():
     turn = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0])
     poses = np.insert(np.stack([t.apply(line) for t in turn]), 2, 0.0, axis=1) + rng.normal(0, 1e-4, (60, 5, 3))
     near = Neighbours.of(WHICH, poses, np.full(4, 0.01))
-    relative = Rotation.from_matrix(near.frames(poses).rotation) * turn.inv()
+    relative = Rotation.from_matrix(np.array(near.frames(poses).rotation)) * turn.inv()
     assert np.linalg.norm((relative[0].inv() * relative).as_rotvec(), axis=1).max() < 0.1
 
 

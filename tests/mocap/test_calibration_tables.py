@@ -88,20 +88,30 @@ def test_titles_of_known_points_say_which_column_is_which(known_points):
         from_points(folder / "points.csv", folder / "pixels.csv", unit_m=1.0)
 
 
+WAND = {"background": None, "length_m": 0.4, "moves": "none", "lower_left": False, "tell": str}
+
+
+@pytest.fixture(scope="module")
+def known_wand(tmp_path_factory):
+    """Pixels of 15 frames of a wand, lenses, and the cameras from the plain files."""
+    folder = tmp_path_factory.mktemp("wand")
+    wand_files(folder)
+    pixels = pd.read_csv(folder / "wand_xypts.csv")[:15]
+    pixels.to_csv(folder / "wand.csv", index=False, na_rep="NaN")
+    cameras, _, _ = from_wand(folder / "wand.csv", profile=folder / "profile.txt", **WAND)
+    return pixels, pd.read_csv(folder / "profile.txt", sep=" ", header=None), stacked(cameras)
+
+
 @pytest.mark.parametrize("how", SPREADSHEETS)
-def test_a_wand_and_its_profile(tmp_path, how):
+def test_a_wand_and_its_profile(tmp_path, known_wand, how):
     """Cameras from a wand are the same to the last bit from the plain files and from a spreadsheet's."""
-    wand_files(tmp_path)
-    pixels = pd.read_csv(tmp_path / "wand_xypts.csv")
-    lenses = pd.read_csv(tmp_path / "profile.txt", sep=" ", header=None)
-    stated = {"background": None, "length_m": 0.4, "moves": "none", "lower_left": False, "tell": str}
-    want, _, _ = from_wand(tmp_path / "wand_xypts.csv", profile=tmp_path / "profile.txt", **stated)
+    pixels, lenses, want = known_wand
     if how == "Windows-1252":
-        pixels.columns = [title.replace("a_", "ä_") for title in pixels.columns]
+        pixels = pixels.rename(columns=lambda title: title.replace("a_", "ä_"))
     wand = spreadsheet(tmp_path / "wand.csv", how, pixels)
     profile = spreadsheet(tmp_path / "lenses.csv", how, lenses, titles=False)
-    got, _, report = from_wand(wand, profile=profile, **stated)
-    np.testing.assert_array_equal(stacked(got), stacked(want))
+    got, _, report = from_wand(wand, profile=profile, **WAND)
+    np.testing.assert_array_equal(stacked(got), want)
     said = "\n".join(report.lines)
     assert ("wand.csv: letters are not in UTF-8" in said) == (how == "Windows-1252")
     assert ("lenses.csv: cells are separated by semicolons" in said) == (how in ("semicolons", "decimal commas"))

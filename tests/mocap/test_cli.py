@@ -91,6 +91,7 @@ def test_elbow_coordinates_are_those_of_the_markers(out):
     np.testing.assert_allclose(in_plane, apart, atol=3e-7)  # seven decimals are printed
 
 
+@pytest.mark.quick
 def test_triangulate_writes_what_dltdv_would(mocap, files, tmp_path):
     """Header of xyzpts, a row a frame, six decimals; --refine adds deviations; --json is one object."""
     out = tmp_path / "a_xyzpts.csv"
@@ -143,6 +144,7 @@ def twice_the_same_name(lines):
     return [lines[0].replace("head_cam", "snout_cam"), *lines[1:]]
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -221,6 +223,7 @@ def test_one_marker_never_seen_is_a_finding(mocap, files, tmp_path):
     assert markers["ear_r_x"].notna().any()
 
 
+@pytest.mark.quick
 def test_frames_per_second_are_asked_for(mocap, files, tmp_path):
     """They are in no file."""
     code, _, err = mocap(*track_arguments(files, tmp_path / "run", fps=None))
@@ -228,6 +231,7 @@ def test_frames_per_second_are_asked_for(mocap, files, tmp_path):
     assert "--fps" in err
 
 
+@pytest.mark.quick
 def test_what_exists_is_not_replaced_unasked(mocap, files, tmp_path):
     """A folder that exists stops the command before any work; --force replaces a run and loses nothing else."""
     out = tmp_path / "run"
@@ -304,6 +308,7 @@ def test_a_failure_while_writing_leaves_nothing(mocap, files, tmp_path, monkeypa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.quick
 def test_view_of_nothing(mocap, tmp_path):
     """It says what a run is."""
     code, _, err = mocap("view", tmp_path)
@@ -311,6 +316,7 @@ def test_view_of_nothing(mocap, tmp_path):
     assert "mocap track" in err
 
 
+@pytest.mark.quick
 def test_wrong_usage_is_exit_code_2(mocap):
     """As everywhere."""
     assert mocap("track")[0] == 2

@@ -72,6 +72,7 @@ def model(flights):
     return path
 
 
+@pytest.mark.quick
 def test_learn_then_track(mocap, flights, model, tmp_path):
     """The gap of a third flight is filled by the learned model, nearer than by a line; the report names its trials.
 
@@ -176,6 +177,7 @@ def test_validation_measures_the_learned_model_too(mocap, flights, model, tmp_pa
     assert methods["learned"]["rmse_mm"] < methods["linear"]["rmse_mm"]
 
 
+@pytest.mark.quick
 def test_what_was_learned_is_told(model):
     """Errors by length of gap, a row for each model and the mixture; bones found without a skeleton: of the file."""
     learned = load_model(model)

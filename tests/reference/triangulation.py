@@ -39,9 +39,9 @@ def optimal_point(matrices, pixels, sd, start):
     def misses(point):
         return np.concatenate([(pixels[i] - pixel(matrices[i], point)) / sd[i] for i in seen])
 
-    found = least_squares(misses, start, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac")
-    step = 1e-6
-    jacobian = np.stack(
-        [(misses(found.x + step * e) - misses(found.x - step * e)) / (2 * step) for e in np.eye(3)], axis=1
-    )
+    def slope(point):  # SciPy's own step is a share of a coordinate, which may be next to nothing
+        return np.stack([(misses(point + e) - misses(point - e)) / 2e-6 for e in 1e-6 * np.eye(3)], axis=1)
+
+    found = least_squares(misses, start, slope, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15, x_scale="jac")
+    jacobian = slope(found.x)
     return found.x, np.linalg.inv(jacobian.T @ jacobian)

@@ -46,7 +46,7 @@ def log_cameras(rec: rr.RecordingStream, scene: Scene) -> None:
     """Pose, lens and frustum of every camera."""
     for camera in scene.cameras:
         if camera.is_rigid:
-            quaternion = rr.Quaternion(xyzw=Rotation.from_matrix(camera.world_from_camera).as_quat())
+            quaternion = rr.Quaternion(xyzw=Rotation.from_matrix(np.array(camera.world_from_camera)).as_quat())
             pose = rr.Transform3D(translation=camera.position_m, quaternion=quaternion)
         else:
             pose = rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_from_camera)

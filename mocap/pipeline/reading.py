@@ -83,6 +83,9 @@ def read(
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
     """
+    numbers = {"fps": fps, "pixel_sd": pixel_sd, "image_height_px": image_height_px, "mm_per_px": mm_per_px}
+    for name, number in numbers.items():
+        check_stated(name, number)
     files, crops = _paths("tracks", tracks) or (Path(),), _paths("crop", crop)
     beside = {"calibration": calibration, "profile": profile, "stored_points": stored_points}
     rig, lenses, points = (None if path is None else _path(what, path) for what, path in beside.items())

@@ -63,7 +63,7 @@ def elbow_flights(real: Path | None = None) -> Mapping[str, list[Array]]:
             arm = (scene.xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))
             found[animal].append(_angle_deg(wrist_about_elbow(*arm)))
     for file in sorted((real / REAL_BAT.parts[0]).glob("*/*/*dvProject.mat")) if real is not None else ():
-        prepared = prepare(Recording(tracks=file, fps=700.0))
+        prepared = prepare(read(file, fps=700.0))
         samples = wrist_about_elbow(*(np.asarray(prepared.xyz_m)[:, prepared.names.index(n)] for n in REAL_ARM))
         found["bat"].append(_angle_deg(samples[np.isfinite(samples).all(axis=1)]))
     return found

@@ -60,8 +60,8 @@ def plot_potential(
         ax.set_ylabel("V_z")
         return ax
     v = potential.value(np.stack(np.meshgrid(*grid), axis=-1))
-    filled = ax.contourf(*(scale * axis for axis in grid), v, levels=np.linspace(0.0, 1.0, 21), cmap="viridis")
-    ax.plot(scale * samples[:, 0], scale * samples[:, 1], ".", color="white", markersize=2, alpha=0.7)
+    filled = ax.contourf(*(scale * axis for axis in grid), v, levels=np.linspace(0.0, 1.0, 21), cmap="viridis_r")
+    ax.plot(scale * samples[:, 0], scale * samples[:, 1], ".", color="black", markersize=1.5, alpha=0.5)
     coarse = [axis[:: POINTS // 40] for axis in grid]
     sd = deviation(np.stack(np.meshgrid(*coarse), axis=-1))
     if sd.max() > SD_STEP:
@@ -70,7 +70,8 @@ def plot_potential(
         ax.clabel(lines, fontsize=6, fmt="%.1f")
     ax.set_aspect("equal")
     ax.set_ylabel(labels[1])
-    ax.figure.colorbar(filled, ax=ax, label="V_z: 0 on the samples, 1 far from them")
+    beside = ax.inset_axes((1.04, 0, 0.05, 1))  # as high as the map
+    ax.figure.colorbar(filled, cax=beside, label="V_z: 0 on the samples, 1 far from them")
     return ax
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.distance import pdist
 
 from eal import archive, evaluation, fitting
-from eal.arrays import Array, points, positive, read_only
+from eal.arrays import Array, points, positive, read_only, short_repr
 from eal.checks import checked_covariances, checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.findings import findings_of
 from eal.fitting import Root
@@ -61,6 +61,8 @@ class EmpiricalPotential:
     names: tuple[str, ...]
     units: tuple[str, ...]
     findings: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy and freeze the arrays."""

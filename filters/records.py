@@ -7,7 +7,7 @@ import numpy as np
 from mocap.filters.moving import Rates
 from mocap.filters.observe import Observed
 
-from eal.arrays import Array, frozen
+from eal.arrays import Array, frozen, short_repr
 from eal.over_time import OverTime
 
 
@@ -43,6 +43,8 @@ class HeldLimb:
     cov: OverTime[Array]
     at_state: OverTime[Array]
     pull: OverTime[Array]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""

@@ -9,7 +9,7 @@ import numpy as np
 from mocap.filters.errors import FilterError
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen, unique
+from eal.arrays import Array, frozen, short_repr, unique
 from eal.over_time import OverTime
 
 
@@ -68,6 +68,8 @@ class Motion:
     cross: OverTime[NDArray[np.float32]]
     kept: OverTime[Array]
     measured: OverTime[NDArray[np.bool_]]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Freeze and check."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen, increasing, unique
+from eal.arrays import Array, frozen, increasing, short_repr, unique
 from eal.over_time import OverTime, Time
 
 
@@ -38,6 +38,8 @@ class PixelTracks:
     cameras: tuple[str, ...]
     t_s: OverTime[Array]
     uv_px: Annotated[Array, Time(1)]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -73,6 +75,8 @@ class MarkerTracks:
     xyz_m: OverTime[Array]
     cov_m2: OverTime[Array]
     status: OverTime[NDArray[np.int8]]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -140,6 +144,8 @@ class TrackedMotion:
     n_rows: OverTime[NDArray[np.int64]]
     log_likelihood: OverTime[Array]
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
         n_frames, n_markers = self.markers.status.shape
@@ -170,6 +176,8 @@ class JointTracks:
     t_s: OverTime[Array]
     q_m: OverTime[Array]
     sd_m: OverTime[Array]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""

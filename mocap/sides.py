@@ -25,3 +25,10 @@ def by_side(names: Iterable[str]) -> Mapping[str, list[str]]:
 def without_side(name: str) -> str:
     """A name without the word for its side: ``elbow`` of ``elbow_l`` and ``elbow``; its words joined by ``_``."""
     return "_".join(part for part in _PARTS.findall(name) if part.lower() not in _WORDS)
+
+
+def words(name: str) -> str:
+    """A name as people say it, its side first: ``elbow_l`` is ``left elbow``."""
+    side, parts = side_of(name), name.split("_")
+    kept = [part for part in parts if part.lower() not in _WORDS]
+    return " ".join([side, *kept] if side != TRUNK and kept and len(kept) < len(parts) else parts)

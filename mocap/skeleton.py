@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eal.arrays import unique
+from eal.arrays import short_repr, unique
 from mocap.documents import from_toml, regular_bytes
 from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
@@ -60,6 +60,8 @@ class Skeleton:
     aliases: dict[str, str]
     max_speed_m_s: float | None
     measures: Measures
+
+    __repr__ = short_repr
 
     def __init__(
         self,

@@ -23,6 +23,7 @@ from mocap.cli.info import info
 from mocap.cli.kinematics import kinematics
 from mocap.cli.label import label
 from mocap.cli.learn import learn
+from mocap.cli.options import Command
 from mocap.cli.reproduce import reproduce
 from mocap.cli.share import share
 from mocap.cli.skeleton import skeleton
@@ -50,7 +51,7 @@ PAGES = {
     "demo": "tutorials/first_bat.md",
     "view": "howto/looking.md",
     "share": "howto/looking.md",
-    "reproduce": "explanation/errata.md",
+    "reproduce": "explanation/potential.md",
     "design-joint": "howto/mechanism.md",
     "compare-joints": "howto/comparing.md",
     "data": "howto/truth.md",
@@ -130,7 +131,7 @@ COMMANDS = (
     compare_joints,
 )
 for command in COMMANDS:
-    app.command()(command)
+    app.command(cls=Command)(command)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")
 

@@ -15,6 +15,7 @@ from eal.threads import one_blas_thread
 from mocap.filters.body_axes import body_frames
 from mocap.filters.velocities import without_rates
 from mocap.io.output import result_folder
+from mocap.io.unstated_unit import length
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles, footfalls
@@ -164,7 +165,8 @@ def _with_potentials(run: Run) -> Run:
 
 
 def _figures(run: Run, folder: Path) -> None:
-    from mocap.plots.figures import pictures, report_page, write_pictures
+    from mocap.plots.figures import pictures, write_pictures
+    from mocap.plots.page import report_page
 
     found = kinematics(run.motion, run.skeleton, recording=run.name)
     rows = cycles(found, run.motion, run.skeleton)
@@ -199,6 +201,7 @@ def _report(
         "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
         "validation": {"methods": {} if known.learned is None else known.learned.scores},
         "joints": sorted(overview.potentials),
+        "length_m": length(overview.tracked.markers.xyz_m),
         "findings": [*recording.findings, *tally.sentences()],
     }
 

@@ -58,6 +58,11 @@ class Model:
         """What was learned and how well it fills gaps, as markdown."""
         return readable_scores(self.learned)
 
+    @property
+    def scores_text(self) -> str:
+        """How well it fills gaps, as markdown: the first part of ``report_text``."""
+        return self.report_text.partition("\nDistances that")[0]
+
     def _repr_markdown_(self) -> str:
         return self.report_text
 

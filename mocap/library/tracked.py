@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from eal.arrays import Array
+from eal.arrays import Array, short_repr
 from mocap.errors import MocapError
 from mocap.filters.velocities import with_means
 from mocap.io.movies import Movie
@@ -28,6 +28,7 @@ from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
+from mocap.plots.page import tracked_html
 from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
@@ -77,6 +78,8 @@ class Joint:
     q_m: Mapping[str, Array]
     sd_m: Array
     filled: np.ndarray
+
+    __repr__ = short_repr
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row a frame, by time in seconds: ``<frame>_x_m``, ..., ``sd_m``, and ``filled``."""
@@ -276,7 +279,8 @@ class Tracked:
             if not pictures:
                 return refused
             from mocap.plots.figures import pictures as figures_of
-            from mocap.plots.figures import report_page, write_pictures
+            from mocap.plots.figures import write_pictures
+            from mocap.plots.page import report_page
 
             shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
@@ -450,8 +454,8 @@ class Tracked:
         joints = len(self.run.skeleton.joints)
         return f"<Tracked {self.name!r}: {n_frames} frames, {n_markers} markers, {joints} joints>"
 
-    def _repr_markdown_(self) -> str:
-        return self.run.report_text
+    def _repr_html_(self) -> str:
+        return tracked_html(self.run)
 
 
 def track(

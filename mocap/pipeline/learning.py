@@ -20,8 +20,8 @@ from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 
 MOST_FRAMES = 20_000
-"""Of all recordings together: no more teaches anything that could be measured (docs/benchmarks/batch.md), and what is
-learned is read again in each recording that is tracked with it."""
+"""Of all recordings together: no more teaches anything that could be measured (docs/experiments/batch_cost.md), and
+what is learned is read again in each recording that is tracked with it."""
 LONGEST = MOST_FRAMES // 4
 """Frames of one recording."""
 

@@ -79,8 +79,10 @@ def in_units(run: Run, plane: Plane) -> tuple[Array, Array]:
 
 def run_in_plane(run: Run, plane: Plane) -> Run:
     """The run with a report in the unit of the plane."""
-    findings = [f for f in cast(Sequence[str], run.report["findings"]) if "joints.csv" not in f]
-    report = {**run.report, "findings": findings}
+    said = {
+        key: [f for f in cast(Sequence[str], run.report[key]) if "joints.csv" not in f] for key in ("wrong", "findings")
+    }
+    report = {**run.report, **said}
     text = "\n".join(line for line in run.report_text.split("\n") if "joints.csv" not in line)
     report, text = _changed(report, _of_one_film), _of_one_film(text)
     if plane.mm_per_px is None:

@@ -84,6 +84,7 @@ class Prepared:
         rays_rejected: (C, T, M) rays that miss.
         max_speed_m_s: (M,) speed limits that jumps were judged by.
         findings: Sentences for the report.
+        wrong: Those of them that ask for something to be done, worst first.
         camera_factor: (C, T) 1 or more: how much worse a camera is than in its good time
             (``mocap.cleaning.camera_health``); contained in ``ray_sd_px``.
         bad_cameras: Runs of frames in which a camera was bad.
@@ -115,6 +116,7 @@ class Prepared:
     max_speed_m_s: Array
     camera_factor: Array
     findings: tuple[str, ...] = ()
+    wrong: tuple[str, ...] = ()
     bad_cameras: tuple[BadTime, ...] = ()
     noise: ClickNoise | None = None
     likelihoods: LikelihoodNoise | None = None
@@ -302,6 +304,7 @@ def prepare_filmed(
             for c, late in shifts
             if late
         ]
+    bad = [*camera_findings(health, [c.name for c in filmed.cameras], first=first), *never_seen(xyz, names)]
     contradicted = contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown)
     found_out = [*contradicted, filmed.pixel_origin.describe(), *told, *stored_findings]
     if bias.sd_px:
@@ -337,7 +340,7 @@ def prepare_filmed(
             *findings,
             *found_out,
             *likelihood_findings(likely, likelihood is not None, int(unlikely.sum()), int(unsure.sum())),
-            *camera_findings(health, [c.name for c in filmed.cameras], first=first),
+            *bad,
             *exchange_findings(
                 swaps, doubtful, names, [c.name for c in filmed.cameras], clicks=int(named.ambiguous.sum()), first=first
             ),
@@ -347,8 +350,8 @@ def prepare_filmed(
                 else []
             ),
             *cleaning_findings(cleaning, names),
-            *never_seen(xyz, names),
         ),
+        wrong=(*(f.text for f in audited if f.alarm), *lens_said, *contradicted, *bad),
         swaps=swaps,
         stale=stale,
         audited=tuple(audited),
@@ -430,6 +433,7 @@ def prepare_tracks(
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),
         ),
+        wrong=(*(f.text for f in jumps), *never_seen(xyz, names)),
         swaps=named.swaps,
         audited=jumps,
     )

@@ -21,7 +21,7 @@ from mocap.stages import Stages
 SIZE = (1600, 1000)
 COMPARED = 270
 """The frame of the comparison: much of a wing is hidden."""
-TABS = ("overview", "angles", "cameras", "joints", "health")
+TABS = ("angles", "overview", "cameras", "joints", "health")
 WANTED: dict[Animal, tuple[int, tuple[str, ...]]] = {
     "bat": (96, ("overview", "joints")),
     "lizard": (300, ("overview",)),

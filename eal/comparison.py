@@ -11,7 +11,7 @@ from math import comb
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from eal.arrays import Array, points, read_only
@@ -87,7 +87,7 @@ class Comparison:
                 object.__setattr__(self, name, read_only(value))
 
     @property
-    def differs(self) -> "np.ndarray[Any, np.dtype[np.bool_]]":
+    def differs(self) -> NDArray[np.bool_]:
         """(n,) points at which the groups differ, all of them at once at ``level``."""
         return np.abs(self.time_a - self.time_b) > self.band
 
@@ -301,7 +301,7 @@ def _difference(values: Array, sides: Array, unit: str, level: float) -> tuple[A
     return middle, middle - half, middle + half
 
 
-def _places(z: Array, pivots: Array) -> Array:
+def _places(z: Array, pivots: NDArray[np.intp]) -> Array:
     """Points of the map: a grid over the samples in one or two coordinates, and the pivots in more."""
     if z.shape[1] > 2:
         return z[pivots]

@@ -124,11 +124,12 @@ def resampled_values(
     """(n,) V of all samples and (resamples, n) V of what is drawn, at the points; see ``value_deviation``."""
     z, n = potential.samples, len(potential.samples)
     at = points("q", q, potential.dimension).reshape(-1, potential.dimension)
-    if trials is None:
-        block = max(1, round(n / effective_sample_size(z, potential.kernel))) if block is None else block
-        if not 1 <= block <= n:
-            raise ValueError(f"block must be 1 to {n}, the number of samples, but is {block!r}")
-    elif sum(trials) != n:
+    length = n if block is None else block
+    if trials is None and block is None:
+        length = max(1, round(n / effective_sample_size(z, potential.kernel)))
+    if not 1 <= length <= n:
+        raise ValueError(f"block must be 1 to {n}, the number of samples, but is {block!r}")
+    if trials is not None and sum(trials) != n:
         raise ValueError(f"trials must have {n} samples together, as the potential, but have {sum(trials)}")
     lam = potential.sigma_lambda
     factor = pivoted_cholesky(potential.kernel, z, tolerance=1e-4 * lam, max_rank=MOST_PIVOTS)
@@ -144,8 +145,8 @@ def resampled_values(
         if trials is not None:
             drawn = np.bincount(rng.integers(0, len(trials), len(trials)), minlength=len(trials))
             return np.repeat(drawn, trials).astype(np.float64)
-        starts = rng.integers(0, n, -(-n // block))
-        return np.bincount(((starts[:, None] + np.arange(block)) % n).reshape(-1)[:n], minlength=n).astype(np.float64)
+        starts = rng.integers(0, n, -(-n // length))
+        return np.bincount(((starts[:, None] + np.arange(length)) % n).reshape(-1)[:n], minlength=n).astype(np.float64)
 
     return value(potential.weights), np.stack([value(counts() * potential.weights) for _ in range(resamples)])
 

@@ -92,7 +92,9 @@ def report(found: Comparison) -> dict[str, object]:
 def _runs(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise MocapError(f"{folder}: there is no such folder: give one that holds runs of mocap track or mocap batch")
-    found = sorted({path.parent for path in folder.rglob(PLANAR) if path.is_dir()})
+    there = (path for path in folder.rglob(PLANAR) if path.is_dir())
+    # folders of interrupted runs are hidden
+    found = sorted({p.parent for p in there if not any(x[0] == "." for x in p.relative_to(folder).parts)})
     if not found:
         raise MocapError(f"{folder}: holds no run with {PLANAR}/: give folders that mocap track wrote with `skeleton`")
     return found

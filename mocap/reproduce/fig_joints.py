@@ -127,7 +127,7 @@ def joint_verdicts(name: str, samples_m: Array, x: Array, y: Array, v: Array) ->
         v: (m, n) the map.
     """
     rng = np.random.default_rng(0)
-    shuffled = np.column_stack([rng.permutation(column) for column in samples_m.T])
+    shuffled = np.stack([samples_m[rng.permutation(len(samples_m)), j] for j in range(2)], axis=1)
     distance = _rise(samples_m, x, y, v)
     return (
         judged(

@@ -13,6 +13,7 @@ setup: $(STAMP)
 $(RUN_STAMP): requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + ": make PYTHON=python3.12 ...")'
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@echo "Installing packages (1.3 GB) into .venv; some minutes, once."
 	$(PIP) --require-hashes -r requirements.lock
 	$(PIP) --no-deps --no-build-isolation --editable .
 	touch $@
@@ -23,6 +24,7 @@ $(STAMP): $(RUN_STAMP) requirements-dev.lock
 	touch $@
 
 demo: $(RUN_STAMP)
+	@echo "Tracking the built-in bat (1 to 3 minutes)."
 	$(BIN)/mocap demo bat --out out/demo --force
 
 test: setup

@@ -38,7 +38,7 @@ from mocap.errors import CalibrationError
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.records import Rests
 from mocap.pipeline.job import run_job
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.run import Run
 
 ANIMALS = {
@@ -97,13 +97,13 @@ def simulated(animal: str, seed: int, n_frames: int) -> list[dict[str, object]]:
     film = make(seed=seed, n_frames=n_frames)
     with TemporaryDirectory() as folder:
         files = write_recording(film, Path(folder))
-        source = Recording(
-            tracks=files["pixels"],
+        source = read(
+            files["pixels"],
             fps=film.fps,
             calibration=files["coefficients"],
             profile=files["profile"],
             skeleton=files["skeleton"],
-            pixel_origin="upper-left",
+            origin="upper-left",
         )
         run, _ = run_job(source, validated=False)
     name = f"{animal} {seed}"
@@ -175,7 +175,7 @@ FLIGHTS = "bat_windtunnel_dltdv8"
 
 def real(project: Path) -> list[dict[str, object]]:
     """Checks without ground truth of a real flight, tracked with its measured lens, or with one that is fitted."""
-    source = Recording(tracks=project, fps=700.0)
+    source = read(project, fps=700.0)
     try:
         run, prepared = run_job(replace(source, fit_lens=True), validated=False)
     except CalibrationError:  # the project has measured lenses

@@ -25,7 +25,7 @@ from mocap.cameras.camera import Camera, decompose, record, stacked, undistorted
 from mocap.cameras.triangulate import linear
 from mocap.io.anipose import read_calibration
 from mocap.pipeline.job import run_job
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.run import Run
 from mocap.stages import Stages
 
@@ -97,9 +97,7 @@ def measure(name: str, seed: int) -> None:
         files = write_recording(recording, Path(scratch) / "recording", others=True)
         cases = {"calibrated": (toml, truth), "true": (files["calibration"], recording.truth.xyz_m)}
         for cameras, (coefficients, truth_m) in cases.items():
-            source = Recording(
-                tracks=files["pixels"], fps=recording.fps, calibration=coefficients, skeleton=files["skeleton"]
-            )
+            source = read(files["pixels"], fps=recording.fps, calibration=coefficients, skeleton=files["skeleton"])
             run, prepared = run_job(source, model="eal", stages=Stages(), validated=False)
             seen = np.isfinite(prepared.xyz_m[..., 0])
             markers, parts = run.tracked.markers, {"seen": seen, "gaps": interior_gaps(seen)}

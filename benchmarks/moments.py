@@ -30,7 +30,7 @@ from mocap.kinematics.moments import ROD, moments
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.measures import Measures, Segment
 from mocap.pipeline.job import run_job
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.skeleton import Bone, Joint, Skeleton
 
 
@@ -58,8 +58,8 @@ def pendulum(kind: Pendulum, seed: int) -> None:
     recording = make_pendulum_film(kind, seed=seed)
     with TemporaryDirectory() as folder:
         files = write_recording(recording, Path(folder))
-        source = Recording(
-            tracks=files["pixels"],
+        source = read(
+            files["pixels"],
             fps=recording.fps,
             calibration=files["coefficients"],
             profile=files["profile"],

@@ -25,7 +25,7 @@ from mocap.cleaning.swapped_rays import exchange_rays
 from mocap.cleaning.swaps import Swap, exchange
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 
 Fault = Callable[[SyntheticRecording, np.random.Generator], Array]
 SEEDS = range(80, 83)
@@ -110,8 +110,8 @@ def tracked(recording: SyntheticRecording, uv_px: Array, *, stage: str) -> tuple
     changed = replace(recording, pixels=replace(recording.pixels, uv_px=uv_px))
     with TemporaryDirectory() as folder:
         files = write_recording(changed, Path(folder))
-        source = Recording(
-            tracks=files["pixels"],
+        source = read(
+            files["pixels"],
             fps=recording.fps,
             calibration=files["coefficients"],
             profile=files["profile"],

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from eal.autodiff import system_from_energies
+    from eal.comparison import Comparison, compare
     from eal.composite import CoordinateKernel, ProductKernel, SumKernel
     from eal.constraints import constrained_acceleration
     from eal.integrators import integrate_adaptive, simulate
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
 
 __all__ = [
+    "Comparison",
     "CoordinateKernel",
     "EmpiricalPotential",
     "GaussianKernel",
@@ -31,6 +33,7 @@ __all__ = [
     "SumKernel",
     "Tail",
     "Tikhonov",
+    "compare",
     "constrained_acceleration",
     "fit_potential",
     "integrate_adaptive",
@@ -41,6 +44,7 @@ __all__ = [
 ]
 
 _PLACES = {
+    "Comparison": "eal.comparison",
     "CoordinateKernel": "eal.composite",
     "EmpiricalPotential": "eal.potential",
     "GaussianKernel": "eal.kernels",
@@ -57,6 +61,7 @@ _PLACES = {
     "SumKernel": "eal.composite",
     "Tail": "eal.spectral",
     "Tikhonov": "eal.spectral",
+    "compare": "eal.comparison",
     "constrained_acceleration": "eal.constraints",
     "fit_potential": "eal.potential",
     "integrate_adaptive": "eal.integrators",

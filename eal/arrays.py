@@ -1,5 +1,7 @@
 """Arrays as records keep them: copied, read-only; and the checks that every entry point makes, each once."""
 
+from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -100,3 +102,17 @@ def points(name: str, value: ArrayLike, dimension: int) -> Array:
             "the potential was learned on samples of that dimension"
         )
     return array
+
+
+def short_repr(self: Any) -> str:
+    """A line on a dataclass: arrays by their shape, what holds many things by how many; for ``__repr__ =``."""
+    return f"{type(self).__name__}({', '.join(f'{f.name}={_short(getattr(self, f.name))}' for f in fields(self))})"
+
+
+def _short(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"<array {'x'.join(map(str, value.shape))}>"
+    if isinstance(value, Mapping | tuple | list) and (len(value) > 3 or len(repr(value)) > 80):
+        return f"<{type(value).__name__} of {len(value)}>"
+    text = repr(value)
+    return text if len(text) <= 80 else f"<{type(value).__name__}>"

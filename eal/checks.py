@@ -42,6 +42,23 @@ def checked_weights(weights: ArrayLike | None, n: int) -> Array:
     return w
 
 
+def checked_covariances(covariances: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """(N, d, d) covariances of N samples of d coordinates; one for all is repeated.
+
+    Raises:
+        ValueError: another shape, or one that is not finite, symmetric and at least 0.
+    """
+    n, d = shape
+    given = np.asarray(covariances, dtype=np.float64)
+    if given.shape not in ((d, d), (n, d, d)):
+        raise ValueError(f"covariances must have shape ({d}, {d}) or ({n}, {d}, {d}), but have {given.shape}")
+    if not np.isfinite(given).all() or not np.allclose(given, given.swapaxes(-1, -2)):
+        raise ValueError("covariances must be finite and symmetric")
+    if np.linalg.eigvalsh(given).min() < -1e-12 * np.abs(given).max():
+        raise ValueError("covariances must have no eigenvalue below 0")
+    return np.broadcast_to(given, (n, d, d))
+
+
 def checked_labels(
     names: Sequence[str] | None, units: Sequence[str] | None, d: int
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:

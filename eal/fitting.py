@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from eal.arrays import Array
-from eal.kernels import Kernel
+from eal.kernels import GaussianKernel, Kernel
 from eal.lowrank import pivoted_cholesky
 from eal.spectral import Projection, SpectralFilter
 
@@ -100,6 +100,67 @@ def _cholesky(
     root = solve_triangular(factor.corner, columns, lower=True, trans=1, check_finite=False)
     missing = max(float(weights @ factor.residual / total), float(np.finfo(np.float64).eps))
     return Root(centres=z[factor.pivots], root=root, eigenvalues=sigma, missing=missing, method="cholesky")
+
+
+def deconvolved(
+    kernel: GaussianKernel,
+    z: Array,
+    covariances: Array,
+    weights: Array,
+    lam: float,
+    spectral_filter: SpectralFilter,
+    *,
+    accuracy: float,
+    max_rank: int,
+) -> Root:
+    """The root of V_z of what the samples would be without their noise: T_z is replaced by an unbiased estimate.
+
+    (T K_p, K_q) is the mean of K(x, p) K(x, q) = exp(-beta |p - q|^2 / 2) exp(-2 beta |x - m|^2), m between p and q.
+    Noise of covariance S makes a Gaussian about m wider, and the mean over noise of
+
+        |I - 4 beta S|^(-1/2) exp(-2 beta (z - m)^T (I - 4 beta S)^(-1) (z - m))
+
+    is that of x. An estimate need not be positive: what comes out below 0 counts as 0.
+
+    Args:
+        kernel: The Gaussian kernel.
+        z: (N, d) samples.
+        covariances: (N, d, d) of their noise.
+        weights: (N,).
+        lam: As in ``solve``.
+        spectral_filter: See there.
+        accuracy: See there.
+        max_rank: See there.
+
+    Raises:
+        ValueError: noise as wide as the kernel itself, 1 / sqrt(4 beta), in some direction.
+    """
+    left, vectors = np.linalg.eigh(np.eye(z.shape[1]) - 4.0 * kernel.beta * covariances)
+    if left.min() <= 0.0:
+        worst = np.sqrt((1.0 - left.min()) / (4.0 * kernel.beta))
+        raise ValueError(
+            f"noise must be below 1 / sqrt(4 beta) = {0.5 / np.sqrt(kernel.beta):.3g}, but is up to {worst:.3g}: take "
+            "a wider kernel (a smaller beta)"
+        )
+    tolerance = max(lam * (0.5 * accuracy) ** 2, 1e-9)  # rounding of products is divided by it
+    factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max_rank)
+    p, m = z[factor.pivots], len(factor.pivots)
+    upper = np.triu_indices(m)
+    middle, apart = 0.5 * (p[upper[0]] + p[upper[1]]), kernel.gram(p, p)[upper] ** 0.5  # exp(-beta |p - q|^2 / 2)
+    sharp = vectors / np.sqrt(left)[:, None, :]
+    sizes = weights / (weights.sum() * np.sqrt(left.prod(axis=1)))
+    mean = np.zeros(len(middle))
+    for one, root, size in zip(z, sharp, sizes, strict=True):
+        mean += size * np.exp(-2.0 * kernel.beta * (((one - middle) @ root) ** 2).sum(axis=1))
+    products = np.zeros((m, m))
+    products[upper] = mean * apart
+    products = products + np.triu(products, 1).T
+    half = solve_triangular(factor.corner, products, lower=True)
+    sigma, axes = np.linalg.eigh(solve_triangular(factor.corner, half.T, lower=True))
+    sigma, axes = np.maximum(sigma[::-1], 0.0), axes[:, ::-1]
+    columns = axes * np.sqrt(spectral_filter.response(sigma, lam))
+    root = solve_triangular(factor.corner, columns, lower=True, trans=1)
+    return Root(centres=p, root=root, eigenvalues=sigma, missing=float(factor.residual.mean()), method="cholesky")
 
 
 def _principal_axes(rows: Array, shares: Array) -> tuple[Array, Array]:

@@ -1,21 +1,30 @@
 """A potential of one or two coordinates as a curve or a map."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eal.arrays import Z95, Array
+
 if TYPE_CHECKING:
+    from eal.comparison import Comparison
     from eal.potential import EmpiricalPotential
 
 POINTS, MARGIN = 160, 0.35
 """Of the grid in each coordinate; of the samples' range, on each side."""
+SD_STEP = 0.1
+"""Between the lines of equal standard deviation, where V is between 0 and 1."""
 
 
 def plot_potential(
     potential: "EmpiricalPotential", ax: Any = None, *, scale: float = 1.0, labels: Sequence[str] | None = None
 ) -> Any:
-    """V_z from 0 (on the samples) to 1 (far from them), with the samples.
+    """V_z from 0 (on the samples) to 1 (far from them), with the samples and its own standard deviation.
+
+    That is of ``eal.radius.value_deviation``: what other recordings of the kind would change. Of two coordinates red
+    lines show where it is 0.1, 0.2, ..., of one a band of 95 %.
 
     Args:
         potential: Of one or two coordinates.
@@ -35,23 +44,97 @@ def plot_potential(
         )
     from matplotlib import pyplot
 
+    from eal.radius import value_deviation
+
     ax = pyplot.subplots(figsize=(4.6, 4), layout="constrained")[1] if ax is None else ax
     samples = potential.samples
-    low, high = samples.min(axis=0), samples.max(axis=0)
-    margin = MARGIN * max(float((high - low).max()), 1e-12)
-    grid = [np.linspace(a - margin, b + margin, POINTS) for a, b in zip(low, high, strict=True)]
-    named = zip(potential.names, potential.units, strict=True)
-    labels = [name if unit == "1" else f"{name} ({unit})" for name, unit in named] if labels is None else labels
+    grid = grid_of(samples)
+    labels = _labels(potential.names, potential.units) if labels is None else labels
     ax.set_xlabel(labels[0])
+    deviation = partial(value_deviation, potential, rng=np.random.default_rng(0))  # the same picture each time
     if potential.dimension == 1:
-        ax.plot(scale * grid[0], potential.value(grid[0][:, None]), color="#0072B2")
+        v, sd = (f(grid[0][:, None]) for f in (potential.value, deviation))
+        ax.fill_between(scale * grid[0], np.maximum(v - Z95 * sd, 0), np.minimum(v + Z95 * sd, 1), color="0.8")
+        ax.plot(scale * grid[0], v, color="#0072B2")
         ax.plot(scale * samples[:, 0], np.zeros(len(samples)), "|", color="0.3")
         ax.set_ylabel("V_z")
         return ax
     v = potential.value(np.stack(np.meshgrid(*grid), axis=-1))
-    filled = ax.contourf(*(scale * axis for axis in grid), v, levels=np.linspace(0.0, 1.0, 21), cmap="viridis")
-    ax.plot(scale * samples[:, 0], scale * samples[:, 1], ".", color="white", markersize=2, alpha=0.7)
+    filled = ax.contourf(*(scale * axis for axis in grid), v, levels=np.linspace(0.0, 1.0, 21), cmap="viridis_r")
+    ax.plot(scale * samples[:, 0], scale * samples[:, 1], ".", color="black", markersize=1.5, alpha=0.5)
+    coarse = [axis[:: POINTS // 40] for axis in grid]
+    sd = deviation(np.stack(np.meshgrid(*coarse), axis=-1))
+    if sd.max() > SD_STEP:
+        levels = np.arange(SD_STEP, sd.max(), SD_STEP)
+        lines = ax.contour(*(scale * axis for axis in coarse), sd, levels=levels, colors="#D55E00", linewidths=0.8)
+        ax.clabel(lines, fontsize=6, fmt="%.1f")
     ax.set_aspect("equal")
     ax.set_ylabel(labels[1])
-    ax.figure.colorbar(filled, ax=ax, label="V_z: 0 on the samples, 1 far from them")
+    beside = ax.inset_axes((1.04, 0, 0.05, 1))  # as high as the map
+    ax.figure.colorbar(filled, cax=beside, label="V_z: 0 on the samples, 1 far from them")
     return ax
+
+
+def grid_of(samples: Array, *, points: int = POINTS) -> list[Array]:
+    """Values along each coordinate, over the samples (N, d) and a margin."""
+    low, high = samples.min(axis=0), samples.max(axis=0)
+    margin = MARGIN * max(float((high - low).max()), 1e-12)
+    return [np.linspace(a - margin, b + margin, points) for a, b in zip(low, high, strict=True)]
+
+
+def _labels(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    return [name if unit == "1" else f"{name} ({unit})" for name, unit in zip(names, units, strict=True)]
+
+
+def plot_comparison(found: "Comparison", axes: Any = None) -> Any:
+    """Time at each posture in a and in b, and the difference with its band; of two coordinates a map of each.
+
+    Args:
+        found: Of one or two coordinates, over its own grid.
+        axes: Two matplotlib axes, for the groups and for the difference; None: new ones.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: it has more coordinates.
+    """
+    if len(found.names) > 2:
+        raise ValueError(f"a comparison of {len(found.names)} coordinates has no map: compare one or two of them")
+    from matplotlib import pyplot
+
+    if axes is None and len(found.names) == 1:
+        axes = pyplot.subplots(2, 1, figsize=(6.4, 6.4), sharex=True, layout="constrained")[1]
+    elif axes is None:
+        axes = pyplot.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")[1]
+    above, below = axes
+    labels, percent = _labels(found.names, found.units), f"{100 * found.level:.0f} %"
+    difference = found.time_a - found.time_b
+    title = f"a minus b; {'grey' if len(labels) == 1 else 'black'}: {percent} band everywhere at once"
+    if len(labels) == 1:
+        q = found.q[:, 0]
+        for values, name, colour in ((found.time_a, "a", "#0072B2"), (found.time_b, "b", "#D55E00")):
+            above.plot(q, values, color=colour, label=name)
+        above.legend(frameon=False)
+        above.set_ylabel("share of the time near there")
+        below.fill_between(q, -found.band, found.band, color="0.8", linewidth=0)
+        below.plot(q, difference, color="0.2")
+        below.plot(q, np.where(found.differs, difference, np.nan), color="#D55E00", linewidth=3)
+        below.set_ylabel("difference")
+    else:
+        x, y = (found.q[:, j].reshape(len(np.unique(found.q[:, 0])), -1) for j in range(2))
+        shape, most = x.shape, max(float(np.abs(difference).max()), 1e-12)
+        for values, colour in ((found.time_a, "#0072B2"), (found.time_b, "#D55E00")):
+            above.contour(x, y, values.reshape(shape), colors=colour, levels=5)
+        above.set_title("share of the time near there: a blue, b vermillion", fontsize=9)
+        filled = below.contourf(x, y, difference.reshape(shape), levels=np.linspace(-most, most, 21), cmap="RdBu")
+        if found.differs.any():
+            below.contour(x, y, (np.abs(difference) - found.band).reshape(shape), levels=[0.0], colors="black")
+        below.figure.colorbar(filled, ax=below)
+        for one in (above, below):
+            one.set_xlabel(labels[0])
+            one.set_ylabel(labels[1])
+            one.set_aspect("equal")
+    below.set_xlabel(labels[0])
+    below.set_title(title, fontsize=9)
+    return axes

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.distance import pdist
 
 from eal import archive, evaluation, fitting
-from eal.arrays import Array, points, positive, read_only
-from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
+from eal.arrays import Array, points, positive, read_only, short_repr
+from eal.checks import checked_covariances, checked_labels, checked_lambda, checked_samples, checked_weights
 from eal.findings import findings_of
 from eal.fitting import Root
 from eal.kernels import GaussianKernel, Kernel
@@ -61,6 +61,8 @@ class EmpiricalPotential:
     names: tuple[str, ...]
     units: tuple[str, ...]
     findings: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy and freeze the arrays."""
@@ -215,6 +217,7 @@ def fit_potential(
     spectral_filter: SpectralFilter | None = None,
     scaling: Scaling = "mean",
     weights: ArrayLike | None = None,
+    covariances: ArrayLike | None = None,
     method: fitting.Method = "auto",
     accuracy: float = 1e-5,
     max_rank: int = 2000,
@@ -231,6 +234,9 @@ def fit_potential(
         spectral_filter: Tail (the default, equation 30), Projection or Tikhonov.
         scaling: ``mean``: lambda compares with eigenvalues of K / N; ``gram``: with those of K.
         weights: (N,) positive weights, 2 being the same as a repeated sample; None: all 1.
+        covariances: (N, d, d) or (d, d) known covariance of the samples' noise, with the Gaussian kernel: V of what the
+            samples would be without it, so that noise does not widen the valley (``eal.fitting.deconvolved``). It
+            takes more samples, or a larger lambda. None: samples are taken as they are.
         method: ``auto``, ``exact`` or ``cholesky``, see ``eal.fitting.solve``.
         accuracy: Wanted bound on the error in V of the pivoted Cholesky factor; rounding may leave more.
         max_rank: Most centres.
@@ -241,8 +247,8 @@ def fit_potential(
         The potential; read its ``findings``.
 
     Raises:
-        ValueError: samples that are empty, not (N, d) or not finite; weights that do not fit; lambda not positive or
-            below rounding.
+        ValueError: samples that are empty, not (N, d) or not finite; weights or covariances that do not fit, noise as
+            wide as the kernel; lambda not positive or below rounding.
     """
     z = checked_samples(samples)
     kernel = usual_kernel(z) if kernel is None else kernel
@@ -250,17 +256,15 @@ def fit_potential(
     labels, measures = checked_labels(names, units, z.shape[1])
     spectral_filter = Tail() if spectral_filter is None else spectral_filter
     sigma_lambda = checked_lambda(lam, float(w.sum()), scaling)
+    limits = {"accuracy": positive("accuracy", accuracy), "max_rank": max_rank}
     with one_blas_thread() if len(z) <= SMALL else nullcontext():
-        found = fitting.solve(
-            kernel,
-            z,
-            w,
-            sigma_lambda,
-            spectral_filter,
-            method=method,
-            accuracy=positive("accuracy", accuracy),
-            max_rank=max_rank,
-        )
+        if covariances is None:
+            found = fitting.solve(kernel, z, w, sigma_lambda, spectral_filter, method=method, **limits)
+        else:
+            noise = checked_covariances(covariances, z.shape)
+            if not isinstance(kernel, GaussianKernel):
+                raise ValueError(f"covariances need a GaussianKernel, but the kernel is {kernel}")
+            found = fitting.deconvolved(kernel, z, noise, w, sigma_lambda, spectral_filter, **limits)
     potential = EmpiricalPotential(
         kernel=kernel,
         lam=float(lam),

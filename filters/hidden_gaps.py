@@ -7,7 +7,7 @@ from itertools import count
 
 import numpy as np
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.hide import Hidden, excerpt, hide_neighbours, lengths_for
+from mocap.filters.hide import Hidden, excerpt, hide_neighbours, hide_own, lengths_for
 from mocap.filters.mixture import Mixture, learn_mixture
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn, shares
@@ -138,8 +138,35 @@ def hidden_gaps(
 
 def best_of(trial: MarkerTrial, most: int) -> MarkerTrial:
     """The stretch of so many frames of which most is seen; all of a shorter one."""
-    inside = excerpt(trial.seen, most)
+    return _part(trial, excerpt(trial.seen, most))
+
+
+def within(hidden: Hidden[MarkerTrial], most: int) -> Hidden[MarkerTrial]:
+    """The stretch of so many frames of which most is hidden, with the gaps that lie in it."""
+    inside = excerpt(hidden.mask, most)
+    gaps = [replace(gap, start=gap.start - inside.start) for gap in hidden.gaps]
+    kept = [gap for gap in gaps if gap.start >= 0 and gap.frames.stop <= inside.stop - inside.start]
+    return Hidden(trial=_part(hidden.trial, inside), gaps=tuple(kept))
+
+
+def _part(trial: MarkerTrial, inside: slice) -> MarkerTrial:
     return replace(trial, t_s=trial.t_s[inside], xyz_m=trial.xyz_m[inside], sd_m=trial.sd_m[inside])
+
+
+def gaps_like_own(trials: TrialSet, *, most: int, times: int) -> HiddenGaps:
+    """Gaps like the recording's own, hidden in it (``hide_own``); where it has none, any (``hide_neighbours``).
+
+    Args:
+        trials: Trials; the last is the recording.
+        most: Of each draw the stretch of so many frames of which most is hidden.
+        times: So many draws.
+    """
+    trial, rng, found = trials.trials[-1], np.random.default_rng(0), []
+    for turn in range(times):
+        hidden = within(hide_own(trial, rng), most)
+        found.append(hidden if hidden.gaps else hide_neighbours(best_of(trial, most), rng, turn=turn))
+    last = len(trials.trials) - 1
+    return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, one) for one in found if one.gaps])
 
 
 def own_gaps(trials: TrialSet, *, most: int = 500) -> HiddenGaps:

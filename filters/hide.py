@@ -224,6 +224,45 @@ class Hidden(Generic[Recorded]):
         return sum(gap.length == frames for gap in self.gaps)
 
 
+def hide_own(trial: MarkerTrial, rng: np.random.Generator, *, share: float = 0.1) -> Hidden[MarkerTrial]:
+    """Hide gaps like the trial's own: all of its gaps, moved together in time to where their markers are seen.
+
+    What is missing together stays together, for as many frames. Markers that go missing alike are one gap. Moves are
+    drawn until a share of the samples is hidden, or no place is left; a gap that falls where its markers are missing
+    for half of its frames, or in three frames beside it, is left out of that move.
+
+    Args:
+        trial: The trial.
+        rng: Where to.
+        share: See above.
+    """
+    seen = trial.seen
+    n_frames, n_markers = seen.shape
+    own: dict[tuple[int, int], list[int]] = {}
+    for marker, start, stop in unseen_runs(~interior_gaps(seen)):
+        own.setdefault((start, stop), []).append(marker)
+    left, gaps, margin = np.array(seen), [], Rules().margin
+    for move in rng.permutation(np.arange(1, n_frames)) if own else ():
+        if (seen & ~left).sum() >= share * seen.sum():
+            break
+        for (start, stop), markers in own.items():
+            first, length = (start + int(move)) % n_frames, stop - start
+            beside = (slice(first - margin, first), slice(first + length, first + length + margin))
+            if first < margin or beside[1].stop > n_frames or not all(left[b][:, markers].all() for b in beside):
+                continue
+            known = left[first : first + length, markers].mean(axis=0) >= Rules().measured
+            if known.any():
+                hidden = np.isin(np.arange(n_markers), np.array(markers)[known])
+                gaps.append(Gap(kind="own", length=length, start=first, hidden=hidden, scored=hidden))
+                left[first : first + length, hidden] = False
+    return Hidden(trial=trial, gaps=tuple(gaps))
+
+
+def nearest_length(frames: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Of lengths in frames the power of 2 that is nearest: what gaps of any length show is put together by these."""
+    return 2 ** np.rint(np.log2(np.maximum(frames, 1))).astype(np.int64)
+
+
 def lengths_for(n_frames: int) -> list[int]:
     """Lengths of gaps that a trial has room for."""
     lengths = [n for n in GAP_FRAMES if max(1.5 * n, n + 6) <= n_frames] or [max(1, n_frames // 4)]

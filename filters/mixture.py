@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from mocap.filters.score import Residuals
 from numpy.typing import NDArray
-from scipy.optimize import minimize, root_scalar
+from scipy.optimize import minimize, minimize_scalar, root_scalar
 
 from eal.arrays import Z95, Array, frozen
 
@@ -107,6 +108,24 @@ class Mixture:
         return replace(scaled, widen=np.clip(scaled.widen * factor, 0.1, 10.0))
 
 
+def with_own_widths(mixture: Mixture, residuals: Sequence[Residuals], *, prior: float = 12.0) -> Mixture:
+    """The mixture with widths under which root mean square errors are what is stated, for the recording of the gaps.
+
+    What is learned for other recordings is wider (``learn_mixture``): their movement differs by more than gaps of one
+    do. The widths of a length are drawn to that of all as if ``prior`` gaps more had shown it.
+
+    Args:
+        mixture: The mixture.
+        residuals: What each model missed hidden samples of the recording by.
+        prior: See above.
+    """
+    found = mixed_residuals(replace(mixture, widen=np.ones(len(mixture.length))), residuals)
+    overall = _width(found)
+    scaled = replace(found, variance=found.variance * overall**2)
+    widen = [overall * _width(scaled.some(found.length == n), prior=prior) for n in mixture.length]
+    return replace(mixture, widen=np.clip(widen, 0.3, 5.0))
+
+
 def learn_mixture(
     residuals: Sequence[Residuals],
     *,
@@ -167,6 +186,25 @@ def _widths(mixture: Mixture, residuals: Sequence[Residuals]) -> Array:
     found = mixed_residuals(mixture, residuals)
     beyond = (found.error_m / Z95) ** 2 - found.noise[:, None]
     return np.sqrt(np.maximum(beyond / found.variance, 0.01))
+
+
+def _width(found: Residuals, *, prior: float = 0.0) -> float:
+    """The factor on stated deviations under which normal errors are likeliest, gaps counting alike.
+
+    Without noise the mean square of errors is then what is stated. Its logarithm is drawn to 0 as if ``prior`` gaps
+    more had shown that nothing is to be changed. A gap counts for what it shows (its Fisher information): the square
+    of the estimate's share of the variance, for where measurements err by more than the estimate nothing is seen of it.
+    """
+    count = np.unique(found.gap, return_inverse=True, return_counts=True)
+    weight = (1 / count[2][count[1]])[:, None] / found.error_m.shape[1]  # 1 for each gap
+
+    def cost(log_factor: float) -> float:
+        variance = np.exp(2 * log_factor) * found.variance + found.noise[:, None]
+        return float(np.sum(weight * (found.error_m**2 / variance + np.log(variance))))
+
+    best: Any = minimize_scalar(cost, bounds=(-np.log(10), np.log(10)), method="bounded", options={"xatol": 1e-4})
+    shown = float(np.sum(weight * (found.variance / found.expected) ** 2))
+    return float(np.exp(best.x * shown / (shown + prior)))
 
 
 def _log_scale(part: Residuals, groups: Sequence[NDArray[np.bool_]], most: float = 2.0) -> float:

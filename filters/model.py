@@ -14,12 +14,13 @@ from mocap.filters.hidden_gaps import (
     Effort,
     HiddenGaps,
     Mixed,
+    gaps_like_own,
     hidden_gaps,
     mixed,
     own_gaps,
 )
-from mocap.filters.hide import gap_lengths
-from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals
+from mocap.filters.hide import gap_lengths, nearest_length
+from mocap.filters.mixture import Mixture, learn_mixture, mixed_residuals, with_own_widths
 from mocap.filters.models.base import Call, CallAll, Progress, TrajectoryModel, TrialSet, estimate, in_turn
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import Observations
@@ -43,8 +44,8 @@ class LearnedModel:
         trials: What it learned from; none where a recording is to teach itself.
         models: The K models that are mixed; the last is a filter, whose record of what was observed is kept.
         mixture: How they are mixed.
-        scores: For each of them and the mixture, by length of gap: root mean square error in mm and the share of
-            coordinates inside 95 % intervals, in gaps that were hidden while learning.
+        scores: For each of them and the mixture, by length of gap: root mean square error in mm, the share of
+            coordinates inside 95 % intervals and ``Score.z``, in gaps that were hidden while learning.
     """
 
     names: tuple[str, ...]
@@ -187,12 +188,12 @@ def track_alone(
         None: no gap could be hidden.
     """
     trials = TrialSet([recording], anatomy_of(names, trunk, bones))
-    effort = Effort(most_frames=300, times=2)
-    gaps = hidden_gaps(trials.trials, trials.anatomy, np.random.default_rng(0), effort=effort)
+    gaps = gaps_like_own(trials, most=300, times=2)
     if not gaps.hidden:
         return None
     every, residuals = _estimates(models_alone(settings, trials), trials, observations, gaps, asked, progress, call_all)
-    return every.mixed(learn_mixture(residuals))
+    residuals = tuple(replace(part, length=nearest_length(part.length)) for part in residuals)
+    return every.mixed(with_own_widths(learn_mixture(residuals), residuals))
 
 
 def models_alone(settings: PoseSettings, trials: TrialSet) -> list[TrajectoryModel]:
@@ -219,12 +220,13 @@ def scores_of(found: Mixed) -> dict[str, dict[str, list[float]]]:
     named = [(model.description, part) for model, part in zip(found.models, found.residuals, strict=True)]
     out = {}
     for name, part in [*named, ("mixture", mixed)]:
-        rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": []}
+        rows: dict[str, list[float]] = {"gap_frames": [], "rmse_mm": [], "coverage95": [], "z": []}
         for n in np.unique(length):
             value = part.some(part.length == n).score()
             rows["gap_frames"].append(int(n))
             rows["rmse_mm"].append(value.rmse_mm)
             rows["coverage95"].append(100 * value.coverage95)
+            rows["z"].append(value.z)
         out[name] = rows
     return out
 

@@ -1,14 +1,14 @@
 """What a filter or a regression returns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from mocap.filters.moving import Rates
 from mocap.filters.observe import Observed
-from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen
+from eal.arrays import Array, frozen, short_repr
+from eal.over_time import OverTime
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -39,10 +39,12 @@ class HeldLimb:
     y: Array
     value: Array
     samples: Array
-    state: Array
-    cov: Array
-    at_state: Array
-    pull: Array
+    state: OverTime[Array]
+    cov: OverTime[Array]
+    at_state: OverTime[Array]
+    pull: OverTime[Array]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -59,20 +61,6 @@ class HeldLimb:
         }
         for name, shape in shapes.items():
             object.__setattr__(self, name, frozen(name, getattr(self, name), shape))
-
-    def along(self, index: NDArray[np.int64]) -> "HeldLimb":
-        """The frames of an index; -1: nothing is known of that frame."""
-        lost = index < 0
-        parts = {}
-        for name in ("state", "cov", "at_state", "pull"):
-            part = np.array(getattr(self, name)[index])
-            part[lost] = np.nan
-            parts[name] = part
-        return replace(self, **parts)
-
-    def cut(self, frames: slice) -> "HeldLimb":
-        """These frames alone."""
-        return self.along(np.arange(len(self.state))[frames])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

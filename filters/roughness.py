@@ -16,9 +16,9 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, commo
 
     Elbows and knees move by themselves in ways that no shape has, at twice the rate of other markers. Each coordinate
     is a Matern-5/2 process of standard deviation ``sd`` seen with white noise; its likelihood is that of a Kalman
-    filter of three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once. The rate is the mean
-    of its logarithm under that likelihood. Lower rates than the common one are not looked at: where noise hides a
-    residual they are likeliest, and make velocities look certain.
+    filter of three states (Hartikainen & Sarkka 2010), here of all coordinates and rates at once. The rate is the
+    likeliest. Lower rates than the common one are not looked at: where noise hides a residual they are likeliest, and
+    make velocities look certain.
 
     Args:
         residual: (T, 3M) what the subspace leaves of each coordinate in metres; NaN where not seen.
@@ -48,8 +48,7 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, commo
         mean = (turn @ (mean + gain * away[..., None])[..., None])[..., 0]
         cov = turn @ (cov - gain[..., None] * cov[..., None, 0, :]) @ np.swapaxes(turn, -1, -2) + added
     total = total.reshape(len(rates), -1, 3).sum(axis=2)
-    weight = np.exp(total - total.max(axis=0))
-    return np.repeat(np.exp(np.log(rates) @ weight / weight.sum(axis=0)), 3)
+    return np.repeat(rates[total.argmax(axis=0)], 3)
 
 
 def out_of_sample(residual: Array, noise_sd: Array, basis: Array) -> tuple[Array, Array]:

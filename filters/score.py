@@ -19,6 +19,8 @@ class Score:
         samples: Number of samples that were compared.
         rmse_mm: Root mean square of the distance to the measured sample; NaN without samples.
         coverage95: Share of coordinates inside 1.96 standard deviations; NaN without intervals.
+        z: Root mean square of errors of coordinates over stated standard deviations, 1 where they are right; NaN
+            without intervals.
         nll: Mean negative log likelihood of a coordinate (of all together, over their number; lengths in mm); NaN
             without covariances, or where one is not positive definite.
     """
@@ -26,23 +28,25 @@ class Score:
     samples: int
     rmse_mm: float
     coverage95: float
+    z: float
     nll: float
 
     def as_json(self) -> dict[str, float | None]:
-        """``rmse_mm`` and ``coverage95`` (per cent) for reports; None where not defined."""
+        """``rmse_mm``, ``coverage95`` (per cent) and ``z`` for reports; None where not defined."""
         return {
             "rmse_mm": self.rmse_mm if np.isfinite(self.rmse_mm) else None,
             "coverage95": 100 * self.coverage95 if np.isfinite(self.coverage95) else None,
+            "z": self.z if np.isfinite(self.z) else None,
         }
 
 
 def score(error_m: Array, cov_m2: Array | None) -> Score:
     """The score of errors (n, d), with the covariances (n, d, d) that were stated for them; None: none were."""
     if not len(error_m):
-        return Score(samples=0, rmse_mm=np.nan, coverage95=np.nan, nll=np.nan)
+        return Score(samples=0, rmse_mm=np.nan, coverage95=np.nan, z=np.nan, nll=np.nan)
     rmse = float(1e3 * np.sqrt(np.mean(np.sum(error_m**2, axis=1))))
     if cov_m2 is None:
-        return Score(samples=len(error_m), rmse_mm=rmse, coverage95=np.nan, nll=np.nan)
+        return Score(samples=len(error_m), rmse_mm=rmse, coverage95=np.nan, z=np.nan, nll=np.nan)
     variance, d = np.diagonal(cov_m2, axis1=1, axis2=2), error_m.shape[1]
     nll = np.nan
     if np.isfinite(cov_m2).all() and (variance > 0).all():
@@ -54,6 +58,7 @@ def score(error_m: Array, cov_m2: Array | None) -> Score:
         samples=len(error_m),
         rmse_mm=rmse,
         coverage95=float(np.mean(np.abs(error_m) <= Z95 * np.sqrt(np.maximum(variance, 0.0)))),
+        z=float(np.sqrt(np.mean(error_m**2 / variance))) if (variance > 0).all() else np.nan,
         nll=nll,
     )
 

@@ -9,7 +9,8 @@ import numpy as np
 from mocap.filters.errors import FilterError
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen, unique
+from eal.arrays import Array, frozen, short_repr, unique
+from eal.over_time import OverTime
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,14 +60,16 @@ class Motion:
     """
 
     names: tuple[str, ...]
-    t_s: Array
-    xyz_m: Array
-    velocity_m_s: Array
-    own: NDArray[np.float32]
     pairs: NDArray[np.int64]
-    cross: NDArray[np.float32]
-    kept: Array
-    measured: NDArray[np.bool_]
+    t_s: OverTime[Array]
+    xyz_m: OverTime[Array]
+    velocity_m_s: OverTime[Array]
+    own: OverTime[NDArray[np.float32]]
+    cross: OverTime[NDArray[np.float32]]
+    kept: OverTime[Array]
+    measured: OverTime[NDArray[np.bool_]]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Freeze and check."""

@@ -1,7 +1,7 @@
 """Motion capture of animals: clean marker tracks, gaps filled with honest uncertainty, empirical potentials.
 
-``read`` a recording, ``track`` it, look at ``markers``, ``joints`` and potentials, ``save`` and ``load``; ``learn`` a
-model from several recordings. What is heavy is imported when it is first used.
+``read`` a recording (or take one ``from_arrays``), ``track`` it, look at ``markers``, ``joints`` and potentials,
+``save`` and ``load``; ``learn`` a model from several recordings. What is heavy is imported when it is first used.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -11,13 +11,17 @@ if TYPE_CHECKING:
     from mocap.errors import MocapError
     from mocap.io.format import Hints
     from mocap.library.digitised import Digitised, digitise
+    from mocap.library.joint_comparison import compare_joints
     from mocap.library.labelled import LabelledRecording, label
     from mocap.library.learning import Model, learn, load_model
     from mocap.library.many import learn_joints
-    from mocap.library.recording import propose_skeleton, read
     from mocap.library.tracked import Tracked, load, track
+    from mocap.pipeline.arrays import from_arrays, from_pixels
+    from mocap.pipeline.propose_skeleton import propose_skeleton
+    from mocap.pipeline.reading import read
     from mocap.pipeline.recording import Recording
     from mocap.side_by_side import processes
+    from mocap.skeleton import Skeleton
 
 __all__ = [
     "Batch",
@@ -27,9 +31,13 @@ __all__ = [
     "MocapError",
     "Model",
     "Recording",
+    "Skeleton",
     "Tracked",
     "batch",
+    "compare_joints",
     "digitise",
+    "from_arrays",
+    "from_pixels",
     "label",
     "learn",
     "learn_joints",
@@ -49,17 +57,21 @@ _PLACES = {
     "MocapError": "mocap.errors",
     "Model": "mocap.library.learning",
     "Recording": "mocap.pipeline.recording",
+    "Skeleton": "mocap.skeleton",
     "Tracked": "mocap.library.tracked",
     "batch": "mocap.batches.run",
+    "compare_joints": "mocap.library.joint_comparison",
     "digitise": "mocap.library.digitised",
+    "from_arrays": "mocap.pipeline.arrays",
+    "from_pixels": "mocap.pipeline.arrays",
     "label": "mocap.library.labelled",
     "learn": "mocap.library.learning",
     "learn_joints": "mocap.library.many",
     "load": "mocap.library.tracked",
     "processes": "mocap.side_by_side",
     "load_model": "mocap.library.learning",
-    "propose_skeleton": "mocap.library.recording",
-    "read": "mocap.library.recording",
+    "propose_skeleton": "mocap.pipeline.propose_skeleton",
+    "read": "mocap.pipeline.reading",
     "track": "mocap.library.tracked",
 }
 

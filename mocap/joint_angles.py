@@ -1,13 +1,13 @@
 """Joint angles that were the state of a filter, and the segments that they turn."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from eal.arrays import Array, frozen
+from eal.over_time import OverTime
 
 ENERGIES = ("energy_j", "v_z", "v_z_bound")
 """Columns of a Lagrangian."""
@@ -31,12 +31,12 @@ class JointAngles:
     """
 
     names: tuple[str, ...]
-    angle_rad: Array
-    sd_rad: Array
+    angle_rad: OverTime[Array]
+    sd_rad: OverTime[Array]
     segments: tuple[str, ...]
     length_m: Array
     length_sd_m: Array
-    energies: Array
+    energies: OverTime[Array]
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -46,13 +46,6 @@ class JointAngles:
         sizes["energies"] = (shape[0], 3 if np.shape(self.energies)[1:] == (3,) else 0)
         for name, size in sizes.items():
             object.__setattr__(self, name, frozen(name, getattr(self, name), size))
-
-    def along(self, index: NDArray[np.int64]) -> "JointAngles":
-        """The frames of an index; -1: nothing is known of that frame."""
-        there = (index >= 0)[:, None]
-        parts = (self.angle_rad, self.sd_rad, self.energies)
-        angle, sd, energies = (np.where(there, part[index], np.nan) for part in parts)
-        return replace(self, angle_rad=angle, sd_rad=sd, energies=energies)
 
     def to_frame(self, t_s: Array) -> pd.DataFrame:
         """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_deg`` and ``<name>_deg_sd``.

@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array, frozen, increasing, unique
+from eal.arrays import Array, frozen, increasing, short_repr, unique
+from eal.over_time import OverTime, Time
 
 
 class Status(IntEnum):
@@ -34,8 +36,10 @@ class PixelTracks:
 
     names: tuple[str, ...]
     cameras: tuple[str, ...]
-    t_s: Array
-    uv_px: Array
+    t_s: OverTime[Array]
+    uv_px: Annotated[Array, Time(1)]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -67,10 +71,12 @@ class MarkerTracks:
     """
 
     names: tuple[str, ...]
-    t_s: Array
-    xyz_m: Array
-    cov_m2: Array
-    status: NDArray[np.int8]
+    t_s: OverTime[Array]
+    xyz_m: OverTime[Array]
+    cov_m2: OverTime[Array]
+    status: OverTime[NDArray[np.int8]]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -131,12 +137,14 @@ class TrackedMotion:
 
     model: str
     markers: MarkerTracks
-    reprojected_px: Array
-    innovation_px: Array
-    used: NDArray[np.bool_]
-    nis: Array
-    n_rows: NDArray[np.int64]
-    log_likelihood: Array
+    reprojected_px: Annotated[Array, Time(1)]
+    innovation_px: Annotated[Array, Time(1)]
+    used: Annotated[NDArray[np.bool_], Time(1)]
+    nis: OverTime[Array]
+    n_rows: OverTime[NDArray[np.int64]]
+    log_likelihood: OverTime[Array]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -165,9 +173,11 @@ class JointTracks:
 
     names: tuple[str, ...]
     frame: str
-    t_s: Array
-    q_m: Array
-    sd_m: Array
+    t_s: OverTime[Array]
+    q_m: OverTime[Array]
+    sd_m: OverTime[Array]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""

@@ -20,3 +20,15 @@ def by_side(names: Iterable[str]) -> Mapping[str, list[str]]:
     names = list(names)
     groups = {side: [name for name in names if side_of(name) == side] for side in SIDES}
     return {side: group for side, group in groups.items() if group}
+
+
+def without_side(name: str) -> str:
+    """A name without the word for its side: ``elbow`` of ``elbow_l`` and ``elbow``; its words joined by ``_``."""
+    return "_".join(part for part in _PARTS.findall(name) if part.lower() not in _WORDS)
+
+
+def words(name: str) -> str:
+    """A name as people say it, its side first: ``elbow_l`` is ``left elbow``."""
+    side, parts = side_of(name), name.split("_")
+    kept = [part for part in parts if part.lower() not in _WORDS]
+    return " ".join([side, *kept] if side != TRUNK and kept and len(kept) < len(parts) else parts)

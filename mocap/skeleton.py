@@ -2,11 +2,11 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eal.arrays import unique
+from eal.arrays import short_repr, unique
 from mocap.documents import from_toml, regular_bytes
 from mocap.encoding import decoded
 from mocap.errors import FormatError, SkeletonError
@@ -34,15 +34,18 @@ class Joint:
     child: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, init=False)
 class Skeleton:
     """What is known of the animal before it moves.
+
+    ``Skeleton(markers=["a", "b", "c"], bones=[("a", "b"), ("b", "c")], joints={"elbow": ("a", "b", "c")})``: what a
+    skeleton file says, without one.
 
     Attributes:
         name: Species or subject.
         markers: All marker names, unique; a recording may have more.
-        bones: Pairs of markers.
-        joints: Triples of markers.
+        bones: Pairs of markers; of those given as texts a third, ``"soft"``, says that the length changes.
+        joints: Triples of markers (parent, centre, child), given by name.
         trunk: Markers that move as one body and define its frame; empty: all markers do.
         aliases: Name in the file (``pt1``) to name here, for files that number their points.
         max_speed_m_s: No marker moves faster; None: not known.
@@ -51,15 +54,66 @@ class Skeleton:
 
     name: str
     markers: tuple[str, ...]
-    bones: tuple[Bone, ...] = ()
-    joints: tuple[Joint, ...] = ()
-    trunk: tuple[str, ...] = ()
-    aliases: dict[str, str] = field(default_factory=dict)
-    max_speed_m_s: float | None = None
-    measures: Measures = field(default_factory=Measures)
+    bones: tuple[Bone, ...]
+    joints: tuple[Joint, ...]
+    trunk: tuple[str, ...]
+    aliases: dict[str, str]
+    max_speed_m_s: float | None
+    measures: Measures
 
-    def __post_init__(self) -> None:
-        """Check names."""
+    __repr__ = short_repr
+
+    def __init__(
+        self,
+        *,
+        markers: Sequence[str],
+        bones: Sequence[Bone | Sequence[str]] = (),
+        joints: Sequence[Joint] | Mapping[str, Sequence[str]] = (),
+        trunk: Sequence[str] = (),
+        aliases: Mapping[str, str] | None = None,
+        max_speed_m_s: float | None = None,
+        measures: Measures | Mapping[str, Any] | None = None,
+        name: str = "skeleton",
+    ) -> None:
+        """Take what is given apart, and check names.
+
+        Args:
+            markers: All marker names.
+            bones: Pairs of markers, with ``"soft"`` as a third where the length changes.
+            joints: Parent, centre and child marker of each joint, by its name.
+            trunk: Markers that move as one body.
+            aliases: Names in files by names here.
+            max_speed_m_s: No marker moves faster.
+            measures: As under ``[measures]`` of a skeleton file (docs/reference/kinematics.md).
+            name: Species or subject.
+
+        Raises:
+            SkeletonError: something is given otherwise, or uses a marker that is not among ``markers``.
+        """
+        for what, names_given in (("markers", markers), ("trunk", trunk)):
+            if not _is_text(names_given):
+                raise SkeletonError(f"skeleton {name!r}: {what} is {names_given!r}, expected a list of texts")
+        try:
+            named = joints.items() if isinstance(joints, Mapping) else ()
+            parts: dict[str, Any] = {
+                "bones": tuple(bone if isinstance(bone, Bone) else _bone(bone) for bone in bones),
+                "joints": tuple(_joint(*one) for one in named) or tuple(joints),
+                "measures": measures if isinstance(measures, Measures) else read_measures(measures or {}),
+            }
+        except (TypeError, ValueError, AttributeError, FormatError) as error:
+            raise SkeletonError(f"skeleton {name!r}: {error}") from None
+        odd = next((joint for joint in parts["joints"] if not isinstance(joint, Joint)), None)
+        if odd is not None:
+            raise SkeletonError(
+                f'skeleton {name!r}: joints holds {odd!r}, expected {{"elbow": ("shoulder", "elbow", "wrist"), ...}}'
+            )
+        parts |= {"name": name, "markers": tuple(map(visible, markers)), "trunk": tuple(map(visible, trunk))}
+        parts |= {"aliases": dict(aliases or {}), "max_speed_m_s": max_speed_m_s}
+        for key, value in parts.items():
+            object.__setattr__(self, key, value)
+        self._check()
+
+    def _check(self) -> None:
         try:
             unique("marker", self.markers)
             unique("joint", tuple(j.name for j in self.joints))
@@ -147,13 +201,13 @@ def read_skeleton(path: Path) -> Skeleton:
         found = checked("skeleton", table, _ENTRIES, again=_AGAIN)
         return Skeleton(
             name=visible(found["name"][()]) if "name" in found else path.stem,
-            markers=tuple(map(visible, found["markers"])),
-            bones=tuple(_bone(entry) for entry in table.get("bones", ())),
-            joints=tuple(_joint(name, entry) for name, entry in _named(table, "joints").items()),
-            trunk=tuple(map(visible, found.get("trunk", ()))),
+            markers=tuple(found["markers"]),
+            bones=table.get("bones", ()),
+            joints=_named(table, "joints"),
+            trunk=tuple(found.get("trunk", ())),
             aliases={visible(name): visible(_alias(name, alias)) for name, alias in _named(table, "aliases").items()},
             max_speed_m_s=float(found["max_speed_m_s"]) if "max_speed_m_s" in found else None,
-            measures=read_measures(_named(table, "measures")),
+            measures=_named(table, "measures"),
         )
     except (TypeError, ValueError, AttributeError, FormatError, SkeletonError) as error:
         raise SkeletonError(f"{path}: {error}") from None
@@ -231,4 +285,4 @@ def _joint(name: str, entry: Any) -> Joint:
 
 
 def _is_text(entry: Any) -> bool:
-    return isinstance(entry, list) and all(isinstance(one, str) for one in entry)
+    return isinstance(entry, list | tuple) and all(isinstance(one, str) for one in entry)

@@ -21,8 +21,10 @@ def check_stated(option: str, value: float | None) -> None:
     if value is None:
         return
     least, most = BOUNDS[option]
-    if not (np.isfinite(value) and value > 0):
-        raise MocapError(f"`{option}` must be a number above 0, but is {value:g}: correct it")
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (number and np.isfinite(value) and value > 0):
+        came = f"{value:g}" if number else repr(value)
+        raise MocapError(f"`{option}` must be a number above 0, but is {came}: correct it")
     if not least <= value <= most:
         raise MocapError(f"`{option}` must be between {least:g} and {most:g}, but is {value:g}: correct it")
 

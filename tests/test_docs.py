@@ -28,6 +28,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs" / "scripts").rglob("*.py")])
 NAMES = [path.relative_to(ROOT).as_posix() for path in TEXTS]
 README_LINES = 100
+WORDS = 25_000
+"""Of the pages a user may read; measurements are in ``docs/experiments/``, which are not of the site."""
 
 
 def typed(text: str) -> list[str]:
@@ -143,6 +145,12 @@ def test_the_readme_is_short_and_its_pictures_are_there():
     assert len(lines) <= README_LINES
     assert {"make demo", "make test"} <= {" ".join(line.split()[:2]) for line in lines[:40]}
     assert all((ROOT / name).is_file() for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", "\n".join(lines)))
+
+
+def test_the_pages_can_be_read():
+    """All of them together have at most so many words, a picture's or a table's included."""
+    pages = [ROOT / "README.md", *(p for p in (ROOT / "docs").rglob("*.md") if "experiments" not in p.parts)]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= WORDS
 
 
 def test_the_version_is_one():

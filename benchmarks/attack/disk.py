@@ -31,6 +31,7 @@ from unittest import mock
 import numpy as np
 from mocap.datasets.folder import write_recording
 
+import mocap
 import mocap.cli.main  # loaded before children are forked
 from mocap.io.manifest import PARTIAL, current_files, digest, read_manifest
 
@@ -125,15 +126,12 @@ def tracking(files: Path) -> list[Case]:
 
     from mocap.pipeline.job import run_job
     from mocap.pipeline.prepare import prepare
-    from mocap.pipeline.recording import Recording
     from mocap.pipeline.tracking import marker_trial, part_names, seen_part
     from mocap.reproduce.fig_penalty import figure_14a
 
     twin = make_lizard(seed=0, n_frames=150)
     paths = write_recording(twin, files / "twin")
-    source = Recording(
-        tracks=paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
-    )
+    source = mocap.read(paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps)
     run, figure = run_job(source, model="constant_velocity", validated=False), figure_14a(quick=True)
     prepared = prepare(source)
     part = seen_part(prepared)
@@ -164,16 +162,13 @@ def showing(files: Path) -> list[Case]:
     from mocap.datasets.lizards import make_lizard
 
     from mocap.pipeline.job import run_job
-    from mocap.pipeline.recording import Recording
     from mocap.rerun.record import write_recording as write_rrd
     from mocap.rerun.viewer import open_viewer
     from mocap.results.tables import write_run
 
     folder, twin = files / "run", make_lizard(seed=0, n_frames=150)
     paths = write_recording(twin, files / "shown")
-    source = Recording(
-        tracks=paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps
-    )
+    source = mocap.read(paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps)
     folder.mkdir()
     write_run(run_job(source, model="constant_velocity", validated=False)[0], folder, write_recording=write_rrd)
     joint = sorted(path.stem for path in (folder / "potentials").iterdir())[0]

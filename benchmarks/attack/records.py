@@ -29,6 +29,7 @@ from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.poses import MarkerTrial
 
+import mocap
 from eal import load_potential
 from eal.archive import ArchiveError
 from mocap.batches.known import RECORD, Record, read_record, write_record
@@ -42,7 +43,6 @@ from mocap.io.lens_file import read_lenses, write_lenses
 from mocap.io.registry import read, write
 from mocap.pipeline.job import run_job
 from mocap.pipeline.model_file import load_model, save_model
-from mocap.pipeline.recording import Recording
 from mocap.results.stored import read_run
 from mocap.results.tables import write_run
 from mocap.skeleton import quoted, read_skeleton
@@ -104,14 +104,12 @@ def sound(folder: Path) -> None:
     model = LearnedModel(
         names=tuple("abcde"), trunk=("a", "b"), bones=(("a", "b"),), trials=trials,
         models=(MarkerSettings(), PoseSettings(ranks=(2,))), mixture=mixture,
-        scores={"mixture": {"gap_frames": [10, 50], "rmse_mm": [1.0, 2.0], "coverage95": [95.0, 95.0]}},
+        scores={"mixture": {"gap_frames": [10, 50], "rmse_mm": [1.0, 2.0], "coverage95": [95.0] * 2, "z": [1.0] * 2}},
     )  # fmt: skip
     save_model(model, folder / "m.npz")
     made = make_lizard(seed=0, n_frames=60)
     paths = write_recording(made, folder / "made", others=True)
-    source = Recording(
-        tracks=paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=made.fps
-    )
+    source = mocap.read(paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=made.fps)
     run = run_job(source, model="constant_velocity", validated=False)[0]
     (folder / "run").mkdir()
     write_run(run, folder / "run", write_recording=None)

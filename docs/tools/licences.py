@@ -1,6 +1,6 @@
 """The licences page: its table, from the lock file and what the installed wheels hold.
 
-``python -m docs.tools.licences`` writes the table anew into ``docs/reference/licences.md``; the site is built with the
+``python -m docs.tools.licences`` writes the table anew into ``LICENCES.md``; the site is built with the
 table of the wheels that it was built with.
 """
 
@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "reference" / "licences.md"
+PAGE = ROOT / "LICENCES.md"
 LOCK = ROOT / "requirements-dev.lock"
 """All extras and tools; ``requirements.lock`` is a part of it."""
 BEGIN, END = "<!-- made by docs/tools/licences.py -->", "<!-- end of what is made -->"

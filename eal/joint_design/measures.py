@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eal import EmpiricalPotential, fit_potential
+from eal import EmpiricalPotential
 from eal.arrays import Array
 from eal.joint_design.path import over_grid
 from eal.joint_design.target import Target
 from eal.joint_design.truss import Truss
+from eal.radius import resampled_values
 
 LEVELS = (0.25, 0.5, 0.75)
 """Levels whose sets are compared; the second is the half level."""
@@ -131,31 +132,18 @@ def tolerance_study(
 def potential_doubt(
     potential: EmpiricalPotential, target: Target, *, rng: np.random.Generator, block: int, resamples: int = 40
 ) -> tuple[float, float]:
-    """What V_z itself is unsure of: V_z learned again from resampled blocks of its samples.
+    """What V_z itself is unsure of: V_z of resampled blocks of its samples.
 
     Args:
         potential: V_z.
         target: Its values on a grid.
         rng: For the blocks.
         block: Consecutive samples drawn together.
-        resamples: Fits.
+        resamples: Number of resamples.
 
     Returns:
         Root mean square of V* - V inside the region, and the mean overlap of their sets at the half level.
     """
-    z, n, inside = potential.samples, len(potential.samples), target.inside
-    squares, iou = np.empty(resamples), np.empty(resamples)
-    for i in range(resamples):
-        starts = rng.integers(0, n, -(-n // block))
-        rows, counts = np.unique(((starts[:, None] + np.arange(block)) % n).reshape(-1)[:n], return_counts=True)
-        again = fit_potential(
-            z[rows],
-            kernel=potential.kernel,
-            lam=potential.sigma_lambda,
-            spectral_filter=potential.spectral_filter,
-            weights=counts * potential.weights[rows],
-        )
-        v = again.value(target.q)
-        squares[i] = np.mean((v - target.v)[inside] ** 2)
-        iou[i] = overlap(v, target.v, LEVELS[1])
-    return float(np.sqrt(squares.mean())), float(iou.mean())
+    middle, values = resampled_values(potential, target.q, rng=rng, block=block, resamples=resamples)
+    squares = (values - middle)[:, target.inside] ** 2
+    return float(np.sqrt(squares.mean())), float(np.mean([overlap(v, middle, LEVELS[1]) for v in values]))

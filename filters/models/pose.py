@@ -127,7 +127,7 @@ class PoseSettings(TrajectoryModel):
         return Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3)))
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
-        """Mean pose, basis, shapes, noise; stiffness and damping where its mechanics are linear; bones."""
+        """Mean pose, basis, shapes, noise; stiffness and damping of its mechanics; bones."""
         poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
         model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
         return {
@@ -139,7 +139,8 @@ class PoseSettings(TrajectoryModel):
             "bone_ends": trials.bones.ends,
             "bone_length_m": trials.bones.length_m,
             "bone_sd_m": trials.bones.sd_m,
-            **{f"pose_{name}": value for name, value in model.mechanics.arrays().items()},
+            "pose_stiffness": model.mechanics.stiffness,
+            "pose_damping": model.mechanics.damping,
         }
 
 
@@ -221,7 +222,7 @@ FARTHEST = 4
 
 def with_noise(model: PoseMotion, factor: float) -> PoseMotion:
     """The model with the density of its shape's unexplained force times a factor."""
-    mechanics: Any = model.mechanics  # whichever it is, it has a density
+    mechanics = model.mechanics
     return replace(model, mechanics=replace(mechanics, density=np.sqrt(factor) * mechanics.density))
 
 

@@ -14,7 +14,7 @@ from mocap.filters.motion.bones import Bones, Differences, bones_term, differenc
 from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.motion.shape import ShapeMechanics
+from mocap.filters.motion.shape import LinearShape
 from mocap.filters.subspace import PoseSubspace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -150,7 +150,7 @@ class PoseMotion(MotionModel):
 
     path: BodyPath
     subspace: PoseSubspace
-    mechanics: ShapeMechanics
+    mechanics: LinearShape
     body_density: Array
     shape_sd: Array
     body_sd: Array
@@ -214,29 +214,23 @@ class PoseMotion(MotionModel):
         out[:, np.arange(d), :, np.arange(d)] = np.moveaxis(blocks, -1, 0)
         return out.reshape(3 * d, 3 * d)
 
-    def move(self, state: Moments, step: Step) -> Move:
-        """The shape by its mechanics, linearised under the state's uncertainty; everything else is linear."""
+    def move(self, state: Moments, step: Step) -> Move:  # noqa: ARG002
+        """The usual move, and what the path's own motion adds."""
         usual = self._usual_move(step.dt_s)
-        shape, g, _, g_rate, _ = self.parts
-        shared, noise, shift = usual.shared.copy(), usual.noise, np.zeros(self.size)
-        offset = usual.shift
-        if offset is None:
-            here = Moments(state.mean[shape], state.cov[shape, shape])
-            mean, shared[shape, shape], bent = self.mechanics.linearised(here, step.dt_s)
-            offset, noise = mean - shared[shape, shape] @ here.mean, noise.copy()
-            noise[shape, shape] += bent @ bent.T
+        _, g, _, g_rate, _ = self.parts
+        shared, shift = usual.shared.copy(), np.array(usual.shift)
         along, speed, half = self._along(step.frame, step.dt_s)
         turn, spin = slice(g.start + 3, g.stop), slice(g_rate.start + 3, g_rate.stop)
         shared[turn, turn], shared[turn, spin] = (half @ half).T, step.dt_s * half.T  # in axes that turn with the path
-        shift[shape], shift[g], shift[g_rate] = offset, along, speed
-        return Move(shared, usual.chain, noise, shift)
+        shift[g], shift[g_rate] = along, speed
+        return Move(shared, usual.chain, usual.noise, shift)
 
     @cached_property
     def _usual_moves(self) -> Steps[Move]:
         return Steps()
 
     def _usual_move(self, dt_s: float) -> Move:
-        """A step whose path is straight; its shift is that of the shape's mechanics, None where that is not linear."""
+        """A step whose path stands still; its shift is that of the shape's mechanics."""
         if dt_s not in self._usual_moves:
             shape, g, e, g_rate, _ = self.parts
             shared, noise = np.eye(self.chains), np.zeros((self.size,) * 2)
@@ -246,14 +240,12 @@ class PoseMotion(MotionModel):
             l11, l21, l22 = (np.diag(entry) for entry in white_acceleration(self.body_density, dt_s))
             noise[g, g], noise[g_rate, g_rate] = l11**2, l21**2 + l22**2
             noise[g, g_rate] = noise[g_rate, g] = l11 * l21
-            offset = None
-            if self.mechanics.linear:
-                still = Moments(np.zeros(self.shape_states), np.eye(self.shape_states))
-                offset, shared[shape, shape], _ = self.mechanics.linearised(still, dt_s)
+            shift = np.zeros(self.size)
+            shared[shape, shape], shift[shape] = self.mechanics.flow(dt_s)
             a, power = self.residual_rate_hz, np.arange(3)[:, None]
             chain = matern_flow(a * dt_s) * a ** (power[:, None] - power)
             noise[e.start :, e.start :] = self._chains(matern_noise(a * dt_s))
-            self._usual_moves[dt_s] = Move(shared, chain, noise, offset)
+            self._usual_moves[dt_s] = Move(shared, chain, noise, shift)
         return self._usual_moves[dt_s]
 
     @cached_property

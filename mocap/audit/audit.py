@@ -29,6 +29,7 @@ def audit_filmed(
     stored: MarkerTracks | None = None,
     stored_px: Array | None = None,
     timed: bool = True,
+    first: int = 0,
 ) -> list[Finding]:
     """All checks of pixels, cameras and stored points against each other, and of the pixels alone.
 
@@ -40,6 +41,7 @@ def audit_filmed(
         stored: Points that were stored with them; None: there are none.
         stored_px: Ideal pixels as the program that stored the points made them; None: ``ideal_px``.
         timed: Whether the frame rate is known.
+        first: Frames of the recording before these.
 
     Returns:
         Findings, alarms first.
@@ -67,7 +69,7 @@ def audit_filmed(
     matrices = stacked(cameras)
     xyz = linear(matrices, ideal_px)
     believed = _believed(matrices, ideal_px, xyz)
-    found += [*sizes(xyz), *jump_findings(believed, pixels.t_s, pixels.names, timed=timed)]
+    found += [*sizes(xyz), *jump_findings(believed, pixels.t_s, pixels.names, timed=timed, first=first)]
     if stored is not None and stored.xyz_m.shape[:2] == ideal_px.shape[1:3]:
         solved = ideal_px if stored_px is None else stored_px
         found += stored_findings(matrices, solved, stored, cameras=[c.name for c in cameras])

@@ -36,7 +36,9 @@ def usual_speed(xyz_m: Array, t_s: Array) -> float:
     return FAST * float(np.quantile(speed, QUANTILE)) if len(speed) >= FEWEST_STEPS else np.inf
 
 
-def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True) -> list[Finding]:
+def jump_findings(
+    xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True, first: int = 0
+) -> list[Finding]:
     """Markers that jump from one place to another, in one frame or in a hole of a few.
 
     A step is a jump where it is faster than ``usual_speed``, and far longer than the motion before and after it
@@ -47,6 +49,7 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool
         t_s: (T,) times.
         names: The M markers.
         timed: Whether the frame rate is known; else times are in frames, and so speeds are told.
+        first: Frames of the recording before these.
     """
     limit = usual_speed(xyz_m, t_s)
     if not np.isfinite(limit):
@@ -72,6 +75,7 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool
             if left < (FAR if hole[i] == 1 else ACROSS) * explained or left < 0.5 * np.linalg.norm(step[i]):
                 continue
             length = float(np.linalg.norm(step[i]))
+            one, next_one = (int(frame) + first + 1 for frame in frames[i : i + 2])
             other, near = _nearest(xyz_m, m, (frames[i], frames[i + 1]))
             if length < APART * near:
                 continue
@@ -82,12 +86,12 @@ def jump_findings(xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool
                 Finding(
                     kind="jump",
                     alarm=True,
-                    text=f"{name!r} jumps by {1e3 * length:.4g} mm between frames {frames[i] + 1} and "
-                    f"{frames[i + 1] + 1} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
+                    text=f"{name!r} jumps by {1e3 * length:.4g} mm between frames {one} and "
+                    f"{next_one} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
                     f"{cause}; do not trust a gap filled between the two",
                     numbers={"length": length, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),
-                    frames=(int(frames[i]) + 1, int(frames[i + 1]) + 1),
+                    frames=(one, next_one),
                 )
             )
     return found

@@ -143,7 +143,7 @@ def offset_findings(cameras: Sequence[Camera], ideal_px: Array) -> list[Finding]
             kind="camera offsets",
             alarm=True,
             text=f"cameras are not synchronised: offsets {each} frames (RMS triangulation residual "
-            f"{found.before_px:.2f} px, with these offsets {found.after_px:.2f} px); nothing was corrected",
+            f"{found.before_px:.2f} px, with these offsets {found.after_px:.2f} px): not corrected; `correct_lag` does",
             numbers=numbers,
             cameras=tuple(n for n, c in zip(names, clear, strict=True) if c),
         )

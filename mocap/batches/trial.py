@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mocap.library.recording import read
+from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
 
 STATED = {

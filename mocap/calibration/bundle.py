@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from eal.arrays import Array
+from eal.vectors import skew
 from mocap.calibration.levenberg import Minimum, factorised, minimise
 from mocap.calibration.rig import RigCamera, turn
 from mocap.calibration.scene import NO_LENGTHS, Adjusted, Free, Lengths, Scene, Sightings
@@ -133,10 +134,10 @@ class _Problem:
             body = [by_world]
             if self.free.orientation:
                 arm = self.world(scene, at) - scene.position_m[self.seen.body[at]]
-                body.insert(0, -by_world @ cross(arm))
+                body.insert(0, -by_world @ skew(arm))
             column = (self.body_size * self.seen.body[at][:, None] + np.arange(self.body_size))[:, None, :]
             put(row, column, -np.concatenate(body, axis=-1) / sd)
-            own = [-by_axes @ cross(axes - camera.translation_m), by_axes] if self.pose[i] else []
+            own = [-by_axes @ skew(axes - camera.translation_m), by_axes] if self.pose[i] else []
             block = np.concatenate([*own, by_lens], axis=-1)
             put(row, (self.start[i] + np.arange(block.shape[-1]))[None, None, :], -block / sd)
         if len(self.lengths.first):
@@ -241,15 +242,6 @@ class _Problem:
             found += float(score @ covariance @ score)
             expected += float(np.trace(covariance @ told) - np.trace(covariance @ told @ covariance @ told))
         return found / expected
-
-
-def cross(v: Array) -> Array:
-    """(..., 3, 3) matrices of the cross product v x."""
-    out = np.zeros((*v.shape, 3))
-    x, y, z = np.moveaxis(v, -1, 0)
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
-    return out
 
 
 def camera_rms(adjusted: Adjusted, sightings: Sightings, n_cameras: int) -> Sequence[float]:

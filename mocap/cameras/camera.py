@@ -1,7 +1,7 @@
 """Cameras: one 3 x 4 projection each, whether it comes from DLT coefficients or from a pinhole calibration."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -168,6 +168,12 @@ def check_cameras(cameras: Sequence[Camera], where: str) -> None:
                 f"{where}: cameras {a.name!r} and {b.name!r} are at the same place, as if one camera were given "
                 "twice, so they cannot measure depth: give each camera its own coefficients"
             )
+
+
+def scaled(cameras: Sequence[Camera], unit_m: float) -> tuple[Camera, ...]:
+    """Cameras whose lengths are in a unit of so many metres, for positions in metres."""
+    world = np.diag([1 / unit_m, 1 / unit_m, 1 / unit_m, 1.0])
+    return tuple(replace(camera, matrix=camera.matrix @ world) for camera in cameras)
 
 
 def stacked(cameras: Sequence[Camera]) -> Array:

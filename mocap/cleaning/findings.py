@@ -13,7 +13,13 @@ from mocap.cleaning.swaps import DOUBTFUL, Swap
 
 
 def exchange_findings(
-    swaps: Sequence[Swap], doubtful: NDArray[np.bool_], names: Sequence[str], cameras: Sequence[str], *, clicks: int = 0
+    swaps: Sequence[Swap],
+    doubtful: NDArray[np.bool_],
+    names: Sequence[str],
+    cameras: Sequence[str],
+    *,
+    clicks: int = 0,
+    first: int = 0,
 ) -> list[str]:
     """A sentence for every identity switch, one for all that are shorter than three frames, one on what is ambiguous.
 
@@ -23,6 +29,7 @@ def exchange_findings(
         names: The M markers.
         cameras: The C cameras.
         clicks: Clicks of ambiguous identity that were left out.
+        first: Frames of the recording before these.
     """
     out, short = [], 0
     for swap in swaps:
@@ -32,7 +39,7 @@ def exchange_findings(
         where = "" if swap.camera is None else f" in camera {cameras[swap.camera]}"
         out.append(
             f"identity switch: {names[swap.a]} and {names[swap.b]} have each other's names{where} from frame "
-            f"{swap.frames[0] + 1} to {swap.frames[-1] + 1}: swapped back in {len(swap.frames)} frames"
+            f"{first + swap.frames[0] + 1} to {first + swap.frames[-1] + 1}: swapped back in {len(swap.frames)} frames"
         )
     if short:
         out.append(f"{short} identity switches of one or two frames: the names were swapped back")
@@ -96,15 +103,15 @@ def never_seen(xyz_m: Array, names: Sequence[str]) -> list[str]:
     return [f"never seen in 3D, and left empty: {', '.join(never)}"] if never else []
 
 
-def camera_findings(health: CameraHealth, names: Sequence[str]) -> list[str]:
-    """A sentence for every camera that goes bad, frames from 1."""
+def camera_findings(health: CameraHealth, names: Sequence[str], *, first: int = 0) -> list[str]:
+    """A sentence for every camera that goes bad; frames are told from 1, and ``first`` of the recording are before."""
     n_frames = health.factor.shape[1]
     out = []
     for bad in health.bad:
-        until = "the end" if bad.stop == n_frames else f"frame {bad.stop}"
+        until = "the end" if bad.stop == n_frames else f"frame {first + bad.stop}"
         times = float(np.median(health.factor[bad.camera, bad.start : bad.stop]))
         sentence = (
-            f"camera {names[bad.camera]} from frame {bad.start + 1} to {until}: residual {bad.level_px:.1f} px "
+            f"camera {names[bad.camera]} from frame {first + bad.start + 1} to {until}: residual {bad.level_px:.1f} px "
             f"instead of {bad.good_px:.1f} px: its standard deviation was multiplied by {times:.3g}"
         )
         if bad.moved:

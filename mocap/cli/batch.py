@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 EVERY_S = 10.0
 """Where there is no terminal, a line is said so often."""
+MOST = 10
+"""Reasons why trials were not tracked that are printed."""
 
 
 @with_records
@@ -59,9 +61,11 @@ def batch(
     again: Annotated[bool, typer.Option("--again", help="Track all trials, also those that have been.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Track many trials, each as mocap track does; what has been done is not done again.
+    """Track every trial below a folder as mocap track does, and continue past failures; run again, it resumes.
 
-    Options about cameras and recordings hold for all trials; a manifest states them for each (docs/howto/batch.md).
+    Options hold for all trials; a manifest (--dry-run writes one) states them for each.
+
+    Example: mocap batch data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml --out out/season
     """
     import mocap
     from mocap.batches.plan import write_plan
@@ -93,14 +97,16 @@ def batch(
             **stated.stated(),
         )
     own = [record for record in found.records if record.trial in found.own]
-    for status in ("failed", "skipped"):
-        for reason in reasons({record.trial: record.error for record in own if record.status == status}):
-            say(f"{status}: {reason}")
+    wrong = [
+        f"{status}: {reason}"
+        for status in ("failed", "skipped")
+        for reason in reasons({record.trial: record.error for record in own if record.status == status})
+    ]
     if as_json:
         print(records_as_json(found.records))  # noqa: T201
     else:
-        show_text(found.report_text)
-        say(f"Wrote {out}/: a folder a trial, summary.csv, summary.html (open it in a browser), times.csv")
+        show_text(f"Result: {out}/ (summary.html, in a browser; summary.csv)\n{found.report_text}")
+    say(*wrong[:MOST], *([f"{len(wrong) - MOST} more reasons: summary.csv"] if len(wrong) > MOST else []))
     if own and not any(record.status == "done" for record in own):
         raise typer.Exit(1)
 

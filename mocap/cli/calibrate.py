@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap.cli.console import say, show
-from mocap.cli.options import AsJson, CameraOptions, Force, Out, PixelOriginOption, Profile
+from mocap.cli.options import AsJson, CameraOptions, Command, Force, Out, PixelOriginOption, Profile
 from mocap.cli.records import with_records
 from mocap.errors import CalibrationError
 
@@ -71,7 +71,7 @@ def _board(
     )
 
 
-@calibrate.command()
+@calibrate.command(cls=Command)
 def images(
     folder: Annotated[
         Path, typer.Argument(help="Pictures: <camera>/<frame>.png, or <camera><frame>.png in one folder.")
@@ -112,7 +112,7 @@ def images(
     _finish(written, out, as_json)
 
 
-@calibrate.command()
+@calibrate.command(cls=Command)
 def lenses(
     folder: Annotated[
         Path,
@@ -142,7 +142,7 @@ def lenses(
     _finish(written, out, as_json)
 
 
-@calibrate.command()
+@calibrate.command(cls=Command)
 def places(
     lenses: Annotated[
         Path, typer.Option(help="lenses.toml of `calibrate lenses`, any calibration.toml, or a folder with one.")
@@ -194,7 +194,7 @@ def places(
     _finish(written, out, as_json)
 
 
-@calibrate.command()
+@calibrate.command(cls=Command)
 def wand(
     file: Annotated[
         Path,
@@ -240,7 +240,7 @@ def wand(
     _finish(written, out, as_json)
 
 
-@calibrate.command()
+@calibrate.command(cls=Command)
 def dlt(
     points: Annotated[
         Path, typer.Argument(help="Table of known points: x, y, z, one row for each point (CSV, .xlsx).")
@@ -269,7 +269,7 @@ def dlt(
     _finish(written, out, as_json)
 
 
-@calibrate.command()
+@calibrate.command(cls=Command)
 @with_records
 def refine(
     tracks: Annotated[

@@ -5,8 +5,9 @@ import shlex
 import shutil
 import subprocess
 import sys
+import textwrap
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -94,7 +95,7 @@ def progress() -> Iterator[Callable[[str, float], None]]:
         yield _Lines(say)
         return
     columns = (TextColumn("{task.description:28}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(compact=True), console=errors) as bars:
+    with Progress(*columns, TimeRemainingColumn(compact=True), console=errors, transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
         def tell(stage: str, share: float) -> None:
@@ -106,7 +107,7 @@ def progress() -> Iterator[Callable[[str, float], None]]:
 
 
 class _Lines:
-    """Progress where there is no terminal, as in a log: nothing in the first seconds, then a line every so often."""
+    """Progress where there is no terminal, as in a log: nothing in the first seconds, then lines ever further apart."""
 
     def __init__(self, say_line: Callable[[str], None], *, every_s: float = 10.0) -> None:
         self.say_line, self.every_s = say_line, every_s
@@ -119,30 +120,70 @@ class _Lines:
             self.stage, self.stage_begun = stage, now
         if now - self.said < self.every_s or share >= 1:
             return
-        self.said = now
+        self.said, self.every_s = now, 2 * self.every_s  # an hour takes nine lines
         spent = now - self.stage_begun
         left = f", about {spent * (1 / share - 1):.0f} s left" if share > 0.05 and spent > 2 else ""
         done = f", {share:.0%} done" if share > 0 else ""
         self.say_line(f"{now - self.begun:.0f} s: {stage}{done}{left}")
 
 
-def finish(report: object, text: str, out: Path, as_json: bool) -> None:
-    """Say what was found and written."""
+LINES = 25
+"""A result takes no more lines on a terminal of 80 columns; all else is in the report."""
+
+
+def finish(report: Mapping, text: str, out: Path, *, as_json: bool, verbose: bool, also: Sequence[str] = ()) -> None:
+    """Say where the result is, how to look at it, what is wrong, and what error to expect.
+
+    Args:
+        report: As ``report.json`` holds it.
+        text: The same as Markdown, printed if ``verbose``.
+        out: Where the result was written.
+        as_json: Print the report as JSON alone.
+        verbose: Print all of it.
+        also: What is wrong besides.
+    """
     if as_json:
         print(json.dumps(report))  # noqa: T201
         return
-    show(text)
-    if isinstance(report, Mapping) and report.get("plane"):
-        say("", f"Wrote {out}/: markers.csv and .nc, figures/, report.json, report.md")
-        return
-    learned = "potentials, " if isinstance(report, Mapping) and report.get("joints") else ""
-    model = report.get("model", {}).get("name") if isinstance(report, Mapping) else None
-    angles = "joint_angles.csv, " if model in ("articulated", "lagrangian") else ""
-    say(
-        "",
-        f"Wrote {out}/: kinematics.csv and .nc, cycles.csv, figures/, report.html, markers.csv and .nc, joints.csv, "
-        f"{angles}run.nc, report.json, report.md, {learned}recording.rrd",
-        f"Look at it: {typed(program(), 'view', out)}   (in the browser: add --web)",
+    if verbose:
+        show(text)
+    show_text("\n".join(closing(report, out, also=also)))
+
+
+def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str]:
+    """The lines of ``finish``, at most ``LINES`` of 80 columns."""
+    from mocap.pipeline.summary import better, error_lines, length_line, notes
+
+    page = "report.md" if report.get("plane") else "report.html"
+    size = f"{report['frames']} frames, {len(report['markers'])} markers, {len(report['cameras'])} cameras"
+    lines = _indented(f"{report['name']}: {size}", "")
+    lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.csv, kinematics.csv)")
+    if not report.get("plane"):
+        lines += _indented(f"Look:   {typed(program(), 'view', out)}   (in the browser: add --web)")
+    after = ["", "Error to expect in gaps", *(part for line in error_lines(report) for part in _indented(line))]
+    after += ["", "Animal", *_indented(length_line(report))]
+    wrong = [_with_options(said) for said in (*report.get("wrong", ()), *also, *filter(None, [better(report)]))]
+    lines += ["", "What is wrong, worst first" if wrong else "Nothing is wrong"]
+    decided = len(notes(report))
+    for shown in range(len(wrong), -1, -1):
+        told = [part for k, said in enumerate(wrong[:shown]) for part in _indented(f"{k + 1}. {said}", deeper="   ")]
+        more = [f"{len(wrong) - shown} more"] if shown < len(wrong) else []
+        more += [f"notes ({decided}) on what was decided or repaired"] if decided else []
+        told += _indented(f"{' and '.join(more)}: {page}, or --verbose") if more else []
+        if len(lines) + len(told) + len(after) <= LINES:
+            break
+    return [*lines, *told, *after]
+
+
+def _indented(text: str, indent: str = "  ", *, deeper: str = "  ") -> list[str]:
+    """A sentence broken at 80 columns; words, as paths, stay whole."""
+    return textwrap.wrap(
+        text,
+        80,
+        initial_indent=indent,
+        subsequent_indent=indent + deeper,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 

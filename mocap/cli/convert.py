@@ -1,6 +1,7 @@
 """``mocap convert``."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -45,9 +46,9 @@ def convert(
     whole = None
     if crop:
         import mocap
-        from mocap.pipeline.whole_picture import uncropped
 
-        whole = uncropped(mocap.read(files, crop=crop, fps=fps or 1.0, hints=stated.hints()))
+        read = mocap.read(files, crop=crop, fps=fps or 1.0, hints=stated.hints())
+        whole = replace(read.contents, findings=(*read.contents.findings, *read.told))
     with result_file(out, replace=force, inputs=[*files, *(crop or [])], tell=say) as file:
         done = convert_files(
             files, file, hints=stated.hints(), to=to, fps=fps, unit=unit, filled=filled, contents=whole

@@ -7,12 +7,12 @@ import typer
 from rich.table import Table
 
 from mocap.cli.console import errors, output, progress, say
-from mocap.cli.options import AsJson, Force, Out
+from mocap.cli.options import AsJson, Command, Force, Out
 
 data = typer.Typer(no_args_is_help=True, help="Synthetic recordings with known truth, and where real ones are.")
 
 
-@data.command("list")
+@data.command("list", cls=Command)
 def list_data(as_json: AsJson = False) -> None:
     """List what can be made, and which real recordings are known and there."""
     from mocap.datasets.catalogue import ENTRIES
@@ -42,7 +42,7 @@ def list_data(as_json: AsJson = False) -> None:
     console.print(known)
 
 
-@data.command("make")
+@data.command("make", cls=Command)
 def make_data(
     name: Annotated[str, typer.Argument(help="What to make: see mocap data list.")],
     out: Out,
@@ -63,7 +63,7 @@ def make_data(
     )
 
 
-@data.command("path")
+@data.command("path", cls=Command)
 def data_path(name: Annotated[str, typer.Argument(help="A real recording: see mocap data list.")]) -> None:
     """Print the folder of a real recording that you have."""
     from mocap.datasets.real import real_path

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from mocap.cli.console import finish, progress, say
-from mocap.cli.options import AsJson, Force, Jobs, Out
+from mocap.cli.options import AsJson, Force, Jobs, Out, Verbose
 
 
 class Animal(StrEnum):
@@ -24,6 +24,7 @@ def demo(
     jobs: Jobs = None,
     force: Force = False,
     as_json: AsJson = False,
+    verbose: Verbose = False,
 ) -> None:
     """Track a built-in synthetic recording, and compare the result with its known truth."""
     from mocap import Tracked, processes
@@ -34,4 +35,4 @@ def demo(
     with result_folder(out, "track", replace=force, tell=say) as folder, progress() as tell, processes(jobs):
         result = Tracked(run_demo(animal.value, stages=Stages(tell=tell), seed=seed))
         result.write(folder, progress=tell)
-    finish(result.report, result.run.report_text, out, as_json)
+    finish(result.report, result.run.report_text, out, as_json=as_json, verbose=verbose)

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from mocap.cli.batch import batch
 from mocap.cli.calibrate import calibrate
+from mocap.cli.compare_joints import compare_joints
 from mocap.cli.console import in_words_of, say, say_error, show_text, talk_in_any_encoding, visible
 from mocap.cli.convert import convert
 from mocap.cli.data import data
@@ -22,6 +23,7 @@ from mocap.cli.info import info
 from mocap.cli.kinematics import kinematics
 from mocap.cli.label import label
 from mocap.cli.learn import learn
+from mocap.cli.options import Command
 from mocap.cli.reproduce import reproduce
 from mocap.cli.share import share
 from mocap.cli.skeleton import skeleton
@@ -49,8 +51,9 @@ PAGES = {
     "demo": "tutorials/first_bat.md",
     "view": "howto/looking.md",
     "share": "howto/looking.md",
-    "reproduce": "explanation/errata.md",
+    "reproduce": "explanation/potential.md",
     "design-joint": "howto/mechanism.md",
+    "compare-joints": "howto/comparing.md",
     "data": "howto/truth.md",
     "calibrate": "howto/calibration.md",
 }
@@ -125,9 +128,10 @@ COMMANDS = (
     share,
     reproduce,
     design_joint,
+    compare_joints,
 )
 for command in COMMANDS:
-    app.command()(command)
+    app.command(cls=Command)(command)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")
 

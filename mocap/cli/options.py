@@ -1,10 +1,12 @@
 """Options that several commands share."""
 
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer.core import TyperArgument, TyperCommand
 
 if TYPE_CHECKING:
     from mocap.io.format import Hints
@@ -13,18 +15,16 @@ if TYPE_CHECKING:
 PixelOrigin = Literal["upper-left", "lower-left"]
 """Where pixel rows are counted from."""
 
-Tracks = Annotated[Path, typer.Argument(help="Pixels or positions, in any format that mocap info knows.")]
+Tracks = Annotated[Path, typer.Argument(help="2D or 3D coordinates in any supported format.")]
 Views = Annotated[
     list[Path],
-    typer.Argument(
-        help="Pixels or positions, in any format that mocap info knows; or the pixel files of one trial, one a camera."
-    ),
+    typer.Argument(help="2D or 3D coordinates in any supported format, or one 2D file per camera."),
 ]
 Crop = Annotated[
     list[Path] | None,
     typer.Option(
-        help="Crop offsets of cropped films, added to the pixels: a folder, or a file for each camera (give the option "
-        "once for each, in their order); if not given, those beside the tracks."
+        help="Crop offsets of cropped videos: a folder, or one file per camera (repeat the option). "
+        "Default: those beside the tracks."
     ),
 ]
 Calibration = Annotated[
@@ -34,67 +34,132 @@ Calibration = Annotated[
 Profile = Annotated[
     Path | None,
     typer.Option(
-        help="Camera profile (lenses), one line for each camera: cam f W H cx cy AR k1 k2 p1 p2 k3; or the Tforms.mat "
-        "of a lens that all cameras have."
+        help="Lens distortion: a camera profile (one line per camera: cam f W H cx cy AR k1 k2 p1 p2 k3), or a "
+        "Tforms.mat for all cameras."
     ),
 ]
 PixelOriginOption = Annotated[
     PixelOrigin | None,
-    typer.Option(
-        "--origin",
-        help="Corner that pixel rows are counted from; if not given, the one with the smaller triangulation residual.",
-    ),
+    typer.Option("--origin", help="Image origin. Default: whichever gives the smaller reprojection error."),
 ]
 CalibrationOrigin = Annotated[
     PixelOrigin | None,
-    typer.Option(
-        "--calibration-origin", "--dlt-origin", help="Corner that the calibration counts from, if it differs."
-    ),
+    typer.Option("--calibration-origin", "--dlt-origin", help="Image origin of the calibration, if it differs."),
 ]
-ImageHeight = Annotated[float | None, typer.Option(help="Image height in pixels, to flip rows without a profile.")]
-Fps = Annotated[
-    float | None, typer.Option(help="Frames per second, where the files do not state it (or state a wrong one).")
-]
-Unit = Annotated[str | None, typer.Option(help="Unit of lengths (m, mm, cm, in, ft), where the files do not state it.")]
-FormatName = Annotated[
-    str | None, typer.Option("--format", help="Name of the format, if it is not recognised by content.")
-]
+ImageHeight = Annotated[float | None, typer.Option(help="Image height, to flip rows where there is no profile.")]
+Fps = Annotated[float | None, typer.Option(help="Frames per second, if the files do not state it or state it wrongly.")]
+Unit = Annotated[str | None, typer.Option(help="Unit of length, if the files do not state it: m, mm, cm, in, ft.")]
+FormatName = Annotated[str | None, typer.Option("--format", help="File format, if it is not recognised.")]
 SparseCameras = Annotated[
-    int | None, typer.Option("--cameras", min=1, help="Number of cameras in sparse (TSV) pixel files.")
+    int | None, typer.Option("--cameras", min=1, help="Number of cameras in sparse (TSV) 2D files.")
 ]
 Columns = Annotated[
     str | None,
     typer.Option(
-        help="Columns of a plain table: tip=x1,y1,z1;root=x2,y2,z2;time=t (titles, or column numbers from 1). Two "
-        "columns are pixels, also with a third that is titled likelihood, score or confidence; frame=n, likelihood=p."
+        help="Columns of a plain table, by title or number: tip=x1,y1,z1; root=x2,y2,z2; time=t. Two are 2D. Also "
+        "frame=n; likelihood=p."
     ),
 ]
-Sheet = Annotated[
-    str | None,
-    typer.Option(help="Sheet of a workbook (.xlsx) that has several: its name, or its number from 1."),
+Sheet = Annotated[str | None, typer.Option(help="Sheet of an Excel file, by name or number.")]
+SkeletonFile = Annotated[
+    Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
 ]
-SkeletonFile = Annotated[Path | None, typer.Option("--skeleton", help="Skeleton in TOML: markers, bones, joints.")]
-PixelSd = Annotated[
-    float | None, typer.Option(help="Standard deviation of a pixel coordinate; if not given, estimated.")
-]
+PixelSd = Annotated[float | None, typer.Option(help="SD of a digitised coordinate. Default: estimated.")]
 FitLens = Annotated[
     bool,
-    typer.Option(
-        "--fit-lens",
-        help="Estimate radial lens distortion from the recording itself, where no lens is given, and correct it.",
-    ),
+    typer.Option("--fit-lens", help="Estimate radial lens distortion from the recording where no profile is given."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace an earlier result.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Verbose = Annotated[bool, typer.Option("--verbose", help="Print the whole report.")]
 Out = Annotated[Path, typer.Option(help="Folder to write.")]
 Jobs = Annotated[
     int | None,
     typer.Option(
-        min=1,
-        envvar="MOCAP_JOBS",
-        help="Processes that work side by side, each with its own memory; if not given, one for each core, at most 4.",
+        min=1, envvar="MOCAP_JOBS", help="Processes, each with its own memory. Default: one per core, at most 4."
     ),
 ]
+
+PANELS = {
+    "Files": {"tracks": "FILE", "fps": "HZ", "unit": "UNIT"},
+    "Cameras": {"calibration": "FILE", "profile": "FILE", "fit_lens": "", "video": "FILE"},
+    "Animal": {"skeleton": "TOML", "model": "NAME|FILE"},
+    "Output": {"out": "PATH", "force": "", "verbose": ""},
+    "Expert": {
+        "format_name": "NAME",
+        "cameras": "N",
+        "columns": "TEXT",
+        "sheet": "NAME",
+        "origin": "CORNER",
+        "calibration_origin": "CORNER",
+        "image_height": "PIXELS",
+        "crop": "FILE",
+        "pixel_sd": "PIXELS",
+        "stored": "FILE",
+        "correct_lag": "",
+        "mm_per_px": "MM",
+        "video_offset": "FRAMES",
+        "video_undistorted": "",
+        "live": "",
+        "validate": "",
+        "blocks": "FRAMES",
+        "jobs": "N",
+        "as_json": "",
+    },
+}
+"""Options as ``--help`` shows them: panels and their order, and what a value is, in a word; empty: a flag."""
+
+
+_WORDS = {
+    "bool": "",
+    "int": "N",
+    "int range": "N",
+    "float": "NUMBER",
+    "float range": "NUMBER",
+    "str": "TEXT",
+    "Path": "FILE",
+    "path": "FILE",
+}
+
+
+def _word(parameter: Any, ctx: Any) -> str | None:
+    """What a value is, in the field's words instead of Python's; choices as they are."""
+    if parameter.metavar is not None or not hasattr(parameter, "display_type"):  # typer before 0.29
+        return parameter.metavar
+    shown = parameter.display_type(ctx)
+    bare = shown.strip("<>").removeprefix("list[").removesuffix("]")
+    return _WORDS.get(bare, bare if "|" in bare else "VALUES")
+
+
+class Command(TyperCommand):
+    """A command whose help shows its options by ``PANELS``, each under its first name."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """``--help`` stands below Output."""
+        found = super().get_help_option(ctx)
+        if found is not None:
+            found.metavar, found.rich_help_panel = "", "Output"  # type: ignore[attr-defined]
+        return found
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print the help."""
+        panel = {name: title for title, words in PANELS.items() for name in words}
+        word = {name: text for words in PANELS.values() for name, text in words.items()}
+        order = list(panel)
+        all_names, self.params = self.params, [copy(one) for one in self.params]
+        for one in self.params:
+            one.opts = one.secondary_opts or one.opts[:1]  # what changes the default
+            one.secondary_opts = []
+            one.metavar = word.get(str(one.name), _word(one, ctx))  # type: ignore[attr-defined]
+            if isinstance(one, TyperArgument):
+                one.display_type_rich = lambda ctx: None  # type: ignore[method-assign]  # noqa: ARG005
+            else:
+                one.rich_help_panel = panel.get(one.name)  # type: ignore[attr-defined]
+        self.params.sort(key=lambda one: order.index(one.name) if one.name in panel else -1)
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self.params = all_names
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,8 @@ def reproduce(
     real: Annotated[
         Path | None,
         typer.Option(
-            envvar="MOCAP_REAL_DATA", help="Folder of real recordings: figure 7 is also drawn for one of them."
+            envvar="MOCAP_REAL_DATA",
+            help="Folder of real recordings: figure 7 is also drawn for one of them, figure 8 compares all its bats.",
         ),
     ] = None,
     span: Annotated[
@@ -42,7 +43,7 @@ def reproduce(
     from mocap.reproduce import FIGURES
     from mocap.reproduce import reproduce as make_figures
     from mocap.reproduce.fig_penalty import SPANS_S
-    from mocap.reproduce.samples import real_bat_samples
+    from mocap.reproduce.samples import elbow_flights, real_bat_samples
 
     if any(seconds <= 0 for seconds in span or []):
         raise MocapError(f"--span-s must be above 0, but is {min(span or []):g}")
@@ -56,6 +57,7 @@ def reproduce(
             quick,
             say,
             real_bat_m=None if real is None else real_bat_samples(real),
+            flights_deg=elbow_flights(real) if real is not None and (not figures or "8" in figures) else None,
             spans_s=span or SPANS_S,
             recordings=not (quick or figures) if recordings is None else recordings,
         )

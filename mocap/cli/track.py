@@ -1,6 +1,5 @@
 """``mocap track``."""
 
-import json
 import sys
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap.cli.console import finish, program, progress, say, show, typed
-from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Views
+from mocap.cli.console import finish, progress, say, typed
+from mocap.cli.options import AsJson, FitLens, Force, Jobs, Out, RecordingOptions, Verbose, Views
 from mocap.cli.records import with_records
 from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
     from mocap.pipeline.long import LongRecording
     from mocap.pipeline.recording import Recording
 
-MODELS = ("auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity")
-
 
 @dataclass(frozen=True, kw_only=True)
 class VideoOptions:
@@ -30,23 +27,17 @@ class VideoOptions:
 
     video: Annotated[
         list[Path] | None,
-        typer.Option(
-            help="Movie (or folder of pictures) to show under the tracks; give the option once for each camera, in "
-            "the order of the cameras, or once with a folder that contains them, sorted by name."
-        ),
+        typer.Option(help="Video or folder of images to show under the tracks: one folder of all, or one per camera."),
     ] = None
     video_offset: Annotated[
         list[int] | None,
         typer.Option(
-            help="Frame of the movie minus frame of the tracks; give it once for all cameras, or once for each; if "
-            "not given, as the project or the offsets file beside the tracks states."
+            help="Frame of the video minus frame of the tracks, once or per camera. Default: as the project states."
         ),
     ] = None
     video_undistorted: Annotated[
         bool,
-        typer.Option(
-            "--video-undistorted", "--video-straight", help="The movies are already corrected for lens distortion."
-        ),
+        typer.Option("--video-undistorted", "--video-straight", help="The videos are already free of lens distortion."),
     ] = False
 
 
@@ -57,60 +48,55 @@ def track(
     stated: RecordingOptions,
     movies: VideoOptions,
     stored: Annotated[
-        Path | None, typer.Option(help="Stored 3D points (xyzpts) to check; if not given, those beside the xypts file.")
+        Path | None, typer.Option(help="Stored 3D points to check. Default: xyzpts beside xypts.")
     ] = None,
     correct_lag: Annotated[
         bool,
-        typer.Option(
-            "--correct-lag",
-            "--in-step",
-            help="Correct cameras that the audit finds not synchronised, by interpolation between frames.",
-        ),
+        typer.Option("--correct-lag", "--in-step", help="Interpolate cameras that are found not to be synchronised."),
     ] = False,
     model: Annotated[
         str,
         typer.Option(
-            help="A file that mocap learn wrote, or mixture, eal, articulated (the skeleton's segments and joints), "
-            "lagrangian (the same, moved by forces of its masses: fills gaps worse, energies in joint_angles.csv) "
-            "or constant_velocity; auto: the mixture, unless constant velocity fills hidden samples better."
+            help="A file of mocap learn, or eal, mixture, articulated, lagrangian, constant_velocity; auto: mixture, "
+            "unless constant velocity fills hidden points better."
         ),
     ] = "auto",
-    live: Annotated[
-        bool,
-        typer.Option(
-            "--live", help="Show frames while they are filtered, then the whole run, until you close the viewer."
-        ),
-    ] = False,
-    validate: Annotated[bool, typer.Option(help="Hide some samples and measure how well they are filled.")] = True,
+    live: Annotated[bool, typer.Option("--live", help="Show frames in the viewer while they are tracked.")] = False,
+    validate: Annotated[
+        bool, typer.Option(help="Do (not) hide some points to measure how well they are filled.", show_default=False)
+    ] = True,
     fit_lens: FitLens = False,
     blocks: Annotated[
         int | None,
         typer.Option(
-            help="Track in blocks of so many frames, in the memory of one block, and write Parquet; 0: the whole "
-            "at once. If not given, recordings of more than 20000 frames are tracked in blocks of 4000.",
+            help="Track in blocks of so many frames, in less memory; 0: all at once. Default: 4000 above 20000 frames.",
             min=0,
         ),
     ] = None,
     mm_per_px: Annotated[
-        float | None,
-        typer.Option(help="Scale of one film without a calibration, in its plane; if not given, positions are pixels."),
+        float | None, typer.Option(help="Scale of a single camera without calibration. Default: positions are pixels.")
     ] = None,
     jobs: Jobs = None,
     force: Force = False,
     as_json: AsJson = False,
+    verbose: Verbose = False,
 ) -> None:
-    """Clean, fill and smooth a recording; learn the potentials of its joints; write tables and a rerun recording."""
+    """Track a recording: clean it, fill its gaps, smooth it, each value with a 95 % interval; tables, figures, viewer.
+
+    Example: mocap track bat_xypts.csv --calibration bat_dltCoefs.csv --fps 500 --skeleton bat.toml --out out/bat
+    """
     import mocap
     from mocap.io.output import result_folder
     from mocap.kinematics.cycles import why_none
     from mocap.pipeline.blocks import BLOCK
+    from mocap.pipeline.job import MODELS, existing_model
     from mocap.pipeline.long import long_recording
 
     learned = None if model in MODELS else mocap.load_model(existing_model(model))
     by_range = range_source(tracks, stated, blocks)
     if by_range is not None:
         inputs = [*tracks, stated.skeleton, None if learned is None else Path(model)]
-        in_blocks(by_range, out, model, learned, blocks or BLOCK, inputs, force, as_json)
+        in_blocks(by_range, out, model, learned, blocks or BLOCK, inputs, force, as_json, verbose)
         return
     recording = stated.read(
         tracks, stored_points=stored, correct_lag=correct_lag, fit_lens=fit_lens, mm_per_px=mm_per_px
@@ -130,7 +116,7 @@ def track(
                 f"--live and --video show recordings that are tracked at once, not in blocks of {size} frames: add "
                 "--blocks 0, or leave them out"
             )
-        in_blocks(long_recording(recording), out, model, learned, size, inputs, force, as_json)
+        in_blocks(long_recording(recording), out, model, learned, size, inputs, force, as_json, verbose)
         return
     watching = nullcontext()
     if live:
@@ -156,9 +142,9 @@ def track(
                     opened, offset_frames=movies.video_offset, undistorted=movies.video_undistorted
                 )
             result.write(folder, progress=tell)
-        finish(result.report, result.run.report_text, out, as_json)
-        if not as_json and (out / "cycles.csv").exists() and result.cycles.empty:
-            say(why_none(result.run.skeleton))
+        no_cycles = (out / "cycles.csv").exists() and result.cycles.empty and bool(result.run.skeleton.joints)
+        also = [why_none(result.run.skeleton)] if no_cycles else []
+        finish(result.report, result.run.report_text, out, as_json=as_json, verbose=verbose, also=also)
         if watched is not None:
             watched[0].show(out / "recording.rrd", result.recording_id)
             with suppress(KeyboardInterrupt):
@@ -207,6 +193,7 @@ def in_blocks(
     inputs: "list[Path | None]",
     force: bool,
     as_json: bool,
+    verbose: bool,
 ) -> None:
     """Track in blocks, and say what was found."""
     from mocap.io.output import result_folder
@@ -226,34 +213,9 @@ def in_blocks(
             footer=f"\n## Command that repeats this run\n\n    {again()}\n",
             progress=tell,
         )
-    if as_json:
-        print(json.dumps(report))  # noqa: T201
-        return
-    show((out / "report.md").read_text(encoding="utf-8"))
-    say(
-        "",
-        f"Wrote {out}/: markers.parquet, kinematics.parquet, cycles.csv, blocks.csv; an overview in markers.nc and "
-        "recording.rrd; figures/, report.html, report.json, report.md",
-        f"Look at it: {typed(program(), 'view', out)}, or at some frames: "
-        f"{typed(program(), 'view', out, '--frames', '1001:2000')}",
-    )
+    finish(report, (out / "report.md").read_text(encoding="utf-8"), out, as_json=as_json, verbose=verbose)
 
 
 def again() -> str:
     """The command as it was called, and with which version."""
     return f"{as_text(typed('mocap', *sys.argv[1:]))}    # version {version('eal-mocap')}"
-
-
-def existing_model(model: str) -> Path:
-    """The file of a learned model.
-
-    Raises:
-        MocapError: there is none.
-    """
-    path = Path(model)
-    if not path.is_file():
-        raise MocapError(
-            f"--model {model}: give auto, mixture, eal, articulated, lagrangian, constant_velocity, or a file that "
-            "mocap learn wrote"
-        )
-    return path

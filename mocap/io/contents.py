@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array, frozen
-from mocap.cameras.camera import Camera
+from mocap.cameras.camera import Camera, scaled
 from mocap.cameras.lens import Lens
 from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
@@ -84,6 +84,12 @@ class FileContents:
             return np.zeros(shape, dtype=bool)
         return ~np.isnan(tables[0].reshape(*shape, -1)).any(axis=-1)  # type: ignore[return-value]
 
+    def renamed(self, names: Sequence[str]) -> "FileContents":
+        """With other names of the markers, in their order."""
+        pixels = None if self.pixels is None else replace(self.pixels, names=tuple(names))
+        points = None if self.points is None else replace(self.points, names=tuple(names))
+        return replace(self, names=tuple(names), pixels=pixels, points=points)
+
     def with_rate(self, fps: float) -> "FileContents":
         """Times in seconds, where the file does not hold the rate; a rate that it holds is replaced.
 
@@ -112,9 +118,7 @@ class FileContents:
         if points is not None:
             points = replace(points, xyz_m=points.xyz_m * scale, cov_m2=points.cov_m2 * scale**2)
         tables |= {name: tables[name] * scale for name in ("interval", "residual_m") if name in tables}
-        world = np.diag([1 / scale, 1 / scale, 1 / scale, 1.0])
-        cameras = tuple(replace(camera, matrix=camera.matrix @ world) for camera in self.cameras)
-        return replace(self, unit=unit, points=points, tables=tables, cameras=cameras)
+        return replace(self, unit=unit, points=points, tables=tables, cameras=scaled(self.cameras, scale))
 
 
 def pixel_recording(

@@ -1,4 +1,4 @@
-"""PyAV, which reads and codes films; an extra, as its wheel holds coders under the GPL: docs/reference/licences.md."""
+"""PyAV, which reads and codes films; an extra, as its wheel holds coders under the GPL: LICENCES.md."""
 
 from types import ModuleType
 

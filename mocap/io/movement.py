@@ -26,7 +26,19 @@ _ONE = {"individual": "id_0", "view": "cam1"}
 
 
 def _read(path: Path, _hints: Hints) -> FileContents:
-    data = read_netcdf(path, again=_AGAIN)
+    return of_dataset(read_netcdf(path, again=_AGAIN), path)
+
+
+def of_dataset(data: Any, path: Path) -> FileContents:
+    """Poses of a Dataset.
+
+    Args:
+        data: An ``xarray.Dataset`` as movement lays it out.
+        path: The file that it is of, or a name for messages.
+
+    Raises:
+        FormatError: it is laid out otherwise.
+    """
     try:
         return _recording(path, _laid_out(path, data))
     except (KeyError, ValueError, TypeError, AttributeError, ArithmeticError) as error:

@@ -8,16 +8,17 @@ a quarter of the time of a short trial.
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
-from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
 from mocap.documents import one_line
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
 from mocap.schema import Schema, checked
+
+if TYPE_CHECKING:  # xarray takes a fifth of a second, which files of other kinds need not wait for
+    import xarray as xr
 
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10}"
@@ -25,7 +26,7 @@ NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable.{:10}"
 _DIMENSION, _DIMENSIONS = "_Netcdf4Dimid", "_Netcdf4Coordinates"
 
 
-def as_netcdf(dataset: xr.Dataset, *, packed: bool = False) -> bytes:
+def as_netcdf(dataset: "xr.Dataset", *, packed: bool = False) -> bytes:
     """The bytes of a NetCDF file.
 
     Args:
@@ -33,6 +34,7 @@ def as_netcdf(dataset: xr.Dataset, *, packed: bool = False) -> bytes:
         packed: Whether its variables are compressed; coordinates and text are not.
     """
     import h5py
+    from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
     variables, attributes = cf_encoder(*encode_dataset_coordinates(dataset))
     numbers = {str(name): i for i, name in enumerate(dataset.sizes)}
@@ -60,7 +62,7 @@ def as_netcdf(dataset: xr.Dataset, *, packed: bool = False) -> bytes:
     return written.getvalue()
 
 
-def _write(file, name: str, variable: xr.Variable, pack: Mapping[str, Any]):
+def _write(file, name: str, variable: "xr.Variable", pack: Mapping[str, Any]):
     """A variable as a dataset of the file; a dimension without entries may grow, as NetCDF has no other."""
     import h5py
 
@@ -94,7 +96,7 @@ def _attributes(place, attributes: Mapping[Any, Any]) -> None:
         place.attrs[name] = value if isinstance(value, str) else np.atleast_1d(value)
 
 
-def read_netcdf(path: Path, *, again: str) -> xr.Dataset:
+def read_netcdf(path: Path, *, again: str) -> "xr.Dataset":
     """A dataset in memory.
 
     Args:
@@ -104,6 +106,8 @@ def read_netcdf(path: Path, *, again: str) -> xr.Dataset:
     Raises:
         FormatError: it cannot be read, or announces more than a file of its size can hold.
     """
+    import xarray as xr
+
     try:
         with xr.open_dataset(path, engine="h5netcdf") as file:
             check_bytes(path, sum(one.nbytes for one in file.variables.values()), "its variables")
@@ -118,7 +122,7 @@ def read_netcdf(path: Path, *, again: str) -> xr.Dataset:
 
 
 def variables(
-    where: str, dataset: xr.Dataset, schema: Schema, *, sizes: dict[str, int] | None = None, again: str
+    where: str, dataset: "xr.Dataset", schema: Schema, *, sizes: dict[str, int] | None = None, again: str
 ) -> dict[str, Any]:
     """``mocap.schema.checked`` of variables, their axes in the order of the schema, which names the dimensions.
 

@@ -237,7 +237,7 @@ def _with(base: FileContents, other: FileContents) -> FileContents:
     elif other.tables:
         changes["tables"] = {**base.tables, **_tables(base, other, where)}
     elif not (other.cameras or other.lenses) and other.names and len(other.names) == len(base.names):
-        return _renamed(base, other.names, changes)
+        return replace(base, **changes).renamed(other.names)  # type: ignore[arg-type]
     merged = replace(base, **changes)  # type: ignore[arg-type]
     return _with_lenses(merged) if merged.cameras and merged.lenses and not base.lenses else merged
 
@@ -272,13 +272,6 @@ def _tables(base: FileContents, other: FileContents, where: str) -> dict[str, Ar
         )
     pick = [other.names.index(name) for name in base.names] if other.names else []
     return {name: table if name == "offset_frames" else table[:, pick] for name, table in other.tables.items()}
-
-
-def _renamed(base: FileContents, names: tuple[str, ...], changes: dict[str, object]) -> FileContents:
-    """Names of another file, in their order."""
-    pixels = None if base.pixels is None else replace(base.pixels, names=names)
-    points = None if base.points is None else replace(base.points, names=names)
-    return replace(base, **(changes | {"names": names, "pixels": pixels, "points": points}))  # type: ignore[arg-type]
 
 
 def _with_lenses(recording: FileContents) -> FileContents:

@@ -90,7 +90,7 @@ def told(
         FormatError: no unit makes it an animal.
     """
     unit = guessed(long, vague, bounds_m=bounds_m)
-    lengths = {u: _m(long * UNIT_M[u]) for u in _UNITS}
+    lengths = {u: length_text(long * UNIT_M[u]) for u in _UNITS}
     if unit is None:
         raise FormatError(
             f"{where}: no unit is stated, and none makes {what} one: it would be "
@@ -99,7 +99,7 @@ def told(
     others = ", ".join(f"{u} if it is {text} long" for u, text in lengths.items() if u != unit)
     known = "metres" if unit == "m" else unit
     if vague * UNIT_M[unit] > WIDEST_NOISE_M:
-        more += f", and jitters by {_m(vague * UNIT_M[unit])}"
+        more += f", and jitters by {length_text(vague * UNIT_M[unit])}"
     said = f"lengths are assumed to be in {known}, so that {what} is {lengths[unit]} long{more}"
     if unit != "m" or more or long > ANIMALS_M[1]:
         wrong = "If that is wrong, all lengths below are wrong: state the unit"
@@ -162,13 +162,17 @@ def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tu
     bounds = ANIMALS_M if several else PATHS_M
     unit = guessed(long, bounds_m=bounds) or "m"
     distant = np.median(far) * UNIT_M[unit] > DISTANT_M
-    more = f" and filmed from {_m(far.min() * UNIT_M[unit])} to {_m(far.max() * UNIT_M[unit])} away" if distant else ""
+    more = (
+        f" and filmed from {length_text(far.min() * UNIT_M[unit])} to {length_text(far.max() * UNIT_M[unit])} away"
+        if distant
+        else ""
+    )
     what = "the animal" if several else "the path of the marker"
     unit, said = told(long, np.nan, bounds_m=bounds, where=where, what=what, more=more)
     return unit, (said,)
 
 
-def _m(metres: float) -> str:
+def length_text(metres: float) -> str:
     """A length as people say it."""
     for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3)):
         if metres >= size:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import hilbert
 from scipy.stats import t as student
 
-from eal.arrays import Array, true_runs
+from eal.arrays import Array, short_repr, true_runs
 from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.records import Kinematics, Rests
@@ -91,6 +91,8 @@ class Footfalls:
     t_s: Array
     stance: NDArray[np.bool_]
     height_m: Array
+
+    __repr__ = short_repr
 
 
 def cycles(found: Kinematics, motion: Motion, skeleton: Skeleton) -> list[Cycle]:
@@ -396,6 +398,8 @@ class Ensemble:
     high: Array
     sd: Array
     curves: Array
+
+    __repr__ = short_repr
 
     @property
     def n(self) -> int:

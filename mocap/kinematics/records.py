@@ -1,5 +1,6 @@
 """Quantities over time, each with its standard deviation and whether it rests on measured samples."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -7,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chndtrix
 
-from eal.arrays import Z95, Array, frozen, unique
+from eal.arrays import Z95, Array, frozen, short_repr, unique
+from eal.over_time import OverTime
 from mocap.errors import MocapError
 
 if TYPE_CHECKING:
@@ -24,6 +27,8 @@ class Rests(IntEnum):
     FILLED = 2  # one of them at least was filled
 
 
+FAR = 30.0
+"""Standard deviations from zero where the normal interval of a length is right within a thirtieth of one of them."""
 WORDS = tuple(one.name.lower() for one in Rests)
 
 
@@ -47,9 +52,11 @@ class Quantity:
     what: str
     kind: str
     markers: tuple[str, ...]
-    value: Array
-    sd: Array
-    rests: NDArray[np.int8]
+    value: OverTime[Array]
+    sd: OverTime[Array]
+    rests: OverTime[NDArray[np.int8]]
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         """Copy, freeze and check."""
@@ -60,12 +67,26 @@ class Quantity:
     @property
     def low(self) -> Array:
         """(T,) lower end of the 95 % interval."""
-        return self.value - Z95 * self.sd
+        return self._end(0.025)
 
     @property
     def high(self) -> Array:
         """(T,) upper end of the 95 % interval."""
-        return self.value + Z95 * self.sd
+        return self._end(0.975)
+
+    def _end(self, share: float) -> Array:
+        """(T,) a quantile; of a speed that of the length of a vector, which is never below zero.
+
+        The square of a vector's length, in variances of its components, is noncentral chi-squared. Far from zero the
+        normal interval is within sd^2 / value of it.
+        """
+        end = self.value + np.sign(share - 0.5) * Z95 * self.sd
+        near = self.value < FAR * self.sd
+        if "speed" not in self.name.split("_") or not near.any():
+            return end
+        ratio = self.value[near] / self.sd[near]
+        end[near] = self.sd[near] * np.sqrt(chndtrix(share, 3, ratio**2))
+        return end
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -80,8 +101,8 @@ class Kinematics(Mapping[str, Quantity]):
     """
 
     recording: str
-    t_s: Array
     quantities: tuple[Quantity, ...]
+    t_s: OverTime[Array]
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -113,6 +134,15 @@ class Kinematics(Mapping[str, Quantity]):
     def __len__(self) -> int:
         """Number of quantities."""
         return len(self.quantities)
+
+    def __repr__(self) -> str:
+        """How many there are of each kind."""
+        counts = Counter(q.kind for q in self.quantities)
+        kinds = ", ".join(f"{n} {kind}" for kind, n in counts.items())
+        return f"<Kinematics of {self.recording!r}: {len(self)} quantities ({kinds}) in {len(self.t_s)} frames>"
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
 
     def of(self, kind: str, *, ends: str = "") -> list[Quantity]:
         """Quantities of a kind whose names end so."""

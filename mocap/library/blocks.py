@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from eal.over_time import at_frames, in_succession
 from eal.threads import one_blas_thread
 from mocap.filters.body_axes import body_frames
 from mocap.filters.velocities import without_rates
 from mocap.io.output import result_folder
+from mocap.io.unstated_unit import length
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles, footfalls
-from mocap.kinematics.records import Kinematics
 from mocap.markdown import plain
 from mocap.pipeline.blocks import BLOCK, Known, Model, Tally, learn_once, tracked_blocks
-from mocap.pipeline.cut import cut, joined
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import SPACE, joint_potentials
@@ -99,15 +99,15 @@ def write_in_blocks(
                 with stages.stage("kinematics and tables"):
                     found = kinematics(run.motion, run.skeleton, recording=run.name)
                     rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
-                    part = cut(run, own)
-                    writer.add(core, part.tracked.markers, part.repaired, _cut(found, own), rows)
+                    part = at_frames(run, own)
+                    writer.add(core, part.tracked.markers, part.repaired, at_frames(found, own), rows)
                 tally.add(part, findings)
                 thin += _thinned(part, (-core.start) % every, every)
                 detail = _better(detail, part)
                 nothing = [] if thin else [deepcopy(_without_rates(part))]
                 del run, part, found, rows  # only one block at a time is in memory
         with stages.stage("overview, potentials, figures"):
-            overview = _with_potentials(joined(thin or nothing))
+            overview = _with_potentials(in_succession(thin or nothing))
             report = _report(recording, known, tally, overview, every, size)
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
@@ -129,14 +129,9 @@ def _begun(rows: list[Cycle], run: Run, own: slice) -> list[Cycle]:
     return [row for row in rows if t_s[own.start] <= row.start_s < end]
 
 
-def _cut(found: Kinematics, own: slice) -> Kinematics:
-    quantities = tuple(replace(q, value=q.value[own], sd=q.sd[own], rests=q.rests[own]) for q in found.quantities)
-    return replace(found, t_s=found.t_s[own], quantities=quantities)
-
-
 def _thinned(run: Run, first: int, every: int) -> list[Run]:
     """Every so manieth frame of a block, without its motion; none of a block in which nothing is seen."""
-    part = cut(run, slice(first, None, every))
+    part = at_frames(run, slice(first, None, every))
     markers = part.tracked.markers
     if not len(markers.t_s) or not markers.seen.any():
         return []
@@ -157,7 +152,7 @@ def _better(known: tuple[int, Run] | None, run: Run) -> tuple[int, Run] | None:
     count = int((run.tracked.markers.status[frames] == Status.MEASURED).sum())
     if count == 0 or (known is not None and count <= known[0]):
         return known
-    return count, deepcopy(cut(run, frames))
+    return count, deepcopy(at_frames(run, frames))
 
 
 def _with_potentials(run: Run) -> Run:
@@ -170,7 +165,8 @@ def _with_potentials(run: Run) -> Run:
 
 
 def _figures(run: Run, folder: Path) -> None:
-    from mocap.plots.figures import pictures, report_page, write_pictures
+    from mocap.plots.figures import pictures, write_pictures
+    from mocap.plots.page import report_page
 
     found = kinematics(run.motion, run.skeleton, recording=run.name)
     rows = cycles(found, run.motion, run.skeleton)
@@ -205,6 +201,7 @@ def _report(
         "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
         "validation": {"methods": {} if known.learned is None else known.learned.scores},
         "joints": sorted(overview.potentials),
+        "length_m": length(overview.tracked.markers.xyz_m),
         "findings": [*recording.findings, *tally.sentences()],
     }
 

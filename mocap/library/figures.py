@@ -11,9 +11,11 @@ from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.run import Run
 from mocap.plots import kinematics as plots
+from mocap.plots.animal import draw_animal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 def shown(given: "Axes | None", ax: "Axes") -> "Axes":
@@ -36,6 +38,11 @@ class Plots:
     kinematics: Kinematics
     rows: Sequence[Cycle]
     steps: Footfalls | None
+
+    def __repr__(self) -> str:
+        """What there is to draw."""
+        methods = ", ".join(name for name in vars(type(self)) if name[0] != "_" and callable(getattr(self, name)))
+        return f"<Plots of {self.run.name!r}: {methods}>"
 
     def over_time(self, *quantities: str, ax: "Axes | None" = None) -> "Axes":
         """Quantities of one unit over time with 95 % intervals; filled frames are shaded.
@@ -89,8 +96,12 @@ class Plots:
         Raises:
             MocapError: there is no such stroke.
         """
-        found = self.kinematics
-        return shown(ax, plots.plot_stroke_path(found[f"{name}_stroke_deg"], found[f"{name}_deviation_deg"], ax=ax))
+        rows = [row for row in self.rows if row.of == name]
+        return shown(ax, plots.plot_stroke_path(self.kinematics, name, rows, ax=ax))
+
+    def animal(self) -> "Figure":
+        """The animal at three phases of its motion, markers measured and filled, and the path of its body."""
+        return draw_animal(self.run)
 
     def gaps(self, ax: "Axes | None" = None) -> "Axes":
         """Where markers were filled, rejected or missing."""

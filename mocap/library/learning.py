@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from mocap.errors import MocapError
 from mocap.filters.hidden_gaps import MODELS, WITH_JOINTS
 from mocap.filters.model import LearnedModel
 from mocap.io.output import result_file
+from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.learning import learn_from, readable_scores
 from mocap.pipeline.model_file import load_model as read_model_file
 from mocap.pipeline.model_file import save_model
@@ -26,7 +28,7 @@ class Model:
 
     @property
     def scores(self) -> dict[str, dict[str, list[float]]]:
-        """Of each motion model, by length of gap: ``rmse_mm`` and ``coverage95`` in gaps hidden while learning."""
+        """Of each motion model, by length of gap: ``rmse_mm``, ``coverage95``, ``z`` in gaps hidden while learning."""
         return self.learned.scores
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
@@ -56,6 +58,11 @@ class Model:
         """What was learned and how well it fills gaps, as markdown."""
         return readable_scores(self.learned)
 
+    @property
+    def scores_text(self) -> str:
+        """How well it fills gaps, as markdown: the first part of ``report_text``."""
+        return self.report_text.partition("\nDistances that")[0]
+
     def _repr_markdown_(self) -> str:
         return self.report_text
 
@@ -80,7 +87,10 @@ def learn(
     Raises:
         MocapError: they cannot be learned from together; or joints are wanted, and the skeleton states none.
     """
+    if isinstance(recordings, str | PathLike | Recording):
+        raise MocapError(f"mocap.learn takes a list of recordings, not {type(recordings).__name__}: mocap.learn([...])")
     models = WITH_JOINTS if joints else MODELS
+    recordings = [as_recording(recording, "learn") for recording in recordings]
     return Model(learn_from(recordings, seed=seed, models=models, tell=progress))
 
 

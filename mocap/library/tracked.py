@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from eal.arrays import Array
+from eal.arrays import Array, short_repr
 from mocap.errors import MocapError
 from mocap.filters.velocities import with_means
 from mocap.io.movies import Movie
@@ -22,11 +22,13 @@ from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.library.learning import Model, load_model
+from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.job import Model as ModelName
-from mocap.pipeline.job import Watch, run_job
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
+from mocap.plots.page import tracked_html
 from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
@@ -76,6 +78,8 @@ class Joint:
     q_m: Mapping[str, Array]
     sd_m: Array
     filled: np.ndarray
+
+    __repr__ = short_repr
 
     def to_dataframe(self) -> pd.DataFrame:
         """A row a frame, by time in seconds: ``<frame>_x_m``, ..., ``sd_m``, and ``filled``."""
@@ -275,7 +279,8 @@ class Tracked:
             if not pictures:
                 return refused
             from mocap.plots.figures import pictures as figures_of
-            from mocap.plots.figures import report_page, write_pictures
+            from mocap.plots.figures import write_pictures
+            from mocap.plots.page import report_page
 
             shown = list(figures_of(self.run, self.kinematics, self._cycles, self.footfalls))
             page = report_page(self.run, self.kinematics, self._cycles, shown, write_pictures(shown, folder))
@@ -449,8 +454,8 @@ class Tracked:
         joints = len(self.run.skeleton.joints)
         return f"<Tracked {self.name!r}: {n_frames} frames, {n_markers} markers, {joints} joints>"
 
-    def _repr_markdown_(self) -> str:
-        return self.run.report_text
+    def _repr_html_(self) -> str:
+        return tracked_html(self.run)
 
 
 def track(
@@ -465,7 +470,7 @@ def track(
     """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
 
     Args:
-        recording: As ``mocap.read`` gives it.
+        recording: As ``mocap.read`` or ``mocap.from_arrays`` gives it.
         model: What ``mocap.learn`` gave, or its file; or ``mixture``, ``eal``, ``articulated`` (the skeleton's
             segments and joints), ``lagrangian`` (the same, moved by the forces of its masses), ``constant_velocity``;
             ``auto``: the mixture, unless constant velocity fills hidden samples of the recording better.
@@ -477,11 +482,12 @@ def track(
     Raises:
         MocapError: what makes it impossible, with what to do.
     """
+    recording = as_recording(recording, "track")
     name: ModelName = "auto"
-    if model in get_args(ModelName):
+    if isinstance(model, str) and model in MODELS:
         name, model = model, None  # type: ignore[assignment]
     elif not isinstance(model, Model):
-        model = load_model(model)  # type: ignore[arg-type]
+        model = load_model(existing_model(model))
     learned = model.learned if isinstance(model, Model) else None
     stages = Stages(tell=progress)
     run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch)

@@ -207,7 +207,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
         return _nothing(recording, window, known, asked), own, ()
     prepared = recording.prepared(window)
     if not np.isfinite(prepared.xyz_m[..., 0]).any():
-        return _nothing(recording, window, known, asked), own, _told(prepared, window)
+        return _nothing(recording, window, known, asked), own, prepared.findings
     part, learned = seen_part(prepared), known.learned
     posed = learned is not None and why_no_pose(prepared, part) is None
     if posed and worth_checking(prepared):
@@ -219,12 +219,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
     tracked = tracked_motion(prepared, part, name, smoothed)
     motion = motion_of(tracked.markers, part.frames, smoothed.rates, asked)
-    return _run(recording, prepared, tracked, motion), own, _told(prepared, window)
-
-
-def _told(prepared: Prepared, window: slice) -> tuple[str, ...]:
-    """What was found in a window, with the recording's own numbers of frames."""
-    return tuple(renumbered(text, window.start) for text in prepared.findings)
+    return _run(recording, prepared, tracked, motion), own, prepared.findings
 
 
 def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estimate:
@@ -333,15 +328,6 @@ class Tally:
             self.first[kind] + (f" (and in {count - 1} other blocks, with their own numbers)" if count > 1 else "")
             for kind, count in found
         ]
-
-
-def renumbered(text: str, first: int) -> str:
-    """A finding whose frames count from 1 at frame ``first`` + 1 of the recording, with the recording's numbers."""
-
-    def moved(found: re.Match[str]) -> str:
-        return re.sub(r"\d+", lambda number: str(int(number[0]) + first), found[0])
-
-    return re.sub(r"\bframes? \d+(?:(?: and | to |-)\d+)?", moved, text)
 
 
 def tracked_blocks(

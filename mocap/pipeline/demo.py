@@ -10,12 +10,12 @@ import numpy as np
 from eal.arrays import Array
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.filters.hide import interior_gaps
-from mocap.filters.interpolate import interpolated
+from mocap.filters.interpolate import by_poses, interpolated
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.report import readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
@@ -52,8 +52,8 @@ def measured_demo(
     with TemporaryDirectory() as folder:
         with stages.stage("make the recording"):
             files = write_recording(recording, Path(folder))
-        source = Recording(
-            tracks=files["pixels"],
+        source = read(
+            files["pixels"],
             fps=recording.fps,
             calibration=files["coefficients"],
             profile=files["profile"],
@@ -71,6 +71,10 @@ def measured_demo(
         gaps = {name: compared(m.xyz_m, m.cov_m2, truth, where).as_json() for name, m in methods.items()}
         for kind in ("cubic", "linear"):
             filled = interpolated(prepared.xyz_m, prepared.t_s, kind=kind)
+            gaps[kind] = compared(filled, None, truth, where).as_json()
+        trunk = [prepared.names.index(name) for name in prepared.skeleton.trunk]
+        for kind in ("conditional_gaussian", "principal_components"):
+            filled = by_poses(prepared.xyz_m, prepared.t_s, trunk, kind=kind)
             gaps[kind] = compared(filled, None, truth, where).as_json()
     measured = {name: compared(m.xyz_m, m.cov_m2, truth, seen).as_json() for name, m in methods.items()}
     measured["triangulation"] = compared(prepared.xyz_m, prepared.cov_m2, truth, seen).as_json()

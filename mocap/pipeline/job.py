@@ -1,13 +1,16 @@
-"""The main job: from the files of a recording to tracked motion, joints, potentials and a report."""
+"""The main job: from a recording to tracked motion, joints, potentials and a report."""
 
 from collections.abc import Callable
 from functools import partial
-from typing import Literal
+from os import PathLike
+from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from eal.over_time import at_frames
 from mocap.errors import MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
@@ -53,8 +56,20 @@ _JOINTED = ("articulated", "lagrangian")
 Model = Literal["auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity"]
 Watch = Callable[[Prepared, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
+MODELS: tuple[Model, ...] = get_args(Model)
 JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
+
+
+def existing_model(model: object) -> Path:
+    """The file of a learned model.
+
+    Raises:
+        MocapError: there is none; the message lists the models.
+    """
+    if isinstance(model, str | PathLike) and Path(model).is_file():
+        return Path(model)
+    raise MocapError(f"`model` {model!s}: give {', '.join(MODELS)}, or a file that mocap learn wrote")
 
 
 def run_job(
@@ -71,7 +86,7 @@ def run_job(
     """Track a recording.
 
     Args:
-        source: Its files, or what was prepared of them.
+        source: The recording, or what was prepared of it.
         model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), ``lagrangian``
             (the same, moved by the forces of its masses), a ``mixture`` of ``eal`` and constant
             velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
@@ -120,7 +135,7 @@ def _run_job(
             alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
             watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
     mixing = learned is None and posed and model not in ("eal", *_JOINTED)
-    hidden = hide_samples(prepared, part, np.random.default_rng(seed)) if validated else None
+    hidden = hide_samples(prepared, part, np.random.default_rng([seed, 1])) if validated else None
     filling = None
     if hidden is not None and hidden.count:
         methods = {
@@ -197,7 +212,7 @@ def _run_job(
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),
-        file=source.tracks if isinstance(source, Recording) else None,
+        file=source.file if isinstance(source, Recording) else None,
         angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
@@ -213,7 +228,7 @@ def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
 
 def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldLimb, ...]:
     """Limbs over all frames of the recording."""
-    return tuple(limb.along(_frames_of(n_frames, part)) for limb in limbs)
+    return tuple(at_frames(limb, _frames_of(n_frames, part)) for limb in limbs)
 
 
 def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
@@ -233,7 +248,7 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, 
         length_sd_m=motion.length_sd_m,
         energies=np.zeros((found.shape[1], 0)) if energies is None else energies,
     )
-    return angles.along(_frames_of(len(prepared.t_s), part))
+    return at_frames(angles, _frames_of(len(prepared.t_s), part))
 
 
 def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:

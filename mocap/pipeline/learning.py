@@ -20,8 +20,8 @@ from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 
 MOST_FRAMES = 20_000
-"""Of all recordings together: no more teaches anything that could be measured (docs/benchmarks/batch.md), and what is
-learned is read again in each recording that is tracked with it."""
+"""Of all recordings together: no more teaches anything that could be measured (docs/experiments/batch_cost.md), and
+what is learned is read again in each recording that is tracked with it."""
 LONGEST = MOST_FRAMES // 4
 """Frames of one recording."""
 
@@ -142,14 +142,13 @@ def _prepared(sources: Iterable[Recording | Prepared], tell: Callable[[str], Non
         if isinstance(source, Prepared):
             one = source
         else:
-            fresh = replace(source).without_needless_calibration()  # what is read of it is not kept
             try:
-                one = prepare(fresh).in_space("learning")
+                one = prepare(source.without_needless_calibration()).in_space("learning")
             except OriginError as error:
                 doubt[number] = source, error
                 continue
             unit = unit_told(one.findings)
-            for finding in dict.fromkeys([*([unit] if unit else []), *fresh.frame_findings]):
+            for finding in dict.fromkeys([*([unit] if unit else []), *source.findings]):
                 tell(f"{one.name}: {finding}")
         if one.filmed:
             told.add((one.filmed.pixel_origin.pixels, one.filmed.pixel_origin.coefficients))
@@ -171,13 +170,14 @@ def readable_scores(learned: LearnedModel) -> str:
         "",
         f"{len(learned.names)} markers, {1 / learned.dt_s:.6g} frames a second. Root mean square errors in mm in "
         "the hidden gaps on which models were chosen (in brackets the share inside 95 % intervals, whose width was "
-        "set on the same gaps):",
+        "set on the same gaps, and z, the root mean square of error over stated deviation):",
         "",
         "| model | " + " | ".join(f"{n} frames" for n in lengths) + " |",
         "|---" * (len(lengths) + 1) + "|",
     ]
     for name, rows in learned.scores.items():
-        cells = [f"{e:.3g} ({c:.0f} %)" for e, c in zip(rows["rmse_mm"], rows["coverage95"], strict=True)]
+        columns = zip(rows["rmse_mm"], rows["coverage95"], rows["z"], strict=True)
+        cells = [f"{e:.3g} ({c:.0f} %, z {z:.2f})" for e, c, z in columns]
         lines.append(f"| {plain(name)} | " + " | ".join(cells) + " |")
     bones = own_trials(learned).bones
     if len(bones.ends):

@@ -2,17 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from eal.over_time import at_frames
 from mocap.cameras.camera import Camera
-from mocap.io.contents import FileContents
 from mocap.io.parquet_range import ParquetPoints
 from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
-from mocap.pipeline.recording import Filmed, Recording, film_of, load_in_unit, load_points, load_skeleton
+from mocap.pipeline.reading import animal
+from mocap.pipeline.recording import Filmed, Recording, film_of, load_in_unit, load_points
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton
 from mocap.text import as_text
@@ -30,7 +32,7 @@ class LongRecording:
         names: The M markers, named as in the skeleton.
         t_s: (T,) times.
         seen: Frames to (n, M) True where a position, or two rays, are given; nothing is cleaned.
-        prepared: Frames to what is prepared of them (``mocap.pipeline.prepare``).
+        prepared: Frames to what is prepared of them (``mocap.pipeline.prepare``), its findings with their numbers here.
         findings: Sentences on how the file was read.
     """
 
@@ -62,26 +64,8 @@ def long_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings
         name: Of the recording.
         findings: Sentences on how they were read.
     """
-
-    def part(frames: slice) -> Prepared:
-        some = replace(
-            tracks,
-            t_s=tracks.t_s[frames],
-            xyz_m=tracks.xyz_m[frames],
-            cov_m2=tracks.cov_m2[frames],
-            status=tracks.status[frames],
-        )
-        return prepare_tracks(some, skeleton, name=name)
-
-    return LongRecording(
-        name=name,
-        skeleton=skeleton,
-        names=tracks.names,
-        t_s=tracks.t_s,
-        seen=lambda frames: np.isfinite(tracks.xyz_m[frames][..., 0]),
-        prepared=part,
-        findings=tuple(findings),
-    )
+    stretch = partial(at_frames, tracks)
+    return long_tracks(stretch, skeleton, name=name, t_s=tracks.t_s, names=tracks.names, findings=findings)
 
 
 def long_pixels(
@@ -105,10 +89,10 @@ def long_pixels(
     """
 
     def part(frames: slice) -> Prepared:
-        pixels = replace(filmed.pixels, t_s=filmed.pixels.t_s[frames], uv_px=filmed.pixels.uv_px[:, frames])
         return prepare_filmed(
-            replace(filmed, pixels=pixels, ideal_px=filmed.ideal_px[:, frames]),
+            at_frames(filmed, frames),
             skeleton,
+            first=frames.start,
             name=name,
             pixel_sd=pixel_sd,
             likelihood=None if likelihood is None else likelihood[:, frames],
@@ -146,7 +130,7 @@ def long_films(
     """
 
     def part(frames: slice) -> Prepared:
-        return prepare_filmed(film_of(pixels(frames), cameras, name=name), skeleton, name=name)
+        return prepare_filmed(film_of(pixels(frames), cameras, name=name), skeleton, name=name, first=frames.start)
 
     return LongRecording(
         name=name,
@@ -159,40 +143,42 @@ def long_films(
 
 
 def long_tracks(
-    tracks: Callable[[slice], MarkerTracks], skeleton: Skeleton, *, name: str, t_s: Array, names: Sequence[str]
+    tracks: Callable[[slice], MarkerTracks],
+    skeleton: Skeleton,
+    *,
+    name: str,
+    t_s: Array,
+    names: Sequence[str],
+    findings: Sequence[str] = (),
 ) -> LongRecording:
-    """Positions that are had stretch by stretch; arguments as in ``long_films``."""
+    """Positions that are had stretch by stretch; arguments as in ``long_films`` and ``long_points``."""
     return LongRecording(
         name=name,
         skeleton=skeleton,
         names=tuple(names),
         t_s=t_s,
         seen=lambda frames: tracks(frames).seen,
-        prepared=lambda frames: prepare_tracks(tracks(frames), skeleton, name=name),
+        prepared=lambda frames: prepare_tracks(tracks(frames), skeleton, name=name, first=frames.start),
+        findings=tuple(findings),
     )
 
 
 def long_recording(source: Recording) -> LongRecording:
-    """A recording's files, to be tracked in blocks.
+    """A recording, to be tracked in blocks.
 
     Raises:
-        MocapError: a file cannot be read, or pixels and calibration do not belong together.
+        MocapError: pixels and calibration do not belong together.
     """
-    contents: FileContents = source.contents
     if not source.filmed:
-        points = load_points(source)
-        skeleton, names = load_skeleton(source.skeleton, points.names)
-        return long_points(replace(points, names=names), skeleton, name=source.name, findings=source.frame_findings)
+        return long_points(load_points(source), source.skeleton, name=source.name, findings=source.findings)
     source, filmed = load_in_unit(source, iterations=None)
-    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
-    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     return long_pixels(
         filmed,
-        skeleton,
+        source.skeleton,
         name=source.name,
         pixel_sd=source.pixel_sd,
-        likelihood=contents.score,
-        findings=(*filmed.told, *source.frame_findings, filmed.pixel_origin.describe()),
+        likelihood=source.contents.score,
+        findings=(*filmed.told, *source.findings, filmed.pixel_origin.describe()),
     )
 
 
@@ -208,7 +194,7 @@ def long_parquet(path: Path, skeleton_file: Path | None = None) -> LongRecording
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
     """
     points = ParquetPoints(path)
-    skeleton, names = load_skeleton(skeleton_file, points.names)
+    skeleton, names = animal(skeleton_file, points.names)
 
     def tracks(frames: slice) -> MarkerTracks:
         found, _ = points.read(frames)

@@ -8,10 +8,10 @@ from typing import Any, cast
 import numpy as np
 
 from eal.arrays import Array
-from mocap.errors import MocapError
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import Plane, Run
 from mocap.records import MarkerTracks, marker_tracks
+from mocap.skeleton import Measures
 
 _SAID = {
     "seen in 3D": "seen",
@@ -41,15 +41,9 @@ class InPlane:
 
 
 def in_plane(source: Recording) -> InPlane:
-    """The pixels of one film as positions in its picture, in the axes of the file.
-
-    Raises:
-        MocapError: crop offsets are given, which need the whole picture's calibration.
-    """
+    """The pixels of one film as positions in its picture, in the axes of the file."""
     pixels = source.contents.pixels
     assert pixels is not None
-    if source.crop:
-        raise MocapError("`crop` concerns calibrated cameras: leave it out, or add the offsets to the pixels")
     plane = Plane(mm_per_px=source.mm_per_px)
     uv, told = pixels.uv_px[0], []
     likelihood = source.contents.score
@@ -72,7 +66,7 @@ def in_plane(source: Recording) -> InPlane:
             "proportion"
         )
     told.insert(0, f"{said}; x and y are those of the file, and the lens is not corrected")
-    if source.skeleton is not None:
+    if source.skeleton.bones or source.skeleton.joints or source.skeleton.measures != Measures():
         told.append("bones, joints and measures were not used: lengths and angles in a picture change as they turn")
     return InPlane(plane=plane, tracks=tracks, findings=tuple(told))
 
@@ -85,8 +79,10 @@ def in_units(run: Run, plane: Plane) -> tuple[Array, Array]:
 
 def run_in_plane(run: Run, plane: Plane) -> Run:
     """The run with a report in the unit of the plane."""
-    findings = [f for f in cast(Sequence[str], run.report["findings"]) if "joints.csv" not in f]
-    report = {**run.report, "findings": findings}
+    said = {
+        key: [f for f in cast(Sequence[str], run.report[key]) if "joints.csv" not in f] for key in ("wrong", "findings")
+    }
+    report = {**run.report, **said}
     text = "\n".join(line for line in run.report_text.split("\n") if "joints.csv" not in line)
     report, text = _changed(report, _of_one_film), _of_one_film(text)
     if plane.mm_per_px is None:

@@ -1,4 +1,4 @@
-"""From files to the input of a tracker: triangulated and cleaned, slowly varying pixel errors removed."""
+"""From a recording to the input of a tracker: triangulated and cleaned, slowly varying pixel errors removed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -41,7 +41,6 @@ from mocap.pipeline.recording import (
     film_of,
     load_in_unit,
     load_points,
-    load_skeleton,
 )
 from mocap.pipeline.run import Plane
 from mocap.records import MarkerTracks, PixelTracks
@@ -85,6 +84,7 @@ class Prepared:
         rays_rejected: (C, T, M) rays that miss.
         max_speed_m_s: (M,) speed limits that jumps were judged by.
         findings: Sentences for the report.
+        wrong: Those of them that ask for something to be done, worst first.
         camera_factor: (C, T) 1 or more: how much worse a camera is than in its good time
             (``mocap.cleaning.camera_health``); contained in ``ray_sd_px``.
         bad_cameras: Runs of frames in which a camera was bad.
@@ -116,6 +116,7 @@ class Prepared:
     max_speed_m_s: Array
     camera_factor: Array
     findings: tuple[str, ...] = ()
+    wrong: tuple[str, ...] = ()
     bad_cameras: tuple[BadTime, ...] = ()
     noise: ClickNoise | None = None
     likelihoods: LikelihoodNoise | None = None
@@ -189,7 +190,7 @@ def _middle(xyz_m: Array) -> Array:
 
 
 def prepare(source: Recording) -> Prepared:
-    """Read and clean a recording; see the module.
+    """Clean a recording; see the module.
 
     Raises:
         MocapError: whatever makes that impossible, with what to do.
@@ -197,18 +198,16 @@ def prepare(source: Recording) -> Prepared:
     if source.planar:
         return _prepare_plane(source)
     if not source.filmed:
-        return _prepare_points(source)
+        return prepare_tracks(load_points(source), source.skeleton, name=source.name, findings=source.findings)
     source, filmed = load_in_unit(source, iterations=None)
-    skeleton, names = load_skeleton(source.skeleton, filmed.pixels.names)
-    filmed = replace(filmed, pixels=replace(filmed.pixels, names=names))
     stale, told = audit_points(source, filmed)
     return prepare_filmed(
         filmed,
-        skeleton,
+        source.skeleton,
         name=source.name,
-        file=source.tracks.name,
+        file=source.where,
         pixel_sd=source.pixel_sd,
-        findings=source.frame_findings,
+        findings=source.findings,
         likelihood=source.contents.score,
         stored_findings=told,
         stale=stale,
@@ -241,6 +240,7 @@ def prepare_filmed(
     likelihood: Array | None = None,
     stored_findings: Sequence[str] = (),
     stale: tuple[audit.StalePoint, ...] | None = None,
+    first: int = 0,
 ) -> Prepared:
     """Triangulate and clean pixels whose cameras are known.
 
@@ -254,6 +254,7 @@ def prepare_filmed(
         likelihood: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
         stored_findings: Sentences on stored points.
         stale: Stored points that do not follow from the pixels.
+        first: Frames of the recording before these.
 
     Raises:
         CalibrationError: no sample is believed.
@@ -279,7 +280,7 @@ def prepare_filmed(
         )
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     lasting = persistent_px(filmed.matrices, uv, found.xyz_m, relative=worse)
-    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin)
+    audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin, first=first)
     lens_cov, lens_said = lens_uncertainty(filmed, audited, uv)
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
@@ -303,6 +304,7 @@ def prepare_filmed(
             for c, late in shifts
             if late
         ]
+    bad = [*camera_findings(health, [c.name for c in filmed.cameras], first=first), *never_seen(xyz, names)]
     contradicted = contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown)
     found_out = [*contradicted, filmed.pixel_origin.describe(), *told, *stored_findings]
     if bias.sd_px:
@@ -338,9 +340,9 @@ def prepare_filmed(
             *findings,
             *found_out,
             *likelihood_findings(likely, likelihood is not None, int(unlikely.sum()), int(unsure.sum())),
-            *camera_findings(health, [c.name for c in filmed.cameras]),
+            *bad,
             *exchange_findings(
-                swaps, doubtful, names, [c.name for c in filmed.cameras], clicks=int(named.ambiguous.sum())
+                swaps, doubtful, names, [c.name for c in filmed.cameras], clicks=int(named.ambiguous.sum()), first=first
             ),
             *(
                 [f"{lost.sum()} {'sample' if lost.sum() == 1 else 'samples'} rejected ({REASONS['rays_miss']})"]
@@ -348,8 +350,8 @@ def prepare_filmed(
                 else []
             ),
             *cleaning_findings(cleaning, names),
-            *never_seen(xyz, names),
         ),
+        wrong=(*(f.text for f in audited if f.alarm), *lens_said, *contradicted, *bad),
         swaps=swaps,
         stale=stale,
         audited=tuple(audited),
@@ -368,28 +370,18 @@ def _by_likelihood(filmed: Filmed, likelihood: Array | None) -> tuple[Likelihood
     return found, unlikely, found.factors(likelihood)
 
 
-def _prepare_points(source: Recording) -> Prepared:
-    tracks = load_points(source)
-    if not tracks.seen.any():
-        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
-    skeleton, names = load_skeleton(source.skeleton, tracks.names)
-    return prepare_tracks(replace(tracks, names=names), skeleton, name=source.name, findings=source.frame_findings)
-
-
 def _prepare_plane(source: Recording) -> Prepared:
     found = in_plane(source)
     if not found.tracks.seen.any():
-        raise FormatError(f"{source.tracks.name}: no marker is ever seen: there is nothing to track")
-    skeleton, names = load_skeleton(source.skeleton, found.tracks.names)
-    tracks = replace(found.tracks, names=names)
-    told = (*source.frame_findings, *found.findings)
-    prepared = prepare_tracks(
-        tracks, replace(skeleton, bones=(), joints=(), measures=Measures()), name=source.name, findings=told
-    )
-    return replace(prepared, plane=found.plane)
+        raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
+    skeleton = replace(source.skeleton, bones=(), joints=(), measures=Measures())
+    told = (*source.findings, *found.findings)
+    return replace(prepare_tracks(found.tracks, skeleton, name=source.name, findings=told), plane=found.plane)
 
 
-def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = ()) -> Prepared:
+def prepare_tracks(
+    tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = (), first: int = 0
+) -> Prepared:
     """Positions that are in memory, cleaned as those of a file are.
 
     Args:
@@ -397,13 +389,14 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
         skeleton: What is known of the animal.
         name: Of the recording.
         findings: Sentences for the report.
+        first: Frames of the recording before these.
     """
     names = tracks.names
     sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
     xyz = np.where(named.unsure[..., None], np.nan, xyz)
-    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names))
+    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names, first=first))
     cleaning = clean(xyz, sd, tracks.t_s, skeleton, names)
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
@@ -436,10 +429,11 @@ def prepare_tracks(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findi
             "positions without cameras: their noise is taken from the file or estimated, "
             f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
             *(f.text for f in jumps),
-            *exchange_findings(named.swaps, named.unsure, names, ()),
+            *exchange_findings(named.swaps, named.unsure, names, (), first=first),
             *cleaning_findings(cleaning, names),
             *never_seen(xyz, names),
         ),
+        wrong=(*(f.text for f in jumps), *never_seen(xyz, names)),
         swaps=named.swaps,
         audited=jumps,
     )

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,11 @@ from mocap.filters.bones import learn_bones
 from mocap.filters.joint_types import Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
-from mocap.pipeline.prepare import Prepared
+from mocap.io.point_names import point_names
+from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.prepare import prepare
 from mocap.pipeline.propose_measures import proposed_measures
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
 from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names
@@ -62,26 +67,32 @@ class Proposal:
     text: str
 
 
-def propose_skeleton(prepared: Prepared, *, renamed: Mapping[str, str] | None = None) -> Proposal:
-    """A skeleton of all markers that a recording shows.
+def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Sequence[str] | None = None) -> Proposal:
+    """Propose bones, trunk and joints of all markers that a recording shows.
 
     Bones are the shortest connections among markers that keep their distance (a minimum spanning forest, in which a
     varying distance counts as a longer one). The trunk grows from the most central marker by its nearest ones, as long
     as all keep their distances. Joints are where two bones meet and bend, the parent on the side of the trunk. Limbs
-    that beat are strokes, those whose tips stand still in each cycle feet.
+    that beat are strokes, those whose tips stand still in each cycle feet. Write its ``text`` to a file, correct it,
+    and read the recording with it.
 
     Args:
-        prepared: The recording.
-        renamed: Of markers of the file, what they are called in the skeleton.
+        recording: As ``mocap.read`` gives it; distances, angles and cycles, which decide, do not depend on the frame
+            rate.
+        names: What the points are called, in their order: a list of them; or a file, with a name a line (DLTdv's
+            ``pointnames.txt``), or a table of any known format that has them.
 
     Raises:
-        MocapError: fewer than two markers are seen.
+        MocapError: it shows too little, or there are not as many names as points.
     """
+    prepared = prepare(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
     part = seen_part(prepared)
-    given, renamed = part_names(prepared, part), renamed or {}
-    names = [renamed.get(name, name) for name in given]
-    aliases = {old: new for old, new in zip(given, names, strict=True) if old != new}
-    return _proposal(names, marker_trial(prepared, part), aliases)
+    given, renamed = part_names(prepared, part), {}
+    if names is not None:
+        called = point_names(Path(names) if isinstance(names, str | PathLike) else names, len(prepared.names))
+        renamed = dict(zip(prepared.names, called, strict=True))
+    new = [renamed.get(name, name) for name in given]
+    return _proposal(new, marker_trial(prepared, part), {a: b for a, b in zip(given, new, strict=True) if a != b})
 
 
 def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, str]) -> Proposal:

@@ -1,130 +1,88 @@
-"""The files of a recording, read and converted to ideal (undistorted) pixels."""
+"""A recording in memory, and its pixels converted to ideal (undistorted) ones."""
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
+from typing import Annotated, get_args
 
 import numpy as np
 
-from eal.arrays import Array, unique
+from eal.arrays import Array
+from eal.over_time import Time
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
-from mocap.cameras.camera import Camera, check_cameras, stacked
-from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
-from mocap.io import dltdv
+from mocap.cameras.camera import Camera, scaled, stacked
+from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.contents import FileContents
-from mocap.io.every_frame import every_frame
-from mocap.io.format import Hints
-from mocap.io.profile import with_profile
-from mocap.io.registry import as_table, read
-from mocap.io.together import joined
-from mocap.io.unstated_unit import in_metres, of_cameras
-from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
+from mocap.io.optical import UNIT_M
+from mocap.io.unstated_unit import of_cameras
 from mocap.records import MarkerTracks, PixelTracks
-from mocap.skeleton import Skeleton, read_skeleton
-from mocap.stated import check_rate, check_stated
-from mocap.text import as_text
+from mocap.skeleton import Skeleton
+from mocap.stated import check_stated
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Recording:
-    """The files of one recording, and what their user states about them.
+    """A recording in memory, and what its user states about it, as ``mocap.read`` and ``mocap.from_arrays`` make it.
 
     Attributes:
-        tracks: Pixels or positions, of any format; a project of DLTdv8 holds its cameras too.
-        fps: Frames a second; None: as the file says.
-        calibration: Calibration, of any format; None: ``tracks`` holds it, or positions.
-        profile: Camera profile.
-        skeleton: Skeleton TOML.
+        name: Of the recording.
+        contents: Pixels or positions with every frame from first to last, markers named as in the skeleton.
+        skeleton: What is known of the animal, at least the markers.
+        cameras: The C calibrated cameras with their lenses; empty: none are known.
+        calibration: What messages call the calibration, where it is given beside the tracks; None: it is not.
+        findings: The first findings: how the files were read where they leave that open, and frames that they leave
+            out.
+        told: Sentences on how the calibration and the pixels were read.
+        file: The file of the tracks; None: they were never in one.
+        inputs: All files that the user named.
+        stored: Positions in a file of their own that are compared with those of the pixels; None: there are none.
+        unit: Unit of lengths, as the user states it.
         pixel_origin: Where pixel rows are counted from.
         calibration_origin: The same for the coefficients.
         image_height_px: Image height for flips.
-        stored_points: xyzpts to audit; None: the file beside ``tracks`` that is named so.
         pixel_sd: Standard deviation of a pixel; None: estimated.
-        unit: Unit of lengths, where the files do not state it; None: metres.
         correct_lag: Whether cameras that run late by the audit are read between their frames.
-        hints: What else the user states of ``tracks``: columns, format, number of cameras, sheet.
-        views: Further pixel files of the same trial, where each holds one camera; their calibration, too.
-        crop: Files or folders with crop offsets (``mocap.io.crop``); empty: those beside the tracks, if any.
-        mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions are pixels.
         fit_lens: Whether radial distortion is estimated from the recording and corrected.
+        mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions are pixels.
     """
 
-    tracks: Path
-    fps: float | None = None
-    calibration: Path | None = None
-    profile: Path | None = None
-    skeleton: Path | None = None
+    name: str
+    contents: FileContents
+    skeleton: Skeleton
+    cameras: tuple[Camera, ...] = ()
+    calibration: str | None = None
+    findings: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()
+    file: Path | None = None
+    inputs: tuple[Path, ...] = ()
+    stored: FileContents | None = None
+    unit: str | None = None
     pixel_origin: origin.PixelCorner | None = None
     calibration_origin: origin.PixelCorner | None = None
     image_height_px: float | None = None
-    stored_points: Path | None = None
     pixel_sd: float | None = None
-    unit: str | None = None
     correct_lag: bool = False
-    hints: Hints = field(default_factory=Hints)
-    views: tuple[Path, ...] = ()
-    crop: tuple[Path, ...] = ()
-    mm_per_px: float | None = None
     fit_lens: bool = False
+    mm_per_px: float | None = None
 
     def __post_init__(self) -> None:
         """Check what is stated."""
-        stated = {"fps": self.fps, "pixel_sd": self.pixel_sd, "image_height_px": self.image_height_px}
-        stated["mm_per_px"] = self.mm_per_px
-        for name, value in stated.items():
-            check_stated(name, value)
-        cameras = {"profile": self.profile, "origin": self.pixel_origin, "calibration_origin": self.calibration_origin}
-        for name, value in cameras.items():
-            if value is not None and self.calibration is None and self.tracks.suffix.lower() in (".csv", ".tsv"):
-                raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
-
-    @cached_property
-    def _read(self) -> tuple[FileContents, tuple[str, ...]]:
-        recording = self._whole()
-        recording, told = in_metres(recording, self.unit)
-        if self.fps is None and recording.fps is None:
-            raise NoRateError(f"{self.tracks.name}: the frame rate is not in the file: give `fps`")
-        if self.fps is None and recording.fps is not None:
-            check_rate(recording.fps, self.tracks.name)
-        recording, left_out = every_frame(recording if self.fps is None else recording.with_rate(self.fps))
-        return recording, (*told, *recording.assumed, *left_out)
-
-    def _whole(self) -> FileContents:
-        """The tracks, with those of further views in the order of the calibration where names tell."""
-        if not self.views:
-            return read(self.tracks, self.hints)
-        files = [read(path, self.hints) for path in (self.tracks, *self.views)]
-        other = next((f for f in files if f.pixels is None and not f.cameras and not f.lenses), None)
-        if other is not None:
-            raise FormatError(
-                f"{other.paths[0].name}: contains no pixels and no calibration ({other.format}); several files of one "
-                "trial must each contain the pixels of one camera, or their calibration"
-            )
-        if self.calibration is None:
-            return joined(files)
-        cameras = _calibration(self.calibration)
-        files.append(replace(cameras, names=(), frames=np.zeros(0, np.int64), pixels=None, points=None, lenses=()))
-        return replace(joined(files), cameras=(), unit=None)
+        for name in ("pixel_sd", "image_height_px", "mm_per_px"):
+            check_stated(name, getattr(self, name))
+        for name in ("pixel_origin", "calibration_origin"):
+            corner, corners = getattr(self, name), get_args(origin.PixelCorner)
+            if corner not in (None, *corners):
+                raise MocapError(f"`{name.removeprefix('pixel_')}` is {corner!r}, expected {' or '.join(corners)}")
+        if self.mm_per_px is not None and not self.planar:
+            raise MocapError("`mm_per_px` is the scale of one film without a calibration: leave it out")
 
     @property
-    def contents(self) -> FileContents:
-        """What the file of the tracks holds, with every frame from first to last.
-
-        Raises:
-            FormatError: it cannot be read.
-            MocapError: neither the file nor the user states the frame rate.
-        """
-        return self._read[0]
-
-    @property
-    def frame_findings(self) -> tuple[str, ...]:
-        """The first findings: how the file was read where it leaves that open, and frames that it leaves out."""
-        return self._read[1]
+    def where(self) -> str:
+        """What messages call it: its file, or its name."""
+        return self.name if self.file is None else self.file.name
 
     @property
     def filmed(self) -> bool:
@@ -133,26 +91,19 @@ class Recording:
 
     @property
     def planar(self) -> bool:
-        """Whether this is one film without a calibration.
-
-        Raises:
-            MocapError: a scale is stated for something else.
-        """
+        """Whether this is one film without a calibration."""
         found = self.contents
-        one = found.pixels is not None and len(found.pixels.cameras) == 1 and not found.cameras
-        if self.mm_per_px is not None and not (one and self.calibration is None):
-            raise MocapError("`mm_per_px` is the scale of one film without a calibration: leave it out")
-        return one and self.calibration is None
+        one = found.pixels is not None and len(found.pixels.cameras) == 1
+        return one and not self.cameras and self.calibration is None
 
     def without_needless_calibration(self) -> "Recording":
-        """The same, without the calibration where the file holds positions and no pixels."""
-        return self if self.contents.pixels is not None else replace(self, calibration=None)
+        """The same, without the calibration where it holds positions and no pixels."""
+        return self if self.contents.pixels is not None else replace(self, calibration=None, cameras=())
 
-    @property
-    def inputs(self) -> tuple[Path | None, ...]:
-        """The files that the user named."""
-        named = (self.tracks, *self.views, self.calibration, self.profile, self.skeleton, self.stored_points)
-        return (*named, *(path for path in self.crop if path.is_file()))
+    def in_unit(self, unit: str) -> "Recording":
+        """The same with lengths, which nobody states the unit of, in this one."""
+        contents = self.contents.with_unit(unit)
+        return replace(self, unit=unit, contents=contents, cameras=scaled(self.cameras, UNIT_M[unit]))
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
@@ -160,20 +111,16 @@ class Recording:
         n_frames, seen = len(found.frames), found.seen
         rate = found.fps or 0.0
         there = {
-            "file": f"{self.tracks.name} ({found.format})",
+            "file": f"{self.where} ({found.format})",
             "frames": f"{n_frames} ({n_frames / rate:.4g} s at {rate:g} a second)" if rate else str(n_frames),
             "markers": f"{len(found.names)}: {', '.join(found.names)}",
             "cameras": f"{len(found.pixels.cameras)}" if found.pixels is not None else "none: positions",
             "seen": f"{100 * seen.mean():.1f} % of samples" if seen.size else "nothing",
             "unit": self.unit or found.unit or "not stated",
         }
-        for title, path in (("calibration", self.calibration), ("skeleton", self.skeleton), ("profile", self.profile)):
-            if path is not None:
-                there[title] = path.name
-        if self.crop:
-            there["crop offsets"] = ", ".join(path.name for path in self.crop)
-        stated = {"the file does not state the frame rate"} if self.fps else set()
-        findings = [f for f in (*self.frame_findings, *found.findings) if f not in stated]
+        there |= {} if self.calibration is None else {"calibration": self.calibration}
+        there |= {"skeleton": self.skeleton.name} if self.skeleton.bones or self.skeleton.joints else {}
+        findings = (*self.findings, *self.told, *found.findings)
         return there | ({"findings": "; ".join(findings)} if findings else {})
 
     def __repr__(self) -> str:
@@ -185,12 +132,6 @@ class Recording:
     def _repr_html_(self) -> str:
         cells = (f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in self.summary().items())
         return f"<table><caption>{escape(self.name)}</caption>{''.join(cells)}</table>"
-
-    @property
-    def name(self) -> str:
-        """Name of the recording, from that of the file."""
-        stem = as_text(self.tracks.stem)
-        return re.sub(r"xyz?pts$", "", stem, flags=re.IGNORECASE).rstrip("_-. ") or stem
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -210,7 +151,7 @@ class Filmed:
     pixels: PixelTracks
     cameras: tuple[Camera, ...]
     pixel_origin: origin.PixelOrigin
-    ideal_px: Array
+    ideal_px: Annotated[Array, Time(1)]
     late_frames: Array | None = None
     told: tuple[str, ...] = ()
     lens: TrackLens | None = None
@@ -221,104 +162,47 @@ class Filmed:
         return stacked(self.cameras)
 
 
-def load_skeleton(path: Path | None, names: Sequence[str]) -> tuple[Skeleton, tuple[str, ...]]:
-    """The skeleton, and the file's marker names in its terms; without a file a skeleton of markers only.
-
-    Raises:
-        SkeletonError: the skeleton cannot be read, or uses markers that the recording lacks.
-    """
-    if path is None:
-        return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
-    skeleton = read_skeleton(path)
-    renamed = skeleton.renamed(names)
-    try:
-        unique("marker", renamed)
-    except ValueError as error:
-        raise SkeletonError(f"{path}: after renaming by its aliases, {error}") from None
-    return skeleton.for_markers(renamed, source="the recording"), renamed
-
-
-def _pixels_and_cameras(source: Recording) -> tuple[PixelTracks, tuple[Camera, ...], str, tuple[str, ...]]:
-    """Pixels, cameras, the file these are from, and how it was read; a given calibration replaces a project's own."""
-    recording = source.contents
-    if recording.pixels is None:
-        raise FormatError(
-            f"{source.tracks.name}: contains positions ({recording.format}), not pixels: give the file of pixels "
-            "(2D), or leave the calibration out"
-        )
-    if source.calibration is not None:
-        calibration = _calibration(source.calibration)
-        calibration = calibration if source.unit is None else calibration.with_unit(source.unit)
-        if not calibration.cameras:
-            raise FormatError(
-                f"{source.calibration.name}: contains no cameras ({calibration.format}): give a calibration"
-            )
-        told = tuple(f"{source.calibration.name}: {said}" for said in calibration.assumed)
-        return recording.pixels, calibration.cameras, source.calibration.name, told
-    if not recording.cameras:
-        project = recording.format == "dltdv-project"
-        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
-        raise CalibrationError(f"{source.tracks.name}: {what}: calibrate, or give `calibration`")
-    return recording.pixels, recording.cameras, source.tracks.name, ()
-
-
-def _calibration(path: Path) -> FileContents:
-    try:
-        return read(path)
-    except FormatError:
-        if path.suffix.lower() in (".csv", ".xlsx"):
-            with as_table(path) as (table, _):
-                dltdv.read_coefficients(table)  # says what is wrong with them
-        raise
-
-
 def load_points(source: Recording) -> MarkerTracks:
-    """The positions of a source without cameras.
+    """The positions of a recording without cameras.
 
     Raises:
-        FormatError: it holds none.
+        FormatError: it holds none, or none is ever seen.
     """
-    recording = source.contents
-    if recording.points is None:
+    points = source.contents.points
+    if points is None:
         raise FormatError(
-            f"{source.tracks.name}: contains no tracks ({recording.format}): give a file of pixels or positions"
+            f"{source.where}: contains no tracks ({source.contents.format}): give a file of pixels or positions"
         )
-    return recording.points
+    if not points.seen.any():
+        raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
+    return points
 
 
 def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
-    """Read pixels and cameras, decide the pixel origin, undistort.
+    """Decide the pixel origin, undistort.
 
     Args:
-        source: Files, with cameras.
+        source: A recording with cameras.
         iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
 
     Raises:
-        FormatError: a file cannot be read.
+        FormatError: it contains no pixels.
         CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
     """
-    pixels, cameras, where, told = _pixels_and_cameras(source)
-    if len(pixels.cameras) < 2:
-        raise CalibrationError(
-            f"{source.tracks.name}: contains one camera: 3D points need two or more views in one file"
+    pixels = source.contents.pixels
+    if pixels is None:
+        raise FormatError(
+            f"{source.where}: contains positions ({source.contents.format}), not pixels: give the file of pixels "
+            "(2D), or leave the calibration out"
         )
-    if len(cameras) != len(pixels.cameras):
-        raise CalibrationError(
-            f"{source.tracks.name}: {len(pixels.cameras)} cameras, but {where} has coefficients for "
-            f"{len(cameras)}: give the coefficients of this recording (one column for each camera)"
-        )
-    check_cameras(cameras, where)
-    if source.profile is not None:
-        with as_table(source.profile) as (profile, said):
-            cameras = with_profile(cameras, profile)
-        told += tuple(f"{source.profile.name}: {s}" for s in said)
-    pixels, counted = counted_from_one(source, pixels)
-    pixels, cropped = in_whole_picture(source, pixels, cameras)
-    told += counted + cropped
+    if not source.cameras:
+        project = source.contents.format == "dltdv-project"
+        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
+        raise CalibrationError(f"{source.where}: {what}: calibrate, or give `calibration`")
     return film_of(
         pixels,
-        cameras,
-        name=source.tracks.name,
+        source.cameras,
+        name=source.where,
         iterations=iterations,
         pixel_origin=source.pixel_origin,
         calibration_origin=source.calibration_origin,
@@ -326,7 +210,7 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         correct_lag=source.correct_lag,
         usual_origin=source.contents.pixel_origin,
         fit_lens=source.fit_lens,
-        told=told,
+        told=source.told,
     )
 
 
@@ -337,14 +221,11 @@ def load_in_unit(source: Recording, *, iterations: int | None) -> tuple[Recordin
         FormatError: no unit makes it an animal.
     """
     filmed = load_filmed(source, iterations=iterations)
-    stated = source.unit or source.contents.unit
-    if stated is None and source.calibration is not None:
-        stated = _calibration(source.calibration).unit
-    if stated is not None:
+    if (source.unit or source.contents.unit) is not None:
         return source, filmed
-    unit, said = of_cameras(filmed.matrices, filmed.ideal_px, where=(source.calibration or source.tracks).name)
+    unit, said = of_cameras(filmed.matrices, filmed.ideal_px, where=source.calibration or source.where)
     if unit != "m":
-        source = replace(source, unit=unit)
+        source = source.in_unit(unit)
         filmed = load_filmed(source, iterations=iterations)
     return source, replace(filmed, told=(*said, *filmed.told))
 
@@ -444,25 +325,16 @@ def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float =
     return shown, max(stated_px, shown)
 
 
-def stored_points(source: Recording) -> Path | None:
-    """The xyzpts file to audit: the one given, or the sibling of the xypts file, if it is not our own refined one."""
-    named = re.sub(r"xypts(?!.*xypts)", "xyzpts", source.tracks.name, flags=re.IGNORECASE)
-    if source.stored_points is not None or named == source.tracks.name:
-        return source.stored_points
-    alike = sorted(path for path in source.tracks.parent.iterdir() if path.name.lower() == named.lower())
-    there = (path for path in (source.tracks.with_name(named), *alike) if path.is_file())
-    return next((path for path in there if not dltdv.holds_deviations(path)), None)
-
-
 def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
-    path = source.tracks if source.contents.points is not None else stored_points(source)
-    if path is None:
-        return None, []
-    beside = source.contents if path is source.tracks else read(path)
+    beside, where = source.contents, source.where
+    if beside.points is None:
+        if source.stored is None:
+            return None, []
+        beside, where = source.stored, source.stored.paths[0].name
     stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
     if stored is None:
-        return None, [f"{path.name} was not compared: it contains no positions ({beside.format})"]
+        return None, [f"{where} was not compared: it contains no positions ({beside.format})"]
     decision = filmed.pixel_origin
     ideal = origin.ideal_pixels(
         filmed.cameras,
@@ -477,14 +349,14 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
     xyz = triangulate.linear(filmed.matrices, ideal)
     elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
     if elsewhere is not None:
-        return None, [f"{path.name}: {elsewhere.text}"]
+        return None, [f"{where}: {elsewhere.text}"]
     try:
         stale = audit.stale_points(xyz, stored)
     except ValueError as error:
-        return None, [f"{path.name} was not compared: {error}"]
+        return None, [f"{where} was not compared: {error}"]
     total = int(stored.seen.sum())
     if not stale:
-        return (), [f"{path.name}: all {total} stored points agree with the triangulation of the pixels"]
+        return (), [f"{where}: all {total} stored points agree with the triangulation of the pixels"]
     worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
     why = (
         "out of date"
@@ -492,6 +364,6 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
         else "of another calibration or lens than this one, of other pixels, or smoothed"
     )
     return tuple(stale), [
-        f"{path.name}: {len(stale)} of {total} stored points differ from the triangulation of the pixels (by up to "
+        f"{where}: {len(stale)} of {total} stored points differ from the triangulation of the pixels (by up to "
         f"{worst * 1e3:.1f} mm): they are {why}, and were computed again"
     ]

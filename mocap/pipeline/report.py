@@ -11,12 +11,13 @@ from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.filters.joint_types import Articulation, undetermined
-from mocap.io.unstated_unit import unit_told
+from mocap.io.unstated_unit import UNSTATED, length, unit_told
 from mocap.markdown import plain
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.run import JointPotential
+from mocap.pipeline.summary import METHODS, method, notes
 from mocap.pipeline.tracking import Part, lasting_cov
 from mocap.records import Status, TrackedMotion
 
@@ -93,6 +94,8 @@ def make_report(
             "joints": [_articulation(joint) for joint in articulated],
             "undetermined": undetermined(articulated),
         },
+        "length_m": _number(length(prepared.xyz_m)),
+        "wrong": _wrong(prepared, tracked, potentials),
         "findings": [*prepared.findings, *_too_narrow(tracked), *_no_joints(prepared, potentials)],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
@@ -196,6 +199,14 @@ def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
     }
 
 
+def _wrong(prepared: Prepared, tracked: TrackedMotion, potentials: Mapping[str, JointPotential]) -> list[str]:
+    """The findings that ask for something to be done, worst first; the others say what was decided or repaired."""
+    unit = unit_told(prepared.findings)
+    guessed = [unit] if unit is not None and unit.startswith(UNSTATED.upper()) else []  # all lengths may be wrong
+    found = [*guessed, *prepared.wrong, *_too_narrow(tracked), *_no_joints(prepared, potentials)]
+    return list(dict.fromkeys(found))
+
+
 def _too_narrow(tracked: TrackedMotion) -> list[str]:
     """A finding where prediction errors (innovations) are much larger than the filter expects."""
     nis = _consistency(tracked)["nis_per_row"]
@@ -275,10 +286,10 @@ def _range(samples: Array) -> tuple[Array, Array]:
 
 def readable(report: Mapping, *, title: str) -> str:
     """The report as markdown."""
-    samples, rejected, noise = report["samples"], report["rejected"]["counts"], report["pixel_noise_px"]
+    rejected, noise = report["rejected"]["counts"], report["pixel_noise_px"]
     first, last = report["tracked_frames"]
     inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
-    within = {origin: samples[origin] / inside for origin in ("measured", "smoothed", "predicted", "rejected")}
+    within = {name: report["samples"][name] / inside for name in ("measured", "smoothed", "predicted", "rejected")}
     lines = [
         f"# {plain(title)}",
         "",
@@ -339,7 +350,9 @@ def readable(report: Mapping, *, title: str) -> str:
         f"- rejected samples: {_counted(rejected, {**reasons, **_RAYS})}",
         f"- repaired samples: {_counted(report['repaired']['counts'], report['repaired']['reasons'])}",
     ]
-    lines += ["", "## Findings", "", *(f"- {_said(finding)}" for finding in report["findings"])]
+    wrong = report["wrong"]
+    lines += ["", "## Findings", "", *(f"- **{_said(finding)}**" for finding in wrong)]
+    lines += [f"- {_said(finding)}" for finding in notes(report)]
     if report["stale_points"]:
         stale = ", ".join(map(_stale, report["stale_points"][:40]))
         lines += [
@@ -400,25 +413,21 @@ def _mm(quantiles: Mapping[str, float | None]) -> str:
     return f"{quantiles['50%']:.2f} and {quantiles['90%']:.2f} mm"
 
 
-_METHODS = {
-    "linear": "linear interpolation of each coordinate",
-    "cubic": "cubic splines",
-    "constant_velocity": "Kalman smoother of each marker alone",
-    "eal": "Kalman smoother of the whole pose with its empirical potential",
-    "articulated": "Kalman smoother of joint angles, segments of constant length",
-    "lagrangian": "the same, moved by the animal's Lagrangian",
-    "mixture": "weighted mean of several models, by each model's predicted variance",
-}
-"""What the methods of the tables are."""
-
-
 def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
     if not methods:
         return []
-    lines = [f"## {title}", "", "| method | RMSE mm | inside 95 % intervals |", "|---|---|---|"]
+    lines = [
+        f"## {title}",
+        "",
+        "z is the root mean square of error over stated standard deviation: 1 where intervals are right.",
+        "",
+        "| method | RMSE mm | inside 95 % intervals | z |",
+        "|---|---|---|---|",
+    ]
     for name, value in methods.items():
         rmse = "-" if value["rmse_mm"] is None else f"{value['rmse_mm']:.2f}"
         coverage = "-" if value["coverage95"] is None else f"{value['coverage95']:.1f} %"
-        lines.append(f"| {plain(name)} | {rmse} | {coverage} |")
-    told = "; ".join(f"{plain(name)}, {_METHODS[name]}" for name in methods if name in _METHODS)
+        z = "-" if value["z"] is None else f"{value['z']:.2f}"
+        lines.append(f"| {plain(method(name))} | {rmse} | {coverage} | {z} |")
+    told = "; ".join(f"{METHODS[name][0]}, {METHODS[name][1]}" for name in methods if name in METHODS)
     return [*lines, "", *([f"Methods: {told}.", ""] if told else [])]

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eal.arrays import Array
+from eal.arrays import Array, short_repr
+from eal.over_time import OverTime
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
 from mocap.cameras.camera import Camera
@@ -17,6 +18,7 @@ from mocap.filters.velocities import Motion
 from mocap.io.movies import Movie
 from mocap.joint_angles import JointAngles
 from mocap.records import JointTracks, PixelTracks, TrackedMotion
+from mocap.sides import words
 from mocap.skeleton import Skeleton
 
 
@@ -38,6 +40,8 @@ class JointPotential:
     potential: EmpiricalPotential
     scale_m: float
 
+    __repr__ = short_repr
+
     def value(self, q_m: ArrayLike) -> Array:
         """V_z at (..., d) coordinates in metres: (...) values between 0 (where the joint was seen) and 1."""
         return self.potential.value(np.asarray(q_m) / self.scale_m)
@@ -51,15 +55,34 @@ class JointPotential:
         return self.potential.hessian(np.asarray(q_m) / self.scale_m) / self.scale_m**2
 
     def plot(self, ax: Any = None) -> Any:
-        """Map of V_z in the plane of the limb, in mm, with its samples; on matplotlib axes, which it returns.
+        """Map of V_z in the plane of the limb, in mm and degrees of flexion, with samples and limb; returns its axes.
 
         Raises:
             ValueError: it has more than two coordinates.
         """
         labels = ("along the limb (mm)", "across (mm)", "third (mm)")[: self.samples_m.shape[1]]
         ax = plot_potential(self.potential, ax, scale=1e3 * self.scale_m, labels=labels)
-        ax.set_title(f"V_z of {self.joint}", fontsize=10)
+        ax.set_title(f"{words(self.joint)}: joint potential, low where the joint goes", fontsize=9)
+        if self.samples_m.shape[1] == 2:
+            self._draw_limb(ax)
         return ax
+
+    def _draw_limb(self, ax: Any) -> None:
+        """The segment before the joint, the mean of the next one, and flexion in degrees: 0 where both are in line."""
+        x, y = 1e3 * self.samples_m.T
+        length = float(np.median(np.hypot(x, y)))
+        (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+        ax.set_facecolor(ax.collections[0].get_facecolors()[-1])  # that of 1, beyond the map
+        ax.plot([-length, 0, x.mean()], [0, 0, y.mean()], "o-", color="white", linewidth=2, markersize=4, zorder=4)
+        angle = np.sort(np.degrees(np.arctan2(y, x)))
+        shown = [(-0.5 * length, -0.1 * length), (0.1 * length, 0.1 * length), (left, low), (right, high)]
+        for degrees in range(30 * int(np.floor(angle[0] / 30)), 30 * int(np.ceil(angle[-1] / 30)) + 1, 30):
+            way = length * np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+            ax.plot(*np.outer(way, (1.22, 1.3)), color="white", linewidth=1)
+            ax.text(*(1.42 * way), f"{degrees}°", fontsize=7, ha="center", va="center", color="white")
+            shown.append(tuple(1.55 * way))
+        (x0, y0), (x1, y1) = np.min(shown, axis=0), np.max(shown, axis=0)
+        ax.set(xlim=(x0, x1), ylim=(y0, y1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,7 +96,7 @@ class Footage:
     """
 
     movie: Movie
-    frames: NDArray[np.int64]
+    frames: OverTime[NDArray[np.int64]]
     straight: bool
 
     @property
@@ -143,7 +166,7 @@ class Run:
     joints: Mapping[str, JointTracks]
     potentials: Mapping[str, JointPotential]
     spatial_potentials: Mapping[str, JointPotential]
-    repaired: NDArray[np.bool_]
+    repaired: OverTime[NDArray[np.bool_]]
     report: Mapping[str, object]
     report_text: str
     footage: tuple[Footage, ...] = ()
@@ -151,3 +174,5 @@ class Run:
     limbs: tuple[HeldLimb, ...] = ()
     angles: JointAngles | None = None
     plane: Plane | None = None
+
+    __repr__ = short_repr

@@ -1,6 +1,6 @@
 """Learn motion models from a prepared recording, track with them, and measure on hidden samples how they fill gaps."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.cameras.camera import project
 from mocap.cleaning.persistence import lasting_share
-from mocap.filters.anatomy import anatomy_of, ends_among
+from mocap.filters.anatomy import anatomy_of
 from mocap.filters.body_axes import BodyFrames, body_frames
-from mocap.filters.hide import Group, Rules, excerpt, hide, interior_gaps, unseen_runs
+from mocap.filters.hide import excerpt, hide_neighbours, hide_own
 from mocap.filters.interpolate import interpolated
 from mocap.filters.mixture import Mixture
 from mocap.filters.model import (
@@ -42,7 +42,6 @@ from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
 from mocap.records import MarkerTracks, Status, TrackedMotion
 from mocap.side_by_side import call_all
-from mocap.skeleton import Skeleton
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
@@ -297,15 +296,19 @@ class HiddenSamples:
 
 
 def hide_samples(prepared: Prepared, part: Part, rng: np.random.Generator, *, most_frames: int = 300) -> HiddenSamples:
-    """Hide samples in gaps like the recording's own, in at most so many frames, where most is seen."""
-    seen = np.isfinite(prepared.xyz_m[..., 0])
-    inside = excerpt(seen[part.frames], most_frames)
+    """Hide samples in gaps like the recording's own, in at most so many frames: to see how these are filled."""
+    trial = marker_trial(prepared, part)
+    own = hide_own(trial, rng)
+    if not own.gaps:
+        own = hide_neighbours(trial, rng)
+    inside = excerpt(own.mask, most_frames)
     window = slice(part.frames.start + inside.start, part.frames.start + inside.stop)
-    part = Part(frames=window, markers=np.flatnonzero(seen[window].any(axis=0)))
+    seen = np.isfinite(prepared.xyz_m[..., 0])
     hidden = np.zeros_like(seen)
-    hidden[window] = hide_like_own(seen[window], prepared.skeleton, prepared.names, prepared.dt_s, rng)
-    hidden[:, ~(seen & ~hidden)[window].any(axis=0)] = False
-    return HiddenSamples(part=part, mask=hidden)
+    hidden[np.ix_(np.arange(len(seen))[window], part.markers)] = own.mask[inside]
+    left = np.asarray((seen & ~hidden)[window].any(axis=0))
+    hidden[:, ~left] = False
+    return HiddenSamples(part=Part(frames=window, markers=np.flatnonzero(left)), mask=hidden)
 
 
 def fill_hidden(
@@ -389,47 +392,3 @@ def score_filled(
 def _jitter(prepared: Prepared, part: Part) -> Array:
     """The measurement's own covariance, which a comparison with measured samples contains."""
     return np.nan_to_num(prepared.cov_m2[part.frames][:, part.markers])
-
-
-def hide_like_own(
-    seen: Mask,
-    skeleton: Skeleton,
-    names: Sequence[str],
-    dt_s: float,
-    rng: np.random.Generator,
-    *,
-    share: float = 0.04,
-) -> Mask:
-    """Hide measured samples in gaps like the recording's own.
-
-    Lengths are drawn from its interior gaps of 3 to 60 frames (if it has fewer than five: 10 to 70 ms); half of the
-    gaps hide one marker, half also the markers that bones join to it. Gaps of different markers may overlap in time.
-
-    Args:
-        seen: (T, M) samples that were measured.
-        skeleton: Its bones.
-        names: The M marker names.
-        dt_s: Time step.
-        rng: Where to hide.
-        share: About this share of the measured samples is hidden.
-
-    Returns:
-        (T, M) hidden samples, all of them measured.
-    """
-    lengths = np.array([stop - start for _, start, stop in unseen_runs(~interior_gaps(seen))], dtype=np.int64)
-    lengths = lengths[(lengths >= 3) & (lengths <= 60)]
-    if len(lengths) < 5:
-        lengths = np.unique(np.linspace(max(3, 0.01 / dt_s), max(4, 0.07 / dt_s), 7).astype(int))
-    alone = np.eye(len(names), dtype=bool)
-    joined = alone.copy()
-    for a, b in ends_among(names, [(bone.a, bone.b) for bone in skeleton.bones]):
-        joined[[a, b], [b, a]] = True
-    one = np.ones(len(names), dtype=np.int64)
-    groups = [Group(name=name, sets=sets, least=one) for name, sets in (("one", alone), ("joined by bones", joined))]
-    usual = float(lengths.mean()) * 0.5 * (1 + float(joined.sum(axis=1).mean()))
-    count = int(np.ceil(share * seen.sum() / usual))
-    wanted = [(groups[int(rng.integers(2))], int(rng.choice(lengths))) for _ in range(count)]
-    hidden = np.zeros_like(seen)
-    for gap in next(iter(hide(seen, wanted, rng, Rules(apart_share=1.0, alone=False))), ()):
-        hidden[gap.frames, gap.scored] = True
-    return hidden & seen

@@ -10,7 +10,7 @@ from mocap.audit import fit_findings
 from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
-from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_in_unit, load_skeleton
+from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_in_unit
 from mocap.records import marker_tracks
 from mocap.stated import contradiction
 
@@ -56,7 +56,7 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     """Write a DLTdv xyzpts file.
 
     Args:
-        source: Files, with cameras.
+        source: A recording with cameras.
         out: File to write, as ``mocap.io.output.result_file`` gives it.
         refine: False: DLTdv's linear least squares, with its three iterations of undistortion, nothing cleaned. True:
             the smallest reprojection error, rays that miss rejected, with columns ``<name>_sd``.
@@ -65,9 +65,8 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         MocapError: whatever makes that impossible.
     """
     if not source.filmed:
-        raise MocapError(f"{source.tracks.name}: pixels need the calibration of their cameras: give `calibration`")
+        raise MocapError(f"{source.where}: pixels need the calibration of their cameras: give `calibration`")
     source, filmed = load_in_unit(source, iterations=None if refine else 3)
-    _, names = load_skeleton(source.skeleton, filmed.pixels.names)
     if refine:
         shown, gate = by_pixels(filmed, source.pixel_sd)
         found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate)
@@ -77,7 +76,7 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     else:
         xyz, residual = linear_in_blocks(filmed.matrices, filmed.ideal_px)
         contradicted, cov = [], None
-    tracks = marker_tracks(names, filmed.pixels.t_s, xyz, cov_m2=cov)
+    tracks = marker_tracks(filmed.pixels.names, filmed.pixels.t_s, xyz, cov_m2=cov)
     _, findings = audit_points(source, filmed)
     dltdv.write_points(out, tracks, sd=refine)
     poor = [f.text for f in fit_findings(filmed.cameras, filmed.ideal_px) if f.alarm]
@@ -88,7 +87,7 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         findings=(
             *poor,
             *contradicted,
-            *source.frame_findings,
+            *source.findings,
             *filmed.told,
             filmed.pixel_origin.describe(),
             *findings,

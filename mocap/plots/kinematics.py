@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eal.arrays import Array, true_runs
-from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls
+from eal.arrays import Z95, Array, true_runs
+from mocap.kinematics.cycles import Cycle, Ensemble, Footfalls, ensemble
 from mocap.kinematics.records import Kinematics, Quantity, Rests
 from mocap.records import Status
+from mocap.sides import words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,50 +58,108 @@ def styled(ax: "Axes") -> None:
 
 def label(name: str) -> str:
     """A quantity's name without its unit, as words."""
-    parts = name.split("_")
     for unit in sorted(UNITS, key=len, reverse=True):
-        tail = unit.split("_")
-        if parts[-len(tail) :] == tail:
-            parts = parts[: -len(tail)]
-            break
-    return " ".join(parts)
+        if name.endswith(f"_{unit}"):
+            return words(name.removesuffix(f"_{unit}"))
+    return words(name)
 
 
 def plot_over_time(found: Kinematics, quantities: Sequence[str], *, ax: "Axes | None" = None) -> "Axes":
-    """Quantities of one unit over time with their 95 % intervals; frames that rest on filled markers are shaded.
+    """Quantities of one unit over time with their 95 % intervals, and below them how wide these are.
+
+    A bar at the bottom shows, in the colour of each quantity, where it rests on filled markers.
 
     Args:
         found: The quantities.
         quantities: Names of one to three of them.
-        ax: To draw on; None: new ones.
+        ax: To draw values on alone; None: new axes, with the widths of the intervals below.
     """
-    ax = new_axes(width_mm=180) if ax is None else ax
-    t_s = found.t_s
-    several = [found[name] for name in quantities]
-    filled = np.any([q.rests == Rests.FILLED for q in several], axis=0)
-    shade(ax, t_s, filled)
+    below = None
+    if ax is None:
+        ax, below = stacked(1)[0]
+    lines_over_time(ax, below, [found[name] for name in quantities], found.t_s)
+    (below or ax).set_xlabel("time (s)", fontsize=7)
+    return ax
+
+
+def stacked(n: int) -> "list[tuple[Axes, Axes]]":
+    """So many pairs of axes below each other: one for values, one for the widths of their intervals."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(180 / 25.4, (10 + 52 * n) / 25.4), layout="constrained")
+    axes = figure.subplots(2 * n, 1, sharex=True, height_ratios=[3, 1] * n)
+    for ax in axes:
+        styled(ax)
+    return [(axes[2 * k], axes[2 * k + 1]) for k in range(n)]
+
+
+def beside_each_other(n: int, *, rows: int) -> "list[Axes]":
+    """Axes beside each other with one scale, and room above for so many rows of a legend."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(86 * n / 25.4, (48 + 3.6 * rows) / 25.4), layout="constrained")
+    axes = figure.subplots(1, n, sharey=True, squeeze=False)[0]
+    for ax in axes:
+        styled(ax)
+    return list(axes)
+
+
+def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity], t_s: Array) -> None:
+    """Values with their 95 % intervals; on ``below`` half the width of these."""
+    from matplotlib.patches import Patch
+
+    keys, bottom = [], 0.0
     for q, colour in zip(several, COLOURS, strict=False):
         ax.fill_between(t_s, q.low, q.high, color=colour, alpha=0.25, linewidth=0)
-        ax.plot(t_s, q.value, color=colour, linewidth=0.9, label=label(q.name))
-    low, high = sensible([q.value for q in several])
-    bands = [
-        np.concatenate([b[np.isfinite(b)] for b in ends])
-        for ends in zip(*((q.low, q.high) for q in several), strict=True)
-    ]
-    if len(bands[0]):
-        low, high = min(low, float(np.percentile(bands[0], 10))), max(high, float(np.percentile(bands[1], 90)))
-    ax.set_ylim(low, high)
+        keys += ax.plot(t_s, q.value, color=colour, linewidth=0.9, label=label(q.name))
+        filled = q.rests == Rests.FILLED
+        if filled.any():
+            _bar(ax, t_s, filled, bottom, colour)
+            bottom += 0.03
+        if below is not None:
+            below.plot(t_s, 0.5 * (q.high - q.low), color=colour, linewidth=0.7)
+    if any(np.isfinite(q.sd).any() for q in several):
+        keys.append(Patch(color=COLOURS[0], alpha=0.25, label="95 % interval"))
+    if bottom:
+        keys.append(Patch(color="0.4", label="bars: filled markers"))
+    ax.set_ylim(*_limits(several))
     there = np.flatnonzero(np.any([np.isfinite(q.value) for q in several], axis=0))
     if len(there):
         ax.set_xlim(float(t_s[there[0]]), float(t_s[there[-1]]))
-    share = 100 * float(filled[there].mean()) if len(there) else 0.0
-    note = f"band: 95 % interval; grey: rests on filled markers ({share:.0f} % of {len(there)} frames)"
-    ax.set_xlabel(f"time (s)        {note}", fontsize=7)
-    ax.set_ylabel(
-        f"{'angle' if several[0].unit == 'deg' else label(several[0].name)} ({UNITS[several[0].unit]})", fontsize=7
+    unit = UNITS[several[0].unit]
+    ax.set_ylabel(f"{'angle' if several[0].unit == 'deg' else label(several[0].name)} ({unit})", fontsize=7)
+    ax.legend(
+        handles=keys, fontsize=7, frameon=False, ncols=5, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1
     )
-    ax.legend(fontsize=7, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
-    return ax
+    if below is not None:
+        below.set_ylim(bottom=0)
+        below.set_ylabel(f"± ({unit})", fontsize=7)
+
+
+def _bar(ax: "Axes", t_s: Array, where: NDArray[np.bool_], bottom: float, colour: str) -> None:
+    """A bar along the time axis where something holds, ``bottom`` up from the axis as a share of the height."""
+    ax.fill_between(
+        t_s,
+        bottom,
+        bottom + 0.022,
+        where=where.tolist(),
+        step="mid",
+        transform=ax.get_xaxis_transform(),
+        color=colour,
+        linewidth=0,
+    )
+
+
+def _limits(several: Sequence[Quantity]) -> tuple[float, float]:
+    """Of values, and of the intervals of all but the least known tenth; room below for the bars."""
+    low, high = sensible([q.value for q in several])
+    ends = [
+        np.concatenate([end[np.isfinite(end)] for end in pair])
+        for pair in zip(*((q.low, q.high) for q in several), strict=True)
+    ]
+    if len(ends[0]):
+        low, high = min(low, float(np.percentile(ends[0], 10))), max(high, float(np.percentile(ends[1], 90)))
+    return low - 0.08 * (high - low), high
 
 
 def shade(ax: "Axes", t_s: Array, where: NDArray[np.bool_]) -> None:
@@ -120,18 +179,42 @@ def sensible(values: Sequence[Array]) -> tuple[float, float]:
     return float(low - room), float(high + room)
 
 
-def plot_by_phase(curves: Sequence[Ensemble], *, unit: str, of: str, ax: "Axes | None" = None) -> "Axes":
-    """Mean curves over the phase of a cycle, with the 95 % interval of the mean, and each cycle thin."""
-    ax = new_axes(rows=len(curves)) if ax is None else ax
+def plot_by_phase(
+    curves: Sequence[Ensemble], *, unit: str, of: str, turning: float | None = None, ax: "Axes | None" = None
+) -> "Axes":
+    """Mean curves over the phase of a cycle, with the 95 % interval of the mean, and each cycle thin.
+
+    Args:
+        curves: Of quantities of one unit.
+        unit: Theirs.
+        of: What a cycle is, in words.
+        turning: Phase of the lower turning point, where the cycle begins at the upper one; None: it does not.
+        ax: To draw on; None: new ones.
+    """
+    ax = new_axes(rows=len(curves) + (turning is not None)) if ax is None else ax
     for one, colour in zip(curves, COLOURS, strict=False):
         for curve in one.curves:
             ax.plot(one.phase, curve, color=colour, linewidth=0.3, alpha=0.35)
         ax.fill_between(one.phase, one.low, one.high, color=colour, alpha=0.35, linewidth=0)
         ax.plot(one.phase, one.mean, color=colour, linewidth=1.2, label=f"{label(one.quantity)} (n = {one.n})")
+    if turning is not None and np.isfinite(turning):
+        ax.axvline(turning, color="0.5", linewidth=0.7, linestyle="--")
+        for phase, text in ((0.0, "upper"), (turning, "lower"), (1.0, "upper")):
+            ax.annotate(
+                text,
+                (phase, 1),
+                xycoords=("data", "axes fraction"),
+                xytext=(0, 1),
+                textcoords="offset points",
+                fontsize=6,
+                ha="center",
+                color="0.35",
+            )
     ax.set_xlim(0, 1)
     ax.set_xlabel(f"phase of the {of} (cycles)", fontsize=7)
     ax.set_ylabel(f"{'angle' if unit == 'deg' else 'value'} ({UNITS[unit]})", fontsize=7)
-    ax.legend(fontsize=6.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
+    up = 1.0 if turning is None else 1.06
+    ax.legend(fontsize=6.5, frameon=False, loc="lower left", bbox_to_anchor=(0, up), borderaxespad=0.1)
     return ax
 
 
@@ -143,7 +226,7 @@ def plot_gait(steps: Footfalls, *, ax: "Axes | None" = None) -> "Axes":
         for start, stop in true_runs(steps.stance[:, row]):
             left = steps.t_s[start] - half
             ax.barh(row, steps.t_s[stop - 1] + half - left, left=left, height=0.6, color=COLOURS[row % len(COLOURS)])
-    ax.set_yticks(range(len(steps.feet)), [foot.replace("_", " ") for foot in steps.feet])
+    ax.set_yticks(range(len(steps.feet)), [words(foot) for foot in steps.feet])
     ax.invert_yaxis()
     ax.set_xlim(float(steps.t_s[0]), float(steps.t_s[-1]))
     ax.set_xlabel("time (s)", fontsize=7)
@@ -152,32 +235,50 @@ def plot_gait(steps: Footfalls, *, ax: "Axes | None" = None) -> "Axes":
 
 
 def plot_cycle_values(rows: Sequence[Cycle], what: str, *, unit: str, ax: "Axes | None" = None) -> "Axes":
-    """A value of each cycle over time, by limb."""
+    """A value of each cycle over time, by limb, with its 95 % interval where that is known."""
     ax = new_axes(rows=len({row.of for row in rows})) if ax is None else ax
+    stem, _, end = what.rpartition("_")
     for k, limb in enumerate(dict.fromkeys(row.of for row in rows)):
         some = [row for row in rows if row.of == limb]
         values = np.array([getattr(row, what) for row in some])
-        colour = COLOURS[k % len(COLOURS)]
-        text = f"{limb.replace('_', ' ')}: {np.mean(values):.3g} ± {np.std(values):.2g}, n = {len(some)}"
-        ax.plot([row.start_s for row in some], values, "o-", color=colour, markersize=2.5, linewidth=0.7, label=text)
+        half = Z95 * np.array([getattr(row, f"{stem}_sd_{end}", np.nan) for row in some])
+        text = f"{words(limb)}: {np.mean(values):.2f} ± {np.std(values):.2f} {unit} (mean ± SD, n = {len(some)})"
+        ax.errorbar(
+            [row.start_s for row in some], values, np.where(np.isfinite(half), half, 0.0), fmt="o-", markersize=2.5,
+            color=COLOURS[k % len(COLOURS)], linewidth=0.7, elinewidth=0.7, capsize=1.2, label=text,
+        )  # fmt: skip
     ax.set_xlabel("time (s)", fontsize=7)
-    ax.set_ylabel(f"{what.rsplit('_', 1)[0].replace('_', ' ')} ({unit})", fontsize=7)
+    ax.set_ylabel(f"{stem.replace('_', ' ')} ({unit})", fontsize=7)
     ax.legend(fontsize=6.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
     return ax
 
 
-def plot_stroke_path(stroke: Quantity, deviation: Quantity, *, ax: "Axes | None" = None) -> "Axes":
-    """Path of a limb in and out of its stroke plane."""
-    ax = new_axes() if ax is None else ax
-    ax.axhline(0, color="0.7", linewidth=0.6)
-    ax.plot(stroke.value, deviation.value, color=COLOURS[0], linewidth=0.6)
+def plot_stroke_path(found: Kinematics, name: str, rows: Sequence[Cycle] = (), *, ax: "Axes | None" = None) -> "Axes":
+    """Path of a limb in and out of its stroke plane, with equal axes; the mean of its cycles, and which way it goes.
+
+    Args:
+        found: The quantities.
+        name: The stroke.
+        rows: Its cycles; none: no mean is drawn.
+        ax: To draw on; None: new ones.
+    """
+    ax = new_axes(rows=1) if ax is None else ax
+    stroke, aside = found[f"{name}_stroke_deg"], found[f"{name}_deviation_deg"]
+    ax.axhline(0, color="0.8", linewidth=0.6)
+    ax.plot(stroke.value, aside.value, color="0.65", linewidth=0.5, label="each cycle")
     filled = stroke.rests == Rests.FILLED
-    ax.plot(stroke.value[filled], deviation.value[filled], ".", color=COLOURS[1], markersize=1.5, label="filled")
-    ax.set_xlabel("stroke angle, up is positive (°)", fontsize=7)
-    ax.set_ylabel("out of the stroke plane (°)", fontsize=7)
-    ax.set_title(label(stroke.name), fontsize=7, loc="left")
     if filled.any():
-        ax.legend(fontsize=6.5, frameon=False)
+        ax.plot(stroke.value[filled], aside.value[filled], ".", color=COLOURS[1], markersize=1.5, label="filled")
+    along, out = (ensemble(found, rows, q.name).mean for q in (stroke, aside))
+    if np.isfinite(along).all():
+        ax.plot(along, out, color=COLOURS[0], linewidth=1.6, label="mean")
+        for k in (len(along) // 4, 3 * len(along) // 4):
+            tip = {"arrowstyle": "->", "color": COLOURS[0], "linewidth": 1.6}
+            ax.annotate("", (along[k + 2], out[k + 2]), (along[k], out[k]), arrowprops=tip)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel(f"{words(name)}: stroke angle, up is positive (°)", fontsize=7)
+    ax.set_ylabel("out of the stroke plane (°)", fontsize=7)
+    ax.legend(fontsize=6.5, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
     return ax
 
 
@@ -201,9 +302,10 @@ def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax:
     half = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.5
     span = (t_s[0] - half, t_s[-1] + half, len(names) - 0.5, -0.5)
     ax.imshow(np.swapaxes(picture, 0, 1), aspect="auto", interpolation="nearest", extent=span)
-    ax.set_yticks(range(len(names)), names, fontsize=5.5)
+    ax.set_yticks(range(len(names)), [words(name) for name in names], fontsize=5.5)
     ax.set_xlabel("time (s)", fontsize=7)
-    keys = [Patch(color=colour, label=f"{what} {100 * where.mean():.1f} %") for what, colour, where in kinds]
+    shares = [(what, colour, 100 * float(where.mean())) for what, colour, where in kinds if where.any()]
+    keys = [Patch(color=colour, label=f"{what} {share:.1f} %") for what, colour, share in shares]
     ax.legend(handles=keys, fontsize=6.5, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0))
     return ax
 

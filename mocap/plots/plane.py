@@ -30,7 +30,7 @@ def plane_pictures(run: Run) -> Iterator[Picture]:
     yield Picture(
         name="paths",
         caption="Paths in the picture, rows downwards; thin grey where filled.",
-        axes=_paths(xy, filled, markers.names, unit),
+        figure=_paths(xy, filled, markers.names, unit).figure,
     )
     most = np.argsort(-(markers.status == Status.MEASURED).sum(axis=0), kind="stable")[: len(COLOURS)]
     for axis, title in enumerate("xy"):
@@ -45,7 +45,7 @@ def plane_pictures(run: Run) -> Iterator[Picture]:
         ax.set_xlabel("time (s)        band: 95 % interval; grey: one of these markers was filled", fontsize=7)
         ax.set_ylabel(f"{title} ({unit})", fontsize=7)
         ax.legend(fontsize=7, frameon=False, ncols=6, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.1)
-        yield Picture(name=f"{title}_over_time", caption=f"{title} of markers with 95 % intervals.", axes=ax)
+        yield Picture(name=f"{title}_over_time", caption=f"{title} of markers with 95 % intervals.", figure=ax.figure)
 
 
 def _paths(xy: np.ndarray, filled: np.ndarray, names: tuple[str, ...], unit: str) -> "Axes":

@@ -7,7 +7,7 @@ import numpy as np
 
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce.draw import Curve, log_log
-from mocap.reproduce.record import Figure, Verdict
+from mocap.reproduce.record import Figure, Verdict, judged
 from mocap.reproduce.settings import CONSTRAINT, DELTA_M, PENALTY, SPHERE, N, noisy_errors, table_over_lambda
 from mocap.reproduce.sweep import errors, over_lambda, planar, slope, spherical
 
@@ -30,37 +30,55 @@ def figure_14a(*, quick: bool) -> Figure:
     pushed, _ = errors(experiment, potentials[-1:], penalties, velocity=np.array([1.0, 0.0]))
     generic = slope(penalties[left], pushed[0, 0][left])
     verdicts = (
-        _verdict(
-            "14a", _REST_SLOPE, "slope at most -1/2 left of the plateau (-1.00 at rest on the set)", rate, -1.05, -0.95
+        _slope(
+            "14a",
+            "slope at most -1/2 left of the plateau (-1.00 at rest on the set)",
+            (rate, generic),
+            (-1.05, -0.95),
+            control="a start with 1 m/s across the set",
         ),
-        Verdict(
-            figure="14a",
-            sentence="The slope of the reference line is -1/2.",
-            claim="with 1 m/s across the set the generic rate -1/2 appears",
-            measured=f"{generic:.2f}",
-            holds=-0.6 < generic < -0.45,
+        judged(
+            "14a",
+            "The slope of the reference line is -1/2.",
+            "with 1 m/s across the set the generic rate -1/2 appears",
+            f"{generic:.2f}",
+            lambda slope: -0.6 < slope < -0.45,
+            generic,
+            control="a start at rest on the set",
+            faulty=rate,
         ),
-        Verdict(
-            figure="14a",
-            sentence=_REST_SLOPE,
-            claim=f"sup |r-1| at 1/eps^2 = 1e6 is g sin(theta0) eps^2/(2 beta) = {expected:.3g} m within 5 %",
-            measured=f"{constraint[-1, -1]:.3g} m",
-            holds=abs(constraint[-1, -1] / expected - 1) < 0.05,
+        judged(
+            "14a",
+            _REST_SLOPE,
+            f"sup |r-1| at 1/eps^2 = 1e6 is g sin(theta0) eps^2/(2 beta) = {expected:.3g} m within 5 %",
+            f"{constraint[-1, -1]:.3g} m",
+            lambda error: abs(error / expected - 1) < 0.05,
+            constraint[-1, -1],
+            control="the next smaller 1/eps^2 of the figure",
+            faulty=constraint[-1, -2],
         ),
-        Verdict(
-            figure="14a",
-            sentence="Equation 33: the norm of the difference of the two trajectories in C[0, T] is O(eps).",
-            claim="the full state error falls with 1/eps^2 up to 1e6, as the constraint error does (lambda = 1e-6)",
-            measured=f"least {state[4].min():.2g} at {turn:.1g}, {state[4, -1]:.2g} at 1e6: "
+        judged(
+            "14a",
+            "Equation 33: the norm of the difference of the two trajectories in C[0, T] is O(eps).",
+            "the full state error falls with 1/eps^2 up to 1e6, as the constraint error does (lambda = 1e-6)",
+            f"least {state[4].min():.2g} at {turn:.1g}, {state[4, -1]:.2g} at 1e6: "
             "the uneven floor of V drives the motion along the set",
-            holds=bool(state[4, -1] <= 1.05 * state[4].min()),
+            lambda error: error[-1] <= 1.05 * error.min(),
+            state[4],
+            control="1/eps^2 in the wrong order",
+            faulty=constraint[4][::-1],
         ),
-        Verdict(
-            figure="14a",
-            sentence=_PLATEAU,
-            claim="plateaus fall with lambda = 1e-2 .. 1e-5 and are V(q0)/(2 beta) within a factor 2.5",
-            measured=", ".join(f"{p:.2g}" for p in plateaus) + " m",
-            holds=bool(np.all(np.diff(plateaus) < 0) and np.all(np.abs(np.log(plateaus / floor)) < np.log(2.5))),
+        judged(
+            "14a",
+            _PLATEAU,
+            "plateaus fall with lambda = 1e-2 .. 1e-5 and are V(q0)/(2 beta) within a factor 2.5",
+            ", ".join(f"{p:.2g}" for p in plateaus)
+            + " m, times "
+            + ", ".join(f"{p / f:.2g}" for p, f in zip(plateaus, floor, strict=True)),
+            lambda heights: np.all(np.diff(heights) < 0) and np.all(np.abs(np.log(heights / floor)) < np.log(2.5)),
+            plateaus,
+            control="plateaus of the next larger lambda",
+            faulty=np.append(10.0 * plateaus[0], plateaus[:-1]),
         ),
     )
     curves = [
@@ -88,20 +106,28 @@ def figure_14b(*, quick: bool) -> Figure:
     constraint, state = noisy_errors(experiment, lams, penalties, seeds)
     plateaus = np.median(constraint[:, -1], axis=1)
     best = float(plateaus.min())
+    clean, _ = errors(experiment, over_lambda(experiment.samples(N), experiment.kernel, lams), penalties[-1:])
+    exact = clean[0, :, 0]
     verdicts = (
-        Verdict(
-            figure="14b",
-            sentence=_NOISE,
-            claim=f"the lowest plateau is the noise floor, 0.03 to 0.3 of delta = {DELTA_M:g} m",
-            measured=f"{best / DELTA_M:.2f} delta at lambda = {lams[int(np.argmin(plateaus))]:.0e}",
-            holds=0.03 < best / DELTA_M < 0.3,
+        judged(
+            "14b",
+            _NOISE,
+            f"the lowest plateau is the noise floor, 0.03 to 0.3 of delta = {DELTA_M:g} m",
+            f"{best / DELTA_M:.2f} delta at lambda = {lams[int(np.argmin(plateaus))]:.0e}",
+            lambda height: 0.03 < height / DELTA_M < 0.3,
+            best,
+            control="samples without noise",
+            faulty=float(exact.min()),
         ),
-        Verdict(
-            figure="14b",
-            sentence=_NOISE,
-            claim="from lambda = 1e-5 to 1e-6 the plateau no longer falls tenfold (it does without noise)",
-            measured=f"ratio {plateaus[3] / plateaus[4]:.2f}",
-            holds=plateaus[3] / plateaus[4] < 3.0,
+        judged(
+            "14b",
+            _NOISE,
+            "from lambda = 1e-4 to 1e-5 the plateau no longer falls tenfold, but by less than the root of it",
+            f"ratio {plateaus[2] / plateaus[3]:.2f}, without noise {exact[2] / exact[3]:.2f}",
+            lambda heights: heights[2] / heights[3] < np.sqrt(10.0),
+            plateaus,
+            control="samples without noise",
+            faulty=exact,
         ),
     )
     curves = [Curve(label=f"λ = {lam:.0e}", x=penalties, y=y) for lam, y in zip(lams, constraint, strict=True)]
@@ -135,13 +161,22 @@ def figure_19a(*, quick: bool, spans_s: Sequence[float] = SPANS_S) -> Figure:
         rate, plateaus = slope(penalties[left], constraint[-1][left]), constraint[:, -1]
         over = f"samples over {span_s:g} s: "
         verdicts += [
-            _verdict("19a", _REST_SLOPE, f"{over}slope at most -1/2 left of the plateau (about -1)", rate, -1.1, -0.85),
-            Verdict(
-                figure="19a",
-                sentence="We observe the same qualitative behavior of the dependence of the error on the parameters.",
-                claim=f"{over}plateaus fall with lambda",
-                measured=", ".join(f"{p:.2g}" for p in plateaus) + " m",
-                holds=bool(np.all(np.diff(plateaus) < 0)),
+            _slope(
+                "19a",
+                f"{over}slope at most -1/2 left of the plateau (about -1)",
+                (rate, slope(penalties[~left], constraint[0][~left])),
+                (-1.1, -0.85),
+                control="the plateau at the largest lambda",
+            ),
+            judged(
+                "19a",
+                "We observe the same qualitative behavior of the dependence of the error on the parameters.",
+                f"{over}plateaus fall with lambda",
+                ", ".join(f"{p:.2g}" for p in plateaus) + " m",
+                lambda heights: np.all(np.diff(heights) < 0),
+                plateaus,
+                control="lambda in the wrong order",
+                faulty=plateaus[::-1],
             ),
         ]
         table = table_over_lambda(lams, penalties, constraint[:, :, None], state[:, :, None], delta=0.0)
@@ -170,13 +205,19 @@ def figure_19b(*, quick: bool) -> Figure:
     penalties, seeds = np.logspace(2, 6, 5 if quick else 9), 1 if quick else 3
     constraint, state = noisy_errors(experiment, lams, penalties, seeds)
     plateaus = np.median(constraint[:, -1], axis=1)
+    clean, _ = errors(experiment, over_lambda(experiment.samples(N), experiment.kernel, lams), penalties[-1:])
+    exact = clean[0, :, 0]
     verdicts = (
-        Verdict(
-            figure="19b",
-            sentence=_NOISE,
-            claim=f"the lowest plateau is a noise floor, 0.02 to 1 of delta = {DELTA_M:g} m",
-            measured=f"{plateaus.min() / DELTA_M:.2f} delta",
-            holds=0.02 < plateaus.min() / DELTA_M < 1.0,
+        judged(
+            "19b",
+            _NOISE,
+            "from lambda = 1e-5 to 1e-6 the plateau no longer falls tenfold, but by less than the root of it",
+            f"ratio {plateaus[-2] / plateaus[-1]:.2f}, without noise {exact[-2] / exact[-1]:.2f}; lowest "
+            f"{plateaus.min() / DELTA_M:.2f} delta",
+            lambda heights: heights[-2] / heights[-1] < np.sqrt(10.0),
+            plateaus,
+            control="samples without noise",
+            faulty=exact,
         ),
     )
     curves = [Curve(label=f"λ = {lam:.0e}", x=penalties, y=y) for lam, y in zip(lams, constraint, strict=True)]
@@ -194,5 +235,17 @@ def figure_19b(*, quick: bool) -> Figure:
     )
 
 
-def _verdict(figure: str, sentence: str, claim: str, value: float, low: float, high: float) -> Verdict:
-    return Verdict(figure=figure, sentence=sentence, claim=claim, measured=f"{value:.2f}", holds=low <= value <= high)
+def _slope(
+    figure: str, claim: str, found: tuple[float, float], limits: tuple[float, float], *, control: str
+) -> Verdict:
+    """Of a slope within limits; the second of ``found`` is the control's."""
+    return judged(
+        figure,
+        _REST_SLOPE,
+        claim,
+        f"{found[0]:.2f}",
+        lambda slope: limits[0] <= slope <= limits[1],
+        found[0],
+        control=control,
+        faulty=found[1],
+    )

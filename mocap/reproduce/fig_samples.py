@@ -5,7 +5,7 @@ import numpy as np
 from eal import EmpiricalPotential
 from eal.arrays import Array
 from mocap.reproduce.draw import Curve, log_log
-from mocap.reproduce.record import Figure, Verdict, long_table
+from mocap.reproduce.record import Figure, Verdict, judged, long_table
 from mocap.reproduce.settings import CONSTRAINT, DELTA_M, DURATION_S, PENALTY
 from mocap.reproduce.sweep import errors, over_lambda, planar, slope, slope_with_error
 
@@ -21,13 +21,20 @@ def figure_15a(*, quick: bool) -> Figure:
     lam = np.array([LAMBDA])
     potentials = [over_lambda(experiment.samples(int(n)), experiment.kernel, lam)[0] for n in counts]
     constraint, state = (e[0] for e in errors(experiment, potentials, penalties))
-    spread = float((constraint.max(axis=0) / constraint.min(axis=0)).max() - 1)
-    verdict = Verdict(
-        figure="15a",
-        sentence=_EXACT,
-        claim="the curves for N = 50 .. 800 agree within 2 %",
-        measured=f"{100 * spread:.2g} %",
-        holds=spread < 0.02,
+    noisy = [over_lambda(experiment.samples(int(n), delta=DELTA_M), experiment.kernel, lam)[0] for n in counts[[0, -1]]]
+    spread, wrong = (
+        float((error.max(axis=0) / error.min(axis=0)).max() - 1)
+        for error in (constraint, errors(experiment, noisy, penalties[-1:])[0][0])
+    )
+    verdict = judged(
+        "15a",
+        _EXACT,
+        "the curves for N = 50 .. 800 agree within 2 %",
+        f"{100 * spread:.2g} %",
+        lambda share: share < 0.02,
+        spread,
+        control="noisy samples",
+        faulty=wrong,
     )
     return _figure(
         "15a", counts, penalties, constraint[:, :, None], state[:, :, None], 0.0, (verdict,), "exact samples"
@@ -57,19 +64,25 @@ def figure_15b(*, quick: bool) -> Figure:
     fall, doubt = slope_with_error(np.repeat(counts, seeds).astype(float), constraint[:, -1].reshape(-1))
     rate = slope(counts[counts >= 100].astype(float), offset[counts >= 100])
     verdicts = (
-        Verdict(
-            figure="15b",
-            sentence=_NOISY,
-            claim="the plateau falls with N: its slope over all draws is below 0 by two standard errors",
-            measured=f"{fall:.2f} +- {doubt:.2f}, medians " + ", ".join(f"{p:.2g}" for p in plateaus) + " m",
-            holds=fall < -2.0 * doubt,
+        judged(
+            "15b",
+            _NOISY,
+            "the plateau falls with N: its slope over all draws is below 0 by two standard errors",
+            f"{fall:.2f} +- {doubt:.2f}, medians " + ", ".join(f"{p:.2g}" for p in plateaus) + " m",
+            lambda line: line[0] < -2.0 * line[1],
+            (fall, doubt),
+            control="N in the wrong order",
+            faulty=(-fall, doubt),
         ),
-        Verdict(
-            figure="15b",
-            sentence=_NOISY,
-            claim="the valley of V is off the set as N^-1/2 (slope -0.6 to -0.4)",
-            measured=f"{rate:.2f}, from {offset[0]:.2g} to {offset[-1]:.2g} m",
-            holds=-0.6 <= rate <= -0.4,
+        judged(
+            "15b",
+            _NOISY,
+            "the valley of V is off the set as N^-1/2 (slope -0.6 to -0.4)",
+            f"{rate:.2f}, from {offset[0]:.2g} to {offset[-1]:.2g} m",
+            lambda slope: -0.6 <= slope <= -0.4,
+            rate,
+            control="an offset that falls as 1/N, as its square does",
+            faulty=slope(counts[counts >= 100].astype(float), offset[counts >= 100] ** 2),
         ),
     )
     return _figure(

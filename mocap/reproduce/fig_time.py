@@ -7,7 +7,7 @@ from eal.compiled import simulate_compiled
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce.draw import Curve, log_log, over_time
 from mocap.reproduce.fig_samples import LAMBDA
-from mocap.reproduce.record import Figure, Verdict, long_table
+from mocap.reproduce.record import Figure, Verdict, judged, long_table
 from mocap.reproduce.settings import CONSTRAINT, DELTA_M, PENALTY, N
 from mocap.reproduce.sweep import Experiment, errors, over_lambda, planar
 
@@ -49,34 +49,49 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
         axis=1,
     )
     drift = np.abs(energy - energy[0]).max(axis=0)
+    exchanged = float(experiment.system.kinetic(q[:, 0], v[:, 0]).max())
+    limit = normal_force_errors(experiment, 10.0)[1] / penalty
     verdicts = (
-        Verdict(
-            figure="13",
-            sentence=_FIG13,
-            claim="sup |r-1| over 10 s is 1.84e-5 m within 5 %",
-            measured=f"{peak[0]:.3g} m",
-            holds=abs(peak[0] / 1.84e-5 - 1) < 0.05,
+        judged(
+            "13",
+            _FIG13,
+            "sup |r-1| over 10 s is that of the force across the set, (max |F| + |F(0)|) eps^2/(4 beta) = "
+            f"{limit:.3g} m, within 5 %",
+            f"{peak[0]:.3g} m",
+            lambda sup: abs(sup / limit - 1) < 0.05,
+            peak[0],
+            control="1/eps^2 twice as large, which halves it",
+            faulty=0.5 * peak[0],
         ),
-        Verdict(
-            figure="13",
-            sentence=_FIG13,
-            claim="the energy drifts by less than 2e-7 J (RK4, h = 1e-4 s)",
-            measured=f"{drift[0]:.2g} J",
-            holds=drift[0] < 2e-7,
+        judged(
+            "13",
+            _FIG13,
+            "RK4 keeps the energy to a millionth of what the motion exchanges (h = 1e-4 s)",
+            f"{drift[0]:.2g} J of {exchanged:.3g} J",
+            lambda loss: loss < 1e-6 * exchanged,
+            drift[0],
+            control="the energy without that of the penalty",
+            faulty=penalty * np.ptp(potentials[0].value(q[:, 0])),
         ),
-        Verdict(
-            figure="13",
-            sentence=_OVERLAY,
-            claim="with the printed lambda = 1e-6 (of K/N) theta overlays the truth within 0.1 rad",
-            measured=f"{swing[0]:.2g} rad off",
-            holds=bool(swing[0] < 0.1),
+        judged(
+            "13",
+            _OVERLAY,
+            "with the printed lambda = 1e-6 (of K/N) theta overlays the truth within 0.1 rad",
+            f"{swing[0]:.2g} rad off",
+            lambda off: off < 0.1,
+            swing[0],
+            control="a mass that stays where it started",
+            faulty=np.abs(truth[:, 1] - truth[0, 1]).max(),
         ),
-        Verdict(
-            figure="13",
-            sentence=_OVERLAY,
-            claim="with lambda = 1e-6 in units of K, the literal equation 31 (2.5e-9 of K/N), it does",
-            measured=f"{swing[2]:.2g} rad off ({swing[1]:.2g} at 1e-8 of K/N, {swing[3]:.2g} at 1e-10)",
-            holds=bool(swing[2] < 0.1),
+        judged(
+            "13",
+            _OVERLAY,
+            "with lambda = 1e-6 in units of K, the literal equation 31 (2.5e-9 of K/N), it does",
+            f"{swing[2]:.2g} rad off ({swing[1]:.2g} at 1e-8 of K/N, {swing[3]:.2g} at 1e-10)",
+            lambda off: off < 0.1,
+            swing[2],
+            control="lambda = 1e-6 of K/N",
+            faulty=swing[0],
         ),
     )
     table = long_table({"T": t, "lambda": lams}, constraint_error=np.abs(q[..., 0] - 1.0), state_error=off)
@@ -99,10 +114,10 @@ def figure_13(*, quick: bool) -> Figure:  # noqa: ARG001
     )
 
 
-def figure_16(*, quick: bool) -> Figure:
+def figure_16(*, quick: bool) -> Figure:  # noqa: ARG001
     """Exact samples, several final times; the growth is not integration error."""
     experiment = planar()
-    penalties = np.logspace(2, 6, 5 if quick else 17)
+    penalties = np.logspace(2, 6, 9)
     potential = over_lambda(experiment.samples(N), experiment.kernel, np.array([LAMBDA]))
     constraint, state = errors(experiment, potential, penalties, durations_s=TIMES_S)
     checked, end = penalties[[0, -3, -1]], 0.3
@@ -113,30 +128,36 @@ def figure_16(*, quick: bool) -> Figure:
         experiment.start,
         experiment.velocity,
         duration_s=end,
-        h_s=5e-5 if quick else 1e-5,
+        h_s=2e-5,
         every=100,
         monitor=_radius_error,
     ).peaks[-1, 0]
     early, late = (constraint[TIMES_S.index(t), 0][-1] for t in (0.05, end))
-    ratio = (0.5 if quick else 0.1, late / early, fine[-1] / early)
+    ratio = (0.2, late / early, fine[-1] / early)
     held = penalties <= 1.01e4
     least, most = normal_force_errors(experiment, TIMES_S[-1])
     share = constraint[-1, 0][held] * penalties[held] / most
     verdicts = (
-        Verdict(
-            figure="16",
-            sentence="Cases with different final time, without noise: the same trends.",
-            claim="up to 1/eps^2 = 1e4 the error at 0.5 s is that of the force across the set, F = m theta'^2 - m g "
+        judged(
+            "16",
+            "Cases with different final time, without noise: the same trends.",
+            "up to 1/eps^2 = 1e4 the error at 0.5 s is that of the force across the set, F = m theta'^2 - m g "
             f"sin theta: between {least / most:.2f} and 1 times (max |F| + |F(0)|) eps^2/(4 beta), within 5 %",
-            measured=f"{share.min():.2f} to {share.max():.2f} times",
-            holds=bool(share.min() > 0.95 * least / most and share.max() < 1.05),
+            f"{share.min():.2f} to {share.max():.2f} times",
+            lambda shares: shares.min() > 0.95 * least / most and shares.max() < 1.05,
+            share,
+            control="twice the force",
+            faulty=2.0 * share,
         ),
-        Verdict(
-            figure="16",
-            sentence=_GROWTH,
-            claim=f"growth from 0.05 to {end:g} s is integration error: a step {ratio[0]:g} times as long halves it",
-            measured=f"growth {ratio[1]:.3f} times, {ratio[2]:.3f} with the shorter step: it is the motion's own",
-            holds=bool(ratio[2] - 1.0 < 0.5 * (ratio[1] - 1.0)),
+        judged(
+            "16",
+            _GROWTH,
+            f"growth from 0.05 to {end:g} s is integration error: a step {ratio[0]:g} times as long halves it",
+            f"growth {ratio[1]:.3f} times, {ratio[2]:.3f} with the shorter step: it is the motion's own",
+            lambda growth: growth[1] - 1.0 < 0.5 * (growth[0] - 1.0),
+            ratio[1:],
+            control="a growth that the step does not change",
+            faulty=(ratio[1], ratio[1]),
         ),
     )
     return _times("16", penalties, constraint, state, 0.0, verdicts, "exact samples")
@@ -174,12 +195,20 @@ def figure_17(*, quick: bool) -> Figure:
     constraint, state = errors(experiment, potentials, penalties, durations_s=TIMES_S)
     plateau = np.median(constraint[:, :, -1], axis=1)
     verdicts = (
-        Verdict(
-            figure="17",
-            sentence="The qualitative trends are quite close to those in which λ is decreased.",
-            claim=f"the plateau is the noise floor, 0.03 to 0.3 of delta = {DELTA_M:g} m, at every T",
-            measured=", ".join(f"{p / DELTA_M:.2f}" for p in plateau) + " delta",
-            holds=bool((plateau > 0.03 * DELTA_M).all() and (plateau < 0.3 * DELTA_M).all()),
+        judged(
+            "17",
+            "The qualitative trends are quite close to those in which λ is decreased.",
+            f"the plateau is the noise floor, 0.03 to 0.3 of delta = {DELTA_M:g} m, at every T",
+            ", ".join(f"{p / DELTA_M:.2f}" for p in plateau) + " delta",
+            lambda heights: (heights > 0.03 * DELTA_M).all() and (heights < 0.3 * DELTA_M).all(),
+            plateau,
+            control="samples without noise",
+            faulty=errors(
+                experiment,
+                over_lambda(experiment.samples(N), experiment.kernel, lam),
+                penalties[-1:],
+                durations_s=TIMES_S,
+            )[0][:, 0, 0],
         ),
     )
     return _times("17", penalties, constraint, state, DELTA_M, verdicts, f"noise {DELTA_M:g} m, {seeds} seeds")

@@ -68,6 +68,7 @@ def reproduce(
     *,
     samples_m: Mapping[str, Array] | None = None,
     real_bat_m: Array | None = None,
+    flights_deg: Mapping[str, Sequence[Array]] | None = None,
     spans_s: Sequence[float] = fig_penalty.SPANS_S,
     recordings: bool = False,
 ) -> list[Verdict]:
@@ -84,6 +85,8 @@ def reproduce(
         samples_m: (N, 2) samples of the wrist about the elbow in metres, for ``bat`` and ``lizard``; None: the
             built-in animals.
         real_bat_m: (N, 2) samples of a real bat's; figure 7 is then drawn for it too, as ``7_real``.
+        flights_deg: (N, 1) angles of the elbow of ``bat`` and ``lizard``, a trial each, for figure 8; None: the
+            built-in animals.
         spans_s: Spans of the samples of figure 19a, in seconds; the paper gives none.
         recordings: Whether to film, convert and track the pendulums and the lizard's wrist as well: ``13_recorded``,
             ``19_recorded``, ``20_recorded``, some minutes.
@@ -114,7 +117,8 @@ def reproduce(
             else:
                 samples_m = built_in_samples() if samples_m is None else samples_m
                 make, animal = _ANIMAL[name]
-                made = [make(samples_m[animal], quick=quick)]
+                more = {"flights_deg": flights_deg} if name == "8" else {}
+                made = [make(samples_m[animal], quick=quick, **more)]
             if name == "7" and real_bat_m is not None:
                 made.append(fig_joints.figure_7(real_bat_m, quick=quick, name="7_real"))
             for figure in made:

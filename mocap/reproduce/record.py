@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
@@ -27,6 +27,8 @@ class Verdict:
         claim: What was checked, with the expected number.
         measured: What came out.
         holds: Whether the claim holds.
+        control: What must not pass: the same numbers as a fault would have made them.
+        refused: Whether it does not.
     """
 
     figure: str
@@ -34,10 +36,14 @@ class Verdict:
     claim: str
     measured: str
     holds: bool
+    control: str
+    refused: bool
 
     def line(self) -> str:
         """One line for a terminal."""
-        return f"{label(self.figure)}: {self.claim}: {self.measured}, {'holds' if self.holds else 'DOES NOT HOLD'}"
+        found = "holds" if self.holds else "DOES NOT HOLD"
+        check = "" if self.refused else f" (BUT SO IT DOES FOR {self.control})"
+        return f"{label(self.figure)}: {self.claim}: {self.measured}, {found}{check}"
 
     def as_dict(self) -> dict[str, Any]:
         """For verdicts.json."""
@@ -47,7 +53,46 @@ class Verdict:
             "claim": self.claim,
             "measured": self.measured,
             "holds": bool(self.holds),
+            "control": self.control,
+            "refused": bool(self.refused),
         }
+
+
+T = TypeVar("T")
+
+
+def judged(
+    figure: str,
+    sentence: str,
+    claim: str,
+    measured: str,
+    test: Callable[[T], Any],
+    found: T,
+    *,
+    control: str,
+    faulty: T,
+) -> Verdict:
+    """A verdict by a test that is also put to what it must refuse.
+
+    Args:
+        figure: As in ``Verdict``; so are the next three.
+        sentence: See there.
+        claim: See there.
+        measured: See there.
+        test: Whether numbers bear the claim out.
+        found: The numbers.
+        control: What the faulty numbers are.
+        faulty: Numbers for which the claim is false, whatever ``found`` is.
+    """
+    return Verdict(
+        figure=figure,
+        sentence=sentence,
+        claim=claim,
+        measured=measured,
+        holds=bool(test(found)),
+        control=control,
+        refused=not test(faulty),
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,7 +10,7 @@ from mocap.datasets import make_bat
 from mocap.datasets import write_recording as write_files
 from mocap.pipeline.demo import Animal, run_demo
 from mocap.pipeline.job import run_job
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.run import Run
 from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
@@ -21,7 +21,7 @@ from mocap.stages import Stages
 SIZE = (1600, 1000)
 COMPARED = 270
 """The frame of the comparison: much of a wing is hidden."""
-TABS = ("overview", "angles", "cameras", "joints", "health")
+TABS = ("angles", "overview", "cameras", "joints", "health")
 WANTED: dict[Animal, tuple[int, tuple[str, ...]]] = {
     "bat": (96, ("overview", "joints")),
     "lizard": (300, ("overview",)),
@@ -58,8 +58,8 @@ def picture_comparison(folder: Path) -> Path:
     with TemporaryDirectory() as temporary, Headless(size=SIZE) as viewer:
         recordings = [Path(temporary) / f"{name}.rrd" for name in ("eal", "constant_velocity")]
         files = write_files(make_bat(), Path(temporary))
-        source = Recording(
-            tracks=files["pixels"],
+        source = read(
+            files["pixels"],
             fps=make_bat().fps,
             calibration=files["coefficients"],
             profile=files["profile"],

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import rerun.blueprint as rrb
 
+from eal.over_time import at_frames
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import cycles
-from mocap.pipeline.cut import cut
 from mocap.pipeline.run import Run
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import numbered_from
@@ -40,7 +40,7 @@ def write_recording(run: Run, path: Path, *, first: int = 1, every: int = 1) -> 
         OSError: the file cannot be written there.
     """
     shown = known_part(run)
-    part = cut(run, shown)
+    part = at_frames(run, shown)
     layout = make_layout(part)
     with (
         recording_into(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eal import GaussianKernel, Tail, fit_potential
-from eal.radius import confidence_radius
+from eal.radius import confidence_radius, value_deviation
 from tests.reference import circle
 
 RADII = np.array([0.5, 0.8, 1.0, 1.2, 1.5])
@@ -40,6 +40,31 @@ def test_resampled_potential_is_a_fit_with_weights(rng):
     """With a block of all samples every resample is a turn of the same samples: the radius is rounding."""
     potential = walk(rng, 200, 3.0)
     assert confidence_radius(potential, GRID, rng=rng, block=200, resamples=5).radius < 1e-9
+
+
+def test_the_deviation_at_a_point_is_that_of_repeated_recordings():
+    """SD of V_z over 120 recordings of five trials, and what each states of it: within a factor of 1.5 at each radius.
+
+    Whole trials are drawn; as if their 40 samples were independent it would be less than half of that.
+    """
+    rng = np.random.default_rng(4)
+    at = np.stack([[0.6, 1.0, 1.4], np.zeros(3)], axis=1)
+    found, stated, single = [], [], []
+    for _ in range(120):
+        angle = rng.uniform(0, 2 * np.pi, 5)[:, None] + 0.3 * rng.standard_normal((5, 40))
+        z = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
+        potential = fit_potential(z, kernel=GaussianKernel(1.0), lam=0.1)
+        found.append(potential.value(at))
+        stated.append(value_deviation(potential, at, rng=rng, trials=[40] * 5))
+        single.append(value_deviation(potential, at, rng=rng, block=1))
+    truth = np.std(found, axis=0)
+    assert (np.abs(np.log(np.sqrt(np.mean(np.square(stated), axis=0)) / truth)) < np.log(1.5)).all()
+    assert (np.sqrt(np.mean(np.square(single), axis=0)) < 0.5 * truth).all()
+
+
+def test_trials_must_be_those_of_the_samples(rng):
+    with pytest.raises(ValueError, match="trials must have 400 samples together, as the potential, but have 399"):
+        value_deviation(walk(rng, 400, 3.0), GRID, rng=rng, trials=[200, 199])
 
 
 def test_too_short_a_trajectory_has_no_radius(rng):

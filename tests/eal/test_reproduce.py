@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from mocap.reproduce import FIGURES, reproduce
-from mocap.reproduce.fig_balance import v_verdicts
-from mocap.reproduce.fig_joints import figure_20, joint_potential
+from mocap.reproduce import FIGURES, fig_joints, reproduce
+from mocap.reproduce.fig_balance import figure_11, figure_19c, v_verdicts
+from mocap.reproduce.fig_joints import figure_7, figure_8, figure_20, joint_potential
 from mocap.reproduce.fig_penalty import figure_19a
 from mocap.reproduce.figures import ELSEWHERE
 from mocap.reproduce.record import long_table
@@ -43,24 +43,88 @@ def test_figures_are_written_with_verdicts(arcs, tmp_path):
     assert set(rows[0]) == {"lambda", "penalty", "seed", "constraint_error", "state_error", "T", "N", "delta"}
     small = [float(r["constraint_error"]) for r in rows if float(r["lambda"]) == 1e-7 and float(r["penalty"]) == 1e6]
     assert small == [pytest.approx(8.17e-7, rel=0.05)]
+    assert all(v.refused for v in verdicts)
     held = {v.figure: [w.holds for w in verdicts if w.figure == v.figure] for v in verdicts}
-    assert held == {"14a": [True, True, True, False, True], "16": [True, False], "7": [True, True]}
+    assert held == {"14a": [True, True, True, False, True], "16": [True, False], "7": [True, True, True]}
 
 
 def test_figure_13_has_the_reference_numbers(tmp_path):
     """Sup |r-1| = 1.84e-5 m, energy drift 9e-8 J (one digit), theta off by 2.4, 0.04, 1.8e-4 rad."""
-    verdicts = reproduce(["13"], tmp_path, True)
+    verdicts = reproduce(["13", "16"], tmp_path, True)
+    assert all(v.refused for v in verdicts)
     table = np.genfromtxt(tmp_path / "fig13.csv", delimiter=",", names=True)
     for lam, expected in ((1e-6, 2.4), (1e-8, 0.04), (1e-10, 1.8e-4)):
         rows = np.isclose(table["lambda"], lam, atol=0)
         assert table["state_error"][rows].max() == pytest.approx(expected, rel=0.05)
         assert table["constraint_error"][rows].max() == pytest.approx(1.84e-5, rel=0.05)
-    assert [v.holds for v in verdicts] == [True, True, False, True]
+    assert [v.holds for v in verdicts] == [True, True, False, True, True, False]
 
 
 def test_figure_20_confines_a_free_joint(arcs):
     figure = figure_20(arcs["lizard"], quick=True)
-    assert all(v.holds for v in figure.verdicts)
+    assert all(v.holds and v.refused for v in figure.verdicts)
+
+
+@pytest.mark.parametrize("energy", [0.1, 10.0])
+def test_figure_20_notices_another_energy(arcs, energy, monkeypatch):
+    """V no longer reaches what 4 J are worth, or more than that; the bound is not the only thing that is looked at."""
+    monkeypatch.setattr(fig_joints, "ENERGY_J", 4.0 * energy)
+    assert not figure_20(arcs["lizard"], quick=True).verdicts[-1].holds
+
+
+@pytest.mark.parametrize("widths", [0.1, 0.5, 2.0, 10.0])
+def test_maps_of_joints_notice_another_kernel(arcs, widths, monkeypatch):
+    """V rises elsewhere: the second verdict of figures 7, 8 and 20."""
+    monkeypatch.setattr(fig_joints, "WIDTH", fig_joints.WIDTH / widths**2)
+    assert [v.holds for v in figure_7(arcs["bat"], quick=True).verdicts][1] is False
+
+
+def test_maps_of_joints_notice_what_is_no_joint(arcs, rng):
+    """Swapped axes, also of the map alone; coordinates shuffled each by itself; noise in the place of the lizard."""
+    z = arcs["lizard"]
+    shuffled = np.column_stack([rng.permutation(column) for column in z.T])
+    noise = rng.uniform(z.min(axis=0), z.max(axis=0), z.shape)
+    assert all(v.holds for v in figure_7(z, quick=True).verdicts)
+    assert not figure_7(z[:, ::-1], quick=True).verdicts[2].holds
+    assert not figure_7(shuffled, quick=True).verdicts[0].holds
+    assert not figure_7(noise, quick=True).verdicts[0].holds
+    x, y = (np.linspace(a - 0.004, b + 0.004, 60) for a, b in zip(z.min(axis=0), z.max(axis=0), strict=True))
+    v = fig_joints._map(z, x, y, widths=1.0)
+    assert [one.holds for one in fig_joints.joint_verdicts("7", z, x, y, v)] == [True, True, True]
+    assert not fig_joints.joint_verdicts("7", z, x, y, v.T)[1].holds
+
+
+def test_figure_8_compares_trials(arcs):
+    """Ranges of 90 to 110 and 95 to 115 degrees: alike and different; of one kind: alike and not different."""
+    rng = np.random.default_rng(5)
+
+    def trials(middle, count=8):
+        return [(m + 10.0 * np.sin(np.linspace(0, 9, 60)))[:, None] for m in rng.normal(middle, 1.0, count)]
+
+    found = figure_8(arcs["lizard"], quick=True, flights_deg={"bat": trials(100.0), "lizard": trials(105.0)})
+    assert all(v.holds and v.refused for v in found.verdicts)
+    same = figure_8(arcs["lizard"], quick=True, flights_deg={"bat": trials(100.0), "lizard": trials(100.0)})
+    assert [v.holds for v in same.verdicts[-2:]] == [True, False]
+
+
+OTHERS = ("3", "6", "12", "14b", "15a", "15b", "17", "18", "19a", "19b", "8")
+
+
+def test_every_verdict_refuses_its_negative_control(tmp_path):
+    """The other figures in tests of their own. A test that refuses nothing would pass whatever came."""
+    verdicts = reproduce(OTHERS, tmp_path, True)
+    assert [v.control for v in verdicts if not v.refused] == []
+    assert all(v.control for v in verdicts)
+    stored = json.loads((tmp_path / "verdicts.json").read_text(encoding="utf-8"))
+    assert all(v["refused"] and v["control"] for v in stored)
+
+
+@pytest.mark.parametrize("figure", [figure_11, figure_19c])
+def test_the_v_does_not_change_with_quick(figure):
+    """Its minima are found on one grid, of as many seeds: nothing that a verdict rests on is left out."""
+    quick, whole = (figure(quick=quick).verdicts for quick in (True, False))
+    assert [v.as_dict() for v in quick] == [v.as_dict() for v in whole]
+    assert all(v.refused for v in quick)
 
 
 def test_unknown_figures_are_refused(tmp_path):
@@ -92,6 +156,8 @@ def test_verdicts_on_the_theorems(tmp_path):
     """As printed theorems 1 and 3 do not hold, as corrected they do; V_j of the circle is the closed form's."""
     verdicts = reproduce(["theorem1", "theorem2", "theorem3"], tmp_path, True)
     assert [v.holds for v in verdicts] == [False, True, True, True, False, True]
+    assert all(v.refused for v in verdicts)  # an exponent 64 times tighter, C = 0.25, a tenth of the bound
+    assert ["loose" in v.measured for v in verdicts] == [False, True, False, True, False, True]
     gap, deviations = circle_draws(24)
     sigma = circle.eigenvalues(1.0)
     assert gap == pytest.approx(sigma[2] - sigma[3], rel=1e-6)

@@ -9,7 +9,7 @@ from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Markers, Moments
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.pose import BodyPath, PoseMotion, body_path
-from mocap.filters.motion.shape import FreeShape
+from mocap.filters.motion.shape import LinearShape
 from mocap.filters.observations import PositionObservations
 from mocap.filters.subspace import PoseSubspace
 from mocap.filters.track import filter_forward
@@ -25,7 +25,7 @@ def model(path):
     return PoseMotion(
         path=path,
         subspace=PoseSubspace(mean=SHAPE, basis=BASIS, residual_sd=np.full(3 * MARKERS, 1e-3)),
-        mechanics=FreeShape(np.eye(RANK)),
+        mechanics=LinearShape(*np.zeros((2, RANK, RANK)), np.zeros(RANK), 30 * np.eye(RANK), 0.02),
         body_density=np.repeat([50.0, 200.0], 3),
         shape_sd=np.full(2 * RANK, 0.05),
         body_sd=np.repeat([0.1, 0.1, 1.0, 1.0], 3),

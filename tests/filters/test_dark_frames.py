@@ -7,7 +7,7 @@ from mocap.filters.ensemble import Gaussian
 from mocap.filters.gaussian import Smoothed
 from mocap.filters.models.pose import PoseSettings, learn_pose
 from mocap.filters.motion.enforce import informed
-from mocap.filters.motion.shape import FreeShape
+from mocap.filters.motion.shape import LinearShape
 from mocap.filters.observations import PositionObservations
 from mocap.filters.poses import MarkerTrial, poses_of
 from mocap.filters.track import smooth
@@ -54,7 +54,8 @@ def test_a_second_in_the_dark_is_stated_as_such():
         rate = (
             model.shape_sd[2:] / 2
         )  # white accelerations: of a sine at w of this velocity their density is 2 w rate^2
-        model = replace(model, mechanics=FreeShape(np.diag(rate * np.sqrt(2 * 2 * np.pi * 6))))
+        density = np.diag(rate * np.sqrt(2 * 2 * np.pi * 6))
+        model = replace(model, mechanics=LinearShape(*np.zeros((2, 2, 2)), np.zeros(2), density, 0.005))
         found = smooth(model, PositionObservations(xyz_m=xyz, sd_m=trial.sd_m), trial.t_s)
         sd = np.sqrt(np.diagonal(found.cov_m2, axis1=-2, axis2=-1))[150:250]
         miss = np.abs(found.xyz_m - truth)[150:250]

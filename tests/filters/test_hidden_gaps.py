@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mocap.filters.hide import GAP_FRAMES, excerpt, hide_neighbours, unseen_runs
+from mocap.filters.hidden_gaps import within
+from mocap.filters.hide import GAP_FRAMES, excerpt, hide_neighbours, hide_own, nearest_length
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.score import Residuals, joined, residuals_of, score
 from scipy.stats import multivariate_normal
-
-from mocap.pipeline.tracking import hide_like_own
-from mocap.skeleton import Bone, Skeleton
 
 
 def recorded(rng, n_frames, n_markers, lost=0.0):
@@ -180,6 +178,8 @@ def test_one_score_is_numpy_s_own_and_scipy_s_likelihood():
     assert found.rmse_mm == pytest.approx(np.sqrt(np.mean([1e6 * e @ e for e in error])), rel=1e-12)
     inside = [abs(e[i]) <= 1.959964 * np.sqrt(c[i, i]) for e, c in zip(error, cov, strict=True) for i in range(3)]
     assert found.coverage95 == np.mean(inside)
+    ratio = [e[i] / np.sqrt(c[i, i]) for e, c in zip(error, cov, strict=True) for i in range(3)]
+    assert found.z == pytest.approx(np.sqrt(np.mean(np.square(ratio))), rel=1e-12)
     density = [multivariate_normal(cov=1e6 * c).logpdf(1e3 * e) for e, c in zip(error, cov, strict=True)]
     assert found.nll == pytest.approx(-np.mean(density) / 3, rel=1e-9)
 
@@ -187,10 +187,11 @@ def test_one_score_is_numpy_s_own_and_scipy_s_likelihood():
 def test_what_cannot_be_scored_is_not_a_number():
     """No samples, no intervals, a covariance that is none: NaN each, and None in reports; the rest is as it was."""
     error, cov = np.full((2, 3), 1e-3), np.tile(1e-6 * np.eye(3), (2, 1, 1))
-    assert score(error[:0], None).as_json() == {"rmse_mm": None, "coverage95": None}
-    assert score(error, None).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": None}
+    nothing = {"coverage95": None, "z": None}
+    assert score(error[:0], None).as_json() == {"rmse_mm": None, **nothing}
+    assert score(error, None).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), **nothing}
     assert np.isnan(score(error, cov - 2e-6).nll)
-    assert score(error, cov).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": 100.0}
+    assert score(error, cov).as_json() == {"rmse_mm": pytest.approx(np.sqrt(3)), "coverage95": 100.0, "z": 1.0}
 
 
 @pytest.mark.parametrize("frames", [1, 7, 30, 31])
@@ -205,16 +206,53 @@ def test_an_excerpt_is_where_most_is_seen(frames):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_validation_hides_what_the_recording_loses(seed):
-    """Hidden samples were measured, about the share that is wanted, in lengths of the recording's own gaps."""
+def test_gaps_like_the_recording_s_own_are_its_gaps_at_other_times(seed):
+    """What is lost together is hidden together, for as many frames, where it was seen; one in ten samples at most.
+
+    Markers 0 to 2 are lost for 9 frames at once, marker 5 for 4: each gap that is hidden is one of these.
+    """
     rng = np.random.default_rng(seed)
-    seen = np.ones((300, 10), dtype=bool)
-    for marker in range(8):
-        seen[40 + 20 * marker : 40 + 20 * marker + 5 + marker, marker] = False
-    names = tuple("abcdefghij")
-    skeleton = Skeleton(name="ten", markers=names, bones=(Bone(a="a", b="b"), Bone(a="b", b="c")))
-    hidden = hide_like_own(seen, skeleton, names, 0.01, rng)
-    assert not (hidden & ~seen).any()
-    assert 0.02 < hidden.sum() / seen.sum() < 0.07
-    runs = [stop - start for _, start, stop in unseen_runs(~hidden)]
-    assert all(5 <= length <= 12 for length in runs)
+    trial = recorded(rng, 300, 8)
+    xyz = trial.xyz_m.copy()
+    for start in (40, 120, 200):
+        xyz[start : start + 9, :3] = np.nan
+        xyz[start + 30 : start + 34, 5] = np.nan
+    trial = replace(trial, xyz_m=xyz)
+    hidden = hide_own(trial, rng)
+    assert not (hidden.mask & ~trial.seen).any()
+    assert 0.1 <= hidden.mask.sum() / trial.seen.sum() < 0.15
+    shapes = {(gap.length, *np.flatnonzero(gap.hidden)) for gap in hidden.gaps}
+    assert {(9, 0, 1, 2), (4, 5)} <= shapes
+    assert all(set(own) <= ({5} if length == 4 else {0, 1, 2}) for length, *own in shapes)
+    for gap in hidden.gaps:
+        beside = [*range(gap.start - 3, gap.start), *range(gap.frames.stop, gap.frames.stop + 3)]
+        assert np.isfinite(hidden.shown.xyz_m[beside][:, gap.hidden]).all()
+    first, again = (hide_own(trial, np.random.default_rng(seed)).mask for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+
+
+def test_a_recording_without_gaps_has_none_like_its_own():
+    """Nor has one that is missing at its ends alone."""
+    trial = recorded(np.random.default_rng(0), 60, 4)
+    xyz = trial.xyz_m.copy()
+    xyz[:9, 1], xyz[50:, 2] = np.nan, np.nan
+    assert not hide_own(trial, np.random.default_rng(1)).gaps
+    assert not hide_own(replace(trial, xyz_m=xyz), np.random.default_rng(1)).gaps
+
+
+@given(seed=st.integers(0, 200), most=st.integers(10, 80))
+def test_a_stretch_keeps_the_gaps_that_lie_in_it(seed, most):
+    """Its hidden samples are those of the whole trial, of whole gaps."""
+    rng = np.random.default_rng(seed)
+    hidden = hide_own(recorded(rng, 90, 5, 0.2), rng)
+    part = within(hidden, most)
+    assert len(part.trial.t_s) == min(most, 90)
+    start = int(np.flatnonzero(hidden.trial.t_s == part.trial.t_s[0])[0])
+    for gap in part.gaps:
+        whole = hidden.mask[start + gap.start : start + gap.frames.stop, gap.hidden]
+        np.testing.assert_array_equal(part.mask[gap.frames, gap.hidden], whole)
+
+
+def test_lengths_are_put_together_by_the_nearest_power_of_two():
+    """By ratio: 5 is nearer to 4, 6 to 8."""
+    np.testing.assert_array_equal(nearest_length(np.array([1, 2, 3, 5, 6, 11, 12, 100])), [1, 2, 4, 4, 8, 8, 16, 128])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mocap.filters.hide import gap_lengths
-from mocap.filters.mixture import Mixture, learn_mixture
+from mocap.filters.mixture import Mixture, learn_mixture, with_own_widths
 from mocap.filters.score import Residuals
 from scipy.stats import norm
 
@@ -223,6 +223,35 @@ def test_widths_give_95_per_cent(models, wrong):
     assert inside.mean() == pytest.approx(0.95, abs=0.006)
     for n in LENGTHS:
         assert inside[own.length == n].mean() == pytest.approx(0.95, abs=0.015)
+
+
+@pytest.mark.parametrize("wrong", [0.5, 1.0, 2.0])
+def test_own_widths_make_errors_what_is_stated(wrong):
+    """Errors that gaps have in common, stated at half or twice: z of fresh gaps is 1, in all and at each length.
+
+    Of 800 gaps that count as one error each the root mean square is known to 2.5 %, of a length to 5 %.
+    """
+    rng = np.random.default_rng(15)
+    stated = [lambda n, law=law: wrong * law(n) for law in (long, short)]
+    parts = fills(rng, [long, short], stated=stated, per_gap=0.8, n_gaps=200, noise_m=1e-4)
+    mixed = with_own_widths(learn_mixture(parts), parts)
+    own = mixed_by_combine(mixed, fills(rng, [long, short], stated=stated, per_gap=0.8, n_gaps=200))
+    assert np.sqrt(np.mean(own.error_m**2 / own.variance)) == pytest.approx(1, abs=0.07)
+    for n in LENGTHS:
+        part = own.some(own.length == n)
+        assert np.sqrt(np.mean(part.error_m**2 / part.variance)) == pytest.approx(1, abs=0.13)
+
+
+def test_own_widths_are_not_learned_where_measurements_hide_all():
+    """Samples whose noise is fifty times the estimate's deviation show nothing: their width is that of the others."""
+    rng = np.random.default_rng(16)
+    parts = fills(rng, [same], stated=[lambda n: 2 * same(n)], n_gaps=100)
+    noise = np.where(parts[0].length == 10, 50 * 5e-3, 0.0)
+    error = parts[0].error_m + noise[:, None] * rng.normal(size=parts[0].error_m.shape)
+    hidden = [replace(parts[0], error_m=error, noise=noise**2)]
+    mixed = learn_mixture(parts)
+    widen = with_own_widths(mixed, hidden).widen * mixed.scale[:, 0]
+    np.testing.assert_allclose(widen[0], 0.5, rtol=0.05)
 
 
 @pytest.mark.parametrize("wrong", [0.3, 1.0])

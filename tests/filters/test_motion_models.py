@@ -11,7 +11,7 @@ from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity, white_acceleration
 from mocap.filters.motion.pose import BodyPath, PoseMotion, Regression, body_path
 from mocap.filters.motion.potential import PosePotential
-from mocap.filters.motion.shape import FreeShape, LinearShape
+from mocap.filters.motion.shape import LinearShape
 from mocap.filters.subspace import PoseSubspace
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -33,7 +33,8 @@ def lower(rng, n):
 
 
 def free(rng):
-    return FreeShape(lower(rng, RANK))
+    none = np.zeros((RANK, RANK))
+    return LinearShape(none, none, none[0], lower(rng, RANK), 0.02)
 
 
 def oscillating(rng):
@@ -182,15 +183,14 @@ def test_a_view_is_the_derivative_of_the_markers():
 
 
 def test_parts_are_all_of_the_state():
-    """[z, zdot], g, gdot, e, edot follow each other, then eddot; positions g, e and rates come in the body's sizes."""
+    """[z, zdot, u], g, gdot, e, edot follow each other, then eddot; parts come in their sizes."""
     model = pose()
     shape, g, e, g_rate, e_rate = model.parts
     index = np.arange(model.size)
     known = np.concatenate([index[part] for part in (shape, g, g_rate, e, e_rate)])
     np.testing.assert_array_equal(known, index[: -3 * MARKERS])
-    assert [len(index[part]) for part in model.parts] == [2 * RANK, 6, 3 * MARKERS, 6, 3 * MARKERS]
+    assert [len(index[part]) for part in model.parts] == [3 * RANK, 6, 3 * MARKERS, 6, 3 * MARKERS]
     assert model.view(np.zeros(model.size), 0).reads == e.stop
-    assert pose(oscillating).size == model.size + RANK  # a force of each shape that lasts
 
 
 def test_white_acceleration_is_the_integral():
@@ -207,14 +207,14 @@ def test_white_acceleration_is_the_integral():
 
 
 def test_body_and_shape_are_driven_by_their_own_noise():
-    """The body's and the shape's blocks of the noise are white acceleration of their densities, and nothing couples."""
+    """The body's block of the noise is white acceleration, the shape's that of its mechanics; nothing couples."""
     model, dt_s = pose(), 0.02
     _, q = matrices(model, dt_s)
     shape, g, e, g_rate, _ = (np.arange(model.size)[part] for part in model.parts)
     integral = np.array([[dt_s**3 / 3, dt_s**2 / 2], [dt_s**2 / 2, dt_s]])
-    body, density = np.append(g, g_rate), model.mechanics.density @ model.mechanics.density.T
+    body, own = np.append(g, g_rate), model.mechanics.noise(dt_s)
     np.testing.assert_allclose(q[np.ix_(body, body)], np.kron(integral, np.diag(model.body_density)), rtol=1e-12)
-    np.testing.assert_allclose(q[np.ix_(shape, shape)], np.kron(integral, density), rtol=1e-12, atol=1e-18)
+    np.testing.assert_allclose(q[np.ix_(shape, shape)], own @ own.T, rtol=1e-12, atol=1e-18)
     blocks = [shape, body, np.arange(e[0], model.size)]
     for one in range(3):
         for other in range(one):
@@ -281,7 +281,7 @@ def test_markers_by_the_formula():
     for frame in range(FRAMES):
         found = model.markers(states, frame)
         for s in range(2):
-            z, _, p, w, _, e, _ = np.split(states[s], 2 * RANK + np.array([-RANK, 0, 3, 6, 12, 12 + 3 * MARKERS]))
+            z, _, p, w, _, e, _ = np.split(states[s], 3 * RANK + np.array([-2 * RANK, 0, 3, 6, 12, 12 + 3 * MARKERS]))
             body = model.subspace.mean + model.subspace.basis @ z + e
             turn = frames.rotation[frame] @ expm(np.cross(np.eye(3), w))
             for m in range(MARKERS):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mocap.filters.motion.pose import STATIONARY, matern_flow, matern_noise
-from mocap.filters.roughness import RATES, marker_rates, out_of_sample
+from mocap.filters.roughness import marker_rates, out_of_sample
 
 DT_S, SD_M, NOISE_M = 1 / 240, 1e-3, 3e-4
 
@@ -31,13 +31,13 @@ def test_rates_are_those_that_made_the_residuals(rate_hz):
 
 
 def test_what_noise_hides_has_the_common_rate():
-    """Noise alone, and a marker that was never seen: no evidence of a higher rate, or none of any."""
+    """Noise alone, and a marker that was never seen: there is no evidence of a higher rate."""
     rng = np.random.default_rng(1)
     seen = NOISE_M * rng.normal(size=(200, 6))
     seen[:, 3:] = np.nan
     found = marker_rates(seen, np.full(seen.shape, NOISE_M), DT_S, np.full(6, SD_M), 40.0)
-    assert found[0] == pytest.approx(40.0, rel=0.1)
-    assert found[3] == pytest.approx(40.0 * np.exp(np.log(RATES).mean()))
+    assert found[0] == 40.0
+    assert found[3] == 40.0
 
 
 def test_a_marker_is_missed_by_what_the_others_predict():

@@ -7,14 +7,14 @@ from mocap.datasets import make_bat
 
 import mocap
 from docs.tools import columns
+from eal.over_time import at_frames, in_succession
 from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.library.blocks import load_range, track_in_blocks
-from mocap.pipeline.blocks import LEAST, MOST, Tally, blocks_of, learn_once, margin, renumbered, track_block
-from mocap.pipeline.cut import cut, joined
+from mocap.pipeline.blocks import LEAST, MOST, Tally, blocks_of, learn_once, margin, track_block
 from mocap.pipeline.long import LongRecording, long_points
-from mocap.records import MarkerTracks, Status
+from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.skeleton import Joint, Skeleton
 
 T = 700
@@ -53,8 +53,8 @@ def test_blocks_give_the_track_of_the_whole(bat, size):
     for core in blocks_of(T, size):
         run, own, _ = track_block(bat, known, core)
         assert own.stop - own.start == len(core)
-        parts.append(cut(run, own))
-    found = joined(parts)
+        parts.append(at_frames(run, own))
+    found = in_succession(parts)
     ours, theirs = found.tracked.markers, whole.tracked.markers
     np.testing.assert_array_equal(ours.t_s, theirs.t_s)
     np.testing.assert_array_equal(ours.status, theirs.status)
@@ -176,13 +176,21 @@ def test_the_command_line(folder, tmp_path, monkeypatch, capsys):
     assert "FIRST:LAST" in capsys.readouterr().err
 
 
+def test_findings_of_stretches_tell_the_frames_of_the_recording():
+    """An exchange of names and a marker that is set elsewhere, in a stretch that begins at frame 201."""
+    film = make_bat(n_frames=500, n_cameras=2)
+    xyz, names = film.truth.xyz_m[:, SHOWN].copy(), tuple(film.truth.names[m] for m in SHOWN)
+    xyz[260:280, [0, 5]] = xyz[260:280, [5, 0]]
+    xyz[350:, 8] += 0.5
+    tracks = marker_tracks(names, film.truth.t_s, xyz)
+    skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8])
+    said = " ".join(long_points(tracks, skeleton, name="bat").prepared(slice(200, 450)).findings)
+    assert "from frame 261 to 280" in said
+    assert "between frames 350 and 351" in said
+
+
 def test_findings_of_blocks(bat):
     """Frames are those of the recording, and what many blocks say is one sentence."""
-    jump = "'knee' jumps by 2.1 mm between frames 744 and 745 (0.6 m/s; 99.9 % of all steps)"
-    assert renumbered(jump, 5000) == jump.replace("744 and 745", "5744 and 5745")
-    assert renumbered("3 frames were left out; frame 7, frames 8 to 9", 10) == (
-        "3 frames were left out; frame 17, frames 18 to 19"
-    )
     tally = Tally()
     run, _, _ = track_block(bat, learn_once(bat, model="constant_velocity"), range(60))
     for number in (1, 2, 3):

@@ -6,13 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import mocap
 from mocap.cameras.camera import record, stacked
 from mocap.errors import CalibrationError, FormatError
 from mocap.io.dltdv import read_pixels, write_coefficients
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, identify, read
 from mocap.pipeline.calibrate import from_points, from_wand
-from mocap.pipeline.recording import Recording, load_filmed
+from mocap.pipeline.recording import load_filmed
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_calibrate import wand_files
 
@@ -203,12 +204,12 @@ def test_the_report_says_how_calibration_and_profile_were_read(tmp_path):
     write_coefficients(tmp_path / "plain.csv", cameras)
     table = pd.read_csv(tmp_path / "plain.csv", header=None)
     lenses = pd.read_csv(tmp_path / "profile.txt", sep=" ", header=None)
-    stated = {"tracks": tmp_path / "wand_xypts.csv", "fps": 1.0, "pixel_origin": "upper-left"}
+    stated = {"tracks": tmp_path / "wand_xypts.csv", "fps": 1.0, "origin": "upper-left"}
     want = load_filmed(
-        Recording(**stated, calibration=tmp_path / "plain.csv", profile=tmp_path / "profile.txt"), iterations=3
+        mocap.read(**stated, calibration=tmp_path / "plain.csv", profile=tmp_path / "profile.txt"), iterations=3
     )
     got = load_filmed(
-        Recording(
+        mocap.read(
             **stated,
             calibration=spreadsheet(tmp_path / "c.csv", "decimal commas", table, titles=False),
             profile=spreadsheet(tmp_path / "p.csv", "semicolons", lenses, titles=False),

@@ -13,7 +13,7 @@ from mocap.cleaning.camera_health import camera_health
 from mocap.cleaning.findings import camera_findings
 from mocap.io.dvproject import read_project
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from tests.real_data import real
 
 
@@ -113,8 +113,8 @@ def test_a_bad_camera_is_no_worse_than_none(tmp_path, n_cameras):
     def prepared(name, pixels):
         changed = replace(recording, pixels=replace(recording.pixels, uv_px=pixels))
         files = write_recording(changed, tmp_path / name)
-        source = Recording(
-            tracks=files["pixels"],
+        source = read(
+            files["pixels"],
             fps=recording.fps,
             calibration=files["coefficients"],
             profile=files["profile"],

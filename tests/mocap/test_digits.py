@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 from mocap.datasets import make_bat, write_recording
 
+import mocap
 from mocap.io.contents import point_recording
 from mocap.io.digits import decimals_in, decimals_of
 from mocap.io.dltdv import write_points
 from mocap.io.registry import read, write
-from mocap.pipeline.recording import Recording
 from mocap.pipeline.triangulate_file import triangulate_file
 from mocap.records import MarkerTracks, Status
 from mocap.results.tables import write_markers
@@ -97,7 +97,7 @@ def test_triangulation_in_micrometres(tmp_path):
     found = {}
     for unit in ("m", "um"):
         out = tmp_path / f"{unit}_xyzpts.csv"
-        source = Recording(tracks=files["pixels"], fps=1.0, calibration=files["coefficients"], unit=unit)
+        source = mocap.read(files["pixels"], fps=1.0, calibration=files["coefficients"], unit=unit)
         triangulate_file(source, out, refine=False)
         found[unit] = read(out).points.xyz_m
     np.testing.assert_allclose(1e6 * found["um"], found["m"], rtol=0, atol=1.01e-6)

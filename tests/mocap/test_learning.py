@@ -25,7 +25,7 @@ from mocap.pipeline import learning
 from mocap.pipeline.learning import readable_scores
 from mocap.pipeline.model_file import load_model, save_model
 from mocap.pipeline.prepare import prepare, prepare_tracks
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton, write_skeleton
@@ -190,7 +190,7 @@ def test_what_was_learned_is_told(model):
     assert len(rows) == 1 + len(learned.scores)
     assert rows[-1].startswith("| mixture | ")
     scores = learned.scores["mixture"]
-    assert f"{scores['rmse_mm'][0]:.3g} ({scores['coverage95'][0]:.0f} %)" in rows[-1]
+    assert f"{scores['rmse_mm'][0]:.3g} ({scores['coverage95'][0]:.0f} %, z {scores['z'][0]:.2f})" in rows[-1]
     assert all(f"{n} frames" in rows[0] for n in scores["gap_frames"])
 
 
@@ -348,7 +348,7 @@ def test_real_flights_teach_a_third():
     """
     flights = {}
     for name, file in PROJECTS.items():
-        prepared = prepare(Recording(tracks=real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
+        prepared = prepare(read(real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
         flights[name] = prepared.names, marker_trial(prepared, seen_part(prepared))
     names, own = flights["F5"]
     trials = [excerpt(flights["F2"][1], 80), excerpt(flights["F3"][1], 60)]

@@ -17,6 +17,7 @@ import mocap
 from docs.tools import columns
 from mocap.cli.main import main
 from mocap.io.registry import read as read_file
+from mocap.rerun.palette import depth
 
 FRAMES = 120
 
@@ -220,8 +221,19 @@ def test_plots_show_the_samples_they_are_of(tracked):
     np.testing.assert_allclose(lines[0].get_ydata(), 1e3 * joint.q_m["limb"][:, 0])
     np.testing.assert_allclose(joint.plot("body").get_lines()[2].get_ydata(), 1e3 * joint.q_m["body"][:, 2])
     assert np.isfinite(joint.q_m["world"][joint.filled]).all()
-    points = tracked.potential(name).plot().get_lines()[0]
+    ax = tracked.potential(name).plot()
+    points = ax.get_lines()[0]
     np.testing.assert_allclose(points.get_xdata(), 1e3 * tracked.potential(name).samples_m[:, 0])
+    assert "low where the joint goes" in ax.get_title()
+    places = {text.get_text(): text.get_position() for text in ax.texts}
+    assert places
+    for text, (x, y) in places.items():  # degrees are those of the map's own axes
+        assert abs((np.degrees(np.arctan2(y, x)) - float(text[:-1]) + 180) % 360 - 180) < 1e-6
+    bar, low = ax.child_axes[0], ax.collections[0].get_facecolors()[0][:3]
+    assert bar.get_position().height > 0.9 * ax.get_position().height
+    np.testing.assert_allclose(
+        255 * low, depth(np.array([1 / 40]))[0], atol=1
+    )  # rerun's colours; the middle of the first step
     with pytest.raises(mocap.MocapError, match="give one of world, body, plane, limb"):
         joint.plot("room")
     with pytest.raises(mocap.MocapError, match="no potential of a joint 'ear'"):

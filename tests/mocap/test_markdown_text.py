@@ -12,7 +12,7 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import table
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
 
@@ -71,7 +71,7 @@ def test_ordinary_text_stays():
 def test_a_report_of_hostile_names(tmp_path):
     """Each marker, joint and finding of a run is there as text, and tables keep their columns."""
     files = write_recording(make_bat(seed=3, n_frames=40, n_cameras=3), tmp_path)
-    source = Recording(tracks=files["pixels"], fps=240.0, calibration=files["coefficients"], profile=files["profile"])
+    source = read(files["pixels"], fps=240.0, calibration=files["coefficients"], profile=files["profile"])
     prepared = prepare(source)
     names = tuple(f"{HOSTILE[m % len(HOSTILE)]} {m}" for m in range(len(prepared.names)))
     prepared = replace(prepared, names=names, findings=(*HOSTILE, *prepared.findings))

@@ -3,7 +3,7 @@
 import pytest
 from mocap.datasets import make_lizard, write_recording
 
-from mocap.pipeline.recording import Recording, stored_points
+from mocap.pipeline.reading import recording_name, stored_file
 
 
 @pytest.mark.parametrize(("pixels", "points"), [("xypts.csv", "XYZPTS.CSV"), ("XYpts.csv", "xyzPts.CSV")])
@@ -14,9 +14,8 @@ def test_stored_points_are_found_in_any_case(tmp_path, pixels, points):
     beside = tmp_path / f"FLÜGEL 1_{points}"
     beside.write_text("a_X,a_Y,a_Z\n1,2,3\n")
     (tmp_path / f"Flügel 2_{points}").write_text("a_X,a_Y,a_Z\n1,2,3\n")
-    recording = Recording(tracks=tracks, calibration=files["coefficients"], fps=100)
-    assert stored_points(recording) == beside
-    assert recording.name == "Flügel 1"
+    assert stored_file(tracks, None) == beside
+    assert recording_name(tracks) == "Flügel 1"
     exact = tmp_path / "Flügel 1_xyzpts.csv"
     exact.write_text("a_X,a_Y,a_Z\n1,2,3\n")
-    assert stored_points(recording) == exact
+    assert stored_file(tracks, None) == exact

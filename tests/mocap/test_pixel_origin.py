@@ -14,7 +14,8 @@ from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
 from mocap.pipeline.learning import _prepared
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording, load_filmed
+from mocap.pipeline.reading import read
+from mocap.pipeline.recording import load_filmed
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_audit import moving
@@ -139,8 +140,8 @@ def test_files_of_one_session_decide_together(tmp_path):
         np.savetxt(tmp_path / f"{name}.csv", np.stack([dlt_coefficients(c) for c in rig], axis=1), "%.12g", ",")
         write_profile(tmp_path / f"{name}.txt", rig)
         made.append(
-            Recording(
-                tracks=tmp_path / f"{name}_xypts.csv",
+            read(
+                tmp_path / f"{name}_xypts.csv",
                 fps=200,
                 calibration=tmp_path / f"{name}.csv",
                 profile=tmp_path / f"{name}.txt",
@@ -159,8 +160,8 @@ def test_files_of_one_session_decide_together(tmp_path):
 def test_our_own_recordings_carry_their_corner(tmp_path):
     """A bat whose pixels fit both ways up: refused without its card, read from the upper left with it."""
     files = write_recording(make_bat(seed=0, n_frames=60, manoeuvre="turn"), tmp_path)
-    source = Recording(tracks=files["pixels"], fps=240, calibration=files["coefficients"], profile=files["profile"])
-    assert load_filmed(source, iterations=3).pixel_origin.pixels == "upper-left"
+    stated = {"fps": 240, "calibration": files["coefficients"], "profile": files["profile"]}
+    assert load_filmed(read(files["pixels"], **stated), iterations=3).pixel_origin.pixels == "upper-left"
     files["card"].unlink()
     with pytest.raises(OriginError, match="the pixel origin cannot be determined"):
-        load_filmed(replace(source), iterations=3)
+        load_filmed(read(files["pixels"], **stated), iterations=3)

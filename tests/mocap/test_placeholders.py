@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+import mocap
 from mocap.audit.inspect import inspect
 from mocap.io.convert import convert_files
 from mocap.io.format import Hints
 from mocap.io.placeholders import placeholders
 from mocap.io.registry import read
-from mocap.pipeline.recording import Recording
 
 T, M = 120, 4
 
@@ -110,7 +110,7 @@ def test_zeros_of_every_format_are_missing_and_counted(tmp_path, xyz, name):
     (told,) = inspect([tmp_path / name], Hints())
     assert said in told["findings"]
     assert told["undigitised"]["markers"] == ["M3"]
-    assert said in Recording(tracks=tmp_path / name, fps=100, unit="mm").frame_findings
+    assert said in mocap.read(tmp_path / name, fps=100, unit="mm").findings
 
 
 def test_converted_zeros_are_gaps(tmp_path, xyz):

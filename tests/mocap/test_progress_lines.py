@@ -1,27 +1,30 @@
 """What a command says while it works and at its end: lines in a log, and commands that can be pasted."""
 
+import re
 import shlex
 import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from mocap.cli import console
+from mocap.cli.main import app
+from mocap.cli.options import PANELS
 
 
 def test_a_log_gets_a_line_now_and_then(monkeypatch):
-    """Nothing in the first seconds; then the stage, its share, and the time left by what the share took."""
+    """Nothing in the first seconds; then the stage, its share, and the time left, at intervals that double."""
     now, said = [0.0], []
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
     tell = console._Lines(said.append, every_s=10.0)
-    for second in range(0, 41):
+    for second in range(0, 80):
         now[0] = float(second)
         tell("track", second / 80)
     assert said == [
         "10 s: track, 12% done, about 70 s left",
-        "20 s: track, 25% done, about 60 s left",
         "30 s: track, 38% done, about 50 s left",
-        "40 s: track, 50% done, about 40 s left",
+        "70 s: track, 88% done, about 10 s left",
     ]
 
 
@@ -41,8 +44,62 @@ def test_what_is_to_be_typed_can_be_pasted():
     assert shlex.split(console.typed("mocap", "view", folder)) == ["mocap", "view", str(folder)]
 
 
-@pytest.mark.parametrize(("model", "named"), [("articulated", True), ("lagrangian", True), ("mixture", False)])
-def test_files_that_are_named_are_those_that_are_written(capsys, tmp_path, model, named):
-    """Joint angles are a file where they are the filter's state."""
-    console.finish({"model": {"name": model}, "joints": {}}, "", tmp_path, as_json=False)
-    assert ("joint_angles.csv" in capsys.readouterr().err) == named
+REPORT = {
+    "name": "trial 7",
+    "frames": 540,
+    "markers": ["wrist", "elbow"],
+    "cameras": ["a", "b"],
+    "model": {"name": "eal"},
+    "gap_samples": 40,
+    "gaps": {
+        "eal": {"rmse_mm": 0.8341, "coverage95": 94.6},
+        "cubic": {"rmse_mm": 80.1, "coverage95": None},
+        "conditional_gaussian": {"rmse_mm": 1.01, "coverage95": None},
+        "articulated": {"rmse_mm": 0.7, "coverage95": 95.0},
+    },
+    "sd_mm": {"filled": {"50%": 0.5}},
+    "length_m": 0.2413,
+    "wrong": [f"camera {k} has moved: calibrate it again, its residual is {k} px in all frames" for k in range(30)],
+    "findings": [],
+}
+
+
+def test_a_result_is_told_in_25_lines(tmp_path):
+    """Where it is, how to look, the worst first and how many are left, three numbers of the error, the length."""
+    lines = console.closing({**REPORT, "findings": [*REPORT["wrong"], "pixel origin upper-left"]}, tmp_path)
+    text = " ".join(" ".join(lines).split())
+    order = ["Result:", "Look:", "1. camera 0", "2. camera 1", "more and notes (1)", "Error to expect", "Animal"]
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
+    assert len(lines) <= 25
+    assert max(map(len, lines)) <= max(80, len(str(tmp_path)) + 40)
+    assert "0.834 mm RMS error of 40 filled points" in text
+    assert "94.6 % of their 95 % intervals" in text
+    assert "± 0.98 mm" in text  # 1.96 standard deviations of 0.5 mm
+    assert "conditional Gaussian 1.01, cubic splines 80.1 mm" in text
+    assert "241 mm" in text
+
+
+def test_a_better_model_than_the_one_used_is_told(tmp_path):
+    """Not only that another had the smaller error: what to type for it. Without one nothing is wrong."""
+    told = " ".join(" ".join(console.closing({**REPORT, "wrong": []}, tmp_path)).split())
+    assert "--model articulated fills the hidden points better (0.7 mm)" in told
+    gaps = {name: REPORT["gaps"][name] for name in ("eal", "cubic")}
+    assert "Nothing is wrong" in console.closing({**REPORT, "wrong": [], "gaps": gaps}, tmp_path)
+
+
+def test_help_has_panels_and_words_of_the_field(monkeypatch):
+    """Ten or eleven options before those of experts; no type of Python, no cut name, an example; under 100 lines."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    text = CliRunner().invoke(app, ["track", "--help"]).output
+    panels = [text.index(f"─ {panel} ─") for panel in PANELS]
+    assert panels == sorted(panels)
+    assert "Example: mocap track" in text[: panels[0]]
+    assert 10 <= text[: panels[-1]].count(" --") - text[: panels[0]].count(" --") <= 12
+    assert not re.search(r"<|…|\[Path\]|\bstr\b", text)
+    assert text.count("\n") < 100
+    for command in ("learn", "batch", "kinematics", "digitise", "view"):
+        assert not re.search(r"<(int|str|float|bool|path|list)", CliRunner().invoke(app, [command, "--help"]).output), (
+            command
+        )

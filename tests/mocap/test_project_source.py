@@ -11,7 +11,7 @@ from mocap.errors import CalibrationError, MocapError
 from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import with_profile
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from tests.real_data import real
 
 FPS = 240.0
@@ -72,10 +72,8 @@ def test_a_project_is_what_its_tables_are(files):
 
     Pixels are the same numbers; matrices are scaled once more: 1e-16 times the squared condition of a triangulation.
     """
-    tables = prepare(
-        Recording(tracks=files["pixels"], fps=FPS, calibration=files["coefficients"], profile=files["profile"])
-    )
-    project = prepare(Recording(tracks=files["project"], fps=FPS))
+    tables = prepare(read(files["pixels"], fps=FPS, calibration=files["coefficients"], profile=files["profile"]))
+    project = prepare(read(files["project"], fps=FPS))
     assert project.names == tables.names
     np.testing.assert_allclose(project.t_s, tables.t_s, rtol=1e-12)
     np.testing.assert_allclose(project.xyz_m, tables.xyz_m, rtol=0, atol=1e-8)
@@ -87,7 +85,7 @@ def test_coefficients_that_are_given_go_first(mocap, files, tmp_path):
     with pytest.raises(
         CalibrationError, match=r"raw_dvProject\.mat: a project without DLT coefficients: .*give `calibration`"
     ):
-        prepare(Recording(tracks=files["raw"], fps=FPS))
+        prepare(read(files["raw"], fps=FPS))
     cameras = ["--dlt", files["coefficients"], "--profile", files["profile"]]
     points = []
     for tracks, options in ((files["pixels"], cameras), (files["raw"], cameras), (files["project"], [])):
@@ -106,8 +104,8 @@ def test_what_tables_alone_need_is_asked_for(mocap, files, tmp_path):
     assert code == 1
     assert "give --calibration" in err
     with pytest.raises(MocapError, match="`origin` concerns cameras"):
-        Recording(tracks=tmp_path / "a_xyzpts.csv", fps=FPS, pixel_origin="upper-left")
-    assert Recording(tracks=files["project"], fps=FPS, pixel_origin="upper-left").filmed
+        read(tmp_path / "a_xyzpts.csv", fps=FPS, origin="upper-left")
+    assert read(files["project"], fps=FPS, origin="upper-left").filmed
 
 
 def test_a_project_that_is_none(mocap, tmp_path):
@@ -127,10 +125,8 @@ def test_real_projects_are_their_tables():
     """
     folder = real("bat_windtunnel_dltdv8", "derived_csv", "078A3_F5")
     tracks = real("bat_windtunnel_dltdv8", "078A3", "F5", "carollia_2April2021_078A3m_trial5_dvProject.mat")
-    project = prepare(Recording(tracks=tracks, fps=700))
-    tables = prepare(
-        Recording(tracks=folder / "078A3_F5_xypts.csv", fps=700, calibration=folder / "078A3_F5_dltCoefs.csv")
-    )
+    project = prepare(read(tracks, fps=700))
+    tables = prepare(read(folder / "078A3_F5_xypts.csv", fps=700, calibration=folder / "078A3_F5_dltCoefs.csv"))
     np.testing.assert_array_equal(np.isfinite(project.xyz_m), np.isfinite(tables.xyz_m))
     np.testing.assert_allclose(project.xyz_m, tables.xyz_m, rtol=0, atol=2e-7)
     assert any("9 of 3285 stored points differ" in finding for finding in project.findings)

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from mocap.cli.main import main
 from mocap.errors import MocapError
-from mocap.pipeline.prepare import prepare
 from mocap.pipeline.propose_skeleton import (
     SOFT,
     joint_triples,
@@ -22,7 +21,7 @@ from mocap.pipeline.propose_skeleton import (
     trunk_of,
     wobble_deg,
 )
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.skeleton import Bone, Joint, Skeleton, read_skeleton, skeleton_text
 from tests.real_data import real
 
@@ -96,7 +95,7 @@ def test_known_skeletons_are_found(tmp_path, make, kind):
     truth = recording.skeleton
     files = write_recording(recording, tmp_path, others=True)
     cameras = {"calibration": files["coefficients"], "profile": files["profile"]} if kind == "pixels" else {}
-    found = propose_skeleton(prepare(Recording(tracks=files[kind], fps=recording.fps, **cameras))).skeleton
+    found = propose_skeleton(read(files[kind], fps=recording.fps, **cameras)).skeleton
     true_bones = {frozenset((bone.a, bone.b)) for bone in truth.bones}
     bones = {frozenset((bone.a, bone.b)) for bone in found.bones}
     assert len(bones) == len(truth.markers) - 1
@@ -113,7 +112,7 @@ def test_the_file_is_the_skeleton(tmp_path):
     """What is written is read as the skeleton that was proposed, and written without its comments the same."""
     recording = make_bat(seed=3, n_frames=150)
     files = write_recording(recording, tmp_path, others=True)
-    found = propose_skeleton(prepare(Recording(tracks=files["points"], fps=recording.fps)))
+    found = propose_skeleton(read(files["points"], fps=recording.fps))
     path = tmp_path / "found.toml"
     written = [(found.text, "utf-8"), (skeleton_text(found.skeleton), "utf-8"), (found.text, "utf-16")]
     for text, encoding in (*written, ("# Flügel\n" + found.text, "cp1252")):  # > of PowerShell and of cmd on Windows
@@ -140,7 +139,7 @@ def test_names_that_are_no_toml(tmp_path):
     text = ",".join(f'"{name}_{axis}"'.replace('a"b', 'a""b').replace("\n", "") for name in odd for axis in "xyz")
     rows = "\n".join(",".join(map(repr, row.ravel().tolist())) for row in moving.xyz_m)
     (tmp_path / "odd.csv").write_text(f"{text}\n{rows}\n", encoding="utf-8")
-    found = propose_skeleton(prepare(Recording(tracks=tmp_path / "odd.csv", fps=100)))
+    found = propose_skeleton(read(tmp_path / "odd.csv", fps=100))
     path.write_text(found.text, encoding="utf-8", newline="")
     assert read_skeleton(path) == found.skeleton
     assert len(found.skeleton.joints) == 2
@@ -156,12 +155,12 @@ def test_what_no_skeleton_comes_from(tmp_path):
         rows = "\n".join(",".join(map(repr, row.ravel().tolist())) for row in way[:, :count])
         (tmp_path / f"{count}.csv").write_text(f"{titles}\n{rows}\n")
     with pytest.raises(MocapError, match="shows 1 markers"):
-        propose_skeleton(prepare(Recording(tracks=tmp_path / "1.csv", fps=100)))
-    found = propose_skeleton(prepare(Recording(tracks=tmp_path / "4.csv", fps=100)))
+        propose_skeleton(read(tmp_path / "1.csv", fps=100))
+    found = propose_skeleton(read(tmp_path / "4.csv", fps=100))
     assert (found.skeleton.bones, found.skeleton.trunk, found.skeleton.joints) == ((), (), ())
     assert "No three markers move together as one rigid body" in found.text
     assert '"m3", "m1" and "m2" accelerate least of all' in found.text
-    few = propose_skeleton(prepare(Recording(tracks=tmp_path / "3.csv", fps=100)))
+    few = propose_skeleton(read(tmp_path / "3.csv", fps=100))
     assert "No three markers move together" in few.text
     assert "accelerate least" not in few.text
     assert 'Markers without a bone: "m0", "m1", "m2", "m3"' in found.text

@@ -19,7 +19,7 @@ from mocap import side_by_side
 from mocap.errors import MocapError
 from mocap.pipeline import learning, tracking
 from mocap.pipeline.job import run_job
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.side_by_side import begin, call_all
 from tests.filters.test_gaps_in_trials import trial_of
 
@@ -125,9 +125,7 @@ def test_hidden_gaps_are_filled_to_the_same_bits():
 def test_a_result_is_written_by_two_processes_as_by_one(tmp_path):
     bat = make_bat(seed=3, n_frames=40, n_cameras=3)
     files = write_recording(bat, tmp_path / "in")
-    recording = Recording(
-        tracks=files["pixels"], calibration=files["coefficients"], skeleton=files["skeleton"], fps=bat.fps
-    )
+    recording = read(files["pixels"], calibration=files["coefficients"], skeleton=files["skeleton"], fps=bat.fps)
     run, _ = run_job(recording, model="constant_velocity", validated=False)
     result = mocap.Tracked(run)
     result.save(tmp_path / "one")
@@ -156,7 +154,7 @@ def test_learning_and_tracking_leave_their_calls_to_the_processes(monkeypatch, t
         bat = make_bat(seed=seed, n_frames=40, n_cameras=3)
         files = write_recording(bat, tmp_path / str(seed))
         camera = {"calibration": files["coefficients"], "profile": files["profile"]}
-        flights.append(Recording(tracks=files["pixels"], skeleton=files["skeleton"], fps=bat.fps, **camera))
+        flights.append(read(files["pixels"], skeleton=files["skeleton"], fps=bat.fps, **camera))
     effort = Effort(validated=2, times=1)
     learned = learning.learn_from(flights, models=(EACH_MARKER, MarkerSettings()), effort=effort)
     assert made == [2]

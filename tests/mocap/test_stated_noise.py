@@ -8,7 +8,7 @@ from mocap.datasets import make_bat, write_recording
 
 from mocap.io.dltdv import read_points
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
+from mocap.pipeline.reading import read
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.pipeline.triangulate_file import triangulate_file
 
@@ -19,8 +19,8 @@ SAME = 1e-12
 @pytest.fixture(scope="module")
 def source(tmp_path_factory):
     files = write_recording(make_bat(seed=3, n_frames=40, n_cameras=4), tmp_path_factory.mktemp("bat"))
-    return Recording(
-        tracks=files["pixels"],
+    return read(
+        files["pixels"],
         fps=240.0,
         calibration=files["coefficients"],
         profile=files["profile"],

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mocap.datasets import make_bat, write_recording
 
+import mocap
 from mocap.cameras.camera import decompose, project, stacked
 from mocap.cli.main import main
 from mocap.errors import FormatError
@@ -16,7 +17,6 @@ from mocap.io.dltdv import write_coefficients
 from mocap.io.registry import read
 from mocap.io.unstated_unit import XRAYED_M, guessed, in_metres, length, of_cameras, unit_told
 from mocap.pipeline.prepare import prepare
-from mocap.pipeline.recording import Recording
 from tests.real_data import real
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -71,13 +71,13 @@ def test_what_cannot_be_metres_is_millimetres(tmp_path, size_m):
     bat = make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m
     xyz = bat * size_m / length(bat)
     path = table(tmp_path / "x.csv", 1e3 * xyz)
-    source = Recording(tracks=path, fps=100)
-    said = source.frame_findings[0]
+    source = mocap.read(path, fps=100)
+    said = source.findings[0]
     assert said.startswith("NO UNIT IS STATED: lengths are assumed to be in mm, so that the animal is ")
     assert re.search(r"state the unit: m if it is [\d.e+]+ k?m long, cm if it is [\d.e+]+ m*m long", said)
     np.testing.assert_allclose(source.contents.points.xyz_m, xyz, rtol=1e-12)
-    stated = Recording(tracks=path, fps=100, unit="cm")
-    assert not any("unit" in finding.lower() for finding in stated.frame_findings)
+    stated = mocap.read(path, fps=100, unit="cm")
+    assert not any("unit" in finding.lower() for finding in stated.findings)
     np.testing.assert_allclose(stated.contents.points.xyz_m, 10 * xyz, rtol=1e-12)
 
 
@@ -86,23 +86,23 @@ def test_no_unit_makes_it_an_animal(tmp_path, factor):
     """A bat of 340 km, or of 340 nm, is refused, with its length in every unit; a stated one is believed."""
     path = table(tmp_path / "x.csv", factor * make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m)
     with pytest.raises(FormatError, match=r"no unit is stated, and none makes the animal one: .* state `unit`"):
-        _ = Recording(tracks=path, fps=100).contents
-    assert Recording(tracks=path, fps=100, unit="um").contents.unit == "um"
+        _ = mocap.read(path, fps=100).contents
+    assert mocap.read(path, fps=100, unit="um").contents.unit == "um"
 
 
 def test_noise_that_no_cameras_have(tmp_path, rng):
     """A bee in millimetres is as long as a lorry in metres; what jitters by decimetres is in no metres."""
     bee = 0.012 * rng.normal(size=(1, 5, 3)) / 3 + np.linspace(0, 0.5, 200)[:, None, None]
     path = table(tmp_path / "x.csv", 1e3 * (bee + rng.normal(size=bee.shape) * 2e-4))
-    said = Recording(tracks=path, fps=100).frame_findings[0]
+    said = mocap.read(path, fps=100).findings[0]
     assert said.startswith("NO UNIT IS STATED: lengths are assumed to be in mm")
 
 
 def test_metres_are_told_once_and_quietly(tmp_path):
     """An animal of usual length in metres: its length, and no alarm."""
     bat = make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m
-    source = Recording(tracks=table(tmp_path / "x.csv", bat), fps=100)
-    assert source.frame_findings[0] == (
+    source = mocap.read(table(tmp_path / "x.csv", bat), fps=100)
+    assert source.findings[0] == (
         f"no unit is stated: lengths are assumed to be in metres, so that the animal is {1e3 * length(bat):.3g} mm long"
     )
 
@@ -147,9 +147,7 @@ def test_a_calibration_in_millimetres(tmp_path):
     files |= {"coefficients": tmp_path / "mm.csv"}
 
     def prepared(unit, name="coefficients"):
-        source = Recording(
-            tracks=files["pixels"], fps=100, calibration=files[name], profile=files["profile"], unit=unit
-        )
+        source = mocap.read(files["pixels"], fps=100, calibration=files[name], profile=files["profile"], unit=unit)
         return prepare(source)
 
     assumed, stated = prepared(None), prepared("mm")
@@ -163,7 +161,7 @@ def test_a_calibration_whose_unit_nobody_states(tmp_path):
     """A bat in metres: its length, quietly, first of all; from 30 km away, loudly."""
     bat = make_bat(seed=3, n_frames=40, n_cameras=3)
     files = write_recording(bat, tmp_path)
-    source = Recording(tracks=files["pixels"], fps=100, calibration=files["coefficients"], profile=files["profile"])
+    source = mocap.read(files["pixels"], fps=100, calibration=files["coefficients"], profile=files["profile"])
     assert re.match(
         r"no unit is stated: lengths are assumed to be in metres, .* is \d+ mm long$", prepare(source).findings[0]
     )
@@ -191,5 +189,5 @@ def test_how_a_text_was_read_begins_the_report(tmp_path):
     """Decimal commas and semicolons are told where the recording is tracked, not only by ``mocap info``."""
     path = tmp_path / "x.csv"
     path.write_text("a_x;a_y;a_z\n0,1;0,2;0,3\n0,2;0,2;0,3\n")
-    said = Recording(tracks=path, fps=10).frame_findings
+    said = mocap.read(path, fps=10).findings
     assert any("numbers have decimal commas: 0,1 is read as 0.1" in finding for finding in said[:2])

@@ -1,21 +1,13 @@
 """Poses of several trials as rows of one matrix."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
+from mocap.filters.interpolate import blended
 from mocap.filters.subspace import principal_components
-from numpy.typing import NDArray
 
 from benchmarks.gaps.peers.coordinates import Placed
 from eal.arrays import Array
-
-
-def patterns(seen: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.int64]]]:
-    """Every way of seeing that occurs among (N, K) rows, with the rows where it does."""
-    unique, inverse = np.unique(seen, axis=0, return_inverse=True)
-    order = np.argsort(inverse.ravel(), kind="stable")
-    ends = np.cumsum(np.bincount(inverse.ravel(), minlength=len(unique)))
-    yield from zip(unique, np.split(order, ends[:-1]), strict=True)
 
 
 def usable(poses: Array, *, share: float = 0.3) -> Array:
@@ -25,28 +17,11 @@ def usable(poses: Array, *, share: float = 0.3) -> Array:
 
 
 def completed(trials: Sequence[Placed], *, rank: int = 12) -> list[Array]:
-    """Poses (T, D) of each trial without NaN: what is missing is filled by principal components of all trials.
-
-    The misfit of the components (``principal_components``) is interpolated over every gap, so that the
-    filled track joins the measured one. Rows that show nothing take the components' own guess.
-    """
+    """Poses (T, D) of each trial without NaN: what is missing is filled by principal components of all trials."""
     rows = [placed.poses for placed in trials]
     if all(np.isfinite(r).all() for r in rows):
         return rows
     stacked = np.concatenate(rows)
     fit = principal_components(stacked, max(1, min(rank, stacked.shape[1] // 2, len(stacked) // 4)), iterations=12)
-    out, start = [], 0
-    for y in rows:
-        model = fit.poses[start : start + len(y)]
-        start += len(y)
-        index, misfit = np.arange(len(y)), y - model
-        filled = y.copy()
-        for column in range(y.shape[1]):
-            known = np.isfinite(misfit[:, column])
-            if known.any() and not known.all():
-                shift = np.interp(index[~known], index[known], misfit[known, column])
-                filled[~known, column] = model[~known, column] + shift
-            elif not known.any():
-                filled[:, column] = model[:, column]
-        out.append(filled)
-    return out
+    models = np.split(fit.poses, np.cumsum([len(y) for y in rows])[:-1])
+    return [blended(y, model) for y, model in zip(rows, models, strict=True)]

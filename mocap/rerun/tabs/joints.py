@@ -18,7 +18,7 @@ from mocap.rerun.rows import rows
 from mocap.rerun.scene_views import eye, last_frames
 from mocap.rerun.series import log_line, series_view
 from mocap.rerun.volume import Block
-from mocap.sides import by_side
+from mocap.sides import by_side, words
 
 COORDINATES = ("q1", "q2", "q3")
 _DECADES = 8
@@ -61,19 +61,21 @@ def tab(layout: Layout) -> rrb.Container | None:
 
 def joint(layout: Layout, name: str) -> rrb.Container:
     """The potential of a joint, and the joint moving over it."""
-    land, series = layout.landscapes[name], paths.joint_series(name)
+    series = paths.joint_series(name)
     spatial = [volume_view(layout, name)] if name in layout.blocks else []
-    return rrb.Vertical(
+    maps = rrb.Vertical(
         rrb.Horizontal(surface_view(layout, name), heat_map_view(layout, name), *spatial),
         rrb.Horizontal(
-            series_view(f"{series}/potential", f"{name}: V_z(q(t)) and its bound"),
-            series_view(f"{series}/energy", f"{name}: energy (J/kg), 1/eps² = {land.energy.strength:.2g}"),
-            coordinates_view(layout, name),
-            spectrum_view(name),
+            series_view(f"{series}/potential", "joint potential on the way"), coordinates_view(layout, name)
         ),
         row_shares=[5, 2],
-        name=name,
+        name="Map",
     )
+    strength = layout.landscapes[name].energy.strength
+    expert = rrb.Horizontal(
+        series_view(f"{series}/energy", f"energy (J/kg), 1/eps² = {strength:.2g}"), spectrum_view(name), name="Expert"
+    )
+    return rrb.Tabs(maps, expert, active_tab=0, name=words(name))
 
 
 def heat_map_view(layout: Layout, name: str) -> rrb.View:
@@ -82,7 +84,7 @@ def heat_map_view(layout: Layout, name: str) -> rrb.View:
     (x0, x1), (y0, y1) = land.x_mm[[0, -1]], land.y_mm[[0, -1]]
     return rrb.Spatial2DView(
         origin=paths.heat_map(name),
-        name=f"{name}: range V < {RANGE:g} (white), preferred configurations (red)",
+        name=f"joint potential, low (yellow) where the joint goes; white: V < {RANGE:g}, red: preferred",
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[x0, x1], y_range=[-y1, -y0]),
         overrides={f"{paths.heat_map(name)}/trail": last_frames(layout.trail_frames)},
@@ -94,7 +96,7 @@ def spectrum_view(name: str) -> rrb.View:
     width, height = CHART_SIZE
     return rrb.Spatial2DView(
         origin=paths.spectrum(name),
-        name=f"{name}: eigenvalues and lambda",
+        name="eigenvalues and lambda",
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(
             x_range=[-0.17 * width, 1.05 * width], y_range=[-0.12 * height, 1.12 * height]
@@ -105,7 +107,7 @@ def spectrum_view(name: str) -> rrb.View:
 def coordinates_view(layout: Layout, name: str) -> rrb.View:
     """The coordinates of a joint over time."""
     frame = layout.joint_frames[name]
-    return series_view(f"{paths.joint_series(name)}/coordinates", f"{name}: coordinates in frame {frame} (mm)")
+    return series_view(f"{paths.joint_series(name)}/coordinates", f"coordinates in frame {frame} (mm)")
 
 
 def surface_view(layout: Layout, name: str) -> rrb.View:
@@ -115,7 +117,7 @@ def surface_view(layout: Layout, name: str) -> rrb.View:
     extent_mm = float(land.x_mm[-1] - land.x_mm[0])
     return rrb.Spatial3DView(
         origin=paths.surface(name),
-        name=f"{name}: potential V_z(q), 0 yellow to 1 violet, over q (mm)",
+        name="joint potential: 0 (yellow) where the joint goes, 1 (violet) elsewhere; mm",
         background=palette.GROUND,
         line_grid=False,
         eye_controls=eye(middle, 2.0 * extent_mm, np.array([0.0, 0.0, 1.0]), rise=1.1),
@@ -128,7 +130,7 @@ def volume_view(layout: Layout, name: str) -> rrb.View:
     cloud = layout.blocks[name]
     return rrb.Spatial3DView(
         origin=paths.volume(name),
-        name=f"{name} in body axes (mm): 1 - V_z, dense where it often is",
+        name="in body axes (mm): dense where the joint often is",
         background=palette.GROUND,
         line_grid=False,
         eye_controls=eye(cloud.centre_mm, 1.9 * cloud.extent_mm, np.array([0.0, 0.0, 1.0])),
@@ -159,7 +161,7 @@ def _log_energy(rec: rr.RecordingStream, path: str, t_s: Array, value: Array, en
         f"{path}/potential/bound",
         t_s,
         energy.bound,
-        name="Theorem 3, released at the fastest instant",
+        name="bound of a release (Theorem 3)",
         color=palette.GREY,
     )
     log_line(rec, f"{path}/potential/value", t_s, value, name="V_z(q(t))", color=palette.ORANGE)

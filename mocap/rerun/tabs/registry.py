@@ -22,4 +22,4 @@ class Tab(Protocol):
         ...
 
 
-TABS: tuple[Tab, ...] = (overview, angles, cameras, joints, lagrangian, health, report)
+TABS: tuple[Tab, ...] = (angles, overview, cameras, joints, lagrangian, health, report)

@@ -10,7 +10,7 @@ from mocap.filters.records import HeldLimb
 from readback import column, entities
 from vulkan import need_vulkan
 
-from mocap.pipeline.cut import cut
+from eal.over_time import at_frames
 from mocap.rerun import palette, paths
 from mocap.rerun.headless import Headless
 from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
@@ -79,7 +79,7 @@ def test_limbs_are_restored_and_cut(run, tmp_path):
     assert (back.name, back.markers) == (limb.name, limb.markers)
     for name in ("x", "y", "value", "samples", "state", "cov", "at_state", "pull"):
         np.testing.assert_allclose(getattr(back, name), getattr(limb, name), atol=1e-6)
-    np.testing.assert_array_equal(cut(run, slice(5, 9)).limbs[0].state, limb.state[5:9])
+    np.testing.assert_array_equal(at_frames(run, slice(5, 9)).limbs[0].state, limb.state[5:9])
 
 
 def test_a_person_sees_the_state_its_ellipse_and_the_arrows(run, tmp_path):

@@ -1,0 +1,287 @@
+"""From files to a recording: everything that they hold, or leave open, is decided here."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from eal.arrays import unique
+from mocap.cameras.camera import Camera, check_cameras
+from mocap.cameras.origin import PixelCorner
+from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
+from mocap.io import dltdv
+from mocap.io.contents import FileContents
+from mocap.io.every_frame import every_frame
+from mocap.io.format import Hints
+from mocap.io.profile import with_profile
+from mocap.io.registry import as_table
+from mocap.io.registry import read as read_file
+from mocap.io.together import joined
+from mocap.io.unstated_unit import in_metres
+from mocap.pipeline.recording import Recording
+from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
+from mocap.skeleton import Skeleton, read_skeleton
+from mocap.stated import check_rate, check_stated
+from mocap.text import as_text
+
+PathText = str | PathLike[str]
+
+
+def read(
+    tracks: PathText | Sequence[PathText],
+    *,
+    calibration: PathText | None = None,
+    fps: float | None = None,
+    unit: str | None = None,
+    skeleton: PathText | Skeleton | None = None,
+    profile: PathText | None = None,
+    origin: PixelCorner | None = None,
+    calibration_origin: PixelCorner | None = None,
+    image_height_px: float | None = None,
+    pixel_sd: float | None = None,
+    stored_points: PathText | None = None,
+    correct_lag: bool = False,
+    crop: PathText | Sequence[PathText] | None = None,
+    hints: Hints | None = None,
+    mm_per_px: float | None = None,
+    fit_lens: bool = False,
+) -> Recording:
+    """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
+
+    The same options as ``mocap track`` takes. All files are read now; the result shows as a table in a notebook, and
+    ``mocap.track`` and ``mocap.learn`` take it.
+
+    Args:
+        tracks: Pixels or positions; a project of DLTdv8 holds its calibration too. Several files: the views of one
+            trial, a camera each.
+        calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
+        fps: Frames a second, where the files do not hold it (or hold another).
+        unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
+        skeleton: Skeleton TOML (markers, bones, joints), or a ``mocap.Skeleton``.
+        profile: Camera profile, a line a camera.
+        origin: Corner that pixel rows are counted from; None: found by the residual.
+        calibration_origin: The same for the calibration, if it differs.
+        image_height_px: Image height, to flip rows without a profile.
+        pixel_sd: Standard deviation of a pixel; None: estimated.
+        stored_points: xyzpts file to audit; None: the one beside ``tracks``.
+        correct_lag: Read cameras that run late, by the audit, between their frames.
+        crop: Crop offsets of cropped films, to be added to the pixels: a folder, or a file a camera in their order
+            (MATLAB files with ``XYtop_left``, a row a frame; DeepLabCut's config.yaml or meta file; tables x,y). None:
+            those beside the tracks with names that match, if rays then meet better.
+        hints: How the file is to be read where it does not say so itself: its format, the columns of a plain table, the
+            number of cameras of a sparse pixel file, the sheet of a workbook.
+        mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions stay pixels.
+        fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
+            determined.
+
+    Raises:
+        FormatError: a file cannot be read.
+        CalibrationError: pixels and calibration do not belong together.
+        SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
+        MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
+    """
+    files, crops = _paths("tracks", tracks) or (Path(),), _paths("crop", crop)
+    beside = {"calibration": calibration, "profile": profile, "stored_points": stored_points}
+    rig, lenses, points = (None if path is None else _path(what, path) for what, path in beside.items())
+    cameras_of = {"profile": profile, "origin": origin, "calibration_origin": calibration_origin}
+    for name, value in cameras_of.items():
+        if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
+            raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
+    contents, findings = complete(_whole(files, rig, hints or Hints()), where=files[0].name, fps=fps, unit=unit)
+    known, names = animal(skeleton, contents.names)
+    contents = contents.renamed(names)
+    contents, cameras, told = _with_cameras(contents, files[0], rig, lenses, unit)
+    if contents.pixels is not None and (cameras or crops):
+        contents, counted = counted_from_one(contents, [path for path in (rig, lenses) if path is not None])
+        contents, cropped = in_whole_picture(contents, cameras, files, crops, pixel_origin=origin)
+        told = (*told, *counted, *cropped)
+    stored = None
+    if contents.points is None and cameras and (path := stored_file(files[0], points)) is not None:
+        stored = read_file(path)
+    named = (*files, rig, lenses, points, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
+    return Recording(
+        name=recording_name(files[0]),
+        contents=contents,
+        skeleton=known,
+        cameras=cameras,
+        calibration=None if rig is None else rig.name,
+        findings=findings,
+        told=told,
+        file=files[0],
+        inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
+        stored=stored,
+        unit=unit,
+        pixel_origin=origin,
+        calibration_origin=calibration_origin,
+        image_height_px=image_height_px,
+        pixel_sd=pixel_sd,
+        correct_lag=correct_lag,
+        fit_lens=fit_lens,
+        mm_per_px=mm_per_px,
+    )
+
+
+def _path(argument: str, given: object) -> Path:
+    """The file of an argument.
+
+    Raises:
+        MocapError: it is none.
+    """
+    if isinstance(given, str | PathLike):
+        return Path(given)
+    how = ": mocap.from_arrays and mocap.from_pixels take numbers in memory" if argument == "tracks" else ""
+    raise MocapError(f"`{argument}` is {type(given).__name__}, expected a file{how}")
+
+
+def _paths(argument: str, given: PathText | Sequence[PathText] | None) -> tuple[Path, ...]:
+    if given is None:
+        return ()
+    several = given if isinstance(given, list | tuple) else (given,)
+    return tuple(_path(argument, one) for one in several)
+
+
+def recording_name(file: Path) -> str:
+    """Name of the recording, from that of the file."""
+    stem = as_text(file.stem)
+    return re.sub(r"xyz?pts$", "", stem, flags=re.IGNORECASE).rstrip("_-. ") or stem
+
+
+def complete(
+    contents: FileContents, *, where: str, fps: float | None, unit: str | None
+) -> tuple[FileContents, tuple[str, ...]]:
+    """What was read in metres, in seconds and with every frame, and the first findings.
+
+    Args:
+        contents: As read.
+        where: What messages call it.
+        fps: Frames a second, as the user states it.
+        unit: Unit of lengths, as the user states it.
+
+    Raises:
+        FormatError: the unit is not known, or frames are of no one recording.
+        MocapError: the frame rate is not known, or no camera has it.
+    """
+    check_stated("fps", fps)
+    contents, told = in_metres(contents, unit)
+    if fps is None:
+        if contents.fps is None:
+            raise NoRateError(f"{where}: the frame rate is not in the file: give `fps`")
+        check_rate(contents.fps, where)
+    else:
+        unsaid = "the file does not state the frame rate"
+        contents = replace(contents.with_rate(fps), findings=tuple(f for f in contents.findings if f != unsaid))
+    contents, left_out = every_frame(contents)
+    return contents, (*told, *contents.assumed, *left_out)
+
+
+def _whole(files: Sequence[Path], rig: Path | None, hints: Hints) -> FileContents:
+    """The tracks, with those of further views in the order of the calibration where names tell."""
+    found = [read_file(path, hints) for path in files]
+    if len(found) == 1:
+        return found[0]
+    other = next((f for f in found if f.pixels is None and not f.cameras and not f.lenses), None)
+    if other is not None:
+        raise FormatError(
+            f"{other.paths[0].name}: contains no pixels and no calibration ({other.format}); several files of one "
+            "trial must each contain the pixels of one camera, or their calibration"
+        )
+    if rig is None:
+        return joined(found)
+    cameras = calibration_of(rig)
+    found.append(replace(cameras, names=(), frames=np.zeros(0, np.int64), pixels=None, points=None, lenses=()))
+    return replace(joined(found), cameras=(), unit=None)
+
+
+def calibration_of(path: Path) -> FileContents:
+    """A calibration of any format.
+
+    Raises:
+        FormatError: it cannot be read.
+    """
+    try:
+        return read_file(path)
+    except FormatError:
+        if path.suffix.lower() in (".csv", ".xlsx"):
+            with as_table(path) as (table, _):
+                dltdv.read_coefficients(table)  # says what is wrong with them
+        raise
+
+
+def animal(given: PathText | Skeleton | None, names: Sequence[str]) -> tuple[Skeleton, tuple[str, ...]]:
+    """The skeleton, and the file's marker names in its terms; where none is given a skeleton of markers only.
+
+    Raises:
+        SkeletonError: the skeleton cannot be read, or uses markers that the recording lacks.
+    """
+    if given is None:
+        return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
+    skeleton = given if isinstance(given, Skeleton) else read_skeleton(_path("skeleton", given))
+    renamed = skeleton.renamed(names)
+    try:
+        unique("marker", renamed)
+    except ValueError as error:
+        where = f"skeleton {skeleton.name!r}" if isinstance(given, Skeleton) else given
+        raise SkeletonError(f"{where}: after renaming by its aliases, {error}") from None
+    return skeleton.for_markers(renamed, source="the recording"), renamed
+
+
+def _with_cameras(
+    contents: FileContents, tracks: Path, rig: Path | None, profile: Path | None, unit: str | None
+) -> tuple[FileContents, tuple[Camera, ...], tuple[str, ...]]:
+    """The contents with the unit of the calibration, its cameras with the profile's lenses, and how both were read.
+
+    A given calibration replaces a project's own.
+    """
+    cameras, where, told = contents.cameras, tracks.name, ()
+    if contents.pixels is None:
+        return contents, cameras, told
+    if rig is not None:
+        given = calibration_of(rig)
+        given = given if unit is None else given.with_unit(unit)
+        if not given.cameras:
+            raise FormatError(f"{rig.name}: contains no cameras ({given.format}): give a calibration")
+        cameras, where, told = given.cameras, rig.name, tuple(f"{rig.name}: {said}" for said in given.assumed)
+        contents = replace(contents, unit=contents.unit or given.unit)
+    if cameras:
+        check_rig(contents, cameras, tracks.name, where)
+    if cameras and profile is not None:
+        with as_table(profile) as (table, said):
+            cameras = with_profile(cameras, table)
+        told += tuple(f"{profile.name}: {s}" for s in said)
+    return contents, cameras, told
+
+
+def check_rig(contents: FileContents, cameras: Sequence[Camera], tracks: str, where: str) -> None:
+    """Refuse pixels and cameras that do not belong together.
+
+    Args:
+        contents: Pixels.
+        cameras: Calibrated cameras.
+        tracks: What messages call the pixels.
+        where: What messages call the calibration.
+
+    Raises:
+        CalibrationError: there is one camera, another number of them, or one that no rig can have.
+    """
+    views = contents.camera_names
+    if len(views) < 2:
+        raise CalibrationError(f"{tracks}: contains one camera: 3D points need two or more views in one file")
+    if len(cameras) != len(views):
+        raise CalibrationError(
+            f"{tracks}: {len(views)} cameras, but {where} has coefficients for {len(cameras)}: give the coefficients "
+            "of this recording (one column for each camera)"
+        )
+    check_cameras(cameras, where)
+
+
+def stored_file(tracks: Path, given: Path | None) -> Path | None:
+    """The xyzpts file to audit: the one given, or the sibling of the xypts file, if it is not our own refined one."""
+    named = re.sub(r"xypts(?!.*xypts)", "xyzpts", tracks.name, flags=re.IGNORECASE)
+    if given is not None or named == tracks.name:
+        return given
+    alike = sorted(path for path in tracks.parent.iterdir() if path.name.lower() == named.lower())
+    there = (path for path in (tracks.with_name(named), *alike) if path.is_file())
+    return next((path for path in there if not dltdv.holds_deviations(path)), None)

@@ -1,0 +1,122 @@
+"""What a person reads first of a run: what is wrong, what error to expect in gaps, how long the animal is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from eal.arrays import Z95
+from mocap.io.unstated_unit import length_text
+
+METHODS = {
+    "eal": ("pose model", "Kalman smoother of the whole pose with its joint potentials"),
+    "mixture": ("mixture", "pose model and constant velocity, weighted by each model's predicted variance"),
+    "learned": ("learned model", "the model that mocap learn wrote"),
+    "articulated": ("joint angles", "Kalman smoother of joint angles, segments of constant length"),
+    "lagrangian": ("Lagrangian", "joint angles moved by the forces of the animal's masses"),
+    "conditional_gaussian": ("conditional Gaussian", "regression on the other markers of the same frame"),
+    "principal_components": ("principal components", "the same from a few components of all poses"),
+    "constant_velocity": ("constant velocity", "Kalman smoother of each marker alone"),
+    "linear": ("straight lines", "linear interpolation of each coordinate"),
+    "cubic": ("cubic splines", "a spline through each coordinate"),
+    "triangulation": ("triangulation", "each frame by itself, without a motion model"),
+}
+"""What the methods of the tables are called, and what they do, by their key in ``report.json``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """What error to expect in gaps.
+
+    Attributes:
+        rmse: Root mean square distance from what was hidden, in ``unit``.
+        coverage: Per cent of coordinates inside their 95 % intervals; None: not known.
+        half_width: Half of the median 95 % interval of a filled coordinate, in ``unit``; None: nothing was filled.
+        samples: How many were hidden.
+        against: What they were compared with.
+        others: The same distance by other methods, best first.
+        unit: ``mm`` or ``px``.
+    """
+
+    rmse: float
+    coverage: float | None
+    half_width: float | None
+    samples: int
+    against: str
+    others: Mapping[str, float]
+    unit: str
+
+
+def expected_error(report: Mapping) -> Expected | None:
+    """What error to expect in gaps; None: nothing was hidden, or none of it was filled."""
+    unit, true = unit_of(report), "gaps" in report
+    methods = report["gaps"] if true else report.get("validation", {}).get("methods", {})
+    own = methods.get(report.get("model", {}).get("name"), {})
+    rmse = own.get(f"rmse_{unit}")
+    if not isinstance(rmse, float):
+        return None
+    width = report[f"sd_{unit}"]["filled"]["50%"]
+    errors = {name: m[f"rmse_{unit}"] for name, m in methods.items() if name != report["model"]["name"]}
+    return Expected(
+        rmse=rmse,
+        coverage=own["coverage95"],
+        half_width=None if width is None else Z95 * width,
+        samples=report["gap_samples"] if true else report["validation"]["hidden_samples"],
+        against="ground truth" if true else "measured points that were hidden",
+        others={name: e for name, e in sorted(errors.items(), key=lambda one: one[1] or 0.0) if e is not None},
+        unit=unit,
+    )
+
+
+def unit_of(report: Mapping) -> str:
+    """Unit of lengths in a report: ``mm``, of one film without a scale ``px``."""
+    return "px" if report.get("plane", {}).get("unit") == "px" else "mm"
+
+
+def method(name: str) -> str:
+    """What a method of a report is called."""
+    return METHODS[name][0] if name in METHODS else name
+
+
+def error_lines(report: Mapping) -> list[str]:
+    """The error to expect in gaps: three numbers, and how other methods fare."""
+    found = expected_error(report)
+    if found is None:
+        return ["not measured: no points were hidden"]
+    unit = found.unit
+    lines = [f"{found.rmse:.3g} {unit} RMS error of {found.samples} filled points against {found.against}"]
+    if found.coverage is not None:
+        lines.append(f"{found.coverage:.1f} % of their 95 % intervals contain the value (95 % expected)")
+    if found.half_width is not None:
+        lines.append(f"± {found.half_width:.2g} {unit} is the median 95 % interval of a filled coordinate")
+    if found.others:
+        lines.append(
+            "other methods: " + ", ".join(f"{method(k)} {e:.3g}" for k, e in found.others.items()) + f" {unit}"
+        )
+    return lines
+
+
+def better(report: Mapping) -> str | None:
+    """A sentence where another model of this program fills the hidden points better than the one that was used."""
+    found = expected_error(report)
+    models = () if found is None else [name for name in found.others if name in ("eal", "articulated", "lagrangian")]
+    if found is None or not models or found.others[models[0]] >= found.rmse:
+        return None
+    best = models[0]
+    return (
+        f"--model {best} fills the hidden points better ({found.others[best]:.3g} {found.unit}) than the model used "
+        f"({method(report['model']['name'])}, {found.rmse:.3g} {found.unit})"
+    )
+
+
+def length_line(report: Mapping) -> str:
+    """How long the animal is, by which a wrong unit shows."""
+    if report.get("length_m") is None:
+        return "length not known: no frame shows two markers"
+    if "plane" in report:
+        return f"{report['length_m'] * 1e3:.3g} {unit_of(report)} between its two most distant markers (median)"
+    return f"{length_text(report['length_m'])} between its two most distant markers (median); wrong? give --unit"
+
+
+def notes(report: Mapping) -> Sequence[str]:
+    """Findings that ask for nothing: what was decided, rejected or repaired."""
+    wrong = set(report.get("wrong", ()))
+    return [said for said in report.get("findings", ()) if said not in wrong]

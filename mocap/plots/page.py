@@ -1,0 +1,161 @@
+"""``report.html``: one page of a run that needs no other file and no other host."""
+
+import base64
+import re
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any, cast
+
+import numpy as np
+
+from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.records import Kinematics, Rests
+from mocap.pipeline.run import Run
+from mocap.pipeline.summary import expected_error, length_text, notes
+from mocap.plots.figures import Picture, drawn
+from mocap.plots.kinematics import UNITS, label
+from mocap.records import Status
+from mocap.sides import words
+
+_MEANT = {"body_speed_m_s": "net body speed"}
+"""Columns of the table of cycles whose names leave open what they are."""
+
+
+def report_page(
+    run: Run, found: Kinematics, rows: Sequence[Cycle], shown: Sequence[Picture], svg: Mapping[str, str]
+) -> str:
+    """The page: numbers, findings, tables and figures.
+
+    Args:
+        run: The run.
+        found: Its quantities.
+        rows: Its cycles.
+        shown: Its figures.
+        svg: What was drawn, by the name of the figure.
+    """
+    from jinja2 import Environment
+    from markdown_it import MarkdownIt
+
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string(files("mocap.plots").joinpath("report.html").read_text(encoding="utf-8"))
+    details = MarkdownIt("commonmark", {"html": False}).enable("table")
+    sources = {one.name: base64.b64encode(svg[one.name].encode()).decode() for one in shown}
+    frames = found.t_s
+    return template.render(
+        name=run.name,
+        run=run,
+        fps=(len(frames) - 1) / (frames[-1] - frames[0]) if len(frames) > 1 else 0.0,
+        seconds=float(frames[-1] - frames[0]) if len(frames) else 0.0,
+        numbers=_numbers(run, rows),
+        wrong=[_linked(said) for said in cast(Sequence[str], run.report.get("wrong", ()))],
+        notes=[_linked(said) for said in [*notes(run.report), *found.notes]],
+        cycles=_cycles(rows),
+        angles=_angles(run, found),
+        animal=next((sources[one.name] for one in shown if one.name == "animal"), None),
+        figures=[(one, sources[one.name]) for one in shown if one.name != "animal"],
+        sections=[(title, details.render(text)) for title, text in _sections(run.report_text)],
+    )
+
+
+def tracked_html(run: Run) -> str:
+    """A run as a notebook shows it: the main numbers, the animal, what is wrong, and what to do next."""
+    from mocap.plots.animal import draw_animal
+
+    picture = base64.b64encode(drawn(draw_animal(run), "png", dpi=100)).decode()
+    rows = "".join(
+        f"<tr><td>{escape(what)}</td><td><b>{escape(value)}</b></td></tr>" for value, what in _numbers(run, ())
+    )
+    wrong = "".join(f"<li>{escape(said)}</li>" for said in cast(Sequence[str], run.report.get("wrong", ()))[:3])
+    angle = next((f"{joint.name}_flexion_deg" for joint in run.skeleton.joints), "body_speed_m_s")
+    following = (
+        f'res.plot.over_time("{angle}")',
+        "res.kinematics",
+        "res.markers.position",
+        "res.view()",
+        'res.save("out")',
+    )
+    return (
+        f"<b>{escape(run.name)}</b><table>{rows}</table><img style='max-width:100%;background:white' alt='the animal' "
+        f"src='data:image/png;base64,{picture}'>{f'<ol>{wrong}</ol>' if wrong else ''}"
+        f"<p>Next: {', '.join(f'<code>{escape(one)}</code>' for one in following)}</p>"
+    )
+
+
+def _numbers(run: Run, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
+    """The main numbers of a run, and what they are; shares are of the tracked frames."""
+    report: Mapping[str, Any] = run.report
+    status = run.tracked.markers.status
+    status = status[(status != Status.MISSING).any(axis=1)]
+    filled = np.isin(status, (Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED))
+    out = [(f"{(status == Status.MEASURED).mean():.1%}", "of the points measured"), (f"{filled.mean():.1%}", "filled")]
+    error = expected_error(report)
+    if error is not None:
+        out.append((f"{error.rmse:.2g} {error.unit}", "error to expect in gaps (RMS)"))
+        if error.half_width is not None:
+            out.append((f"± {error.half_width:.2g} {error.unit}", "median 95 % interval in gaps"))
+    if report.get("length_m"):
+        out.append((length_text(report["length_m"]), "length of the animal"))
+    rates = [row.frequency_hz for row in rows]
+    if rates:
+        kind = rows[0].kind.replace("_", " ")
+        out.append((f"{np.mean(rates):.2f} Hz", f"{kind} frequency (SD {np.std(rates):.2f})"))
+    return out
+
+
+def _linked(finding: str) -> list[tuple[str, bool]]:
+    """A sentence in parts, of which frames are links."""
+    parts = re.split(r"(frames? \d+(?: (?:to|and) \d+)?)", finding)
+    return [(part, k % 2 == 1) for k, part in enumerate(parts) if part]
+
+
+def _titled(column: str) -> tuple[str, str]:
+    """A column as words, and its unit."""
+    unit = next(
+        (
+            text
+            for end, text in sorted((UNITS | {"hz": "Hz", "s": "s"}).items(), key=lambda one: -len(one[0]))
+            if column.endswith(f"_{end}")
+        ),
+        "",
+    )
+    return _MEANT.get(column, label(column).removesuffix(" hz").removesuffix(" s")), unit
+
+
+def _cycles(rows: Sequence[Cycle]) -> dict[str, Any] | None:
+    """Mean and standard deviation over the cycles of each limb; None: there are none."""
+    if not rows:
+        return None
+    table = cycles_table(rows).drop(columns=["recording", "number", "start_s", "end_s", "start_sd_s", "filled"])
+    columns = [c for c in table.columns if c not in ("kind", "of") and "_sd_" not in c]
+    lines = []
+    for kind, of in dict.fromkeys(zip(table["kind"], table["of"], strict=True)):
+        some = table[(table["kind"] == kind) & (table["of"] == of)]
+        values = [np.asarray(some[c], dtype=float) for c in columns]
+        cells = [f"{np.nanmean(v):.3g} ± {np.nanstd(v):.2g}" if np.isfinite(v).any() else "–" for v in values]
+        lines.append([f"{words(str(of))}, {str(kind).replace('_', ' ')}s", str(len(some)), *cells])
+    return {"columns": [("limb", ""), ("n", ""), *map(_titled, columns)], "lines": lines}
+
+
+def _angles(run: Run, found: Kinematics) -> dict[str, Any] | None:
+    """Flexion of each joint, the joint that moves most first; None: there is none."""
+    lines = []
+    for joint in run.skeleton.joints:
+        name = f"{joint.name}_flexion_deg"
+        if name not in found or not np.isfinite(found[name].value).any():
+            continue
+        q = found[name]
+        low, high = np.nanpercentile(q.value, [2.5, 97.5])
+        filled = float(np.mean(q.rests == Rests.FILLED))
+        cells = [f"{low:.0f} to {high:.0f}", f"{np.nanmean(q.value):.1f}", f"± {np.nanmedian(q.high - q.low) / 2:.2g}"]
+        lines.append((high - low, [words(joint.name), *cells, f"{filled:.0%}"]))
+    columns = [("joint", ""), ("95 % of frames", "°"), ("mean", "°"), ("95 % interval (median)", "°"), ("filled", "")]
+    ordered = [cells for _, cells in sorted(lines, key=lambda one: -one[0])]
+    return {"columns": columns, "lines": ordered} if ordered else None
+
+
+def _sections(text: str) -> list[tuple[str, str]]:
+    """Title and text of each section of a report in Markdown, but for its findings, which stand on the page."""
+    parts = re.split(r"^## (.*)$", text, flags=re.MULTILINE)
+    found = [("Tracking", parts[0].partition("\n")[2]), *zip(parts[1::2], parts[2::2], strict=True)]
+    return [(title, body) for title, body in found if title != "Findings"]

@@ -163,7 +163,7 @@ def decide_origin(
     uv = uv[:, np.isfinite(uv[..., 0]).sum(axis=0) >= 2]
     uv = uv[:, np.linspace(0, uv.shape[1] - 1, min(uv.shape[1], most_points)).astype(int)] if uv.size else uv
     lens = any(c.lens is not None for c in cameras)
-    heights = [height_px] if height_px is not None else _heights(cameras)
+    heights = [height_px] if height_px is not None else image_heights(cameras)
     tried: list[tuple[float, PixelCorner, PixelCorner, float | None, Array]] = []
     matrices = stacked(cameras)
 
@@ -238,7 +238,7 @@ def decide_origin(
     )
 
 
-def _heights(cameras: Sequence[Camera]) -> list[float | None]:
+def image_heights(cameras: Sequence[Camera]) -> list[float | None]:
     """Image heights that a profile suggests: its own, and twice the principal point where all cameras share that.
 
     A real profile states 320 rows with every principal point at 256: a typo that flips must not fall for.

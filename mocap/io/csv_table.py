@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,10 @@ from mocap.errors import FormatError
 from mocap.io.cells import as_cells, from_cell
 from mocap.io.lines import LARGEST, one_kind
 
+TO_THE_LAST_BIT: dict[str, Any] = (
+    {"float_precision": "round_trip"} if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1) else {}
+)
+"""Option of pandas' reader, which takes the nearest number by itself from version 3.1 on, and warns of the option."""
 MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
@@ -124,7 +129,7 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
             na_values=MISSING_WORDS,
             keep_default_na=False,
             skip_blank_lines=False,
-            float_precision="round_trip",  # without it pandas 2 may miss the last bit
+            **TO_THE_LAST_BIT,
         )
     except ValueError:
         raise FormatError(_bad_cell(path, body, names, line)) from None

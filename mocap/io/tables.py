@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents
+from mocap.io.csv_table import TO_THE_LAST_BIT
 from mocap.io.lines import LARGEST, number
 from mocap.records import Status
 
@@ -77,7 +78,7 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
                 keep_default_na=False,
                 encoding="utf-8-sig",
                 index_col=False,
-                float_precision="round_trip",  # without it pandas 2 may miss the last bit
+                **TO_THE_LAST_BIT,
             )
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:  # UnicodeDecodeError is a ValueError
         trouble = _bad_cell(path, kinds) or " ".join(str(error).split())[:200]

@@ -1,6 +1,6 @@
 """The main job: from a recording to tracked motion, joints, potentials and a report."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -21,10 +21,12 @@ from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate, HeldLimb
 from mocap.filters.size import size_factor
+from mocap.filters.velocities import Asked
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.moving import motion_of
+from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
@@ -117,6 +119,12 @@ def _run_job(
     seed: int,
     watch: Watch | None,
 ) -> tuple[Run, Prepared]:
+    if isinstance(source, Recording) and of_one_camera(source):
+        with stages.stage("track one camera") as progress:
+            one = track_one_camera(source, learned, settings=settings, progress=progress)
+        return _finished(
+            source, one.prepared, one.part, NAME, one.estimate, one.asked, settings=settings, why=one.why, stages=stages
+        )
     with stages.stage("read, triangulate, clean"):
         prepared = source if isinstance(source, Prepared) else prepare(source)
         part = seen_part(prepared)
@@ -170,6 +178,38 @@ def _run_job(
         name = own.motion.name
         with stages.stage("track") as progress:
             smoothed = track(prepared, part, own, asked=asked, progress=progress)
+    return _finished(
+        source,
+        prepared,
+        part,
+        name,
+        smoothed,
+        asked,
+        settings=settings,
+        why=why,
+        stages=stages,
+        own=own,
+        scores=scores,
+        hidden=0 if hidden is None else hidden.count,
+    )
+
+
+def _finished(
+    source: Recording | Prepared,
+    prepared: Prepared,
+    part: Part,
+    name: str,
+    smoothed: Estimate,
+    asked: Asked,
+    *,
+    settings: PoseSettings,
+    why: str,
+    stages: Stages,
+    own: FittedMotion | None = None,
+    scores: Mapping[str, Mapping[str, float | None]] | None = None,
+    hidden: int = 0,
+) -> tuple[Run, Prepared]:
+    """The run of a recording that was tracked: with joints, potentials and a report."""
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
         axes = whole_frames(prepared, JOINT_HZ)
@@ -186,8 +226,8 @@ def _run_job(
         tracked,
         potentials,
         why_model=why,
-        validation=scores,
-        hidden=0 if hidden is None else hidden.count,
+        validation=scores or {},
+        hidden=hidden,
         seconds=stages.seconds,
         settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
         articulated=joined,

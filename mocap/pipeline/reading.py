@@ -245,6 +245,8 @@ def _with_cameras(
             raise FormatError(f"{rig.name}: contains no cameras ({given.format}): give a calibration")
         cameras, where, told = given.cameras, rig.name, tuple(f"{rig.name}: {said}" for said in given.assumed)
         contents = replace(contents, unit=contents.unit or given.unit)
+    if len(contents.camera_names) == 1:
+        cameras = tuple(camera for camera in cameras if camera.name == contents.camera_names[0]) or cameras
     if cameras:
         check_rig(contents, cameras, tracks.name, where)
     if cameras and profile is not None:
@@ -264,11 +266,9 @@ def check_rig(contents: FileContents, cameras: Sequence[Camera], tracks: str, wh
         where: What messages call the calibration.
 
     Raises:
-        CalibrationError: there is one camera, another number of them, or one that no rig can have.
+        CalibrationError: there is another number of cameras, or one that no rig can have.
     """
     views = contents.camera_names
-    if len(views) < 2:
-        raise CalibrationError(f"{tracks}: contains one camera: 3D points need two or more views in one file")
     if len(cameras) != len(views):
         raise CalibrationError(
             f"{tracks}: {len(views)} cameras, but {where} has coefficients for {len(cameras)}: give the coefficients "

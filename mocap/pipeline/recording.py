@@ -199,6 +199,11 @@ def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
         project = source.contents.format == "dltdv-project"
         what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
         raise CalibrationError(f"{source.where}: {what}: calibrate, or give `calibration`")
+    if len(pixels.cameras) < 2:
+        raise CalibrationError(
+            f"{source.where}: contains one camera: 3D points need two or more views in one file, or a model of the "
+            "animal from recordings with more (mocap learn): give `model`"
+        )
     return film_of(
         pixels,
         source.cameras,

@@ -1,0 +1,315 @@
+"""A recording of one camera: the most probable poses under a learned prior, what shapes leave, and intervals."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from mocap.filters.errors import FilterError
+from mocap.filters.first_poses import first_poses, starts_of
+from mocap.filters.moving import Rates
+from mocap.filters.observations import WHOLE
+from mocap.filters.observe import Observed
+from mocap.filters.one_view import Poses, Recorded, Views
+from mocap.filters.pose_prior import LEAST_MARKERS, PosePrior, running
+from mocap.filters.records import Estimate
+from mocap.filters.trajectory import Quadratic, covariance, factor, most_probable
+from mocap.filters.velocities import Asked
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from eal.arrays import Array
+
+STARTS = 3
+"""Starts are looked for so many times while the motion turns by a radian."""
+UNDECIDED = 0.05
+"""A trajectory that starts from mirror images is told of where it is more probable than this."""
+
+
+SAME = 0.01
+"""Two ends of the search are one where they differ by less than this share of the animal's size."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """What was made of a recording of one camera.
+
+    Attributes:
+        estimate: Markers, velocities, what was observed.
+        joint: (T, 3M, 3M) covariance of all markers of a frame together.
+        poses: The most probable trajectory.
+        costs: What it cost after each step.
+        other: Probability of the mirror image.
+        unlike: (T,) frames whose seen markers fit worse than those of trials that a model was not learned from.
+        residual_px: (T, M) what is left of the rays.
+    """
+
+    estimate: Estimate
+    joint: Array
+    poses: Poses
+    costs: tuple[float, ...]
+    other: float
+    unlike: NDArray[np.bool_]
+    residual_px: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Left:
+    """What shapes leave of one marker, (T, 3) in the world: a Matern-3/2 process seen by rays (``trajectory.Problem``).
+
+    Attributes:
+        views: Rays of the marker.
+        xyz_m: (T, 1, 3) where its pose has it.
+        sd_m: Its deviation.
+        decay: What it keeps from frame to frame (``PosePrior``).
+    """
+
+    views: Views
+    xyz_m: Array
+    sd_m: float
+    decay: float
+
+    @cached_property
+    def _weights(self) -> tuple[float, float, float]:
+        """Correlation of neighbours; 1 / variance of the second given the first, and of each given two before."""
+        rho = self.decay
+        c = 2 * rho / (1 + rho**2)
+        return c, 1 / (self.sd_m**2 * (1 - c**2)), (1 + rho**2) / (self.sd_m**2 * (1 - rho**2) ** 3)
+
+    def _noise(self, e: Array) -> tuple[Array, Array]:
+        c, rho = self._weights[0], self.decay
+        return e[1:2] - c * e[:1], e[2:] - 2 * rho * e[1:-1] + rho**2 * e[:-2]
+
+    def cost(self, e: Array) -> float:
+        """See ``trajectory.Problem``."""
+        (second, rest), (_, one, two) = self._noise(e), self._weights
+        own = np.sum(e[0] ** 2) / self.sd_m**2 + one * np.sum(second**2) + two * np.sum(rest**2)
+        return float(0.5 * own + self.views.cost(self.xyz_m + e[:, None]).sum())
+
+    def quadratic(self, e: Array) -> Quadratic:
+        """See ``trajectory.Problem``."""
+        (second, rest), (c, one, two), rho = self._noise(e), self._weights, self.decay
+        steps = len(e)
+        pulled, stiff = self.views.pulled(self.xyz_m + e[:, None])
+        gradient, own = pulled[:, 0].copy(), np.zeros(steps)
+        gradient[0] += e[0] / self.sd_m**2
+        own[0] += 1 / self.sd_m**2
+        after, later = np.zeros(max(steps - 1, 0)), np.full(max(steps - 2, 0), two * rho**2)
+        if steps > 1:
+            gradient[:2] += one * np.concatenate([-c * second, second])
+            own[:2] += one * np.array([c**2, 1])
+            after[0] -= one * c
+        for place, a in ((2, 1.0), (1, -2 * rho), (0, rho**2)):
+            where = slice(place, place + max(steps - 2, 0))
+            gradient[where] += two * a * rest
+            own[where] += two * a**2
+        after[1:] -= 2 * two * rho
+        after[: max(steps - 2, 0)] -= 2 * two * rho**3
+        eye = np.eye(3)
+        band = (own[:, None, None] * eye + stiff[:, 0], after[:, None, None] * eye, later[:, None, None] * eye)
+        return Quadratic(
+            value=self.cost(e),
+            gradient=gradient,
+            band=band,
+        )
+
+    def moved(self, e: Array, step: Array) -> Array:
+        """See ``trajectory.Problem``."""
+        return e + step
+
+
+def jitter_px(uv_px: Array) -> float:
+    """Deviation of a pixel coordinate from frame to frame, of (C, T, M, 2) tracks; NaN where these are too short.
+
+    By the median third difference, whose variance is 20 times that of white noise and which smooth motion has not.
+    """
+    change = np.abs(np.diff(uv_px, n=3, axis=1))
+    known = change[np.isfinite(change)]
+    return float(np.median(known) / 0.6745 / np.sqrt(20)) if len(known) else np.nan
+
+
+def px_per_m(views: Views, position_m: Array) -> Array:
+    """(C,) pixels of a metre across the line of sight, at a place (3,)."""
+    m = views.matrices
+    size = np.linalg.norm(m[:, 2, :3], axis=1)
+    across = np.linalg.norm(np.cross(m[:, :2, :3], m[:, 2:, :3]), axis=-1)
+    return np.sqrt(across.prod(axis=1)) / size / np.abs(m[:, 2, :3] @ position_m + m[:, 2, 3])
+
+
+def track_views(
+    prior: PosePrior,
+    views: Views,
+    *,
+    asked: Asked | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Found:
+    """Track a recording of one camera, or of several of which one sees most.
+
+    Args:
+        prior: What trials tell.
+        views: What was seen; deviations are those of the pixels alone.
+        asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
+        progress: Called with the share done.
+
+    Raises:
+        FilterError: no frame shows enough markers.
+    """
+    tell = progress or (lambda _share: None)
+    every = max(1, round(prior.turn_s / prior.dt_s / STARTS))
+    starts = starts_of(prior, views, every=every)
+    scale = px_per_m(views, starts.position_m)[:, None, None]
+    views = replace(views, sd_px=np.maximum(views.sd_px, scale * prior.noise_m))
+    # what shapes leave is noise of the rays at first. It does not change with what is estimated: an animal that is
+    # thought to be nearer would err by less, and what is most probable would be too near (by 5 to 10 % of the depth)
+    recorded = Recorded(prior=prior, views=replace(views, sd_px=np.hypot(views.sd_px, scale * prior.left_sd[::3])))
+    ends = []
+    for k, start in enumerate(first_poses(recorded, starts)):
+        costs: list[float] = []
+        tell(0.2 + 0.3 * k)
+        with suppress(FilterError):  # a mirror image that leads nowhere is not the other pose
+            ends.append((most_probable(recorded, start, tell=costs.append), costs))
+    if not ends:
+        raise FilterError("poses could not be found from this camera: no search came to an end")
+    ends.sort(key=lambda end: end[1][-1])
+    (best, costs), (second, higher) = ends[0], ends[-1]
+    apart = (recorded.markers(second) - recorded.markers(best)).reshape(len(best.z), -1)
+    same = np.sqrt(np.mean(apart**2)) < SAME * np.sqrt(np.mean(prior.mean**2))
+    other = 0.0 if same else float(expit((costs[-1] - higher[-1]) / prior.lasts))
+    tell(0.8)
+    xyz = recorded.markers(best)
+    rows = recorded.rows(best)
+    rows = (best.rotation[:, None] @ rows.reshape(len(xyz), prior.markers, 3, -1)).reshape(rows.shape)
+    lags = counted_once(recorded, best, rows)
+    for m in range(prior.markers):
+        _add_left(prior, views, xyz, lags, m)
+    if other > UNDECIDED:
+        for lag, part in enumerate(lags):
+            part += other * (1 - other) * apart[lag:, :, None] * apart[: len(xyz) - lag, None]
+    blocks = lags[0].reshape(len(xyz), prior.markers, 3, prior.markers, 3)
+    estimate = Estimate(
+        xyz_m=xyz,
+        cov_m2=np.einsum("tmiml->tmil", blocks).copy(),
+        observed=_observed(recorded, views, recorded.markers(best), xyz),
+        rates=None if asked is None else _rates(asked, xyz, lags, prior.dt_s),
+    )
+    return Found(
+        estimate=estimate,
+        joint=lags[0],
+        poses=best,
+        costs=tuple(costs),
+        other=other,
+        unlike=unlike(recorded, best),
+        residual_px=(np.linalg.norm(views.missed(xyz), axis=-1) * views.sd_px).max(axis=0),
+    )
+
+
+def unlike(recorded: Recorded, at: Poses) -> NDArray[np.bool_]:
+    """(T,) frames whose seen markers fit shapes worse than those of trials that shapes were not learned from.
+
+    A phase that trials lack is drawn to the nearest that they have, and misses what was seen: poses are invented there.
+    """
+    seen = recorded.views.seen.sum(axis=(0, 2))
+    seen = np.where(seen >= LEAST_MARKERS, seen, 0)
+    squared = np.sum(recorded.views.missed(recorded.markers(at)) ** 2, axis=(0, 2, 3))
+    return running(np.where(seen > 0, squared, 0.0), 2 * seen, recorded.prior.lasts) > recorded.prior.misfit
+
+
+def counted_once(recorded: Recorded, at: Poses, rows: Array) -> list[Array]:
+    """(T - l, 3M, 3M) covariances of markers of frames t + l and t, for l = 0, 1, 2, by their poses alone.
+
+    What shapes leave of poses errs alike for some frames and is counted once in these. The size is not estimated: what
+    it may differ by moves all else as if it were known to differ so (considered, Schmidt 1966).
+
+    Args:
+        recorded: What was minimised.
+        at: Where.
+        rows: (T, 3M, n + 1) how markers change in the world with the states and the logarithm of the size.
+    """
+    form, (_, local), n = recorded.quadratic(at), recorded.local(at), rows.shape[-1] - 1
+    less = (1 - 1 / recorded.prior.lasts) * local[:, :n, :n]
+    found = factor(replace(form, band=(form.band[0] - less, *form.band[1:])))
+    moved = found.solve(-local[:, :n, n] / recorded.prior.lasts)
+    grown = recorded.prior.size_sd * (rows[..., :n] @ moved[..., None] + rows[..., n:])
+    lags = covariance(found)
+    return [
+        rows[lag:, :, :n] @ part @ np.swapaxes(rows[: len(part), :, :n], 1, 2)
+        + grown[lag:] @ np.swapaxes(grown[: len(part)], 1, 2)
+        for lag, part in enumerate(lags)
+    ]
+
+
+def _add_left(prior: PosePrior, views: Views, xyz_m: Array, lags: list[Array], marker: int) -> None:
+    """Move a marker by what its rays say of what shapes leave, and its covariances with it.
+
+    Where rays tell that, they take back what the pose errs by: of an error of the pose (post / prior) is left.
+    """
+    k = slice(3 * marker, 3 * marker + 3)
+    own = replace(views, uv_px=views.uv_px[:, :, marker : marker + 1], sd_px=views.sd_px[:, :, marker : marker + 1])
+    sd = float(prior.left_sd[3 * marker])
+    problem = Left(views=own, xyz_m=xyz_m[:, marker : marker + 1].copy(), sd_m=sd, decay=prior.left_decay)
+    left = most_probable(problem, np.zeros((len(xyz_m), 3)))
+    known = covariance(factor(problem.quadratic(left)))
+    kept = known[0] / sd**2
+    for lag, part in enumerate(lags):
+        part[:, k] = kept[lag:] @ part[:, k]
+        part[:, :, k] = part[:, :, k] @ np.swapaxes(kept[: len(part)], 1, 2)
+        part[:, k, k] += known[lag]
+    xyz_m[:, marker] += left
+
+
+def _observed(recorded: Recorded, views: Views, pose_m: Array, xyz_m: Array) -> list[Observed]:
+    """What was seen in each frame, of each marker as a whole, and how it was believed (Student's weights).
+
+    What is left of a ray is over what poses alone miss it by.
+    """
+    weight = (views.dof + 2) / (views.dof + np.sum(views.missed(xyz_m) ** 2, axis=-1))
+    squared, cost = np.sum(recorded.views.missed(pose_m) ** 2, axis=-1), recorded.views.cost(pose_m)
+    out = []
+    for frame in range(len(xyz_m)):
+        seen = views.seen[:, frame]
+        marker = np.flatnonzero(seen.any(axis=0))
+        out.append(
+            Observed(
+                where=np.stack([np.full_like(marker, WHOLE), marker], axis=1),
+                innovation=np.zeros((len(marker), 3)),
+                weight=np.minimum(np.where(seen, weight[:, frame], 0.0).max(axis=0)[marker], 1.0),
+                nis=float(squared[:, frame].sum()) if len(marker) else np.nan,
+                n_rows=2 * int(seen.sum()),
+                log_likelihood=-float(cost[frame]),
+            )
+        )
+    return out
+
+
+def _rates(asked: Asked, xyz_m: Array, lags: list[Array], dt_s: float) -> Rates | None:
+    """Velocities by central differences, with the covariances that neighbouring frames have; None of under 3 frames."""
+    steps = len(xyz_m)
+    if steps < 3:
+        return None
+    weights, pairs = np.kron(asked.all_weights, np.eye(3)), np.array(asked.pairs, dtype=np.int64).reshape(-1, 2)
+    points = len(asked.all_weights)
+    here, one, two = (weights @ part @ weights.T for part in lags)
+    rows = np.zeros((steps, points, 2, 3, points, 2, 3))
+    shape = (steps, points, 3, points, 3)
+    rows[:, :, 0, :, :, 0] = here.reshape(shape)
+    mixed = np.zeros_like(here)  # of positions with velocities
+    mixed[1:-1] = (np.swapaxes(one[1:], 1, 2) - one[:-1]) / (2 * dt_s)
+    speed = np.zeros_like(here)
+    speed[1:-1] = (here[2:] + here[:-2] - two - np.swapaxes(two, 1, 2)) / (4 * dt_s**2)
+    for part in (mixed, speed):
+        part[0], part[-1] = part[1], part[-2]
+    rows[:, :, 0, :, :, 1] = mixed.reshape(shape)
+    rows[:, :, 1, :, :, 0] = np.swapaxes(mixed, 1, 2).reshape(shape)
+    rows[:, :, 1, :, :, 1] = speed.reshape(shape)
+    joint = rows.reshape(steps, points, 6, points, 6)
+    velocity = np.gradient(xyz_m, dt_s, axis=0).reshape(steps, -1)
+    return Rates(
+        asked=asked,
+        velocity_m_s=(velocity @ weights.T).reshape(steps, points, 3),
+        own=np.einsum("tiaib->tiab", joint).astype(np.float32),
+        cross=joint[:, pairs[:, 0], :, pairs[:, 1]].swapaxes(0, 1).astype(np.float32)
+        if len(pairs)
+        else np.zeros((steps, 0, 6, 6), dtype=np.float32),
+        kept=np.ones((steps, points, 3)),
+    )

@@ -1,0 +1,218 @@
+"""A whole recording as few cameras see it: pose, place, orientation and what lasts, together, by a learned prior."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from mocap.filters.pose_prior import PosePrior
+from mocap.filters.trajectory import Quadratic
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from eal.arrays import Array
+from eal.vectors import skew
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Views:
+    """What cameras saw.
+
+    Attributes:
+        matrices: (C, 3, 4) projections.
+        uv_px: (C, T, M, 2) ideal pixels; NaN where not seen.
+        sd_px: (C, T, M) scale of Student's t that their errors follow.
+        dof: Its degrees of freedom.
+    """
+
+    matrices: Array
+    uv_px: Array
+    sd_px: Array
+    dof: float = 5.0
+
+    @cached_property
+    def seen(self) -> NDArray[np.bool_]:
+        """(C, T, M)."""
+        return np.isfinite(self.uv_px[..., 0])
+
+    def frames(self, index: NDArray[np.int64]) -> "Views":
+        """These frames."""
+        return replace(self, uv_px=self.uv_px[:, index], sd_px=self.sd_px[:, index])
+
+    def missed(self, xyz_m: Array) -> Array:
+        """(C, T, M, 2) observed minus projected, in scales; 0 where not seen."""
+        h = self._projected(xyz_m)
+        return np.where(self.seen[..., None], (self.uv_px - h[..., :2] / h[..., 2:]) / self.sd_px[..., None], 0.0)
+
+    def _projected(self, xyz_m: Array) -> Array:
+        """(C, T, M, 3) homogeneous pixels."""
+        return xyz_m @ np.swapaxes(self.matrices[:, None, :, :3], -1, -2) + self.matrices[:, None, None, :, 3]
+
+    def cost(self, xyz_m: Array) -> Array:
+        """(T,) minus log of the likelihood."""
+        squared = np.sum(self.missed(xyz_m) ** 2, axis=-1)
+        return 0.5 * (self.dof + 2) * np.log1p(squared / self.dof).sum(axis=(0, 2))
+
+    def pulled(self, xyz_m: Array) -> tuple[Array, Array]:
+        """Gradient (T, M, 3) of the cost by the markers, and its second derivatives (T, M, 3, 3) by Gauss-Newton.
+
+        Student's t is a normal of uncertain width: each ray counts by w = (dof + 2) / (dof + r^2) (Lange, Little &
+        Taylor 1989).
+        """
+        h = self._projected(xyz_m)
+        miss = np.where(self.seen[..., None], (self.uv_px - h[..., :2] / h[..., 2:]) / self.sd_px[..., None], 0.0)
+        slope = (
+            self.matrices[:, None, None, :2, :3]
+            - (h[..., :2] / h[..., 2:])[..., None] * self.matrices[:, None, None, 2:, :3]
+        )
+        slope = np.where(self.seen[..., None, None], slope / (h[..., 2] * self.sd_px)[..., None, None], 0.0)
+        weight = (self.dof + 2) / (self.dof + np.sum(miss**2, axis=-1))
+        gradient = -np.einsum("ctm,ctmai,ctma->tmi", weight, slope, miss)
+        return gradient, np.einsum("ctm,ctmai,ctmaj->tmij", weight, slope, slope)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Poses:
+    """Poses of T frames.
+
+    Attributes:
+        position_m: (T, 3) of the body.
+        rotation: (T, 3, 3) body axes to world.
+        z: (T, r) shapes.
+    """
+
+    position_m: Array
+    rotation: Array
+    z: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Recorded:
+    """The posterior of the poses of a recording (``trajectory.Problem``); a step is [p, w, z], R <- R exp(w).
+
+    Attributes:
+        prior: What is known of the animal.
+        views: What was seen; deviations contain what shapes leave of poses.
+    """
+
+    prior: PosePrior
+    views: Views
+
+    @cached_property
+    def _noise(self) -> Array:
+        """(6 + r, 6 + r) precision of the second differences of p and w, and of what the shapes' motion leaves."""
+        return _blocks(np.diag(1 / self.prior.body_noise), np.linalg.inv(self.prior.shape_noise))
+
+    @cached_property
+    def _first(self) -> Array:
+        """(6 + r, 6 + r) precision of the first step."""
+        return _blocks(np.diag(1 / self.prior.body_step), np.linalg.inv(self.prior.step))
+
+    def body(self, at: Poses) -> Array:
+        """(T, M, 3) markers in body axes."""
+        p = self.prior
+        return (p.mean + at.z @ p.basis.T).reshape(len(at.z), -1, 3)
+
+    def markers(self, at: Poses) -> Array:
+        """(T, M, 3) markers in the world."""
+        return self.body(at) @ np.swapaxes(at.rotation, 1, 2) + at.position_m[:, None]
+
+    def _motion(self, at: Poses) -> tuple[Array, Array, Array]:
+        """(T - 2, n) noise of the motion, (T - 1, n) changes, (T - 1, 3) turns from frame to frame in body axes."""
+        turns = Rotation.from_matrix(np.swapaxes(at.rotation[:-1], 1, 2) @ at.rotation[1:]).as_rotvec()
+        change = np.concatenate([np.diff(at.position_m, axis=0), turns, np.diff(at.z, axis=0)], axis=1)
+        p = self.prior
+        noise = np.diff(change, axis=0)
+        noise[:, 6:] = at.z[2:] - at.z[1:-1] @ p.now.T - at.z[:-2] @ p.before.T - p.constant
+        return noise, change, turns
+
+    def cost(self, at: Poses) -> float:
+        """See ``trajectory.Problem``."""
+        noise, change, _ = self._motion(at)
+        value = 0.5 * np.sum((noise @ self._noise) * noise)
+        if len(change):
+            value += 0.5 * change[0] @ self._first @ change[0]
+        return float(value + self.apart(at).sum())
+
+    def apart(self, at: Poses) -> Array:
+        """(T,) what each frame costs by itself."""
+        return self.prior.hold.value(at.z) + self.views.cost(self.markers(at))
+
+    def local(self, at: Poses) -> tuple[Array, Array]:
+        """(T, n + 1) gradient of that by the states and the size, and (T, n + 1, n + 1) second derivatives."""
+        p, steps = self.prior, len(at.z)
+        pulled, stiff = self.views.pulled(self.markers(at))
+        rows, turn = self.rows(at), at.rotation
+        force = (pulled @ turn).reshape(steps, -1)
+        inner = np.swapaxes(turn, 1, 2)[:, None] @ stiff @ turn[:, None]
+        held = (inner @ rows.reshape(steps, -1, 3, rows.shape[-1])).reshape(rows.shape)
+        form = np.swapaxes(rows, 1, 2) @ held
+        slope = np.einsum("tik,ti->tk", rows, force)
+        slope[:, 6:-1] += p.hold.gradient(at.z)
+        form[:, 6:-1, 6:-1] += positive(p.hold.hessian(at.z))
+        return slope, form
+
+    def quadratic(self, at: Poses) -> Quadratic:
+        """See ``trajectory.Problem``."""
+        r, steps = self.prior.rank, len(at.z)
+        n = 6 + r
+        gradient = np.zeros((steps, n))
+        band = tuple(np.zeros((max(steps - lag, 0), n, n)) for lag in range(3))
+        noise, change, turns = self._motion(at)
+        if steps > 1:
+            pull = self._first @ change[0]
+            gradient[0] -= pull
+            gradient[1] += pull
+            band[0][:2] += self._first
+            band[1][0] -= self._first
+        if steps > 2:
+            pull = noise @ self._noise
+            slopes = self._slopes(turns)
+            for i, a in enumerate(slopes):
+                gradient[2 - i : steps - i] += np.einsum("tij,ti->tj", a, pull)
+                for j, b in enumerate(slopes[i:], start=i):
+                    band[j - i][2 - j : steps - j] += np.swapaxes(a, 1, 2) @ self._noise @ b
+        slope, form = self.local(at)
+        gradient += slope[:, :n]
+        band[0][:] += form[:, :n, :n]
+        return Quadratic(value=self.cost(at), gradient=gradient, band=band)
+
+    def _slopes(self, turns: Array) -> tuple[Array, Array, Array]:
+        """(T - 2, n, n) change of the noise of the motion with the states of its frame and of the two before."""
+        p, r, steps = self.prior, self.prior.rank, len(turns) - 1
+        out = Rotation.from_rotvec(-turns).as_matrix()
+        here = np.broadcast_to(np.eye(6 + r), (steps, 6 + r, 6 + r))
+        before, earlier = np.zeros(here.shape), np.zeros(here.shape)
+        before[:, :3, :3], earlier[:, :3, :3] = -2 * np.eye(3), np.eye(3)
+        before[:, 3:6, 3:6], earlier[:, 3:6, 3:6] = -out[1:] - np.eye(3), out[:-1]
+        before[:, 6:, 6:], earlier[:, 6:, 6:] = -p.now, -p.before
+        return here, before, earlier
+
+    def rows(self, at: Poses) -> Array:
+        """(T, 3M, 6 + r + 1) how markers change in body axes with p, w, z and the size."""
+        body, r = self.body(at), self.prior.rank
+        rows = np.zeros((*body.shape, 7 + r))
+        rows[..., :3] = np.swapaxes(at.rotation, 1, 2)[:, None]
+        rows[..., 3:6] = -skew(body)
+        rows[..., 6 : 6 + r] = self.prior.basis.reshape(-1, 3, r)
+        rows[..., 6 + r] = body
+        return rows.reshape(len(body), -1, 7 + r)
+
+    def moved(self, at: Poses, step: Array) -> Poses:
+        """See ``trajectory.Problem``."""
+        return Poses(
+            position_m=at.position_m + step[:, :3],
+            rotation=at.rotation @ Rotation.from_rotvec(step[:, 3:6]).as_matrix(),
+            z=at.z + step[:, 6:],
+        )
+
+
+def _blocks(a: Array, b: Array) -> Array:
+    out = np.zeros((len(a) + len(b),) * 2)
+    out[: len(a), : len(a)], out[len(a) :, len(a) :] = a, b
+    return out
+
+
+def positive(matrices: Array) -> Array:
+    """(..., r, r) symmetric matrices without their negative eigenvalues."""
+    values, vectors = np.linalg.eigh(matrices)
+    return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)

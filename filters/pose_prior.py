@@ -1,0 +1,283 @@
+"""What trials tell of poses and of how they change: the prior of a recording that one camera alone has seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from mocap.filters.models.pose import PoseSettings, body_density, learn_potential, unseen_potential
+from mocap.filters.poses import MarkerTrial, poses_of
+from mocap.filters.size import LEAST, relative_size, sized_like
+from mocap.filters.subspace import principal_components, structure
+from mocap.filters.whittaker import smooth_series
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
+
+from eal import EmpiricalPotential
+from eal.arrays import Array
+
+MATERN_3_HALF = 1.6783
+"""Lag at which the correlation of a Matern-3/2 process of unit rate, (1 + s) exp(-s), is a half."""
+
+ALARMS = 0.01
+"""Share of the frames of a trial like those that were learned from whose poses are called unlike them."""
+
+LEAST_MARKERS = 4
+"""Markers that a frame must show: a pose has six numbers of place and orientation, a ray two."""
+
+
+class Hold(Protocol):
+    """A potential of shapes: -log of a density of one frame's pose."""
+
+    def value(self, z: Array) -> Array:
+        """(S, r) to (S,)."""
+        ...
+
+    def gradient(self, z: Array) -> Array:
+        """(S, r) to (S, r)."""
+        ...
+
+    def hessian(self, z: Array) -> Array:
+        """(S, r) to (S, r, r); negative eigenvalues included."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Barrier:
+    """Weight times -log(1 - V_z)."""
+
+    potential: EmpiricalPotential
+    weight: float
+
+    def value(self, z: Array) -> Array:
+        """See ``Hold``."""
+        return self.weight * self.potential.barrier_value(z)
+
+    def gradient(self, z: Array) -> Array:
+        """See ``Hold``."""
+        return self.weight * self.potential.barrier_gradient(z)
+
+    def hessian(self, z: Array) -> Array:
+        """See ``Hold``."""
+        return self.weight * self.potential.barrier_hessian(z)
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """Half of the squared Mahalanobis distance: the Gaussian of the same poses."""
+
+    mean: Array
+    precision: Array
+
+    def value(self, z: Array) -> Array:
+        """See ``Hold``."""
+        return 0.5 * np.einsum("si,ij,sj->s", z - self.mean, self.precision, z - self.mean)
+
+    def gradient(self, z: Array) -> Array:
+        """See ``Hold``."""
+        return (z - self.mean) @ self.precision
+
+    def hessian(self, z: Array) -> Array:
+        """See ``Hold``."""
+        return np.broadcast_to(self.precision, (len(z), *self.precision.shape))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PosePrior:
+    """Markers of a body at R, p are R (mean + offset + basis z + e) + p; M markers, r shapes.
+
+    Attributes:
+        mean: (3M,) mean pose in body axes.
+        basis: (3M, r) orthonormal.
+        shapes: (N, r) shapes of the trials, as they were recorded.
+        now: (r, r) z(t) = now z(t-1) + before z(t-2) + constant + noise of covariance ``shape_noise``.
+        before: (r, r).
+        constant: (r,).
+        shape_noise: (r, r).
+        step: (r, r) covariance of z(t) - z(t-1).
+        hold: Potential of z.
+        body_noise: (6,) variance of the second differences of position (m) and orientation (rad, body axes).
+        body_step: (6,) variance of their first differences.
+        left_sd: (3M,) deviation of e, what the subspace leaves of poses of trials that it was not learned from.
+        noise_m: What a coordinate of a measured marker is known to.
+        left_decay: e is a Matern-3/2 process that keeps this share from frame to frame.
+        size_sd: Deviation of the logarithm of the animal's size.
+        turn_s: Time in which the motion of the shape turns by a radian.
+        misfit: Mean square of what shapes leave of the markers seen in a frame, over ``left_sd`` and smoothed over the
+            time that it lasts, which ``ALARMS`` of the frames of trials exceed that shapes were not learned from.
+        dt_s: Time step.
+    """
+
+    mean: Array
+    basis: Array
+    shapes: Array
+    now: Array
+    before: Array
+    constant: Array
+    shape_noise: Array
+    step: Array
+    hold: Hold
+    body_noise: Array
+    body_step: Array
+    left_sd: Array
+    noise_m: float
+    left_decay: float
+    size_sd: float
+    turn_s: float
+    misfit: float
+    dt_s: float
+
+    @property
+    def markers(self) -> int:
+        """M."""
+        return len(self.mean) // 3
+
+    @property
+    def rank(self) -> int:
+        """Number of shapes r."""
+        return self.basis.shape[1]
+
+    @property
+    def lasts(self) -> float:
+        """Frames that what shapes leave errs alike for."""
+        return lasting_frames(self.left_decay)
+
+    def gaussian(self) -> Quadratic:
+        """The Gaussian of its shapes."""
+        cov = np.cov(self.shapes.T).reshape(self.rank, self.rank)
+        return Quadratic(
+            self.shapes.mean(axis=0), np.linalg.inv(cov + (1e-9 * np.trace(cov) + 1e-12) * np.eye(self.rank))
+        )
+
+
+SHAPES = 8
+"""Shapes of a pose that one camera is asked for: 6, 8 and 10 err within 5 % of each other on four flights of a bat."""
+
+
+def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], settings: PoseSettings) -> PosePrior:
+    """Learn from trials of the same markers and frame rate; animals of other sizes are brought to that of the last.
+
+    Args:
+        trials: What to learn from.
+        trunk: Indices of the trunk's markers.
+        settings: Of the potential and the body.
+    """
+    size_sd = size_spread(trials)
+    poses = poses_of([*sized_like(trials[:-1], trials[-1]), trials[-1]], trunk, body_hz=settings.body_hz)
+    dt_s = poses[0].dt_s
+    parts = [p.y for p in poses]
+    cuts, y = np.cumsum([len(part) for part in parts])[:-1], np.concatenate(parts)
+    rank = max(1, min(SHAPES, len(y) // 8, y.shape[1] - 6))
+    found = principal_components(y, rank, trial=np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
+    basis, _, _ = np.linalg.svd(found.loading, full_matrices=False)
+    known = np.split(found.known, cuts)
+    smooth = [
+        smooth_series(z, np.maximum(k, 1e-3), dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
+        for z, k in zip(np.split(found.scores @ found.loading.T @ basis, cuts), known, strict=True)
+    ]
+    keep = [k >= min(settings.least_known, np.median(k)) for k in known]
+    shapes = np.concatenate([z[k] for z, k in zip(smooth, keep, strict=True)])
+    rate = np.concatenate([np.gradient(z, dt_s, axis=0)[k] for z, k in zip(smooth, keep, strict=True)])
+    now, before, constant, noise = autoregression(smooth)
+    left = left_over(parts if len(parts) > 1 else np.array_split(y, 2), rank)
+    left_sd = np.sqrt(np.nanmean(np.concatenate(left).reshape(len(y), -1, 3) ** 2, axis=(0, 2)))
+    left_sd = np.where(np.isfinite(left_sd), left_sd, np.nanmax(left_sd))
+    turn = [
+        Rotation.from_matrix(np.swapaxes(p.frames.rotation[:-1], 1, 2) @ p.frames.rotation[1:]).as_rotvec()
+        for p in poses
+    ]
+    moved = [np.diff(p.frames.position_m, axis=0) for p in poses]
+    decay = float(np.exp(-MATERN_3_HALF * dt_s / half_life_s(left, dt_s)))
+    unseen = float(np.mean(unseen_potential(shapes, settings)))
+    step = np.cov(np.concatenate([np.diff(z, axis=0) for z in smooth]).T).reshape(rank, rank)
+    return PosePrior(
+        mean=found.mean,
+        basis=basis,
+        shapes=shapes,
+        now=now,
+        before=before,
+        constant=constant,
+        shape_noise=noise,
+        step=step + 1e-6 * np.trace(step) / rank * np.eye(rank),
+        hold=Barrier(learn_potential(shapes, settings), 0.5 * rank / max(unseen, 1e-9)),
+        body_noise=np.median([body_density(p) for p in poses], axis=0) * dt_s**3,
+        body_step=np.mean(np.concatenate([np.concatenate(moved), np.concatenate(turn)], axis=1) ** 2, axis=0) + 1e-12,
+        left_sd=np.repeat(left_sd, 3),
+        noise_m=float(np.nanmedian(np.concatenate([t.sd_m[t.seen] for t in trials]))),
+        left_decay=decay,
+        size_sd=size_sd,
+        turn_s=float(np.sqrt(shapes.var(axis=0).sum() / max(rate.var(axis=0).sum(), 1e-300))),
+        misfit=misfit_of([one / np.repeat(left_sd, 3) for one in left], lasting_frames(decay)),
+        dt_s=dt_s,
+    )
+
+
+def lasting_frames(decay: float) -> float:
+    """Sum of the correlations (1 + |s|) exp(-|s|) of a Matern-3/2 process that keeps ``decay`` from frame to frame."""
+    return max(1.0, 4 / -np.log(decay))
+
+
+def misfit_of(left: Sequence[Array], lasts: float) -> float:
+    """See ``PosePrior.misfit``; of whitened (T, 3M) series."""
+    means = []
+    for one in left:
+        count = np.isfinite(one).sum(axis=1)
+        count = np.where(count >= 3 * LEAST_MARKERS, count, 0)
+        means.append(running(np.where(count > 0, np.nansum(one**2, axis=1), 0.0), count, lasts))
+    return float(np.nanquantile(np.concatenate(means), 1 - ALARMS))
+
+
+def running(total: Array, count: Array, width: float) -> Array:
+    """(T,) sums over counts in a window of so many frames; NaN where it counts nothing."""
+    frames = max(1, round(width))
+    total, count = (uniform_filter1d(np.asarray(one, float), frames, mode="constant") for one in (total, count))
+    return np.where(count > 1e-9, total / np.maximum(count, 1e-9), np.nan)
+
+
+def half_life_s(left: Sequence[Array], dt_s: float) -> float:
+    """Time in seconds in which series (T, D) lose half of their correlation: they then change by their variance."""
+    series = np.concatenate(left)
+    trial = np.repeat(np.arange(len(left)), [len(part) for part in left])
+    variance, longest = float(np.nanmean(series**2)), max(2, max(map(len, left)) // 2)
+    return dt_s * next((lag for lag in range(1, longest) if structure(series, lag, trial) >= variance), longest)
+
+
+def size_spread(trials: Sequence[MarkerTrial]) -> float:
+    """Deviation of the logarithm of an animal's size over trials, at least what counts as equal (``size.LEAST``)."""
+    ratios = [relative_size(a, b) for i, a in enumerate(trials) for b in trials[:i]]
+    known = [ratio**2 / 2 for ratio, error in ratios if np.isfinite(error)]
+    return float(np.sqrt(max(np.mean(known) if known else 0.0, LEAST**2)))
+
+
+def autoregression(parts: Sequence[Array]) -> tuple[Array, Array, Array, Array]:
+    """z(t) = now z(t-1) + before z(t-2) + constant + noise by least squares over series (T, r); and the noise's size.
+
+    Motion that would grow is damped until it does not.
+    """
+    r = parts[0].shape[1]
+    x = np.concatenate([np.column_stack([p[1:-1], np.diff(p, axis=0)[:-1], np.ones(len(p) - 2)]) for p in parts])
+    target = np.concatenate([np.diff(p, n=2, axis=0) for p in parts])
+    scale = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
+    u = x / scale
+    slope = np.linalg.solve(u.T @ u + 1e-6 * len(u) * np.eye(len(scale)), u.T @ target) / scale[:, None]
+    cov = np.cov((target - x @ slope).T).reshape(r, r)
+    now, before = 2 * np.eye(r) + slope[:r].T + slope[r:-1].T, -np.eye(r) - slope[r:-1].T
+    grows = np.abs(np.linalg.eigvals(np.block([[now, before], [np.eye(r), np.zeros((r, r))]]))).max()
+    damped = min(1.0, 1 / grows)
+    return damped * now, damped**2 * before, slope[-1], cov + 1e-6 * np.trace(cov) / r * np.eye(r)
+
+
+def left_over(parts: Sequence[Array], rank: int) -> list[Array]:
+    """(T, 3M) what shapes that are learned from all other poses (T, 3M) leave of these; NaN where not seen."""
+    out = []
+    for k, own in enumerate(parts):
+        others = [part for i, part in enumerate(parts) if i != k]
+        member = np.repeat(np.arange(len(others)), [len(part) for part in others])
+        found = principal_components(np.concatenate(others), rank, trial=member)
+        seen = np.isfinite(own)
+        gap = np.where(seen, own - found.mean, 0.0)
+        outer = (found.loading[:, :, None] * found.loading[:, None, :]).reshape(len(found.mean), -1)
+        cov = np.linalg.inv((seen @ outer).reshape(-1, rank, rank) / found.noise + np.eye(rank))
+        scores = np.einsum("tij,tj->ti", cov, gap @ found.loading) / found.noise
+        out.append(np.where(seen, own - found.mean - scores @ found.loading.T, np.nan))
+    return out

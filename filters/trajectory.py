@@ -1,0 +1,169 @@
+"""The most probable trajectory under terms that are not linear, and its covariance.
+
+A trajectory has T states of n numbers. Its cost is -log of its posterior density: squares that tie each state to those
+before it, and terms of single frames. About any trajectory it is nearly a quadratic form whose matrix is banded.
+Minimising that again and again is Gauss-Newton, which is the same as smoothing again about what was smoothed (Bell
+1994, SIAM J. Optim. 4, 626); damped as by Levenberg and Marquardt no step is taken that does not lower the cost (Sarkka
+& Svensson 2020, ICASSP). Covariances are read off the factor of the matrix (Takahashi, Fagan & Chen 1973).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+from mocap.filters.errors import FilterError
+from scipy.linalg import cho_solve_banded, cholesky_banded, solve_triangular
+
+from eal.arrays import Array
+
+SETTLED = 0.05
+"""Nothing moves by more than so many of its standard deviations in the last step: the length of a step in the metric
+of its matrix bounds that of every number, and of every sum of numbers."""
+MOST_STEPS = 100
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Quadratic:
+    """A cost near a trajectory, to second order.
+
+    Attributes:
+        value: The cost there.
+        gradient: (T, n) by the states.
+        band: (T - l, n, n) second derivatives by the states of frame t + l (rows) and t, for l = 0, 1, ..., L.
+    """
+
+    value: float
+    gradient: Array
+    band: tuple[Array, ...]
+
+
+X = TypeVar("X")
+
+
+class Problem(Protocol, Generic[X]):
+    """What is minimised."""
+
+    def cost(self, at: X, /) -> float:
+        """-log of the posterior density, up to a constant."""
+        ...
+
+    def quadratic(self, at: X, /) -> Quadratic:
+        """The same to second order; its matrix is positive semidefinite."""
+        ...
+
+    def moved(self, at: X, step: Array, /) -> X:
+        """A trajectory after a step (T, n) of the states."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """The Cholesky factor of a quadratic form.
+
+    Attributes:
+        shape: (T, n).
+        lags: L.
+        band: (n (L + 1), Tn) the factor of the states' matrix, as LAPACK stores bands.
+    """
+
+    shape: tuple[int, int]
+    lags: int
+    band: Array
+
+    def solve(self, right: Array) -> Array:
+        """The matrix's inverse times (T, n), or (T, n, k)."""
+        flat = right.reshape(self.band.shape[1], -1)
+        return cho_solve_banded((self.band, True), flat, check_finite=False).reshape(right.shape)
+
+
+def factor(form: Quadratic, damping: float = 0.0) -> Factor:
+    """Factorise a form, its diagonal enlarged by a share of itself.
+
+    Raises:
+        np.linalg.LinAlgError: it is not positive definite.
+    """
+    steps, n = form.gradient.shape
+    lower = np.zeros((min(n * len(form.band), n * steps), n * steps))
+    row, column = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    for lag, block in enumerate(form.band):
+        if lag >= steps:
+            break
+        use = (row >= column) if lag == 0 else np.ones_like(row, dtype=bool)
+        at = n * np.arange(steps - lag)[:, None]
+        lower[(lag * n + row - column)[use], at + column[use]] = block[:, use]
+    lower[0] *= 1 + damping
+    return Factor(
+        (steps, n), len(form.band) - 1, cholesky_banded(lower, lower=True, overwrite_ab=True, check_finite=False)
+    )
+
+
+def covariance(found: Factor) -> list[Array]:
+    """(T - l, n, n) covariances of the states of frames t + l and t, for l = 0, 1, ..., L."""
+    (steps, n), lags = found.shape, found.lags
+    row, column = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    own = np.where(
+        row >= column, found.band[np.maximum(row - column, 0), n * np.arange(steps)[:, None, None] + column], 0
+    )
+    out: list[Array] = [np.zeros((steps - lag, n, n)) for lag in range(min(lags, steps - 1) + 1)]
+    ahead = np.zeros((0, 0))  # covariance of the frames that follow
+    for t in range(steps - 1, -1, -1):
+        follow = min(lags, steps - 1 - t)
+        below = np.concatenate(
+            [np.zeros((0, n)), *(found.band[lag * n + row - column, n * t + column] for lag in range(1, follow + 1))]
+        )
+        inverse = solve_triangular(own[t], np.eye(n), lower=True, check_finite=False)
+        across = -ahead @ (below @ inverse)
+        here = inverse.T @ (inverse - below.T @ across)
+        here = 0.5 * (here + here.T)
+        for lag in range(follow + 1):
+            out[lag][t] = here if lag == 0 else across[(lag - 1) * n : lag * n]
+        kept = min(follow, lags - 1) * n
+        ahead = np.block([[here, across[:kept].T], [across[:kept], ahead[:kept, :kept]]])
+    return out
+
+
+def most_probable(
+    problem: Problem[X],
+    start: X,
+    *,
+    settled: float = SETTLED,
+    most: int = MOST_STEPS,
+    tell: Callable[[float], None] = lambda _cost: None,
+) -> X:
+    """The trajectory of the least cost near a start.
+
+    Args:
+        problem: What is minimised.
+        start: Where to begin.
+        settled: It ends where a step moves nothing by more than so many standard deviations.
+        most: Steps at most.
+        tell: Called with the cost after each step that lowered it.
+
+    Raises:
+        FilterError: the cost at the start is not finite, or no end was found.
+    """
+    at, damping = start, 1e-3
+    form = problem.quadratic(at)
+    if not np.isfinite(form.value):
+        raise FilterError("the most probable trajectory: the start is impossible")
+    for _ in range(most):
+        try:
+            step = factor(form, damping).solve(-form.gradient)
+        except np.linalg.LinAlgError:
+            damping = max(10 * damping, 1e-6)
+            continue
+        gain = -float(np.sum(form.gradient * step))
+        there = problem.moved(at, step)
+        cost = problem.cost(there)
+        if cost <= form.value:
+            at, form = there, problem.quadratic(there)
+            tell(cost)
+            if gain <= settled**2 and damping <= 0.1:
+                return at
+            damping = max(0.1 * damping, 1e-9)
+        elif gain <= settled**2 and damping <= 0.1:  # rounding of a cost that is as low as it gets
+            return at
+        else:
+            damping = max(10 * damping, 1e-6)
+    raise FilterError(f"the most probable trajectory was not found in {most} steps: the last still moved it")

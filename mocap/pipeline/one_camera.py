@@ -1,0 +1,199 @@
+"""``mocap track`` of a recording in which no marker is seen by two cameras, with a model learned from others."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap.cameras.camera import stacked
+from mocap.cameras.origin import PixelOrigin, ideal_pixels, image_heights
+from mocap.cleaning.robust_rays import LEAST_PX
+from mocap.errors import CalibrationError, FormatError
+from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.moving import asked_of
+from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, track_views
+from mocap.filters.one_view import Views
+from mocap.filters.pose_prior import learn_prior
+from mocap.filters.poses import MarkerTrial
+from mocap.filters.records import Estimate
+from mocap.filters.velocities import Asked
+from mocap.kinematics.points import asked_for
+from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Filmed, Recording
+from mocap.pipeline.tracking import Part
+from mocap.records import PixelTracks
+from mocap.skeleton import Skeleton
+
+NAME = "one camera"
+"""Of the model, in reports and tables."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OneCamera:
+    """A recording of one camera, tracked.
+
+    Attributes:
+        prepared: The recording; its points are those that were found where a camera saw the marker.
+        part: Frames and markers that were tracked.
+        estimate: What was found.
+        asked: Points whose velocities it has.
+        why: How the model was made.
+    """
+
+    prepared: Prepared
+    part: Part
+    estimate: Estimate
+    asked: Asked
+    why: str
+
+
+def of_one_camera(source: Recording) -> bool:
+    """Whether there are calibrated cameras of which no two see a marker at once."""
+    pixels = source.contents.pixels if source.cameras else None
+    return pixels is not None and bool(pixels.seen.any()) and not (pixels.seen.sum(axis=0) >= 2).any()
+
+
+def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
+    """Pixels and cameras. Where pixels are counted from is stated or taken as usual: nothing can tell from one camera.
+
+    Raises:
+        CalibrationError: something was to be estimated from rays that meet.
+    """
+    asked = {"fit_lens": source.fit_lens, "correct_lag": source.correct_lag}
+    for name, wanted in asked.items():
+        if wanted:
+            raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out, or give a `profile`")
+    cameras, told = source.cameras, source.told
+    usual = source.contents.pixel_origin
+    corner = source.pixel_origin or usual or source.calibration_origin or "upper-left"
+    calibrated = source.calibration_origin or corner
+    height = source.image_height_px or image_heights(cameras)[0]
+    if source.pixel_origin is None and usual is None and any(camera.lens is not None for camera in cameras):
+        told += (
+            f"pixels were taken to be counted from the {corner} corner, which one camera cannot tell: state `origin`",
+        )
+    decision = PixelOrigin(
+        pixels=corner,
+        coefficients=calibrated,
+        stated=source.pixel_origin is not None,
+        matters=False,
+        height_px=height,
+        residual_px=np.nan,
+        next_px=np.inf,
+    )
+    ideal = ideal_pixels(
+        cameras, pixels.uv_px, pixels=corner, coefficients=calibrated, height_px=height, iterations=None
+    )
+    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, told=told)
+
+
+def track_one_camera(
+    source: Recording,
+    learned: LearnedModel | None,
+    *,
+    settings: PoseSettings,
+    progress: Callable[[float], None] | None = None,
+) -> OneCamera:
+    """Track a recording of one camera.
+
+    Raises:
+        CalibrationError: there is no model.
+        FilterError: the model knows fewer than four of the markers, or another frame rate.
+    """
+    pixels = source.contents.pixels
+    assert pixels is not None  # of_one_camera
+    if learned is None:
+        seen = "contains one camera" if len(pixels.cameras) == 1 else "no marker is seen by two cameras at once"
+        raise CalibrationError(
+            f"{source.where}: {seen}: 3D points need two or more views, or a model of the animal learned from "
+            "recordings with more (mocap learn): give `model`"
+        )
+    filmed, skeleton, names = load_alone(source, pixels), source.skeleton, pixels.names
+    learned = renamed(learned, skeleton.renamed(learned.names))
+    t_s, uv = filmed.pixels.t_s, filmed.ideal_px
+    empty = MarkerTrial(
+        name=source.name, t_s=t_s, xyz_m=np.full((*uv.shape[1:3], 3), np.nan), sd_m=np.full(uv.shape[1:3], np.nan)
+    )
+    check_rates([*learned.trials, empty])
+    trials = for_recording(learned, names, empty)
+    known = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
+    markers = np.flatnonzero(known)
+    seen = filmed.pixels.seen[:, :, markers].any(axis=(0, 2))
+    if not seen.any():
+        raise FormatError(f"{source.where}: no marker of the model is ever seen")
+    frames = np.flatnonzero(seen)
+    part = Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=markers)
+    trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
+    own = [names[m] for m in markers]
+    trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
+    prior = learn_prior(trials, trunk, settings)
+    shown = uv[:, part.frames][:, :, markers]
+    noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(shown))), LEAST_PX)
+    views = Views(matrices=stacked(filmed.cameras), uv_px=shown, sd_px=np.full(shown.shape[:3], noise))
+    asked = asked_for(names, skeleton, n_frames=len(t_s))
+    found = track_views(prior, views, asked=asked_of(own, asked), progress=progress)
+    believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
+    found = replace(found, estimate=replace(found.estimate, xyz_m=believed))
+    why = (
+        f"learned from {', '.join(trial.name for trial in trials)}; the size of the animal is the model's, within "
+        f"{prior.size_sd:.1%} (standard deviation)"
+    )
+    return OneCamera(
+        prepared=_prepared(source, filmed, skeleton, part, found, noise),
+        part=part,
+        estimate=found.estimate,
+        asked=asked,
+        why=why,
+    )
+
+
+def _prepared(
+    source: Recording, filmed: Filmed, skeleton: Skeleton, part: Part, found: Found, noise: float
+) -> Prepared:
+    """The recording as others are prepared: with the points that were found where a marker was seen."""
+    n_cameras, n_frames, n_markers, _ = filmed.ideal_px.shape
+    seen = filmed.pixels.seen.any(axis=0)
+    inside = np.ix_(np.arange(n_frames)[part.frames], part.markers)
+    xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
+    residual = np.full((n_frames, n_markers), np.nan)
+    xyz[inside], cov[inside], residual[inside] = found.estimate.xyz_m, found.estimate.cov_m2, found.residual_px
+    xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
+    told = [
+        *filmed.told,
+        *source.findings,
+        "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
+        "deviations along the line of sight are the largest",
+    ]
+    if found.other > UNDECIDED:
+        told.append(
+            f"the pose or its mirror image: the other has a probability of {found.other:.0%}, and intervals cover both"
+        )
+    strange = found.unlike
+    if strange.any():
+        told.append(
+            f"{strange.sum()} frames show poses unlike those of the trials and were left empty; of frames of trials "
+            "that a model was not learned from, 1 % are"
+        )
+    rays = np.full(filmed.ideal_px.shape[:3], noise)
+    return Prepared(
+        name=source.name,
+        skeleton=skeleton,
+        names=filmed.pixels.names,
+        t_s=filmed.pixels.t_s,
+        xyz_m=xyz,
+        cov_m2=cov,
+        filmed=filmed,
+        uv_px=filmed.ideal_px,
+        ray_sd_px=rays,
+        ray_scale_px=rays,
+        jitter_px=noise,
+        bias_px=0.0,
+        persistent_px=np.zeros(n_markers),
+        residual_px=residual,
+        rejected={},
+        rays_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
+        max_speed_m_s=np.full(n_markers, np.nan),
+        camera_factor=np.ones((n_cameras, n_frames)),
+        findings=tuple(told),
+    )

@@ -1,0 +1,102 @@
+"""A whole recording from one camera with a learned prior."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mocap.filters.errors import FilterError
+from mocap.filters.models.pose import PoseSettings
+from mocap.filters.one_camera import jitter_px, track_views
+from mocap.filters.one_view import Poses, Recorded, Views
+from mocap.filters.pose_prior import PosePrior, learn_prior
+from mocap.filters.velocities import Asked
+
+from tests.filters.flapping_trials import MATRIX, NAMES, TRUNK, filmed, flapping
+
+
+@pytest.fixture(scope="module")
+def prior() -> PosePrior:
+    """Of three trials."""
+    return learn_prior([flapping(k) for k in (1, 2, 3)], [NAMES.index(m) for m in TRUNK], PoseSettings())
+
+
+def views_of(uv_px):
+    """Of half a pixel."""
+    return Views(matrices=MATRIX[None], uv_px=uv_px, sd_px=np.full(uv_px.shape[:3], 0.5))
+
+
+@pytest.fixture(scope="module")
+def found(prior):
+    """A fourth trial, seen by one camera, with a wing tip hidden for 20 frames."""
+    trial = flapping(9)
+    uv = filmed(trial, np.random.default_rng(0))
+    uv[:, 50:70, NAMES.index("tip_l")] = np.nan
+    asked = Asked(names=NAMES, pairs=((0, 1),))
+    return trial, track_views(prior, views_of(uv), asked=asked)
+
+
+def test_poses_and_places_are_found_without_a_start(found):
+    """Within 2 % of the distance of 1.5 m, and of the animal of 0.4 m relative to its mean: no mirror image."""
+    trial, result = found
+    error = result.estimate.xyz_m - trial.xyz_m
+    relative = error - error.mean(axis=1, keepdims=True)
+    assert np.sqrt(np.mean(np.sum(error**2, axis=-1))) < 0.03
+    assert np.median(np.linalg.norm(relative, axis=-1)) < 0.005
+    assert (np.linalg.norm(relative, axis=-1).max(axis=1) < 0.05).all()
+
+
+def test_intervals_hold(found):
+    """Of 95 % intervals at least 90 % hold the truth; depth is the coordinate that is known worst."""
+    trial, result = found
+    sd = np.sqrt(np.einsum("tmii->tmi", result.estimate.cov_m2))
+    assert np.mean(np.abs(result.estimate.xyz_m - trial.xyz_m) < 1.96 * sd) > 0.9
+    assert np.median(sd[..., 2]) > 5 * np.median(sd[..., :2])
+
+
+def test_the_cost_falls_to_its_end(found):
+    """No step was taken that did not lower the cost."""
+    assert (np.diff(found[1].costs) <= 0).all()
+
+
+def test_velocities_are_those_of_the_positions(found):
+    """Central differences, with deviations that hold the truth."""
+    trial, result = found
+    rates = result.estimate.rates
+    assert rates is not None
+    truth = np.gradient(flapping(9).xyz_m, trial.t_s, axis=0)
+    sd = np.sqrt(np.einsum("tmii->tmi", rates.own)[..., 3:])
+    inner = slice(2, -2)
+    known = np.abs(rates.velocity_m_s - truth)[inner] < 1.96 * np.hypot(sd, 3e-4 / np.sqrt(2) * 200)[inner]
+    assert known.mean() > 0.9
+    assert np.allclose(rates.own[:, 0, :3, :3], result.estimate.cov_m2[:, 0], rtol=1e-3)
+
+
+def test_gradient_is_that_of_the_cost(prior):
+    """By differences of 1e-6 along random directions; the relative error of the second order is below 1e-4."""
+    trial, rng = flapping(9, frames=20), np.random.default_rng(1)
+    views = views_of(filmed(trial, rng))
+    problem = Recorded(prior=prior, views=views)
+    at = Poses(
+        position_m=trial.xyz_m.mean(axis=1),
+        rotation=np.linalg.qr(rng.normal(size=(20, 3, 3)))[0] * 1.0,
+        z=0.01 * rng.normal(size=(20, prior.rank)),
+    )
+    at = replace(at, rotation=at.rotation * np.linalg.det(at.rotation)[:, None, None])
+    at = replace(at, rotation=np.repeat(at.rotation[:1], 20, axis=0))
+    form = problem.quadratic(at)
+    step = 1e-6 * rng.normal(size=form.gradient.shape)
+    change = (problem.cost(problem.moved(at, step)) - problem.cost(problem.moved(at, -step))) / 2
+    assert np.sum(form.gradient * step) == pytest.approx(change, rel=1e-4)
+
+
+def test_too_few_markers_are_refused(prior):
+    """A pose has six numbers of place and orientation."""
+    uv = filmed(flapping(9), np.random.default_rng(0))
+    uv[:, :, 3:] = np.nan
+    with pytest.raises(FilterError, match="no frame shows 4 markers"):
+        track_views(prior, views_of(uv))
+
+
+def test_jitter_is_that_of_the_tracks():
+    """White noise of 0.5 px on a motion of 0.3 mm at 1000 px per m: 0.58 px, to three errors of a median of 2400."""
+    assert jitter_px(filmed(flapping(9), np.random.default_rng(0))) == pytest.approx(0.58, rel=0.06)

@@ -1,0 +1,91 @@
+"""``mocap track`` of one calibrated camera with a model learned from other recordings."""
+
+import numpy as np
+import pytest
+from mocap.filters.errors import FilterError
+from mocap.filters.mixture import Mixture
+from mocap.filters.model import LearnedModel
+from mocap.filters.models.pose import PoseSettings
+
+import mocap
+from mocap.errors import MocapError
+from mocap.library.learning import Model
+from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, flapping
+
+
+@pytest.fixture(scope="module")
+def learned() -> Model:
+    """From three trials; how models are mixed does not matter here."""
+    mixture = Mixture(
+        power=1.0,
+        offset=np.zeros(1),
+        slope=np.zeros(1),
+        length=np.array([10.0]),
+        scale=np.ones((1, 1)),
+        widen=np.ones(1),
+    )
+    return Model(
+        LearnedModel(
+            names=NAMES,
+            trunk=TRUNK,
+            bones=(),
+            trials=tuple(flapping(k) for k in (1, 2, 3)),
+            models=(PoseSettings(),),
+            mixture=mixture,
+            scores={},
+        )
+    )
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Pixels of one camera, with a wing tip hidden for 20 frames, and its coefficients."""
+    uv = filmed(flapping(9), np.random.default_rng(0))[0]
+    uv[50:70, NAMES.index("tip_l")] = np.nan
+    head = ",".join(f"{name}_cam1_{axis}" for name in NAMES for axis in "XY")
+    rows = [",".join("NaN" if np.isnan(x) else f"{x:.3f}" for x in row) for row in uv.reshape(len(uv), -1)]
+    tracks, coefficients = tmp_path / "film_xypts.csv", tmp_path / "film_dltCoefs.csv"
+    tracks.write_text("\n".join([head, *rows]) + "\n")
+    matrix = MATRIX.copy()
+    matrix[:, 3] += MATRIX[:, :3] @ [0.0, 0.0, 1.0]  # its centre is at z = -1: DLT cannot have it at the origin
+    np.savetxt(coefficients, (matrix / matrix[2, 3]).ravel()[:11, None])
+    return tracks, coefficients
+
+
+def read(files, **stated):
+    """The recording."""
+    return mocap.read(files[0], calibration=files[1], fps=FPS, unit="m", **stated)
+
+
+def test_positions_statuses_and_velocities_are_there_as_from_many_cameras(files, learned):
+    """Positions within 2 % of the distance, a gap that is smoothed, kinematics with deviations."""
+    found = mocap.track(read(files), model=learned)
+    tracked = found.run.tracked.markers
+    truth = flapping(9).xyz_m - [0.0, 0.0, 1.0]
+    error = np.linalg.norm(tracked.xyz_m - truth, axis=-1)
+    assert np.nanmedian(error) < 0.03
+    tip = NAMES.index("tip_l")
+    assert (tracked.status[50:70, tip] == 4).all()
+    assert (tracked.status[:50, tip] == 1).all()
+    assert np.isfinite(found.run.motion.velocity_m_s[1:-1]).all()
+    assert any("one camera alone" in said for said in found.report["findings"])
+    assert "size of the animal is the model's" in found.report["model"]["why"]
+
+
+def test_without_a_model_it_says_what_to_do(files):
+    """One line."""
+    with pytest.raises(MocapError, match=r"contains one camera: .*\(mocap learn\): give `model`"):
+        mocap.track(read(files))
+
+
+def test_a_model_of_another_rate_is_refused(files, learned):
+    """Its motion would be wrong by the ratio."""
+    recording = mocap.read(files[0], calibration=files[1], fps=2 * FPS, unit="m")
+    with pytest.raises(FilterError, match="one frame rate"):
+        mocap.track(recording, model=learned)
+
+
+def test_what_needs_rays_that_meet_is_refused(files, learned):
+    """The lens of one camera cannot be fitted to its own pixels."""
+    with pytest.raises(MocapError, match="`fit_lens`: needs markers that two cameras see"):
+        mocap.track(read(files, fit_lens=True), model=learned)

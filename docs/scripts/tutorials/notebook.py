@@ -24,6 +24,19 @@ files = mocap.datasets.write_recording(flight, Path(mkdtemp()))
 print(*sorted(path.name for path in files.values()), sep="\n")
 
 # %%
+# From a numpy array
+# ------------------
+# Positions of shape (frames, markers, 3), NaN where a marker was not seen, need no files. A notebook shows what was
+# found: the main numbers, the animal, what is wrong, and what to do next.
+
+import numpy as np
+
+xyz = np.array(flight.truth.xyz_m)
+xyz[30:45, flight.truth.names.index("wrist_l")] = np.nan  # fifteen frames without the left wrist
+recording = mocap.from_arrays(xyz, names=flight.truth.names, fps=flight.fps, unit="m")
+mocap.track(recording, model="constant_velocity", validate=False)
+
+# %%
 # Read
 # ----
 # ``profile`` holds the lenses. A notebook shows the recording as a table; in a script print it.
@@ -54,8 +67,6 @@ result.markers
 
 # %%
 # How well heights are known, where markers were seen and where not:
-
-import numpy as np
 
 one = result.markers.sel(individual="id_0")
 sd_mm = 1e3 * np.sqrt(one.covariance.sel(space="z", space_to="z"))

@@ -134,7 +134,6 @@ def assert_each_joint_has_a_potential(run):
         assert potential.potential.value(far) > 0.99
 
 
-@pytest.mark.quick
 def test_pixels_without_any_noise_are_tracked():
     """Simulated cameras: a wrist that no camera shows for 20 frames is found to 3 mm, and is nowhere known exactly."""
     bat = make_bat(seed=4, n_frames=100, n_cameras=4, digitiser=PERFECT)

@@ -36,7 +36,7 @@ def draw_animal(run: Run) -> "Figure":
     if len(frames):
         every = flat[frames].reshape(-1, 2)
         low, high = np.nanmin(every, axis=0), np.nanmax(every, axis=0)
-        room = 0.06 * float((high - low).max())
+        room = 0.06 * float((high - low).max()) or 1.0  # all markers may be at one place
         for ax in axes[:3]:
             ax.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room), aspect="equal")
             ax.axis("off")
@@ -56,11 +56,14 @@ def draw_animal(run: Run) -> "Figure":
 
 
 def _phases(xyz: Array) -> tuple[list[int], Array]:
-    """Three frames in which most markers have a position, and all positions (T, M, 2) in the plane of the picture."""
+    """Three frames in which most markers have a position, and all positions (T, M, 2) in the plane of the picture.
+
+    A single marker has no phases.
+    """
     there = np.isfinite(xyz[..., 0])
     usual = there.any(axis=0)
     full = np.flatnonzero(there.sum(axis=1) >= 0.9 * usual.sum()) if usual.any() else np.zeros(0, dtype=int)
-    if not len(full):
+    if not len(full) or usual.sum() < 2:
         return [], np.full((*xyz.shape[:2], 2), np.nan)
     body = xyz - _middle(xyz)[:, None]
     some = np.nan_to_num(body[full])

@@ -125,7 +125,7 @@ def lines_over_time(ax: "Axes", below: "Axes | None", several: Sequence[Quantity
     ax.set_ylim(*_limits(several))
     there = np.flatnonzero(np.any([np.isfinite(q.value) for q in several], axis=0))
     if len(there):
-        ax.set_xlim(float(t_s[there[0]]), float(t_s[there[-1]]))
+        _over(ax, t_s[there])
     unit = UNITS[several[0].unit]
     ax.set_ylabel(f"{'angle' if several[0].unit == 'deg' else label(several[0].name)} ({unit})", fontsize=7)
     ax.legend(
@@ -159,7 +159,14 @@ def _limits(several: Sequence[Quantity]) -> tuple[float, float]:
     ]
     if len(ends[0]):
         low, high = min(low, float(np.percentile(ends[0], 10))), max(high, float(np.percentile(ends[1], 90)))
+    high = high if high > low else low + 1  # one value all the time
     return low - 0.08 * (high - low), high
+
+
+def _over(ax: "Axes", t_s: Array) -> None:
+    """From the first to the last of times; one alone has no axis to be over."""
+    if t_s[-1] > t_s[0]:
+        ax.set_xlim(float(t_s[0]), float(t_s[-1]))
 
 
 def shade(ax: "Axes", t_s: Array, where: NDArray[np.bool_]) -> None:
@@ -228,7 +235,7 @@ def plot_gait(steps: Footfalls, *, ax: "Axes | None" = None) -> "Axes":
             ax.barh(row, steps.t_s[stop - 1] + half - left, left=left, height=0.6, color=COLOURS[row % len(COLOURS)])
     ax.set_yticks(range(len(steps.feet)), [words(foot) for foot in steps.feet])
     ax.invert_yaxis()
-    ax.set_xlim(float(steps.t_s[0]), float(steps.t_s[-1]))
+    _over(ax, steps.t_s)
     ax.set_xlabel("time (s)", fontsize=7)
     ax.set_title("gait diagram: bars are stance", fontsize=7, loc="left")
     return ax

@@ -220,3 +220,10 @@ def test_verbs_say_what_they_take(xyz, call, said):
     """Paths, arrays and models that are none."""
     with pytest.raises(mocap.MocapError, match=said):
         call(mocap.from_arrays(xyz, names=NAMES, fps=FPS, unit="mm"))
+
+
+def test_one_marker_is_tracked_and_saved(tmp_path):
+    """It has no bones, no pose and no phases: a figure of the animal is left out, all else is there."""
+    walk = np.cumsum(np.random.default_rng(0).normal(0, 1e-3, (60, 1, 3)), axis=0) + 0.1
+    mocap.track(mocap.from_arrays(walk, names=["tip"], fps=100, unit="m")).save(tmp_path / "out")
+    assert (tmp_path / "out" / "report.html").is_file()

@@ -124,17 +124,6 @@ def ensemble(values: Array, c: float, gamma: float, *, linear: bool = False) -> 
     return centre + shift, rows
 
 
-def each_marker(rows: Array, turn: Array) -> Array:
-    """(k, M, 3) rows of M markers times a matrix of each, (M, 3, 3); einsum takes ten times as long."""
-    return np.swapaxes(np.swapaxes(rows, 0, 1) @ turn, 0, 1)
-
-
-def marker_covariances(rows: Array) -> Array:
-    """(M, 3, 3) covariances of M markers from their ensemble rows (k, M, 3); einsum takes four times as long."""
-    each = np.swapaxes(rows, 0, 1)
-    return np.swapaxes(each, 1, 2) @ each
-
-
 def gram(a: Array, *, add: Array | None = None, lower: bool = True) -> Array:
     """One triangle of A A^T (+ ``add``, which is overwritten), zeros in the other: half the work of a product."""
     more = {} if add is None else {"beta": 1.0, "c": add, "overwrite_c": 1}

@@ -16,7 +16,7 @@ from typing import Any
 from dask import config
 from dask._task_spec import Task
 from dask.utils import parse_bytes
-from distributed import Client, Future, KilledWorker, LocalCluster
+from distributed import Client, Future, KilledWorker, LocalCluster, Status
 
 from mocap.batches.known import NoWorkers, Options, Record
 from mocap.batches.one import stated_of
@@ -98,8 +98,21 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
             )
         except RuntimeError as error:
             raise NoWorkers(f"{GUARD} ({error})") from None
-        with cluster, Client(cluster, set_as_default=False) as found:
+        with _closed(cluster), Client(cluster, set_as_default=False) as found:
             yield found
+
+
+@contextmanager
+def _closed(cluster: LocalCluster) -> Iterator[None]:
+    """End a cluster; Dask stops halfway with a KeyError where a worker dies as it is asked to leave: then once more."""
+    try:
+        yield
+    finally:
+        try:
+            cluster.close()
+        except KeyError:
+            cluster.status = Status.failed  # where it stopped, a second call would wait for the first
+            cluster.close()
 
 
 def _check(memory: str | float | None) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import psutil
 import pytest
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, Scheduler, Status
 
 import mocap as library
 from mocap.batches import engine
@@ -224,6 +224,25 @@ def test_when_no_worker_is_left_others_are_started(lab, undisturbed, tmp_path, m
     assert (found.table["status"] == "done").sum() == 5 - died.sum()
     library.batch(lab, tmp_path / "out", **QUICK)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
+
+
+def test_a_worker_dies_while_its_cluster_is_closed(monkeypatch):
+    """Dask raises the address of a worker that is gone, and leaves the others running."""
+    retire, asked = Scheduler.retire_workers, []
+
+    async def fails_once(scheduler, *arguments, **options):
+        asked.append(options)
+        if len(asked) == 1:
+            raise KeyError("tcp://127.0.0.1:1")
+        return await retire(scheduler, *arguments, **options)
+
+    monkeypatch.setattr(Scheduler, "retire_workers", fails_once)
+    others = set(workers())
+    with engine.client(jobs=1, memory=None, scheduler=None) as connected:
+        cluster = connected.cluster
+    assert len(asked) == 2
+    assert cluster.status == Status.closed
+    assert set(workers()) <= others
 
 
 @pytest.mark.parametrize("scheduler_goes", [False, True])

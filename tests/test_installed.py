@@ -28,7 +28,7 @@ def installed(tmp_path_factory):
     wheels, target = folder / "wheels", folder / "site"
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for name in tracked.splitlines():
-        if name.startswith(("tests/", "benchmarks/", "docs/")) or not (ROOT / name).is_file():
+        if name.startswith(("tests/", "benchmarks/", "docs/experiments/")) or not (ROOT / name).is_file():
             continue
         (folder / "source" / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / "source" / name).write_bytes((ROOT / name).read_bytes())

@@ -10,7 +10,7 @@ import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.motion.base import MotionModel, Step, Steps
-from mocap.filters.motion.bones import Bones, Differences, bones_term, differences
+from mocap.filters.motion.bones import Bones, bones_term
 from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
 from mocap.filters.motion.potential import PosePotential
@@ -104,18 +104,6 @@ class Regression:
         out = np.full_like(self.cov_m2, np.nan)
         out[known] = np.linalg.inv(np.linalg.cholesky(self.cov_m2[known]))
         return out
-
-
-class Reference(NamedTuple):
-    """Where potentials of a pose are linearised.
-
-    Attributes:
-        held: Mean and covariance of the coordinates of each potential.
-        bones: Differences of the ends of bones; None: it has none.
-    """
-
-    held: tuple[Moments, ...]
-    bones: Differences | None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -330,7 +318,7 @@ class PoseMotion(MotionModel):
         speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
         return velocity, out.reshape(-1, n)
 
-    def constrain(self, state: Moments, step: Step, about: "Reference | None" = None) -> tuple[Moments, list[Update]]:
+    def constrain(self, state: Moments, step: Step) -> tuple[Moments, list[Update]]:
         """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
         updates = []
         if self.regression is not None:
@@ -348,17 +336,15 @@ class PoseMotion(MotionModel):
                 state, done = self.conditioned(state, step.frame, update)
                 updates.append(done)
         terms = []
-        for i, (held, rows) in enumerate(zip(self.potentials, self._rows, strict=True)):
+        for held, rows in zip(self.potentials, self._rows, strict=True):
             coordinates = Coordinates(
                 held.mean + rows @ state.mean[: rows.shape[1]], rows, rows @ state.cov[: rows.shape[1]]
             )
             pull = partial(_scaled, held.gradient, step.dt_s)
-            at = None if about is None else about.held[i]
-            terms.append(potential_term(pull, coordinates, about=at, least_sd=LEAST_SD))
+            terms.append(potential_term(pull, coordinates, least_sd=LEAST_SD))
         if self.bones is not None:
-            ends = None if about is None else about.bones
-            markers = Markers(state, self._body(state.mean))
-            terms.append(bones_term(self.bones, markers, step.dt_s * self.bone_stiffness, about=ends))
+            markers = Markers(state, View(self._pose(state.mean), self.subspace.basis, self.chains))  # in the body
+            terms.append(bones_term(self.bones, markers, step.dt_s * self.bone_stiffness))
         state, done = enforce(state, terms, farthest=self.farthest)
         return state, updates + done
 
@@ -367,27 +353,9 @@ class PoseMotion(MotionModel):
         """How the coordinates of each potential change with the state."""
         return tuple(held.rows(self.chains) for held in self.potentials)
 
-    def _body(self, mean: Array) -> View:
-        """The markers in the body."""
-        return View(self._pose(mean), self.subspace.basis, self.chains)
-
     def moved(self, means: Array, residual: Array) -> Array:  # noqa: ARG002
         """(S, M, 3) by how much markers move in the axes of the root, of states (S, n), for changes (S, D) of e."""
         return residual.reshape(len(residual), -1, 3)
-
-    def reference(self, state: Smoothed) -> "Reference | None":
-        """What the potentials read, and the differences of the ends of bones."""
-        if not self.potentials and self.bones is None:
-            return None
-        held = tuple(
-            Moments(one.mean + rows @ state.mean[: rows.shape[1]], state.of(rows))
-            for one, rows in zip(self.potentials, self._rows, strict=True)
-        )
-        if self.bones is None:
-            return Reference(held, None)
-        body = self._body(state.mean)
-        cov = state.of(body.dense(), body.times(state.filtered))
-        return Reference(held, differences(self.bones, body.mean, cov))
 
     def informed(self, state: Smoothed) -> Smoothed:
         """The shape and its velocity are some that were recorded."""

@@ -16,7 +16,7 @@ from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, for_recording, renamed
 from mocap.filters.models.base import FittedMotion
-from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.pose import BETA, LAM, WEIGHT, PoseSettings
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate, HeldLimb
@@ -121,10 +121,8 @@ def _run_job(
 ) -> tuple[Run, Prepared]:
     if isinstance(source, Recording) and of_one_camera(source):
         with stages.stage("track one camera") as progress:
-            one = track_one_camera(source, learned, settings=settings, progress=progress)
-        return _finished(
-            source, one.prepared, one.part, NAME, one.estimate, one.asked, settings=settings, why=one.why, stages=stages
-        )
+            one = track_one_camera(source, learned, progress=progress)
+        return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
     with stages.stage("read, triangulate, clean"):
         prepared = source if isinstance(source, Prepared) else prepare(source)
         part = seen_part(prepared)
@@ -185,7 +183,6 @@ def _run_job(
         name,
         smoothed,
         asked,
-        settings=settings,
         why=why,
         stages=stages,
         own=own,
@@ -202,7 +199,6 @@ def _finished(
     smoothed: Estimate,
     asked: Asked,
     *,
-    settings: PoseSettings,
     why: str,
     stages: Stages,
     own: FittedMotion | None = None,
@@ -229,7 +225,7 @@ def _finished(
         validation=scores or {},
         hidden=hidden,
         seconds=stages.seconds,
-        settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
+        settings={"beta": BETA, "lambda": LAM, "weight": WEIGHT},
         articulated=joined,
     )
     filmed = prepared.filmed

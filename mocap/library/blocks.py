@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -14,13 +15,14 @@ from eal.over_time import at_frames, in_succession
 from eal.threads import one_blas_thread
 from mocap.filters.body_axes import body_frames
 from mocap.filters.velocities import without_rates
+from mocap.findings import over_blocks
 from mocap.io.output import result_folder
 from mocap.io.unstated_unit import length
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles, footfalls
 from mocap.markdown import plain
-from mocap.pipeline.blocks import BLOCK, Known, Model, Tally, learn_once, tracked_blocks
+from mocap.pipeline.blocks import BLOCK, Known, Model, learn_once, tracked_blocks
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import SPACE, joint_potentials
@@ -91,7 +93,7 @@ def write_in_blocks(
     with one_blas_thread():
         with stages.stage("learn once"):
             known = learn_once(recording, model=model, learned=learned, seed=seed)
-        tally, detail = Tally(), None
+        detail, samples, found_out = None, Counter[int](), []
         thin: list[Run] = []
         nothing: list[Run] = []
         with BlockWriter(folder, fps=1 / recording.dt_s) as writer:
@@ -101,14 +103,16 @@ def write_in_blocks(
                     rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
                     part = at_frames(run, own)
                     writer.add(core, part.tracked.markers, part.repaired, at_frames(found, own), rows)
-                tally.add(part, findings)
+                found_out.append(findings)
+                samples.update(part.tracked.markers.status.ravel().tolist())
                 thin += _thinned(part, (-core.start) % every, every)
                 detail = _better(detail, part)
                 nothing = [] if thin else [deepcopy(_without_rates(part))]
                 del run, part, found, rows  # only one block at a time is in memory
         with stages.stage("overview, potentials, figures"):
             overview = _with_potentials(in_succession(thin or nothing))
-            report = _report(recording, known, tally, overview, every, size)
+            report = _report(recording, known, samples, overview, every, size)
+            report["findings"] = [str(one) for one in (*recording.findings, *over_blocks(found_out))]
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
             text = _readable(report) + footer
@@ -176,7 +180,7 @@ def _figures(run: Run, folder: Path) -> None:
 
 
 def _report(
-    recording: LongRecording, known: Known, tally: Tally, overview: Run, every: int, size: int
+    recording: LongRecording, known: Known, samples: Mapping[int, int], overview: Run, every: int, size: int
 ) -> dict[str, object]:
     total = recording.n_frames * len(recording.names)
     sd = overview.tracked.markers.sd_m
@@ -195,14 +199,13 @@ def _report(
         "cameras": [camera.name for camera in overview.cameras],
         "skeleton": recording.skeleton.name,
         "model": {"name": known.name, "why": known.why},
-        "samples": {"total": total, **{o.name.lower(): tally.samples[o.name.lower()] / total for o in Status}},
+        "samples": {"total": total, **{o.name.lower(): samples[o] / total for o in Status}},
         "sd_mm": {"measured": median(Status.MEASURED), "filled": median(Status.SMOOTHED)},
         "blocks": {"number": blocks, "frames": size},
         "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
         "validation": {"methods": {} if known.learned is None else known.learned.scores},
         "joints": sorted(overview.potentials),
         "length_m": length(overview.tracked.markers.xyz_m),
-        "findings": [*recording.findings, *tally.sentences()],
     }
 
 

@@ -6,10 +6,8 @@ frames; a block is therefore tracked with a margin in which that has happened (`
 kept. docs/howto/long_recordings.md has what differs from tracking the whole at once.
 """
 
-import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -27,6 +25,7 @@ from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked, Motion
+from mocap.findings import Finding
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.job import JOINT_HZ, whole_frames
@@ -186,7 +185,7 @@ def _choice(model: Model, reason: str | None, learned: LearnedModel | None) -> t
     return "constant_velocity", "it fills gaps hidden in stretches of this recording better than the mixture"
 
 
-def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Run, slice, tuple[str, ...]]:
+def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Run, slice, tuple[Finding, ...]]:
     """Track one block with its margins.
 
     Args:
@@ -298,41 +297,9 @@ def _nothing(recording: LongRecording, window: slice, known: Known, asked: Asked
     )
 
 
-@dataclass(eq=False)
-class Tally:
-    """What is counted over blocks.
-
-    Attributes:
-        samples: Samples by status.
-        findings: In how many blocks a sentence was found; sentences that differ in their numbers alone are one.
-        first: The first of these.
-    """
-
-    samples: Counter = field(default_factory=Counter)
-    findings: Counter = field(default_factory=Counter)
-    first: dict[str, str] = field(default_factory=dict)
-
-    def add(self, run: Run, findings: Sequence[str]) -> None:
-        """One block's own frames."""
-        codes, counts = np.unique(run.tracked.markers.status, return_counts=True)
-        self.samples.update({Status(int(c)).name.lower(): int(k) for c, k in zip(codes, counts, strict=True)})
-        for text in findings:
-            kind = re.sub(r"\d[\d.e+-]*", "#", text)
-            self.findings[kind] += 1
-            self.first.setdefault(kind, text)
-
-    def sentences(self, most: int = 40) -> list[str]:
-        """The commonest findings."""
-        found = self.findings.most_common(most)
-        return [
-            self.first[kind] + (f" (and in {count - 1} other blocks, with their own numbers)" if count > 1 else "")
-            for kind, count in found
-        ]
-
-
 def tracked_blocks(
     recording: LongRecording, known: Known, *, size: int = BLOCK, stages: Stages | None = None
-) -> Iterator[tuple[range, Run, slice, tuple[str, ...]]]:
+) -> Iterator[tuple[range, Run, slice, tuple[Finding, ...]]]:
     """All blocks, one after the other: the frames of each, then as ``track_block`` returns them."""
     stages = stages or Stages()
     blocks = blocks_of(recording.n_frames, size)

@@ -27,7 +27,6 @@ from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
-from mocap.pipeline.plane import run_in_plane
 from mocap.pipeline.potentials import SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
@@ -255,8 +254,9 @@ def _finished(
         file=source.file if isinstance(source, Recording) else None,
         angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
+        plane=prepared.plane,
     )
-    return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
+    return run, prepared
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:

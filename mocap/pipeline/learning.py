@@ -11,7 +11,7 @@ from mocap.filters.hidden_gaps import MODELS, USUAL_EFFORT, Effort, best_of
 from mocap.filters.model import LearnedModel, learn_model, own_trials
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.poses import MarkerTrial
-from mocap.io.unstated_unit import unit_told
+from mocap.io.unstated_unit import UNIT
 from mocap.markdown import plain
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
@@ -147,9 +147,9 @@ def _prepared(sources: Iterable[Recording | Prepared], tell: Callable[[str], Non
             except OriginError as error:
                 doubt[number] = source, error
                 continue
-            unit = unit_told(one.findings)
-            for finding in dict.fromkeys([*([unit] if unit else []), *source.findings]):
-                tell(f"{one.name}: {finding}")
+            units = [finding for finding in one.findings if finding.kind == UNIT]
+            for text in dict.fromkeys(map(str, (*units, *source.findings))):
+                tell(f"{one.name}: {text}")
         if one.filmed:
             told.add((one.filmed.pixel_origin.pixels, one.filmed.pixel_origin.coefficients))
         yield number, one

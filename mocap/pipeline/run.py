@@ -121,6 +121,11 @@ class Plane:
         return "px" if self.mm_per_px is None else "m"
 
     @property
+    def length(self) -> str:
+        """Of small lengths, in reports: ``mm`` or ``px``, which goes through the chain as a millimetre."""
+        return "px" if self.mm_per_px is None else "mm"
+
+    @property
     def unit_m(self) -> float:
         """Metres in which a pixel goes through the chain: 0.001 where no scale is stated."""
         return 1e-3 * (1.0 if self.mm_per_px is None else self.mm_per_px)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cleaning.clean import REASONS
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.hidden_gaps import EACH_MARKER
 from mocap.filters.model import LearnedModel, trials_for
@@ -21,6 +20,7 @@ from mocap.filters.models.base import FittedMotion, TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
 from mocap.filters.records import Estimate
+from mocap.pipeline import sentences
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.tracking import Part, learn_motion, marker_trial, part_names, track, why_no_pose
 
@@ -210,30 +210,25 @@ def _without_wrong_rays(
         )
     if not wrong.any():
         return prepared
-    said = (
-        f"{wrong.sum()} {'ray' if wrong.sum() == 1 else 'rays'} rejected (of two cameras that disagree in some frames "
-        "the one that the motion and the other markers contradict)"
-    )
     points = wrong.any(axis=0) & np.isfinite(prepared.xyz_m[..., 0])
     kept = _without(prepared, points) if points.any() else prepared
     return replace(
         kept,
         uv_px=checked.uv_px,
         rays_rejected=prepared.rays_rejected | wrong,
-        findings=(*kept.findings, said),
+        findings=(*kept.findings, sentences.wrong_rays(wrong)),
     )
 
 
 def _without(prepared: Prepared, far: Mask) -> Prepared:
-    """The recording without points (T, M) that are contradicted, and a sentence that says so."""
+    """The recording without points (T, M) that are contradicted, and a finding that says so."""
     before = prepared.rejected.get("contradicted", np.zeros_like(far))
-    said = f"{far.sum()} {'sample' if far.sum() == 1 else 'samples'} rejected ({REASONS['contradicted']})"
     return replace(
         prepared,
         xyz_m=np.where(far[..., None], np.nan, prepared.xyz_m),
         cov_m2=np.where(far[..., None, None], np.nan, prepared.cov_m2),
         rejected={**prepared.rejected, "contradicted": before | far},
-        findings=(*prepared.findings, said),
+        findings=(*prepared.findings, *sentences.rejected("contradicted", far)),
     )
 
 

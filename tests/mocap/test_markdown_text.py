@@ -9,6 +9,7 @@ from markdown_it import MarkdownIt
 from mocap.datasets import make_bat, write_recording
 from mocap.filters.models.pose import PoseSettings
 
+from mocap.findings import readings
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import table
 from mocap.pipeline.prepare import prepare
@@ -74,7 +75,7 @@ def test_a_report_of_hostile_names(tmp_path):
     source = read(files["pixels"], fps=240.0, calibration=files["coefficients"], profile=files["profile"])
     prepared = prepare(source)
     names = tuple(f"{HOSTILE[m % len(HOSTILE)]} {m}" for m in range(len(prepared.names)))
-    prepared = replace(prepared, names=names, findings=(*HOSTILE, *prepared.findings))
+    prepared = replace(prepared, names=names, findings=(*readings(HOSTILE), *prepared.findings))
     part = seen_part(prepared)
     model = learn_motion(prepared, part, "constant_velocity", settings=PoseSettings())
     tracked = tracked_motion(prepared, part, "constant_velocity", track(prepared, part, model))

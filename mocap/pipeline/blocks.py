@@ -24,11 +24,11 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked, Motion
+from mocap.filters.velocities import Asked
 from mocap.findings import Finding
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.job import JOINT_HZ, whole_frames
+from mocap.pipeline.job import JOINT_HZ, run_of, whole_frames
 from mocap.pipeline.long import LongRecording, Mask
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.prepare import Prepared
@@ -43,7 +43,7 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import MarkerTracks, PixelTracks, Status, TrackedMotion
+from mocap.records import marker_tracks, tracks_alone
 from mocap.side_by_side import call_all
 from mocap.stages import Stages
 
@@ -210,7 +210,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
     part, learned = seen_part(prepared), known.learned
     posed = learned is not None and why_no_pose(prepared, part) is None
     if posed and worth_checking(prepared):
-        prepared = without_contradicted(prepared, part, PoseSettings(), learned)
+        prepared = without_contradicted(prepared, part, learned)
         part = seen_part(prepared)
     if learned is not None and posed:
         name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked).markers
@@ -218,7 +218,8 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
     tracked = tracked_motion(prepared, part, name, smoothed)
     motion = motion_of(tracked.markers, part.frames, smoothed.rates, asked)
-    return _run(recording, prepared, tracked, motion), own, prepared.findings
+    joints = joint_tracks(tracked.markers, recording.skeleton, whole_frames(prepared, JOINT_HZ))
+    return run_of(prepared, tracked, motion, joints), own, prepared.findings
 
 
 def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estimate:
@@ -234,66 +235,18 @@ def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estim
     return track(prepared, part, FittedMotion(motion, prepared.t_s[part.frames]), asked=asked)
 
 
-def _run(recording: LongRecording, prepared: Prepared, tracked: TrackedMotion, motion: Motion) -> Run:
-    filmed = prepared.filmed
-    ideal = None
-    if filmed is not None:
-        ideal = PixelTracks(
-            names=prepared.names, cameras=filmed.pixels.cameras, t_s=prepared.t_s, uv_px=filmed.ideal_px
-        )
-    return Run(
-        name=recording.name,
-        skeleton=recording.skeleton,
-        cameras=() if filmed is None else filmed.cameras,
-        ideal_px=ideal,
-        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
-        tracked=tracked,
-        motion=motion,
-        joints=joint_tracks(tracked.markers, recording.skeleton, whole_frames(prepared, JOINT_HZ)),
-        potentials={},
-        spatial_potentials={},
-        repaired=np.any(list(prepared.repaired.values()), axis=0),
-        report={},
-        report_text="",
-    )
-
-
 def _nothing(recording: LongRecording, window: slice, known: Known, asked: Asked) -> Run:
     """A stretch in which nothing is seen."""
     t_s = recording.t_s[window]
-    shape = (len(t_s), len(recording.names))
-    markers = MarkerTracks(
-        names=recording.names,
-        t_s=t_s,
-        xyz_m=np.full((*shape, 3), np.nan),
-        cov_m2=np.full((*shape, 3, 3), np.nan),
-        status=np.full(shape, Status.MISSING, dtype=np.int8),
-    )
-    tracked = TrackedMotion(
-        model=known.name,
-        markers=markers,
-        reprojected_px=np.zeros((0, *shape, 2)),
-        innovation_px=np.zeros((0, *shape, 2)),
-        used=np.zeros((0, *shape), dtype=bool),
-        nis=np.full(len(t_s), np.nan),
-        n_rows=np.zeros(len(t_s), dtype=np.int64),
-        log_likelihood=np.zeros(len(t_s)),
-    )
+    markers = marker_tracks(recording.names, t_s, np.full((len(t_s), len(recording.names), 3), np.nan))
     still = BodyFrames(rotation=np.repeat(np.eye(3)[None], len(t_s), axis=0), position_m=np.zeros((len(t_s), 3)))
     return Run(
         name=recording.name,
         skeleton=recording.skeleton,
-        cameras=(),
-        ideal_px=None,
-        y_up=False,
-        tracked=tracked,
+        tracked=tracks_alone(markers, known.name),
         motion=motion_of(markers, slice(0, 0), None, asked),
         joints=joint_tracks(markers, recording.skeleton, still),
-        potentials={},
-        spatial_potentials={},
-        repaired=np.zeros(shape, dtype=bool),
-        report={},
-        report_text="",
+        repaired=np.zeros(markers.status.shape, dtype=bool),
     )
 
 

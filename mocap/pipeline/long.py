@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from eal.over_time import at_frames
-from mocap.cameras.camera import Camera
 from mocap.findings import Finding
 from mocap.io.parquet_range import ParquetPoints
 from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
 from mocap.pipeline.reading import animal
-from mocap.pipeline.recording import Filmed, Recording, film_of, load_in_unit, load_points
+from mocap.pipeline.recording import Filmed, Recording, load_in_unit, load_points
 from mocap.pipeline.sentences import pixel_origin
-from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 from mocap.text import as_text
 
@@ -113,39 +112,6 @@ def long_pixels(
     )
 
 
-def long_films(
-    pixels: Callable[[slice], PixelTracks],
-    cameras: Sequence[Camera],
-    skeleton: Skeleton,
-    *,
-    name: str,
-    t_s: Array,
-    names: Sequence[str],
-) -> LongRecording:
-    """Pixels that are had stretch by stretch, of calibrated cameras; all of them never are in memory.
-
-    Args:
-        pixels: Frames to their pixels.
-        cameras: Their C cameras.
-        skeleton: What is known of the animal.
-        name: Of the recording.
-        t_s: (T,) times.
-        names: The M markers.
-    """
-
-    def part(frames: slice) -> Prepared:
-        return prepare_filmed(film_of(pixels(frames), cameras, name=name), skeleton, name=name, first=frames.start)
-
-    return LongRecording(
-        name=name,
-        skeleton=skeleton,
-        names=tuple(names),
-        t_s=t_s,
-        seen=lambda frames: pixels(frames).seen.sum(axis=0) >= 2,
-        prepared=part,
-    )
-
-
 def long_tracks(
     tracks: Callable[[slice], MarkerTracks],
     skeleton: Skeleton,
@@ -155,7 +121,7 @@ def long_tracks(
     names: Sequence[str],
     findings: Sequence[Finding] = (),
 ) -> LongRecording:
-    """Positions that are had stretch by stretch; arguments as in ``long_films`` and ``long_points``."""
+    """Positions that are had stretch by stretch, and never all of them; other arguments as in ``long_points``."""
     return LongRecording(
         name=name,
         skeleton=skeleton,

@@ -91,7 +91,6 @@ def track_one_camera(
     source: Recording,
     learned: LearnedModel | None,
     *,
-    settings: PoseSettings,
     progress: Callable[[float], None] | None = None,
 ) -> OneCamera:
     """Track a recording of one camera.
@@ -126,7 +125,7 @@ def track_one_camera(
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
     own = [names[m] for m in markers]
     trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
-    prior = learn_prior(trials, trunk, settings)
+    prior = learn_prior(trials, trunk, PoseSettings())
     shown = uv[:, part.frames][:, :, markers]
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(shown))), LEAST_PX)
     views = Views(matrices=stacked(filmed.cameras), uv_px=shown, sd_px=np.full(shown.shape[:3], noise))

@@ -1,7 +1,5 @@
 """One film without a calibration: markers in the plane of its picture, in pixels or with a stated scale."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from eal.arrays import Array
@@ -16,23 +14,8 @@ LEAST_LIKELIHOOD = 0.6
 """Clicks below are rejected: without a second camera nothing tells what a likelihood is worth (DeepLabCut's cutoff)."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class InPlane:
-    """The clicks of one film as positions whose third coordinate is 0.
-
-    Attributes:
-        plane: Unit and scale.
-        tracks: The positions.
-        findings: For the report.
-    """
-
-    plane: Plane
-    tracks: MarkerTracks
-    findings: tuple[Finding, ...]
-
-
-def in_plane(source: Recording) -> InPlane:
-    """The pixels of one film as positions in its picture, in the axes of the file."""
+def in_plane(source: Recording) -> tuple[MarkerTracks, Plane, tuple[Finding, ...]]:
+    """The pixels of one film as positions in its picture, in the axes of the file, with third coordinates of 0."""
     pixels = source.contents.pixels
     assert pixels is not None
     plane = Plane(mm_per_px=source.mm_per_px)
@@ -47,7 +30,7 @@ def in_plane(source: Recording) -> InPlane:
     measures = bool(known.bones or known.joints or known.measures != Measures())
     how, *unused = sentences.in_plane(plane, measures=measures)
     told = (how, *sentences.unlikely_clicks(unlikely, pixels.seen, LEAST_LIKELIHOOD), *unused)
-    return InPlane(plane=plane, tracks=tracks, findings=told)
+    return tracks, plane, told
 
 
 def in_units(run: Run, plane: Plane) -> tuple[Array, Array]:

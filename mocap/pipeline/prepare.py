@@ -347,12 +347,11 @@ def _by_likelihood(filmed: Filmed, likelihood: Array | None) -> tuple[Likelihood
 
 
 def _prepare_plane(source: Recording) -> Prepared:
-    found = in_plane(source)
-    if not found.tracks.seen.any():
+    tracks, plane, found = in_plane(source)
+    if not tracks.seen.any():
         raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
     skeleton = replace(source.skeleton, bones=(), joints=(), measures=Measures())
-    told = (*source.findings, *found.findings)
-    return prepare_tracks(found.tracks, skeleton, name=source.name, findings=told, plane=found.plane)
+    return prepare_tracks(tracks, skeleton, name=source.name, findings=(*source.findings, *found), plane=plane)
 
 
 def prepare_tracks(

@@ -11,6 +11,7 @@ from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.filters.joint_types import Articulation, undetermined
+from mocap.filters.models.pose import PoseSettings
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
@@ -36,7 +37,6 @@ def make_report(
     validation: Mapping[str, Mapping[str, float | None]],
     hidden: int,
     seconds: Mapping[str, float],
-    settings: Mapping[str, object],
     articulated: Sequence[Articulation] = (),
 ) -> dict[str, object]:
     """The report of a run; plain numbers, strings, lists and dictionaries.
@@ -46,7 +46,7 @@ def make_report(
     found = [*prepared.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
     if not potentials and prepared.plane is None:
         found.append(sentences.no_joints(prepared.skeleton))
-    origin = tracked.markers.status
+    origin, pose = tracked.markers.status, PoseSettings()
     total = origin.size
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
@@ -58,7 +58,13 @@ def make_report(
         "markers": list(prepared.names),
         "cameras": [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras],
         "skeleton": prepared.skeleton.name,
-        "model": {"name": tracked.model, "why": why_model, **settings},
+        "model": {
+            "name": tracked.model,
+            "why": why_model,
+            "beta": pose.beta,
+            "lambda": pose.lam,
+            "weight": pose.weight,
+        },
         "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
         "filled": int(np.isin(origin, [Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED]).sum()),
         "sd_mm": {

@@ -12,10 +12,10 @@ from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, over_blocks
-from mocap.library.blocks import load_range, track_in_blocks
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
 from mocap.pipeline.long import LongRecording, long_points
 from mocap.records import MarkerTracks, Status, marker_tracks
+from mocap.results.long_result import load_range, track_in_blocks
 from mocap.skeleton import Joint, Skeleton
 
 T = 700
@@ -141,7 +141,7 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
 
     from mocap.rerun.stored import read_recording
 
-    monkeypatch.setattr("mocap.library.blocks.OVERVIEW", 250)
+    monkeypatch.setattr("mocap.results.long_result.OVERVIEW", 250)
     report = track_in_blocks(bat, tmp_path / "out", model="constant_velocity", size=400)
     assert report["overview"] == {"every": 3, "frames": 234}
     stored = read_recording(tmp_path / "out" / "recording.rrd", name="bat")

@@ -65,7 +65,7 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     asked = unconfirmed(one)
     assert asked[FRAMES, wrong].mean() > 0.9
     assert asked[FRAMES, right].mean() > 0.9
-    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    checked = without_contradicted(one, seen_part(one))
     assert (checked.rejected["contradicted"][FRAMES, wrong] == asked[FRAMES, wrong]).all()
     assert checked.rejected["contradicted"][FRAMES, right].sum() <= 2
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
@@ -90,7 +90,7 @@ def test_a_camera_that_shows_another_marker_is_found(scene, other):
     (run,) = [run for run in disagreements(one) if run.marker == wrong]
     assert run.cameras == (0, 1)
     assert worth_checking(one)
-    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    checked = without_contradicted(one, seen_part(one))
     refused = seen & np.isnan(checked.uv_px[..., 0])
     expected = np.zeros_like(seen)
     expected[1, FRAMES, wrong] = seen[0, FRAMES, wrong] & seen[1, FRAMES, wrong]
@@ -105,7 +105,7 @@ def test_nothing_is_refused_where_all_is_right(scene):
     """Two right rays each: 1 of 20 at most, and so few that they are not worth a pass of the filter."""
     bat, pixels, _ = scene
     one = prepared(bat, pixels)
-    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    checked = without_contradicted(one, seen_part(one))
     refused = np.isnan(checked.xyz_m[..., 0]) & np.isfinite(one.xyz_m[..., 0])
     assert unconfirmed(one).sum() > 30
     assert refused.sum() <= 2

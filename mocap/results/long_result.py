@@ -25,9 +25,9 @@ from mocap.markdown import plain
 from mocap.pipeline.blocks import BLOCK, Known, Model, learn_once, tracked_blocks
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
-from mocap.pipeline.potentials import SPACE, joint_potentials
+from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.run import Run
-from mocap.records import MarkerTracks, Status, TrackedMotion
+from mocap.records import MarkerTracks, Status, tracks_alone
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_run, write_arrays
 from mocap.skeleton import read_skeleton
@@ -163,8 +163,8 @@ def _with_potentials(run: Run) -> Run:
     markers = run.tracked.markers
     return replace(
         run,
-        potentials=joint_potentials(run.joints, markers, run.skeleton),
-        spatial_potentials=joint_potentials(run.joints, markers, run.skeleton, frame=SPACE),
+        potentials=joint_potentials(run.joints[FRAME], markers, run.skeleton),
+        spatial_potentials=joint_potentials(run.joints[SPACE], markers, run.skeleton),
     )
 
 
@@ -259,7 +259,7 @@ def load_range(folder: Path, frames: range) -> Run:
         whole,
         cameras=(),
         ideal_px=None,
-        tracked=_of_markers(markers, whole.tracked.model),
+        tracked=tracks_alone(markers, whole.tracked.model),
         motion=without_rates(
             markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, markers.status == Status.MEASURED
         ),
@@ -275,17 +275,3 @@ def _axes(markers: MarkerTracks, trunk: tuple[str, ...]):
         xyz = markers.xyz_m
     dt_s = float(markers.t_s[1] - markers.t_s[0]) if len(markers.t_s) > 1 else 1.0
     return body_frames(xyz, dt_s=dt_s, cutoff_hz=JOINT_HZ)
-
-
-def _of_markers(markers: MarkerTracks, model: str) -> TrackedMotion:
-    n_frames, n_markers = markers.status.shape
-    return TrackedMotion(
-        model=model,
-        markers=markers,
-        reprojected_px=np.zeros((0, n_frames, n_markers, 2)),
-        innovation_px=np.zeros((0, n_frames, n_markers, 2)),
-        used=np.zeros((0, n_frames, n_markers), dtype=bool),
-        nis=np.full(n_frames, np.nan),
-        n_rows=np.zeros(n_frames, dtype=np.int64),
-        log_likelihood=np.zeros(n_frames),
-    )

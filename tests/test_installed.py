@@ -292,6 +292,6 @@ def test_the_main_job_needs_no_extra():
         "for name in ('jax', 'trimesh', 'manifold3d', 'networkx', 'lxml', 'av', 'openpyxl', 'uvicorn', 'pytest', "
         "'sklearn'):\n"
         "    sys.modules[name] = None\n"
-        "import mocap, mocap.library.tracked, mocap.library.learning, mocap.rerun.record, mocap.pipeline.demo\n"
+        "import mocap, mocap.results.tracked, mocap.pipeline.learning, mocap.rerun.record, mocap.pipeline.demo\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True)

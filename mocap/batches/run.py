@@ -19,8 +19,8 @@ from mocap.batches.one import stated_of
 from mocap.batches.summary import TIMES, counted, read_times, summed, table, write_summary, write_times
 from mocap.batches.trial import Trial
 from mocap.errors import MocapError, OutputError
-from mocap.library.tracked import Tracked, load
 from mocap.pipeline.job import Model as ModelName
+from mocap.results.tracked import Tracked, load
 from mocap.text import as_text
 
 PathText = str | PathLike[str]

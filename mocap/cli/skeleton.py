@@ -55,7 +55,7 @@ def skeleton(
         sys.stdout.flush()
     trunk = f"a trunk of {counts['trunk']} markers" if counts["trunk"] else "no trunk"
     say(
-        *recording.findings,
+        *map(str, recording.findings),
         f"proposed: {counts['markers']} markers, {counts['bones']} bones, {counts['joints']} joints, {trunk}; check "
         "and correct it",
         *([] if counts["cycles"] else ["no limb moves in cycles: cycles.csv stays empty unless [measures] names one"]),

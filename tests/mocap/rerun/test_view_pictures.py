@@ -15,12 +15,12 @@ from mocap.pipeline.run import Run
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.gaps import gap_map_view
-from mocap.rerun.headless import Headless
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.rerun.row_map import WIDE, row_map_view
 from mocap.rerun.scene_views import camera_view, scene_view
 from mocap.rerun.series import series_view
 from mocap.rerun.tabs.joints import heat_map_view, spectrum_view, surface_view, volume_view
+from tests.mocap.rerun.headless import Headless
 
 FRAME = 33
 SHIFT_PX = 12.0

@@ -7,7 +7,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mocap.batches.run import Batch, batch
+    from mocap.batches.run import Batch, batch, load_batch
     from mocap.errors import MocapError
     from mocap.io.format import Hints
     from mocap.library.digitised import Digitised, digitise
@@ -42,6 +42,7 @@ __all__ = [
     "learn",
     "learn_joints",
     "load",
+    "load_batch",
     "load_model",
     "processes",
     "propose_skeleton",
@@ -68,6 +69,7 @@ _PLACES = {
     "learn": "mocap.library.learning",
     "learn_joints": "mocap.library.many",
     "load": "mocap.library.tracked",
+    "load_batch": "mocap.batches.run",
     "processes": "mocap.side_by_side",
     "load_model": "mocap.library.learning",
     "propose_skeleton": "mocap.pipeline.propose_skeleton",

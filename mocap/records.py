@@ -168,7 +168,7 @@ def tracks_alone(markers: MarkerTracks, model: str) -> TrackedMotion:
         markers=markers,
         reprojected_px=none,
         innovation_px=none,
-        used=none[..., 0],
+        used=none[..., 0].astype(bool),
         nis=np.full(n_frames, np.nan),
         n_rows=np.zeros(n_frames),
         log_likelihood=np.zeros(n_frames),

@@ -11,7 +11,7 @@ from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.filters.joint_types import Articulation, undetermined
-from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.pose import BETA, LAM, WEIGHT
 from mocap.findings import alarms
 from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
@@ -46,7 +46,7 @@ def make_report(
     found = [*prepared.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
     if not potentials and prepared.plane is None:
         found.append(sentences.no_joints(prepared.skeleton))
-    origin, pose = tracked.markers.status, PoseSettings()
+    origin = tracked.markers.status
     total = origin.size
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
@@ -61,9 +61,9 @@ def make_report(
         "model": {
             "name": tracked.model,
             "why": why_model,
-            "beta": pose.beta,
-            "lambda": pose.lam,
-            "weight": pose.weight,
+            "beta": BETA,
+            "lambda": LAM,
+            "weight": WEIGHT,
         },
         "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
         "filled": int(np.isin(origin, [Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED]).sum()),

@@ -211,7 +211,7 @@ def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) ->
     """Samples (T, M) that were rejected for a reason (``REASONS``, ``DOUBTFUL``), by the names of their markers."""
     if not mask.any():
         return []
-    which = np.flatnonzero(mask.any(axis=0)) if names else []
+    which = np.flatnonzero(mask.any(axis=0)).tolist() if names else []
     told = f": {', '.join(f'{names[m]} ({mask[:, m].sum()})' for m in which)}" if names else ""
     return [
         Finding(

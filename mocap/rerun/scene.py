@@ -113,7 +113,7 @@ def _body_m(xyz_m: Array) -> float:
     Args:
         xyz_m: (..., M, 3) positions; NaN where unknown.
     """
-    frames = xyz_m.reshape(-1, *xyz_m.shape[-2:])
+    frames = xyz_m.reshape(int(np.prod(xyz_m.shape[:-2])), *xyz_m.shape[-2:])
     known = np.isfinite(frames).all(axis=-1)
     frames = frames[known.sum(axis=1) > max(1, frames.shape[1] // 2)]
     if not len(frames):

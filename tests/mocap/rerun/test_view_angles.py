@@ -99,6 +99,6 @@ def test_a_person_sees_the_line_and_its_band(run, rrd):
         counts = []
         for one in (view, hidden):
             picture = viewer.picture(one, frame=20)
-            counts.append(int((np.abs(picture.astype(int) - palette.SKY_BLUE).max(axis=-1) < 24).sum()))
+            counts.append(int((np.abs(picture.astype(int) - palette.SIDE["left"]).max(axis=-1) < 24).sum()))
     assert counts[0] > 100  # a line across some 300 columns, its edges blurred
     assert counts[1] == 0

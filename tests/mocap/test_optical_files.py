@@ -154,7 +154,7 @@ def test_small_vicon_file(tmp_path, before, after):
 DAMAGED_TSV = {
     "empty": ("", "the file is empty"),
     "cut in a number": (TSV.removesuffix("0\t\r\n"), "line 7 has 7 cells, expected 8 as the header states"),
-    "cut between rows": (TSV.split("12\t")[0], "1 rows, but NO_OF_FRAMES says 2"),
+    "no rows": (TSV.split("11\t")[0], "no frames after the header"),
     "no names": (re.sub(r"MARKER_NAMES[^\n]*\n", "", TSV), "no line MARKER_NAMES"),
     "a name short": (TSV.replace("\troot\r", "\r"), "NO_OF_MARKERS is 2, with 1 names"),
     "the same name twice": (TSV.replace("\troot\r", "\ttip\r"), "marker 'tip' appears twice"),

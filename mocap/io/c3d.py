@@ -14,7 +14,7 @@ from mocap.errors import FormatError
 from mocap.io.c3d_head import BLOCK, INTEL, Head, not_read, read_head, reals, record, whole_numbers
 from mocap.io.contents import FILLED, FileContents, point_recording, points_of
 from mocap.io.format import Format
-from mocap.io.optical import UNIT_M, metres, told_apart
+from mocap.io.optical import metres, told_apart, unit_of
 from mocap.records import Status
 
 _NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
@@ -56,7 +56,7 @@ def read_c3d(path: Path) -> FileContents:
     names, renamed = told_apart([name for name, kept in zip(labels, keep, strict=True) if kept])
     findings += renamed
     said = (head.words("POINT:UNITS") or [""])[0].strip().lower()
-    unit = said if said in UNIT_M else None
+    unit = unit_of(said)
     if unit is None:
         findings.append(f"the unit of lengths is {said!r}" if said else "the unit of lengths is not in the file")
     fps, told = _rate(head)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.audit.finding import MOST, Finding
+from mocap.findings import MOST, Finding
 from mocap.io.placeholders import rounding
 from mocap.records import MarkerTracks, PixelTracks
 

@@ -2,7 +2,9 @@
 
 import ast
 import re
+import subprocess
 from dataclasses import replace
+from subprocess import CompletedProcess, TimeoutExpired
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from mocap.audit.geometry import camera_findings
 from mocap.audit.inspect import inspect
 from mocap.cameras.camera import dlt_coefficients, record, stacked, undistorted
 from mocap.cameras.triangulate import linear, refine
+from mocap.errors import FormatError
 from mocap.io.describe import summary
 from mocap.io.dltdv import write_points
 from mocap.io.format import Hints
@@ -216,3 +219,15 @@ def test_what_readers_say_has_evidence():
         said += [(path.name, str(text.value)) for text in texts if text not in docstrings]
     assert len(said) > 1000
     assert not [one for one in said if re.search(r"\b(damaged|corrupt|edited|is cut|was cut or)\b", one[1])]
+
+
+def test_a_busy_computer_is_no_damaged_file(tmp_path, monkeypatch):
+    """A reader that had no time says so; one that is ended by its library says that."""
+    path = tmp_path / "a.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    monkeypatch.setattr(subprocess, "run", lambda *_, timeout, **__: (_ for _ in ()).throw(TimeoutExpired("", timeout)))
+    with pytest.raises(FormatError, match=r"a\.h5: was not read as HDF5 within \d+ s: try again"):
+        read(path)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: CompletedProcess("", -11, b"", b""))
+    with pytest.raises(FormatError, match=r"a\.h5: the library that reads HDF5 crashed on it"):
+        read(path)

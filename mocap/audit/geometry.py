@@ -43,7 +43,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
                         kind="copied cameras",
                         alarm=True,
                         text=f"cameras {a.name!r} and {b.name!r} have identical calibrations: one was copied from "
-                        "the other, and points reconstructed with it are wrong",
+                        "the other, and points reconstructed with it are wrong, or both are tracks of one camera",
                         cameras=(a.name, b.name),
                     )
                 )
@@ -98,7 +98,9 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
     ]
     order = np.argsort(left)
     worst = int(order[0])
-    if left[worst] * 4 < whole and left[worst] * 2 < left[int(order[1])] and whole > 1.0:
+    scatter = _jitter(ideal_px[worst : worst + 1])
+    clicked = MANY_SD * scatter if scatter else LARGE_PX  # careless clicks miss by no more
+    if left[worst] * 4 < whole and left[worst] * 2 < left[int(order[1])] and whole > max(1.0, clicked):
         camera = cameras[worst]
         numbers = {"with_px": whole, "without_px": left[worst]}
         how = ""

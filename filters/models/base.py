@@ -39,12 +39,14 @@ class TrialSet:
         trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
         anatomy: What is known of the animal.
         regressed: What regressions made of the last trial, by their settings.
+        learned: What pose models learned from the trials, by theirs.
     """
 
     trials: Sequence[MarkerTrial]
     anatomy: Anatomy
     _shapes: dict[tuple[int, ...], Shapes] = field(default_factory=dict)
     regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
+    learned: dict["TrajectoryModel", Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Other animals are scaled to the size of the last trial's."""
@@ -54,6 +56,10 @@ class TrialSet:
     def poses(self) -> list[PoseTrial]:
         """Those of all trials."""
         return poses_of(self.trials, self.anatomy.trunk)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process, which learns itself: a person's own potential may be no function that is sent."""
+        return self.__dict__ | {"learned": {}}
 
     def shapes(self, ranks: tuple[int, ...]) -> tuple[list[PoseTrial], Shapes]:
         """Poses, and their shapes in a subspace of one of the ranks."""

@@ -105,8 +105,11 @@ class PoseSettings(TrajectoryModel):
         return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s)
 
     def _learned(self, trials: TrialSet) -> PoseMotion:
-        poses, shapes = trials.shapes(self.ranks)
-        return learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        """Without regression, and with the process noise of the mechanics; once for all that ask."""
+        own, (poses, shapes) = replace(self, covariance=(), process_noise=0.0), trials.shapes(self.ranks)
+        if own not in trials.learned:
+            trials.learned[own] = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        return trials.learned[own]
 
     def regressed(self, trials: TrialSet) -> Regression | None:
         """What a regression on the other markers has where markers of the last trial are not seen."""
@@ -119,8 +122,7 @@ class PoseSettings(TrajectoryModel):
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping of its mechanics; bones."""
-        poses, shapes = trials.shapes(self.ranks)
-        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        shapes, model = trials.shapes(self.ranks)[1], self._learned(trials)
         return {
             "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
             "pose_basis": shapes.subspace.basis.reshape(-1, 3, model.rank),

@@ -22,7 +22,7 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
 from mocap.filters.records import Estimate
 from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.tracking import Part, learn_motion, marker_trial, part_names, track, why_no_pose
+from mocap.pipeline.tracking import Part, marker_trial, part_names, track, why_no_pose
 
 FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
@@ -123,6 +123,8 @@ def without_contradicted(
         settings: Of the pose model, where there is no learned one.
         learned: A model of other trials.
     """
+    if _can_expect(prepared, part, learned):
+        settings = _tuned(prepared, part, settings, learned)
     checked = _without_wrong_rays(prepared, part, settings, learned)
     if disagreements(prepared) and not _many(prepared):
         return checked  # few points of two rays are not worth the pass
@@ -304,13 +306,23 @@ def _ray_distances(
     return np.einsum("gi,gi->g", miss, np.linalg.solve(cov, miss[..., None])[..., 0])
 
 
-def _pose_filter(prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None) -> FittedMotion:
-    """The pose model alone, without a regression."""
+def _tuned(prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None) -> PoseSettings:
+    """Without a regression, and with the process noise that all passes share: each would look for it anew."""
     pose = settings if learned is None else learned.models[-1]
     alone = replace(pose if isinstance(pose, PoseSettings) else settings, regression=0.0)
-    if learned is None:
-        return learn_motion(prepared, part, "eal", settings=alone)
-    return alone.fit(trials_for(learned, part_names(prepared, part), marker_trial(prepared, part)))
+    return alone if alone.process_noise else alone.tuned(_trials(prepared, part, learned))
+
+
+def _pose_filter(prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None) -> FittedMotion:
+    """The pose model of what is left of the recording, and of other trials."""
+    return settings.fit(_trials(prepared, part, learned))
+
+
+def _trials(prepared: Prepared, part: Part, learned: LearnedModel | None) -> TrialSet:
+    names, skeleton, own = part_names(prepared, part), prepared.skeleton, marker_trial(prepared, part)
+    if learned is not None:
+        return trials_for(learned, names, own)
+    return TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid))
 
 
 def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:

@@ -60,7 +60,7 @@ bench: setup
 	    attack full_pass; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
-	$(BIN)/python -m mocap.rerun.pictures docs/pictures
+	$(BIN)/python -m docs.tools.view_pictures docs/pictures
 
 licences: setup
 	$(BIN)/python -m docs.tools.licences

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
 from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import offset_findings
@@ -16,6 +15,7 @@ from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.cameras.origin import PixelOrigin, StatedOrigin, decide_origin, ideal_pixels
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
+from mocap.findings import Finding, alarms
 from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelTracks
 

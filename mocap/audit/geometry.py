@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit.finding import Finding
 from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
 from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.findings import Finding
 
 LARGE_PX = 8.0
 """A median residual above this, and above ``MANY_SD`` deviations of the clicks' jitter, is warned of."""

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.audit.finding import MOST, Finding
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.findings import MOST, Finding
 from mocap.io.placeholders import rounding
 from mocap.records import MarkerTracks
 

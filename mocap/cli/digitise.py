@@ -57,7 +57,7 @@ def digitise(
 
     if web:
         from mocap import web as pages  # before all that needs the extra, which it names
-        from mocap.library.digitise_page import digitise_page, open_session
+        from mocap.digitising.page import digitise_page, open_session
 
         session = open_session(
             films,

@@ -18,6 +18,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked
 from mocap.kinematics.points import asked_for
+from mocap.pipeline import sentences
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.recording import Filmed, Recording
 from mocap.pipeline.tracking import Part
@@ -69,9 +70,7 @@ def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
     calibrated = source.calibration_origin or corner
     height = source.image_height_px or image_heights(cameras)[0]
     if source.pixel_origin is None and usual is None and any(camera.lens is not None for camera in cameras):
-        told += (
-            f"pixels were taken to be counted from the {corner} corner, which one camera cannot tell: state `origin`",
-        )
+        told += (sentences.unknown_corner(corner),)
     decision = PixelOrigin(
         pixels=corner,
         coefficients=calibrated,
@@ -157,22 +156,7 @@ def _prepared(
     residual = np.full((n_frames, n_markers), np.nan)
     xyz[inside], cov[inside], residual[inside] = found.estimate.xyz_m, found.estimate.cov_m2, found.residual_px
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
-    told = [
-        *filmed.told,
-        *source.findings,
-        "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
-        "deviations along the line of sight are the largest",
-    ]
-    if found.other > UNDECIDED:
-        told.append(
-            f"the pose or its mirror image: the other has a probability of {found.other:.0%}, and intervals cover both"
-        )
-    strange = found.unlike
-    if strange.any():
-        told.append(
-            f"{strange.sum()} frames show poses unlike those of the trials and were left empty; of frames of trials "
-            "that a model was not learned from, 1 % are"
-        )
+    other = found.other if found.other > UNDECIDED else None
     rays = np.full(filmed.ideal_px.shape[:3], noise)
     return Prepared(
         name=source.name,
@@ -193,5 +177,5 @@ def _prepared(
         rays_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
         max_speed_m_s=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
-        findings=tuple(told),
+        findings=(*filmed.told, *source.findings, *sentences.one_camera(other, int(found.unlike.sum()))),
     )

@@ -9,11 +9,11 @@ from readback import column, entities
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle
 from mocap.rerun import palette, paths
-from mocap.rerun.headless import Headless
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.rerun.series import robust_range, series_view
 from mocap.rerun.tabs.angles import sections
 from mocap.sides import by_side
+from tests.mocap.rerun.headless import Headless
 
 NAME = "L_elbow_flexion_deg"
 PATH = paths.quantity("left", NAME)

@@ -21,10 +21,10 @@ from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, foot
 from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
-from mocap.library.learning import Model, load_model
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.job import Model as ModelName
+from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
@@ -47,8 +47,8 @@ from mocap.text import file_names
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from mocap.library.figures import Plots
     from mocap.pipeline.limb_mechanics import LimbMechanics
+    from mocap.plots.notebook import Plots
     from mocap.rerun.viewer import Viewer
     from mocap.results.scaled_osim import Factor
 
@@ -255,7 +255,7 @@ class Tracked:
     def write_kinematics(
         self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent, pictures: bool = True
     ) -> list[str]:
-        """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
+        """Write tables (``kinematics``, ``cycles``, ``angles``), ``figures/`` and ``report.html`` into a folder.
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
@@ -269,7 +269,7 @@ class Tracked:
         """
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
-            write_cycles(self._cycles, folder / "cycles.csv")
+            write_cycles(self.kinematics, self._cycles, folder)
             refused = []
             for kind in exports:
                 try:
@@ -380,7 +380,7 @@ class Tracked:
     @property
     def plot(self) -> "Plots":
         """Figures: ``res.plot.over_time("elbow_l_flexion_deg")``, ``by_phase``, ``gait``, ``stroke``, ``gaps``, ..."""
-        from mocap.library.figures import Plots
+        from mocap.plots.notebook import Plots
 
         return Plots(self.run, self.kinematics, self._cycles, self.footfalls)
 
@@ -511,6 +511,6 @@ def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked
         return Tracked(read_run(folder), folder)
     if not is_long(folder):
         raise MocapError(f"{folder}: was tracked at once: load it without `frames`")
-    from mocap.library.blocks import load_range
+    from mocap.results.long_result import load_range
 
     return Tracked(load_range(folder, frames))

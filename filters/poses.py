@@ -117,16 +117,15 @@ class Shapes:
     residual: list[Array]
 
 
-def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int], cutoff_hz: float = 30.0) -> Shapes:
+def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
     """Fit one subspace to trials and read off the motion of the shape.
 
     Args:
         trials: Trials of the same markers and rate.
         ranks: Ranks to choose from, on hidden samples (``fit_subspace``).
-        cutoff_hz: Faster motion of the shape is taken for noise; at most a fifth of the frame rate.
     """
     dt_s = trials[0].dt_s
-    cutoff = min(cutoff_hz, 0.2 / dt_s)
+    cutoff = min(30.0, 0.2 / dt_s)  # Hz: faster motion of the shape is taken for noise
     lengths = [len(trial.y) for trial in trials]
     member = np.repeat(np.arange(len(trials)), lengths)
     y = np.concatenate([trial.y for trial in trials])

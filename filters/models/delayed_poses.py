@@ -15,12 +15,9 @@ import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian_process import Covariance, Rows, fitted, predict
 from mocap.filters.hide import unseen_runs
-from mocap.filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
 from mocap.filters.neighbours import Neighbours, body_itself
-from mocap.filters.observations import Observations
 from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked
 from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
@@ -36,57 +33,6 @@ CUTOFF = 4.0
 """Faster motion in a gap is taken for noise, in radians a unit of the same time."""
 ROWS, OWN = 300, 150
 """Frames to learn from, at most: of the other trials, and of the trial itself, besides those at the edges of gaps."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DelaySettings(TrajectoryModel):
-    """Choices of the regression; its poses are those of the pose models.
-
-    Attributes:
-        ranks: As in ``PoseSettings``, of the subspace that completes poses.
-        covariance: Logarithms of the parameters of the process (``Covariance``); none: learned by each fit.
-    """
-
-    ranks: tuple[int, ...]
-    covariance: tuple[float, ...] = ()
-
-    @property
-    def description(self) -> str:
-        """Its name."""
-        return "regression on the other markers"
-
-    def tuned(self, trials: TrialSet) -> "DelaySettings":
-        """With the covariance under which the trials are likeliest."""
-        poses, shapes = trials.shapes(self.ranks)
-        return replace(self, covariance=tuple(Delayed(poses, shapes, self).covariance().logarithms.tolist()))
-
-    def fit(self, trials: TrialSet) -> "FittedDelays":
-        """Poses and shapes of all trials; the regression itself is learned for each gap."""
-        return FittedDelays(trials, self)
-
-
-@dataclass(frozen=True, eq=False)
-class FittedDelays(Fitted):
-    """What the regression needs to fill the last trial."""
-
-    trials: TrialSet
-    settings: DelaySettings
-
-    def fill(
-        self,
-        observations: Observations | None = None,  # noqa: ARG002
-        *,
-        asked: Asked | None = None,  # noqa: ARG002
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """From the trial's own positions; once for all that ask."""
-        known, own = self.trials.regressed, self.settings
-        if own not in known:
-            poses, shapes = self.trials.shapes(own.ranks)
-            known[own] = fill_delayed(self.trials.trials[-1].seen, poses, shapes, own)
-        if progress is not None:
-            progress(1.0)
-        return known[own]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +53,7 @@ class Gap:
 
 
 def fill_delayed(
-    seen: NDArray[np.bool_], trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings
+    seen: NDArray[np.bool_], trials: Sequence[PoseTrial], shapes: Shapes, covariance: tuple[float, ...] = ()
 ) -> Estimate:
     """Fill the gaps of a trial.
 
@@ -115,20 +61,21 @@ def fill_delayed(
         seen: (T, M) samples of it that were measured.
         trials: Poses of all trials; the last is this one.
         shapes: Their shapes.
-        settings: Choices.
+        covariance: Logarithms of the parameters of the process (``Covariance``); none: those under which the trials are
+            likeliest.
 
     Returns:
         NaN where the trial has a measurement, and where there is nothing to estimate from.
     """
-    known = Delayed(trials, shapes, settings)
-    covariance, frames = known.covariance(), trials[-1].frames
+    known, frames = Delayed(trials, shapes), trials[-1].frames
+    law = Covariance.of(np.array(covariance)) if covariance else known.covariance()
     y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3, 3), np.nan)
     alike: dict[tuple[int, bytes], list[Gap]] = {}
     for gap in gaps_of(seen):
         alike.setdefault((gap.marker, gap.others.tobytes()), []).append(gap)
     for gaps in alike.values():
         for k in range(0, len(gaps), TOGETHER):
-            known.fill(gaps[k : k + TOGETHER], covariance, y, spread)
+            known.fill(gaps[k : k + TOGETHER], law, y, spread)
     track = known.poses[-len(seen) :]
     for gap in (gap for gaps in alike.values() for gap in gaps):
         m = gap.marker
@@ -147,9 +94,8 @@ class Delayed:
         tau: Frames in which the motion turns by a radian.
     """
 
-    def __init__(self, trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings) -> None:
+    def __init__(self, trials: Sequence[PoseTrial], shapes: Shapes) -> None:
         """Poses that are well enough known, evenly spread over the trials."""
-        self.settings = settings
         whole = completed(trials, shapes)
         self.poses = np.concatenate(whole).reshape(-1, whole[0].shape[1] // 3, 3)
         self._length = np.array([len(y) for y in whole])
@@ -166,8 +112,6 @@ class Delayed:
 
     def covariance(self) -> Covariance:
         """The covariance by which six sets of hidden markers are likeliest: one, a quarter, half of them; two each."""
-        if self.settings.covariance:
-            return Covariance.of(np.array(self.settings.covariance))
         rng = np.random.default_rng(1)
         parts = np.split(self._seen, self._start[1:])
         present = np.flatnonzero(np.mean([seen.mean(axis=0) for seen in parts], axis=0) > 0.1)

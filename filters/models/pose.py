@@ -10,7 +10,7 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
 from mocap.filters.mechanics import Motion, joined, linear_shape
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from mocap.filters.models.delayed_poses import DelaySettings
+from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
@@ -56,10 +56,10 @@ class PoseSettings(TrajectoryModel):
             takes their place.
         bones: Of rigid bones: how often V_b (``motion.bones``) is charged while the motion turns by a
             radian. Bones are not counted anew in each frame, as what they say of neighbouring ones is the same.
-        regression: What a regression on the other markers predicts (``DelaySettings``) is one more observation of a
+        regression: What a regression on the other markers predicts (``delayed_poses``) is one more observation of a
             marker that is not seen. It errs alike for so many of the times in which the motion turns by a radian, and
             counts once in each; 0: there is none.
-        covariance: Of the regression (``DelaySettings``).
+        covariance: Of the regression (``fill_delayed``).
     """
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
@@ -76,11 +76,6 @@ class PoseSettings(TrajectoryModel):
         others = (" + bones" if self.bones else "") + (" + regression on other markers" if self.regression else "")
         return "linear mechanics" + _HELD[self.potential] + others
 
-    @property
-    def _regression(self) -> DelaySettings:
-        """About the same body."""
-        return DelaySettings(ranks=self.ranks, covariance=self.covariance)
-
     def pull(self, samples: Array, *, rate: float, over: Over = lambda kernel: kernel) -> Callable[[Array], Array]:
         """Gradient of the potential of samples (N, d), here of V_z.
 
@@ -95,7 +90,8 @@ class PoseSettings(TrajectoryModel):
 
     def tuned(self, trials: TrialSet) -> "PoseSettings":
         """With the covariance of its regression, and the likeliest process noise."""
-        covariance = self._regression.tuned(trials).covariance if self.regression else ()
+        law = Delayed(*trials.shapes(self.ranks)).covariance().logarithms if self.regression else np.zeros(0)
+        covariance = tuple(law.tolist())
         return replace(self, covariance=covariance, process_noise=likely_noise(self._learned(trials), trials))
 
     def fit(self, trials: TrialSet) -> FittedMotion:
@@ -105,22 +101,26 @@ class PoseSettings(TrajectoryModel):
         return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s)
 
     def _learned(self, trials: TrialSet) -> PoseMotion:
-        poses, shapes = trials.shapes(self.ranks)
-        return learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        """Without regression, and with the process noise of the mechanics; once for all that ask."""
+        own, (poses, shapes) = replace(self, covariance=(), process_noise=0.0), trials.shapes(self.ranks)
+        if own not in trials.learned:
+            trials.learned[own] = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        return trials.learned[own]
 
     def regressed(self, trials: TrialSet) -> Regression | None:
         """What a regression on the other markers has where markers of the last trial are not seen."""
         if not self.regression:
             return None
-        _, shapes = trials.shapes(self.ranks)
-        found = self._regression.fit(trials).fill()
+        (poses, shapes), key = trials.shapes(self.ranks), (self.ranks, self.covariance)
+        if key not in trials.regressed:
+            trials.regressed[key] = fill_delayed(trials.trials[-1].seen, poses, shapes, self.covariance)
+        found = trials.regressed[key]
         lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
         return Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3)))
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping of its mechanics; bones."""
-        poses, shapes = trials.shapes(self.ranks)
-        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        shapes, model = trials.shapes(self.ranks)[1], self._learned(trials)
         return {
             "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
             "pose_basis": shapes.subspace.basis.reshape(-1, 3, model.rank),

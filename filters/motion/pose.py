@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
+from eal.vectors import skew
 
 LEAST_SD = 0.05
 """Potentials do not look along directions of a pose that are known better than to this share of what was recorded."""
@@ -273,7 +274,7 @@ class PoseMotion(MotionModel):
         rows = np.zeros((len(pose), 3, g.stop))
         rows[:, :, :r] = self.subspace.basis.reshape(-1, 3, r)
         rows[:, :, g.start : g.start + 3] = turn.T
-        rows[:, :, g.start + 3 :] = -_skew(pose) @ (own.T @ jacobian)
+        rows[:, :, g.start + 3 :] = -skew(pose) @ (own.T @ jacobian)
         place = pose @ turn.T + self.path.frames.position_m[frame] + mean[g][:3]
         return View(place, rows.reshape(-1, g.stop), self.chains, turn)
 
@@ -302,7 +303,7 @@ class PoseMotion(MotionModel):
         count = len(pose)
         out = np.zeros((count, 6, n))
         position, speed = out[:, :3], out[:, 3:]
-        carried = rotation @ _skew(omega) @ turned  # d v / d u
+        carried = rotation @ skew(omega) @ turned  # d v / d u
         each, decay = np.arange(count), self.residual_rate_hz.reshape(-1, 3)
         shapes = basis.reshape(count, 3, r)
         position[:, :, :r] = whole @ shapes
@@ -313,9 +314,9 @@ class PoseMotion(MotionModel):
             speed[each, :, e_rate.start + 3 * each + column] = whole[:, column]
         here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
         position[:, :, here] = np.eye(3)
-        lever = _skew(pose)
+        lever = skew(pose)
         position[:, :, there] = -rotation @ lever
-        speed[:, :, there] = -rotation @ (_skew(pose_rate) + _skew(omega) @ lever)
+        speed[:, :, there] = -rotation @ (skew(pose_rate) + skew(omega) @ lever)
         speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
         speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
         return velocity, out.reshape(-1, n)
@@ -421,11 +422,3 @@ def _exponential(w: Array) -> tuple[Array, Array]:
         )
 
     return matrix(sine, versine), matrix(versine, rest)
-
-
-def _skew(v: Array) -> Array:
-    """(..., 3, 3) matrices of the cross product with (..., 3) vectors."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
-    out[..., 1, 2], out[..., 2, 0], out[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
-    return out

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
 from mocap.filters.models import delayed_poses
-from mocap.filters.models.base import TrialSet, estimate
-from mocap.filters.models.delayed_poses import Delayed, DelaySettings, completed, fill_delayed, gaps_of
-from mocap.filters.observations import PositionObservations
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.delayed_poses import Delayed, completed, fill_delayed, gaps_of
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 
 from tests.filters.test_gaps_in_trials import trial_of
 
-SETTINGS = DelaySettings(ranks=(2,))
+RANKS = (2,)
 TRUNK = [0, 1, 2, 3]
 
 
@@ -25,10 +24,10 @@ def lost(trial, marker, frames):
     return replace(trial, xyz_m=xyz)
 
 
-def filled(trial, *, others=(1, 2), settings=SETTINGS) -> Estimate:
+def filled(trial, *, others=(1, 2)) -> Estimate:
     """What the regression says of a trial, learned from others."""
     fitting = TrialSet([*(trial_of(seed) for seed in others), trial], Anatomy(tuple(TRUNK)))
-    return estimate(settings, fitting, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
+    return fill_delayed(trial.seen, *fitting.shapes(RANKS))
 
 
 def test_it_speaks_of_gaps_alone():
@@ -117,7 +116,7 @@ def test_a_marker_that_nobody_saw_has_no_position():
     """Not in this trial, not in the others: nothing is said, rather than anything."""
     gone = [lost(trial_of(seed), 6, slice(None)) for seed in (1, 2, 3)]
     fitting = TrialSet(gone, Anatomy(tuple(TRUNK)))
-    found = estimate(SETTINGS, fitting, PositionObservations(xyz_m=gone[-1].xyz_m, sd_m=gone[-1].sd_m))
+    found = fill_delayed(gone[-1].seen, *fitting.shapes(RANKS))
     assert np.isnan(found.xyz_m).all()
 
 
@@ -144,8 +143,8 @@ def test_regressors_are_delayed_poses_whose_ends_are_held():
 
     From the neighbours all delays are in the frame of the row itself.
     """
-    poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(SETTINGS.ranks)
-    known = Delayed(poses, shapes, SETTINGS)
+    poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(RANKS)
+    known = Delayed(poses, shapes)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
     others = np.isin(np.arange(8), (1, 4, 6))
@@ -177,7 +176,7 @@ def test_gaps_are_found_with_their_edges():
 def test_poses_are_completed_where_they_are_not_seen():
     """Measured entries stay to the last bit; a hidden wing is put where the subspace has it, within 2 mm of 60."""
     trial = lost(trial_of(3), 5, slice(40, 70))
-    poses, shapes = TrialSet([trial_of(1), trial], Anatomy(tuple(TRUNK))).shapes(SETTINGS.ranks)
+    poses, shapes = TrialSet([trial_of(1), trial], Anatomy(tuple(TRUNK))).shapes(RANKS)
     whole = completed(poses, shapes)[-1].reshape(*trial.seen.shape, 3)
     measured = poses[-1].y.reshape(whole.shape)
     np.testing.assert_array_equal(whole[trial.seen], measured[trial.seen])
@@ -193,5 +192,5 @@ def test_a_short_trial_alone_is_filled(monkeypatch):
     trial = MarkerTrial(name="short", t_s=0.01 * np.arange(5), xyz_m=xyz, sd_m=np.full((5, 4), 1e-4))
     poses, shapes = TrialSet([trial], Anatomy(tuple(TRUNK))).shapes((1,))
     monkeypatch.setattr(delayed_poses, "LAGS", np.array((-300.0, 0.0, 300.0)))
-    found = fill_delayed(trial.seen, poses, shapes, DelaySettings(ranks=(1,)))
+    found = fill_delayed(trial.seen, poses, shapes)
     assert np.isfinite(found.xyz_m[2, 1]).all()

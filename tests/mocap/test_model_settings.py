@@ -10,7 +10,6 @@ from mocap.filters.hidden_gaps import Effort, hidden_gaps, mixed
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.constant_velocity import MarkerSettings
-from mocap.filters.models.delayed_poses import DelaySettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import MODELS
 from mocap.filters.models.singer import LastingSettings
@@ -23,7 +22,6 @@ POSE = PoseSettings(ranks=(2,), body=1 / 3)
 EXAMPLES = {
     "articulated": ArticulatedSettings(pose=POSE),
     "constant velocity": MarkerSettings(acceleration=0.1),
-    "delayed poses": DelaySettings(ranks=(2,)),
     "lasting acceleration": LastingSettings(),
     "pose": POSE,
 }

@@ -7,7 +7,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mocap.batches.run import Batch, batch
+    from mocap.batches.run import Batch, batch, load_batch
     from mocap.digitising.digitised import Digitised, digitise
     from mocap.digitising.labelled import LabelledRecording, label
     from mocap.errors import MocapError
@@ -44,6 +44,7 @@ __all__ = [
     "learn",
     "learn_joints",
     "load",
+    "load_batch",
     "load_model",
     "processes",
     "propose_skeleton",
@@ -71,6 +72,7 @@ _PLACES = {
     "learn": "mocap.pipeline.learning",
     "learn_joints": "mocap.results.many",
     "load": "mocap.results.tracked",
+    "load_batch": "mocap.batches.run",
     "processes": "mocap.side_by_side",
     "load_model": "mocap.pipeline.learning",
     "propose_skeleton": "mocap.pipeline.propose_skeleton",

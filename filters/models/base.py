@@ -43,21 +43,23 @@ class TrialSet:
 
     trials: Sequence[MarkerTrial]
     anatomy: Anatomy
-    _poses: dict[float, list[PoseTrial]] = field(default_factory=dict)
-    _shapes: dict[tuple, Shapes] = field(default_factory=dict)
+    _shapes: dict[tuple[int, ...], Shapes] = field(default_factory=dict)
     regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Other animals are scaled to the size of the last trial's."""
         self.trials = [*sized_like(self.trials[:-1], self.trials[-1]), self.trials[-1]]
 
-    def shapes(self, *, ranks: tuple[int, ...], body_hz: float) -> tuple[list[PoseTrial], Shapes]:
-        """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
-        if body_hz not in self._poses:
-            self._poses[body_hz] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz)
-        if (body_hz, ranks) not in self._shapes:
-            self._shapes[body_hz, ranks] = shapes_of(self._poses[body_hz], ranks=ranks)
-        return self._poses[body_hz], self._shapes[body_hz, ranks]
+    @cached_property
+    def poses(self) -> list[PoseTrial]:
+        """Those of all trials."""
+        return poses_of(self.trials, self.anatomy.trunk)
+
+    def shapes(self, ranks: tuple[int, ...]) -> tuple[list[PoseTrial], Shapes]:
+        """Poses, and their shapes in a subspace of one of the ranks."""
+        if ranks not in self._shapes:
+            self._shapes[ranks] = shapes_of(self.poses, ranks=ranks)
+        return self.poses, self._shapes[ranks]
 
     @cached_property
     def bones(self) -> Bones:

@@ -10,7 +10,6 @@ so errs differently from the motion models, which makes a mixture of both better
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from mocap.filters.body_axes import BodyFrames
@@ -31,6 +30,12 @@ EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""
 TOGETHER = 25
 """Gaps of a marker that are filled at once, at most."""
+LAGS = np.array((-1.2, -0.4, 0.0, 0.4, 1.2))
+"""Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot)."""
+CUTOFF = 4.0
+"""Faster motion in a gap is taken for noise, in radians a unit of the same time."""
+ROWS, OWN = 300, 150
+"""Frames to learn from, at most: of the other trials, and of the trial itself, besides those at the edges of gaps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,24 +44,10 @@ class DelaySettings(TrajectoryModel):
 
     Attributes:
         ranks: As in ``PoseSettings``, of the subspace that completes poses.
-        body_hz: As there.
-        lags: Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot).
-        cutoff: Faster motion in a gap is taken for noise, in radians a unit of the same time.
-        rows: Frames of the other trials to learn from, at most.
-        own: Frames of the trial itself, at most, besides those at the edges of gaps.
-        least_known: Poses known better than this are learned from.
-        views: From where a marker is looked at: the body's frame, its neighbours', or both, averaged.
         covariance: Logarithms of the parameters of the process (``Covariance``); none: learned by each fit.
     """
 
     ranks: tuple[int, ...]
-    body_hz: float = 3.0
-    lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
-    cutoff: float = 4.0
-    rows: int = 300
-    own: int = 150
-    least_known: float = 0.8
-    views: tuple[Literal["body", "neighbours"], ...] = ("body", "neighbours")
     covariance: tuple[float, ...] = ()
 
     @property
@@ -66,7 +57,7 @@ class DelaySettings(TrajectoryModel):
 
     def tuned(self, trials: TrialSet) -> "DelaySettings":
         """With the covariance under which the trials are likeliest."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
+        poses, shapes = trials.shapes(self.ranks)
         return replace(self, covariance=tuple(Delayed(poses, shapes, self).covariance().logarithms.tolist()))
 
     def fit(self, trials: TrialSet) -> "FittedDelays":
@@ -91,7 +82,7 @@ class FittedDelays(Fitted):
         """From the trial's own positions; once for all that ask."""
         known, own = self.trials.regressed, self.settings
         if own not in known:
-            poses, shapes = self.trials.shapes(ranks=own.ranks, body_hz=own.body_hz)
+            poses, shapes = self.trials.shapes(own.ranks)
             known[own] = fill_delayed(self.trials.trials[-1].seen, poses, shapes, own)
         if progress is not None:
             progress(1.0)
@@ -143,7 +134,7 @@ def fill_delayed(
         m = gap.marker
         if np.isfinite(y[gap.inside, m]).all():
             path = np.where(seen[:, m, None], track[:, m], y[:, m])
-            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, settings.cutoff / known.tau)
+            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, CUTOFF / known.tau)
     xyz = np.einsum("tij,tmj->tmi", frames.rotation, y) + frames.position_m[:, None]
     return Estimate(xyz_m=xyz, cov_m2=np.einsum("tij,tmjl,tkl->tmik", frames.rotation, spread, frames.rotation))
 
@@ -165,11 +156,11 @@ class Delayed:
         self._start = np.cumsum(self._length) - self._length
         self._last = len(trials) - 1
         self.tau = radian(shapes) / trials[-1].dt_s
-        self._lags = np.unique(np.round(np.array(settings.lags) * self.tau).astype(int))
+        self._lags = np.unique(np.round(LAGS * self.tau).astype(int))
         self._seen = np.concatenate([np.isfinite(trial.y[:, ::3]) for trial in trials])
-        known = known_shapes(shapes, settings.least_known)
+        known = known_shapes(shapes)
         rows = [(k, frame) for k, mask in enumerate(known[:-1]) for frame in np.flatnonzero(mask)]
-        self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), settings.rows)]
+        self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), ROWS)]
         self._own = known[-1]
         self._apart = _apart(self.poses[np.concatenate(known)])
 
@@ -200,7 +191,7 @@ class Delayed:
         marker, others = gaps[0].marker, gaps[0].others
         edges = np.unique(np.concatenate([gap.edges for gap in gaps]))
         inside = np.concatenate([gap.inside for gap in gaps])
-        frames = self._frames(marker, edges, rows=self.settings.rows, own=self.settings.own)
+        frames = self._frames(marker, edges, rows=ROWS, own=OWN)
         if len(frames) < 2:
             return
         asked = np.column_stack([np.full(len(inside), self._last), inside])
@@ -229,12 +220,11 @@ class Delayed:
         return np.concatenate([frames[_even(len(frames), rows)], last])
 
     def _views(self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64]) -> list["View"]:
-        """Those that are wanted; from the neighbours only if there are three."""
+        """From the body, and from the neighbours if there are three."""
         body = View(marker, others, self._apart[marker, others], None)
-        if np.count_nonzero(others) < 3 or self.settings.views == ("body",):
+        if np.count_nonzero(others) < 3:
             return [body]
-        near = replace(body, near=Neighbours.of(others, self._at(frames), body.apart))
-        return [body, near] if "body" in self.settings.views else [near]
+        return [body, replace(body, near=Neighbours.of(others, self._at(frames), body.apart))]
 
     def _task(self, view: "View", frames: NDArray[np.int64], asked: NDArray[np.int64]) -> "Task":
         """What is known of a marker in some frames, and what is asked of it in others."""

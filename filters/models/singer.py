@@ -13,14 +13,11 @@ from eal.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class LastingSettings(TrajectoryModel):
-    """Choices of lasting accelerations, each marker for itself.
+    """Lasting accelerations, each marker for itself.
 
-    Attributes:
-        memory: An acceleration lasts for so many times sd(velocity) / sd(acceleration): of an oscillation, for so many
-            radians. docs/experiments/lasting_acceleration.md.
+    An acceleration lasts for sd(velocity) / sd(acceleration): of an oscillation, for a radian.
+    docs/experiments/lasting_acceleration.md.
     """
-
-    memory: float = 1.0
 
     @property
     def description(self) -> str:
@@ -30,20 +27,17 @@ class LastingSettings(TrajectoryModel):
     def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn how each marker moves and accelerates in all trials."""
         *others, last = trials.trials
-        model = learn_lasting(last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others], memory=self.memory)
+        model = learn_lasting(last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others])
         return FittedMotion(model, last.t_s)
 
 
-def learn_lasting(
-    xyz_m: Array, *, dt_s: float, others: Sequence[Array] = (), memory: float = 1.0
-) -> LastingAcceleration:
+def learn_lasting(xyz_m: Array, *, dt_s: float, others: Sequence[Array] = ()) -> LastingAcceleration:
     """Of each marker's deviations of velocity and acceleration the geometric mean over all recordings is taken.
 
     Args:
         xyz_m: (T, M, 3) markers in the world; NaN where not seen. One that is never seen starts amid the others.
         dt_s: Time step.
         others: Other recordings of the same markers and rate.
-        memory: See ``LastingSettings``.
     """
     seen = np.isfinite(xyz_m[..., 0])
     start = xyz_m[np.argmax(seen, axis=0), np.arange(xyz_m.shape[1])]
@@ -58,5 +52,5 @@ def learn_lasting(
         start_sd_m=max(extent, 1e-3),
         speed_sd_m_s=2 * max(float(np.sqrt(np.mean(velocity**2))), 1e-3),
         acceleration_m_s2=acceleration,
-        memory_s=memory * max(float(np.median(velocity / acceleration)), dt_s),
+        memory_s=max(float(np.median(velocity / acceleration)), dt_s),
     )

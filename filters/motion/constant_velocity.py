@@ -88,7 +88,7 @@ def apart(chain: Array, noise: Array) -> Move:
     """A step of markers by themselves: (k, k) transition of each coordinate, (M, k, k) covariance of its noise."""
     size = 3 * len(chain)
     each = np.einsum("mab,ij->maibj", noise, np.eye(3)).reshape(-1, size, size)
-    return Move(np.zeros((0, 0)), chain[..., None], each)
+    return Move(np.zeros((0, 0)), chain, each)
 
 
 def positions(mean: Array) -> View:

@@ -30,7 +30,7 @@ USUAL = 1.5
 class OriginError(CalibrationError):
     """The corner cannot be told from one file; other files of its session may tell."""
 
-    page = "explanation/conventions.md"
+    page = "conventions"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.filters.hide import interior_gaps
-from mocap.filters.interpolate import by_poses, interpolated
+from mocap.filters.interpolate import by_chains, by_poses, interpolated
 from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
@@ -72,6 +72,9 @@ def measured_demo(
             filled = interpolated(prepared.xyz_m, prepared.t_s, kind=kind)
             gaps[kind] = compared(filled, None, truth, where).as_json()
         trunk = [prepared.names.index(name) for name in prepared.skeleton.trunk]
+        bones = [(prepared.names.index(bone.a), prepared.names.index(bone.b)) for bone in prepared.skeleton.bones]
+        chained = by_chains(prepared.xyz_m, prepared.t_s, bones, trunk)
+        gaps["chains"] = compared(chained, None, truth, where).as_json()
         for kind in ("conditional_gaussian", "principal_components"):
             filled = by_poses(prepared.xyz_m, prepared.t_s, trunk, kind=kind)
             gaps[kind] = compared(filled, None, truth, where).as_json()

@@ -10,7 +10,6 @@ from mocap.cameras.origin import PixelOrigin, ideal_pixels, image_heights
 from mocap.cleaning.robust_rays import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
-from mocap.filters.models.pose import PoseSettings
 from mocap.filters.moving import asked_of
 from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, track_views
 from mocap.filters.one_view import Views
@@ -125,7 +124,7 @@ def track_one_camera(
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
     own = [names[m] for m in markers]
     trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
-    prior = learn_prior(trials, trunk, PoseSettings())
+    prior = learn_prior(trials, trunk)
     shown = uv[:, part.frames][:, :, markers]
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(shown))), LEAST_PX)
     views = Views(matrices=stacked(filmed.cameras), uv_px=shown, sd_px=np.full(shown.shape[:3], noise))

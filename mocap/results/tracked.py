@@ -255,7 +255,7 @@ class Tracked:
     def write_kinematics(
         self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent, pictures: bool = True
     ) -> list[str]:
-        """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
+        """Write tables (``kinematics``, ``cycles``, ``angles``), ``figures/`` and ``report.html`` into a folder.
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
@@ -269,7 +269,7 @@ class Tracked:
         """
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
-            write_cycles(self._cycles, folder / "cycles.csv")
+            write_cycles(self.kinematics, self._cycles, folder)
             refused = []
             for kind in exports:
                 try:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
+from mocap.filters.models import delayed_poses
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.delayed_poses import Delayed, DelaySettings, completed, fill_delayed, gaps_of
 from mocap.filters.observations import PositionObservations
@@ -15,7 +16,6 @@ from tests.filters.test_gaps_in_trials import trial_of
 
 SETTINGS = DelaySettings(ranks=(2,))
 TRUNK = [0, 1, 2, 3]
-BODY = {"ranks": SETTINGS.ranks, "body_hz": SETTINGS.body_hz}
 
 
 def lost(trial, marker, frames):
@@ -45,14 +45,15 @@ def test_it_speaks_of_gaps_alone():
 
 
 @pytest.mark.parametrize("lags", [(0.0,), (-0.7, -0.35, 0.0, 0.35, 0.7)])
-def test_a_marker_that_moves_with_others_is_found(lags):
+def test_a_marker_that_moves_with_others_is_found(lags, monkeypatch):
     """All wings are on one loop of shapes: what the others show says where the hidden one is.
 
     Three wings of four are seen. The ridge, a tenth of the mean variance, takes less than a tenth of the 20 mm that a
     wing deviates by; smoothing at a cutoff of 4 takes 1 / 4^4 of it; noise is 0.1 mm.
     """
+    monkeypatch.setattr(delayed_poses, "LAGS", np.array(lags))
     trial = lost(trial_of(3), 5, slice(40, 70))
-    miss = (filled(trial, settings=replace(SETTINGS, lags=lags)).xyz_m - trial_of(3).xyz_m)[40:70, 5]
+    miss = (filled(trial).xyz_m - trial_of(3).xyz_m)[40:70, 5]
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 2e-3
 
 
@@ -120,10 +121,11 @@ def test_a_marker_that_nobody_saw_has_no_position():
     assert np.isnan(found.xyz_m).all()
 
 
-def test_few_rows_are_enough():
+def test_few_rows_are_enough(monkeypatch):
     """Forty frames of the others in place of all: a wing is still found within 3 mm of the 20 that it deviates by."""
-    trial = lost(trial_of(3), 5, slice(40, 70))
-    found = filled(trial, settings=replace(SETTINGS, rows=40, own=40))
+    monkeypatch.setattr(delayed_poses, "ROWS", 40)
+    monkeypatch.setattr(delayed_poses, "OWN", 40)
+    found = filled(lost(trial_of(3), 5, slice(40, 70)))
     miss = (found.xyz_m - trial_of(3).xyz_m)[40:70, 5]
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 3e-3
 
@@ -142,7 +144,7 @@ def test_regressors_are_delayed_poses_whose_ends_are_held():
 
     From the neighbours all delays are in the frame of the row itself.
     """
-    poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(**BODY)
+    poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(SETTINGS.ranks)
     known = Delayed(poses, shapes, SETTINGS)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
@@ -175,7 +177,7 @@ def test_gaps_are_found_with_their_edges():
 def test_poses_are_completed_where_they_are_not_seen():
     """Measured entries stay to the last bit; a hidden wing is put where the subspace has it, within 2 mm of 60."""
     trial = lost(trial_of(3), 5, slice(40, 70))
-    poses, shapes = TrialSet([trial_of(1), trial], Anatomy(tuple(TRUNK))).shapes(**BODY)
+    poses, shapes = TrialSet([trial_of(1), trial], Anatomy(tuple(TRUNK))).shapes(SETTINGS.ranks)
     whole = completed(poses, shapes)[-1].reshape(*trial.seen.shape, 3)
     measured = poses[-1].y.reshape(whole.shape)
     np.testing.assert_array_equal(whole[trial.seen], measured[trial.seen])
@@ -183,12 +185,13 @@ def test_poses_are_completed_where_they_are_not_seen():
     assert np.linalg.norm(whole[40:70, 5] - truth[40:70, 5], axis=-1).max() < 2e-3
 
 
-def test_a_short_trial_alone_is_filled():
+def test_a_short_trial_alone_is_filled(monkeypatch):
     """Five frames and a lag that reaches beyond them all: numbers, and no error."""
     rng = np.random.default_rng(6)
     xyz = rng.normal(0, 0.1, (5, 4, 3))
     xyz[2, 1] = np.nan
     trial = MarkerTrial(name="short", t_s=0.01 * np.arange(5), xyz_m=xyz, sd_m=np.full((5, 4), 1e-4))
-    poses, shapes = TrialSet([trial], Anatomy(tuple(TRUNK))).shapes(**BODY | {"ranks": (1,)})
-    found = fill_delayed(trial.seen, poses, shapes, DelaySettings(ranks=(1,), lags=(-300.0, 0.0, 300.0)))
+    poses, shapes = TrialSet([trial], Anatomy(tuple(TRUNK))).shapes((1,))
+    monkeypatch.setattr(delayed_poses, "LAGS", np.array((-300.0, 0.0, 300.0)))
+    found = fill_delayed(trial.seen, poses, shapes, DelaySettings(ranks=(1,)))
     assert np.isfinite(found.xyz_m[2, 1]).all()

@@ -35,7 +35,6 @@ ALLOWED = {
     "mocap/joint_design": {"eal", "filters", "mocap", "mocap/io", "mocap/pipeline"},
     "mocap/reproduce": {"datasets", "eal", "filters", "mocap", "mocap/cleaning", "mocap/pipeline"},
     "mocap/rerun": {
-        "datasets",
         "eal",
         "filters",
         "mocap",

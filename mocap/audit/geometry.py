@@ -10,7 +10,7 @@ from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
-from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
+from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.findings import Finding
 
@@ -215,26 +215,15 @@ def lens_findings(
     matrices, uv = stacked(cameras), _points(uv_px, most_points)
     if len(cameras) < 2 or uv.shape[1] < 20:
         return []
-
-    def ideal(rig: Sequence[Camera], pixels: Array) -> Array:
-        return ideal_pixels(
-            rig,
-            pixels,
-            pixels=decision.pixels,
-            coefficients=decision.coefficients,
-            height_px=decision.height_px,
-            iterations=None,
-        )
-
+    once = decision.ideal(cameras, uv)
     if all(c.lens is None for c in cameras):
-        return _hidden_distortion(cameras, ideal(cameras, uv))
-    once = ideal(cameras, uv)
+        return _hidden_distortion(cameras, once)
     back = flipped(once, decision.height_px) if decision.coefficients == "lower-left" else once
     twice = undistorted(cameras, back)
     twice = flipped(twice, decision.height_px) if decision.coefficients == "lower-left" else twice
     bare = [replace(c, lens=None) for c in cameras]
     tried = {
-        "not at all": _median(matrices, ideal(bare, uv)),
+        "not at all": _median(matrices, decision.ideal(bare, uv)),
         "once": _median(matrices, once),
         "twice": _median(matrices, twice),
     }

@@ -87,6 +87,11 @@ class PixelOrigin:
         how = "as stated" if self.stated else chosen
         return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
 
+    def ideal(self, cameras: Sequence[Camera], uv_px: Array, *, iterations: int | None = None) -> Array:
+        """``ideal_pixels`` of (C, ..., 2) pixels that are counted so."""
+        corners = {"pixels": self.pixels, "coefficients": self.coefficients}
+        return ideal_pixels(cameras, uv_px, **corners, height_px=self.height_px, iterations=iterations)
+
 
 def ideal_pixels(
     cameras: Sequence[Camera],

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap.cameras.camera import stacked
-from mocap.cameras.origin import PixelOrigin, ideal_pixels, image_heights
+from mocap.cameras.origin import PixelOrigin, image_heights
 from mocap.cleaning.robust_rays import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
@@ -80,9 +80,7 @@ def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
         residual_px=np.nan,
         next_px=np.inf,
     )
-    ideal = ideal_pixels(
-        cameras, pixels.uv_px, pixels=corner, coefficients=calibrated, height_px=height, iterations=None
-    )
+    ideal = decision.ideal(cameras, pixels.uv_px)
     return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, told=told)
 
 

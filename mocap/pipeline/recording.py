@@ -286,14 +286,7 @@ def film_of(
     except CalibrationError as error:
         error.args = (f"{name}: {error}",)
         raise
-    ideal = origin.ideal_pixels(
-        cameras,
-        pixels.uv_px,
-        pixels=decision.pixels,
-        coefficients=decision.coefficients,
-        height_px=decision.height_px,
-        iterations=iterations,
-    )
+    ideal = decision.ideal(cameras, pixels.uv_px, iterations=iterations)
     lens, late = None, None
     if fit_lens:
         if any(c.lens is not None for c in cameras):
@@ -339,15 +332,7 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
     stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
     if stored is None:
         return None, [sentences.stored_points(f"{where} was not compared: it contains no positions ({beside.format})")]
-    decision = filmed.pixel_origin
-    ideal = origin.ideal_pixels(
-        filmed.cameras,
-        filmed.pixels.uv_px,
-        pixels=decision.pixels,
-        coefficients=decision.coefficients,
-        height_px=decision.height_px,
-        iterations=3,
-    )
+    ideal = filmed.pixel_origin.ideal(filmed.cameras, filmed.pixels.uv_px, iterations=3)
     if not stored.seen.any():
         return None, []
     xyz = triangulate.linear(filmed.matrices, ideal)

@@ -38,9 +38,11 @@ def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> 
         low_px: Noise that rays show once their slow errors are taken out.
         high_px: Noise that rays show with all their errors.
     """
-    if stated_px is None or (low_px <= stated_px * FAR_OFF and stated_px <= FAR_OFF * high_px):
+    if stated_px is None:
         return []
-    narrow = stated_px * FAR_OFF < low_px
+    narrow, wide = stated_px * FAR_OFF < low_px, stated_px > FAR_OFF * high_px
+    if not narrow and not wide:
+        return []
     shown = low_px if narrow else high_px
     what = (
         f"Outliers are rejected by the residuals; intervals use the stated value and are {shown / stated_px:.0f} times "

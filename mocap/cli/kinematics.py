@@ -22,7 +22,7 @@ def kinematics(
         list[str] | None,
         typer.Option(
             help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim), "
-            "deeplabcut or sleap (filled points, and their pixels in each camera); give the option once for each."
+            "deeplabcut, sleap or nwb (filled points, and their pixels in each camera); give the option once for each."
         ),
     ] = None,
     scale_osim: Annotated[

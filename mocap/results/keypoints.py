@@ -17,6 +17,7 @@ from mocap.records import PixelTracks
 KEYPOINTS = {
     "deeplabcut": {"deeplabcut-h5": "markers.dlc.h5", "deeplabcut-csv": "markers.dlc.csv"},
     "sleap": {"sleap-analysis": "markers.analysis.h5", "sleap-anipose-3d": "markers.points3d.h5"},
+    "nwb": {"nwb": "markers.nwb"},
 }
 """Formats and files of each program; pixels have a file a camera, with its name before the ending."""
 NEAR_PX = 17.0
@@ -40,7 +41,7 @@ def write_keypoints(run: Run, program: str, folder: Path) -> None:
         format = by_name(name)
         if "points" in format.holds:
             write(whole, folder / file, name, filled=True)
-        if "pixels" in format.holds and run.cameras:
+        if "pixels" in format.holds and run.cameras and not format.both:
             write(whole.without_points(), folder / file, name)
 
 

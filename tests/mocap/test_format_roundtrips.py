@@ -37,6 +37,7 @@ def scratch(tmp_path_factory):
 def test_each_writer_is_tested_here():
     """A writer that this file does not know would be untested."""
     elsewhere = {"deeplabcut-csv", "deeplabcut-h5", "sleap-analysis", "sleap-anipose-3d"}  # test_keypoint_exports.py
+    elsewhere |= {"nwb"}  # test_nwb.py
     written = {format.name for format in FORMATS if format.write is not None}
     assert written == {*FILES, "dltdv", "anipose-calibration", *elsewhere}
 

@@ -51,7 +51,7 @@ TRACKS = (
 """Formats of trials; of several files of one trial the first is tracked, as the rawest; others go before all."""
 SPARSE = ("dltdv-sparse", "argus-sparse")
 DATA = (".csv", ".tsv", ".txt", ".c3d", ".trc", ".mat", ".h5", ".hdf5", ".nc", ".parquet", ".xlsx", ".toml", ".xcp")
-DATA += (".cal", ".slp")
+DATA += (".cal", ".slp", ".nwb")
 """Ends of the names of files that are looked into."""
 _WORDS = (
     "xypts|xyzpts|xyzres|xyzci|offsets|dltcoefs|dvproject|camera_?profiles?|profile|calibration|easywanddata|skeleton"

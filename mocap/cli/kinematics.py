@@ -21,8 +21,8 @@ def kinematics(
     export: Annotated[
         list[str] | None,
         typer.Option(
-            help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim); "
-            "give the option once for each."
+            help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim), "
+            "deeplabcut, sleap or nwb (filled points, and their pixels in each camera); give the option once for each."
         ),
     ] = None,
     scale_osim: Annotated[
@@ -56,9 +56,10 @@ def kinematics(
     from mocap.io.output import result_folder
     from mocap.kinematics.cycles import why_none
     from mocap.results.exports import EXPORTS
+    from mocap.results.keypoints import KEYPOINTS
     from mocap.skeleton import read_skeleton
 
-    kinds = [*EXPORTS, "mjcf", "osim"]
+    kinds = [*EXPORTS, "mjcf", "osim", *KEYPOINTS]
     unknown = sorted(set(export or ()) - set(kinds))
     if unknown:
         raise MocapError(f"--export {unknown[0]}: give {', '.join(kinds)}")

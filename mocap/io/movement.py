@@ -166,7 +166,7 @@ def write_movement(path: Path, recording: FileContents) -> None:
         values = recording.pixels.uv_px
     else:
         raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} contains none")
-    animals, parts, at = _grid(recording)
+    animals, parts, at = recording.grid()
     shape = (len(views), len(t_s), len(animals), len(parts))
 
     def spread(array: Array, fill: float, *tail: int) -> Array:
@@ -205,14 +205,6 @@ def write_movement(path: Path, recording: FileContents) -> None:
         dataset = dataset.isel(view=0, drop=recording.points is not None)
     # made in memory: a full disk ends the HDF5 library with a segmentation fault
     path.write_bytes(as_netcdf(dataset))
-
-
-def _grid(recording: FileContents) -> tuple[list[str], list[str], list[int]]:
-    """Individuals, keypoints, and the place of each marker among individual x keypoint."""
-    pairs = list(recording.animals) or [("id_0", name) for name in recording.names]
-    animals = list(dict.fromkeys(a or "id_0" for a, _ in pairs))
-    parts = list(dict.fromkeys(p for _, p in pairs))
-    return animals, parts, [animals.index(a or "id_0") * len(parts) + parts.index(p) for a, p in pairs]
 
 
 FORMATS = (

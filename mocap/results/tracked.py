@@ -33,6 +33,7 @@ from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
+from mocap.results.keypoints import KEYPOINTS, write_keypoints
 from mocap.results.mjcf import FILE, write_mjcf
 from mocap.results.osim import FILE as OSIM_FILE
 from mocap.results.osim import write_osim
@@ -260,7 +261,8 @@ class Tracked:
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
             exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well; ``mjcf``: the
-                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``.
+                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``; of
+                ``mocap.results.keypoints.KEYPOINTS``: positions and their pixels for the program of that name.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
 
@@ -292,6 +294,9 @@ class Tracked:
             write_mjcf(self.run, folder / FILE)
         elif kind == "osim":
             write_osim(self.run, folder / OSIM_FILE)
+        elif kind in KEYPOINTS:
+            self._in_space(f"the export {kind}")
+            write_keypoints(self.run, kind, folder)
         else:
             EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
 

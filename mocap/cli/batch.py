@@ -76,8 +76,10 @@ def batch(
         path, trials, untracked = write_plan(sources, out, **stated.stated())
         if untracked:
             say(f"{len(untracked)} of {len(trials)} trials cannot be tracked: {'; '.join(reasons(untracked))}")
+        else:
+            say(f"all {len(trials)} trials can be tracked, as far as their files tell")
         say(
-            f"Wrote {path}: {len(trials)} trials (columns skip and note: what cannot be tracked, and why)",
+            f"Wrote {path}: a row a trial; columns skip and note: what cannot be tracked, and why",
             f"Correct it in a spreadsheet, then: {typed(program(), 'batch', path)} --out RESULTS",
         )
         return

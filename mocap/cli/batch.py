@@ -106,6 +106,9 @@ def batch(
         print(records_as_json(found.records))  # noqa: T201
     else:
         show_text(f"Result: {out}/ (summary.html, in a browser; summary.csv)\n{found.report_text}")
+    warned = [f"{record.trial}: {record.row['warning']}" for record in own if record.row.get("warning")]
+    if warned:
+        say(f"{len(warned)} of {len(own)} trials have warnings (summary.csv, column warning):", *warned[:MOST])
     say(*wrong[:MOST], *([f"{len(wrong) - MOST} more reasons: summary.csv"] if len(wrong) > MOST else []))
     if own and not any(record.status == "done" for record in own):
         raise typer.Exit(1)

@@ -40,7 +40,7 @@ $(LOWEST)/.installed: requirements-lowest.lock pyproject.toml
 	$(LOWEST_PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $@
 
-# tests of `make quick` that call all that is read, written and drawn, learn and track; filters and eal are arithmetic, rerun has one version
+# the tests of `make quick` but those of views: rerun has one version
 test-lowest: $(LOWEST)/.installed
 	OMP_NUM_THREADS=1 $(LOWEST_PYTHON) -m pytest --numprocesses auto --maxprocesses 4 -m "not slow" -W ignore::DeprecationWarning \
 	    tests/mocap --ignore=tests/mocap/rerun

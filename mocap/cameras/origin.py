@@ -89,8 +89,14 @@ class PixelOrigin:
 
     def ideal(self, cameras: Sequence[Camera], uv_px: Array, *, iterations: int | None = None) -> Array:
         """``ideal_pixels`` of (C, ..., 2) pixels that are counted so."""
-        corners = {"pixels": self.pixels, "coefficients": self.coefficients}
-        return ideal_pixels(cameras, uv_px, **corners, height_px=self.height_px, iterations=iterations)
+        return ideal_pixels(
+            cameras,
+            uv_px,
+            pixels=self.pixels,
+            coefficients=self.coefficients,
+            height_px=self.height_px,
+            iterations=iterations,
+        )
 
 
 def ideal_pixels(

@@ -31,7 +31,7 @@ class LastingSettings(TrajectoryModel):
         """Learn how each marker moves and accelerates in all trials."""
         *others, last = trials.trials
         model = learn_lasting(last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others], memory=self.memory)
-        return FittedMotion(model, last.t_s)
+        return FittedMotion(model, last.t_s, trials.rigid)
 
 
 def learn_lasting(

@@ -169,7 +169,10 @@ def continuing(prepared: Prepared, part: Part, asked: Mask, away_m: Array) -> Ma
         away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
     names, skeleton = part_names(prepared, part), prepared.skeleton
-    own = TrialSet([marker_trial(prepared, part, hidden=asked)], anatomy_of(names, skeleton.trunk, skeleton.rigid))
+    own = TrialSet(
+        [marker_trial(prepared, part, hidden=asked)],
+        anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()),
+    )
     xyz, _ = _whole(prepared, part, track(prepared, part, EACH_MARKER.fit(own), hidden=asked))
     known = np.isfinite(prepared.xyz_m[..., 0])
     miss_m, out = np.linalg.norm(xyz - prepared.xyz_m, axis=-1), np.zeros_like(asked)

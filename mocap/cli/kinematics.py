@@ -21,8 +21,8 @@ def kinematics(
     export: Annotated[
         list[str] | None,
         typer.Option(
-            help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim); "
-            "give the option once for each."
+            help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim), "
+            "xmalab (rigid bodies); give the option once for each."
         ),
     ] = None,
     scale_osim: Annotated[
@@ -58,7 +58,7 @@ def kinematics(
     from mocap.results.exports import EXPORTS
     from mocap.skeleton import read_skeleton
 
-    kinds = [*EXPORTS, "mjcf", "osim"]
+    kinds = [*EXPORTS, "mjcf", "osim", "xmalab"]
     unknown = sorted(set(export or ()) - set(kinds))
     if unknown:
         raise MocapError(f"--export {unknown[0]}: give {', '.join(kinds)}")

@@ -8,6 +8,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.filters.velocities import Motion, with_means
 from mocap.kinematics import angles
+from mocap.kinematics.bodies import joint_quantities
 from mocap.kinematics.delta import (
     Naming,
     Points,
@@ -45,6 +46,8 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
         motion = with_means(motion, asked_for(motion.names, skeleton, n_frames=len(motion.t_s)))
     up = np.array(AXES[skeleton.measures.up])
     found = list(_joints(motion, skeleton))
+    for joint in skeleton.body_joints:
+        found += joint_quantities(motion, skeleton, joint)
     found += _body(motion, skeleton, up)
     if MASS in motion.names:
         found += point_quantities(motion, MASS, kind="mass")
@@ -75,7 +78,7 @@ def _notes(motion: Motion, skeleton: Skeleton) -> Iterator[str]:
             f"covariances between the markers of {', '.join(apart)} were not kept: these markers are taken for "
             "independent, so that intervals of angles are usually too wide"
         )
-    if not skeleton.joints:
+    if not skeleton.joints and not skeleton.body_joints:
         yield "the skeleton has no joints: there are no angles; `mocap skeleton` proposes some"
     if measures.forward is None:
         yield "the skeleton states no `forward` under [measures]: there is no yaw, pitch and roll"

@@ -222,6 +222,8 @@ def _no_joints(prepared: Prepared, potentials: Mapping[str, JointPotential]) -> 
     """A finding where there are no joints: what is missing for that, and how to come by it."""
     if potentials:
         return []
+    if prepared.skeleton.body_joints and not prepared.skeleton.joints:
+        return []  # they are in kinematics.csv; potentials are of joints of three markers
     if prepared.skeleton.joints:
         return ["no joint is seen often enough to learn a potential from"]
     return [

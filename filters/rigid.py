@@ -81,11 +81,11 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
         if len(members) < LEAST or height >= widest:
             continue
         pairs = np.array(np.triu_indices(len(members), 1))
-        shown = float(np.median(samples[np.ix_(members, members)][pairs[0], pairs[1]]))
+        shown = float(np.median(samples[members][:, members][pairs[0], pairs[1]]))
         least = float(f_distribution.ppf(CERTAIN, shown, shown))
         others = np.setdiff1d(np.arange(count), members)
         if len(others):
-            ratio = (float(heights[np.ix_(others, members)].max(axis=1).min()) / height) ** 2
+            ratio = (float(heights[others][:, members].max(axis=1).min()) / height) ** 2
         else:
             ratio = 2 * least**2 * float(np.nan_to_num(np.nanmedian(trial.sd_m, axis=0)).max() / height) ** 2
         if ratio > least and wobble_deg(trial.xyz_m[:, members]) <= WOBBLES_DEG:

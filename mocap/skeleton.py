@@ -88,6 +88,7 @@ class Skeleton:
         max_speed_m_s: float | None = None,
         measures: Measures | Mapping[str, Any] | None = None,
         name: str = "skeleton",
+        body_joints: Sequence[BodyJoint] = (),
     ) -> None:
         """Take what is given apart, and check names.
 
@@ -101,6 +102,7 @@ class Skeleton:
             max_speed_m_s: No marker moves faster.
             measures: As under ``[measures]`` of a skeleton file (docs/reference/kinematics.md).
             name: Species or subject.
+            body_joints: Joints between bodies, as another skeleton has them.
 
         Raises:
             SkeletonError: something is given otherwise, or uses a marker that is not among ``markers``.
@@ -123,7 +125,8 @@ class Skeleton:
             raise SkeletonError(
                 f'skeleton {name!r}: joints holds {odd!r}, expected {{"elbow": ("shoulder", "elbow", "wrist"), ...}}'
             )
-        parts["body_joints"] = tuple(joint for joint in parts["joints"] if isinstance(joint, BodyJoint))
+        found = (joint for joint in parts["joints"] if isinstance(joint, BodyJoint))
+        parts["body_joints"] = (*body_joints, *found)
         parts["joints"] = tuple(joint for joint in parts["joints"] if isinstance(joint, Joint))
         parts |= {"name": name, "markers": tuple(map(visible, markers)), "trunk": tuple(map(visible, trunk))}
         parts |= {"aliases": dict(aliases or {}), "max_speed_m_s": max_speed_m_s}

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.audit.finding import Finding
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.linearised import linearise
 from mocap.cameras.triangulate import linear
+from mocap.findings import Finding
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -2,6 +2,7 @@
 
 import glob
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +17,14 @@ from mocap.io.manifest import read_manifest as read_listing
 
 WRITTEN = ("track", "batch")
 """Results of mocap in whose folders no trials are looked for."""
+_WHEN_OR_HOW = (
+    "batch|block|bout|cam|camera|clip|condition|d|data|date|day|exp|experiment|film|flight|group|level|month|part|"
+    "position|rec|recording|rep|rig|round|run|s|sequence|series|session|set|setup|site|speed|step|t|take|test|"
+    "treatment|trial|version|video|view|week|year"
+)
+"""Words before a number that number something else than animals."""
+_ANIMAL = re.compile(rf"(?!({_WHEN_OR_HOW})[-_ ]?[0-9])[a-z]+[-_ ]?[0-9]{{1,3}}[a-z]?", re.IGNORECASE)
+"""Another word and a number, as ``bat07``; four digits are a year or a time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +47,10 @@ def find_trials(
     In a folder and those below it every file is known by its content. Files of one folder whose names differ only in
     what they hold (``bat_xypts.csv``, ``bat_xyzpts.csv``, ``bat_dvProject.mat``) are one trial, of which the rawest
     is tracked; pixel files of one camera each are one trial where there are as many as cameras, else they are put
-    together by what remains of their names without the camera's. A calibration, a camera profile and a skeleton are
-    those of the same name, else the only one in the folder, or in a folder there that is called calibration, else
-    the same in the folders above, up to the one that was named. Where several would do, the trial is skipped and
-    says so.
+    together by what remains of their names without the camera's. The animal is the one that folders tell. A
+    calibration, a camera profile and a skeleton are those of the same name, else the only one in the folder, or in a
+    folder there that is called calibration, else the same in the folders above, up to the one that was named. Where
+    several would do, the trial is skipped and says so.
 
     Args:
         sources: Folders, files, patterns (``**`` is any depth), and manifests (``mocap.batches.manifest``).
@@ -63,9 +72,8 @@ def find_trials(
         if is_manifest(path):
             found += [replace(trial, stated={**stated, **trial.stated}) for trial in read_manifest(path)]
         elif path.is_dir():
-            here = _in_folder(path, stated, hints, out)
-            before = f"{path.resolve().name}/" if len(sources) > 1 else ""
-            found += [replace(trial, name=f"{before}{trial.name}") for trial in here]
+            above = path.resolve().parent if len(sources) > 1 else path
+            found += _in_folder(path, stated, hints, out, root=path, above=above)
         elif path.exists():
             found += _of_files(path.parent, [path], stated, hints)
         else:
@@ -96,10 +104,16 @@ def _of_pattern(source: str, stated: Mapping[str, Any], hints: Hints, out: Path 
 
 
 def _in_folder(
-    folder: Path, stated: Mapping[str, Any], hints: Hints, out: Path | None, *, root: Path | None = None
+    folder: Path,
+    stated: Mapping[str, Any],
+    hints: Hints,
+    out: Path | None,
+    *,
+    root: Path,
+    above: Path | None = None,
 ) -> list[Trial]:
     files = list(_walk(folder, None if out is None else out.resolve()))
-    return _of_files(root or folder, files, stated, hints)
+    return _of_files(root, files, stated, hints, above=above)
 
 
 def _walk(folder: Path, out: Path | None) -> Iterator[Path]:
@@ -120,9 +134,11 @@ def _is_result(folder: Path) -> bool:
         return False
 
 
-def _of_files(root: Path, files: Sequence[Path], stated: Mapping[str, Any], hints: Hints) -> list[Trial]:
-    """The trials among files below a root."""
-    looked = _Looked(root=root, hints=hints)
+def _of_files(
+    root: Path, files: Sequence[Path], stated: Mapping[str, Any], hints: Hints, *, above: Path | None = None
+) -> list[Trial]:
+    """The trials among files below a root, which are named by the folders below ``above``; None: below the root."""
+    looked = _Looked(root=root, above=above or root, hints=hints)
     by_folder: dict[Path, list[Path]] = {}
     for file in files:
         by_folder.setdefault(file.parent, []).append(file)
@@ -132,15 +148,27 @@ def _of_files(root: Path, files: Sequence[Path], stated: Mapping[str, Any], hint
         tracks = [path for path in own if path in there.tracks]
         for name, paths in _by_base(tracks, there.tracks).items():
             raw = paths[0]
-            found.append(_trial(looked, folder, name, [raw], stated, cameras=are_pixels(raw, there.tracks[raw])))
+            found.append(_trial(looked, folder, name, [raw], stated, cameras=are_pixels(raw, there.tracks[raw], hints)))
         for path in own:
             if path in there.unknown:
-                named = _trial_name(root, folder, path.stem)
+                named = _trial_name(looked.folders(folder), path.stem)
                 found.append(Trial(name=named, paths=(path,), stated=stated, skip=there.unknown[path]))
     for folder, views in _view_folders(looked, by_folder, stated).items():
         for name, paths in _views(looked, folder, views, stated).items():
             found.append(_trial(looked, folder, name, paths, stated, cameras=True))
-    return found
+    return _with_animals(found, [looked.folders(trial.paths[0].parent) for trial in found])
+
+
+def _with_animals(trials: Sequence[Trial], folders: Sequence[Sequence[str]]) -> list[Trial]:
+    """The trials with the animal that their folders tell.
+
+    That is the uppermost folder called by a word and a number (``bat07``), but for words that number days, trials and
+    the like, if such folders of one name hold several trials somewhere: else they are the trials' own.
+    """
+    told = [next(filter(_ANIMAL.fullmatch, names), "") for names in folders]
+    if max(Counter(name.casefold() for name in told if name).values(), default=0) < 2:
+        return list(trials)
+    return [replace(trial, animal=name) for trial, name in zip(trials, told, strict=True)]
 
 
 def _view_folders(
@@ -213,17 +241,18 @@ def _trial(
             "pixels without a calibration: none lies in its folder, in one called calibration, or above, up to "
             f"{looked.root.resolve().name}: state it in the manifest, or with `calibration`"
         )
-    return Trial(name=_trial_name(looked.root, folder, name), paths=tuple(paths), stated=own, skip=skip)
+    return Trial(
+        name=_trial_name(looked.folders(folder), name or folder.name), paths=tuple(paths), stated=own, skip=skip
+    )
 
 
-def _trial_name(root: Path, folder: Path, name: str) -> str:
-    """Folders below the root, and the name; a folder that is called as its trial is not said twice."""
-    try:
-        parts = list(folder.resolve().relative_to(root.resolve()).parts)
-    except ValueError:
-        parts = []
-    if not parts or parts[-1] != name:
-        parts.append(name or folder.name)
+def _trial_name(folders: Sequence[str], name: str) -> str:
+    """Folders, and the name; of ``bat7/trial3/bat7_trial3`` what folders say already is not said twice."""
+    own = name
+    for folder in folders:
+        words = "[-_. ]".join(map(re.escape, re.split("[-_. ]", folder)))
+        own = re.sub(rf"^{words}(?:[-_. ]+|$)", "", own, flags=re.IGNORECASE)
+    parts = [*folders, own] if own else list(folders)
     found = "/".join(part.lstrip(".") or "trial" for part in parts)
     check_name(found)
     return found
@@ -253,11 +282,13 @@ class _Looked:
 
     Attributes:
         root: The highest of them.
+        above: The folder below which folders are a part of trials' names.
         hints: How files are to be read where they do not say so themselves.
         seen: What each holds.
     """
 
     root: Path
+    above: Path
     hints: Hints
     seen: dict[Path, _Folder] = field(default_factory=dict)
 
@@ -266,6 +297,13 @@ class _Looked:
         if folder not in self.seen:
             self.seen[folder] = _look(folder, self.hints)
         return self.seen[folder]
+
+    def folders(self, folder: Path) -> tuple[str, ...]:
+        """The folders that are a part of the names of a folder's trials."""
+        try:
+            return folder.resolve().relative_to(self.above.resolve()).parts
+        except ValueError:  # a link that leads elsewhere
+            return ()
 
     def beside(self, folder: Path, name: str, kind: str) -> tuple[Path | None, str]:
         """The calibration, profile or skeleton of a trial, or why none of several was taken."""

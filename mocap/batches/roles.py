@@ -48,10 +48,10 @@ TRACKS = (
     "xmalab-3d",
     "csv",
 )
-"""Formats of trials; of several files of one trial the first is tracked, as the rawest."""
+"""Formats of trials; of several files of one trial the first is tracked, as the rawest; others go before all."""
 SPARSE = ("dltdv-sparse", "argus-sparse")
 DATA = (".csv", ".tsv", ".txt", ".c3d", ".trc", ".mat", ".h5", ".hdf5", ".nc", ".parquet", ".xlsx", ".toml", ".xcp")
-DATA += (".cal", ".slp")
+DATA += (".cal", ".slp", ".nwb")
 """Ends of the names of files that are looked into."""
 _WORDS = (
     "xypts|xyzpts|xyzres|xyzci|offsets|dltcoefs|dvproject|camera_?profiles?|profile|calibration|easywanddata|skeleton"
@@ -79,26 +79,35 @@ def role(path: Path, hints: Hints) -> tuple[Role, str]:
     if name in VIEWS:
         return "view", name
     if name == "csv":
-        return _plain_table(path, hints)
+        return _by_content(path, name, hints)
     if name == "camera-profile":
         return "profile", name
     if name in SPARSE and not re.search(r"xyz?pts\.tsv$", path.name, re.IGNORECASE):
         return "none", name
-    return ("tracks", name) if name in TRACKS else ("none", name)
+    return ("tracks", name) if name in TRACKS else _by_content(path, name, hints)
 
 
-def _plain_table(path: Path, hints: Hints) -> tuple[Role, str]:
-    """A table in no program's format is what ``mocap track`` reads it as; if columns are stated, it is a trial."""
+def _by_content(path: Path, name: str, hints: Hints) -> tuple[Role, str]:
+    """A file is to a batch what ``mocap track`` reads it as; a table whose columns are stated is a trial."""
     try:
         found = read(path, hints)
     except MocapError as error:
-        return ("tracks", "csv") if hints.columns else ("unknown", str(error))
-    return ("view" if found.pixels is not None else "tracks"), "csv"
+        plain = name == "csv"
+        return ("tracks", name) if hints.columns and plain else ("unknown" if plain else "none", str(error))
+    if found.pixels is not None:
+        return ("view" if len(found.camera_names) == 1 else "tracks"), name
+    return ("tracks" if found.points is not None else "none"), name
 
 
-def are_pixels(path: Path, format: str) -> bool:
+def are_pixels(path: Path, format: str, hints: Hints) -> bool:
     """Whether tracks are pixels that need a calibration beside them."""
-    return format in PIXELS or (format in SPARSE and "xypts" in path.name.lower())
+    if format in TRACKS or not format:
+        return format in PIXELS or (format in SPARSE and "xypts" in path.name.lower())
+    try:
+        found = read(path, hints)
+    except MocapError:
+        return False
+    return found.pixels is not None and not found.cameras
 
 
 def _is_skeleton(path: Path) -> bool:

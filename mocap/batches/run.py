@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from threading import Lock
@@ -16,11 +16,25 @@ from mocap.batches.find import find_trials
 from mocap.batches.known import NoWorkers, Options, Record, keep, known, read_record
 from mocap.batches.learned import MODEL, is_learned, learn_model
 from mocap.batches.one import stated_of
-from mocap.batches.summary import TIMES, counted, read_times, summed, table, write_summary, write_times
-from mocap.batches.trial import Trial
-from mocap.errors import MocapError, OutputError
-from mocap.library.tracked import Tracked, load
+from mocap.batches.summary import (
+    ANGLES,
+    COLUMNS,
+    CYCLES,
+    FIGURES,
+    SUMMARY,
+    TIMES,
+    counted,
+    read_times,
+    read_together,
+    summed,
+    table,
+    write_summary,
+    write_times,
+)
+from mocap.batches.trial import Trial, some
+from mocap.errors import FormatError, MocapError, OutputError
 from mocap.pipeline.job import Model as ModelName
+from mocap.results.tracked import Tracked, load
 from mocap.text import as_text
 
 PathText = str | PathLike[str]
@@ -74,13 +88,28 @@ class Batch:
         """A row a trial, as ``summary.csv`` has them."""
         return table(self.records)
 
-    def load(self, trial: str) -> Tracked:
+    @property
+    def cycles(self) -> pd.DataFrame:
+        """Wing beats, strides and waves of all trials: a row a cycle, with ``trial`` and ``animal``."""
+        return read_together(self.out / CYCLES)
+
+    @property
+    def angles(self) -> pd.DataFrame:
+        """The mean of each angle over each of these cycles, in degrees (``mocap.kinematics.cycles.mean_angles``)."""
+        return read_together(self.out / ANGLES)
+
+    def trial(self, name: str) -> Tracked:
         """The result of a trial.
 
         Raises:
-            FormatError: it has none.
+            MocapError: there is none of that name, or it was not tracked; the message says why.
         """
-        return load(self.out / trial)
+        for record in self.records:
+            if record.trial == name and record.status == "done":
+                return load(self.out / name)
+            if record.trial == name:
+                raise MocapError(f"the trial {name!r} was not tracked ({record.status}): {record.error}")
+        raise MocapError(f"there is no trial {name!r} in {self.out}: there are {some([r.trial for r in self.records])}")
 
     @property
     def report_text(self) -> str:
@@ -93,6 +122,28 @@ class Batch:
 
     def _repr_html_(self) -> str:
         return self.table.to_html()
+
+
+def load_batch(folder: PathText) -> Batch:
+    """What ``mocap batch`` wrote into a folder.
+
+    Raises:
+        FormatError: it holds no ``summary.csv`` of a batch.
+    """
+    out = Path(folder)
+    found = read_together(out / SUMMARY)
+    if lacking := [name for name in COLUMNS if name not in found]:
+        raise FormatError(f"{out / SUMMARY}: has no column {lacking[0]}: expected what mocap batch wrote")
+    records = [
+        Record(
+            trial=str(row["trial"]),
+            status=row["status"],
+            error=str(row["error"]),
+            row={name: row[name] for name in FIGURES if pd.notna(row[name])},
+        )
+        for row in found.to_dict("records")
+    ]
+    return Batch(out, tuple(records))
 
 
 def batch(
@@ -118,7 +169,8 @@ def batch(
 
     Args:
         sources: Folders, patterns (``data/**/*.c3d``) and manifests (``mocap.batches.find.find_trials``).
-        out: Folder of results: a folder a trial, ``summary.csv``, ``summary.html``, ``times.csv``.
+        out: Folder of results: a folder a trial, ``summary.csv``, ``cycles.csv``, ``angles.csv``, ``summary.html``,
+            ``times.csv``.
         jobs: Number of processes on this machine.
         model: As ``mocap.track`` takes it; ``learn``: one is learned from all trials first, and written as
             ``model.npz``. A trial is never filled from itself.
@@ -316,8 +368,8 @@ class _State:
                 record = Record(trial=trial.name, status="skipped", error=trial.skip, row=stated_of(trial))
             elif trial.name not in own:
                 record = read_record(self.out / trial.name)
-            if record is not None:
-                found.append(record)
+            if record is not None:  # the animal may have been stated since
+                found.append(replace(record, row={**record.row, "animal": trial.animal}))
         return tuple(found)
 
     @contextmanager

@@ -1,6 +1,7 @@
-"""What came of a batch: ``summary.csv`` with a row a trial, ``times.csv``, and a page that needs no other file."""
+"""What came of a batch: tables of trials, of their cycles and of times, and a page that needs no other file."""
 
 import csv
+import io
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,12 +16,14 @@ import pandas as pd
 from mocap.batches.known import Record
 from mocap.batches.roles import DATA
 from mocap.batches.trial import some
-from mocap.documents import regular_bytes
+from mocap.documents import one_line, regular_bytes
 from mocap.errors import FormatError
-from mocap.io.cells import as_cell
+from mocap.io.cells import as_cell, from_cell
 from mocap.io.output import result_file
 
 SUMMARY, PAGE, TIMES = "summary.csv", "summary.html", "times"
+CYCLES, ANGLES = "cycles.csv", "angles.csv"
+"""Of every trial, and of all trials together."""
 FIGURES = (
     "animal",
     "frames",
@@ -68,9 +71,10 @@ def table(records: Sequence[Record]) -> pd.DataFrame:
 
 
 def write_summary(records: Sequence[Record], out: Path) -> None:
-    """Write ``summary.csv`` and ``summary.html``, in place of our earlier ones; whole or not at all.
+    """Write ``summary.csv`` and ``summary.html``, ``cycles.csv`` and ``angles.csv``, in place of our earlier ones.
 
-    The table depends on the records alone; the page also shows the times that are in ``times*.csv``.
+    All or none are written. The tables depend on the records alone, and on the tables of the trials; the page also
+    shows the times that are in ``times*.csv``.
 
     Raises:
         OutputError: they cannot be written there, or somebody has changed them.
@@ -83,6 +87,44 @@ def write_summary(records: Sequence[Record], out: Path) -> None:
                 row = {"trial": record.trial, "status": record.status, "error": record.error, **record.row}
                 writer.writerow([_cell(row.get(column)) for column in COLUMNS])
         file.with_name(PAGE).write_text(page(records, read_times(out)), encoding="utf-8")
+        for name in (CYCLES, ANGLES):
+            _write_together(name, records, out, file.with_name(name))
+
+
+def _write_together(name: str, records: Sequence[Record], out: Path, path: Path) -> None:
+    """One table of those of all trials that were tracked, with ``trial`` and ``animal`` in place of ``recording``."""
+    rows: list[dict[str, str]] = []
+    titles: dict[str, None] = dict.fromkeys(("trial", "animal"))
+    for record in (record for record in records if record.status == "done"):
+        with suppress(OSError, UnicodeDecodeError, csv.Error):  # deleted since: that trial is tracked again
+            table = csv.DictReader((out / record.trial / name).read_text(encoding="utf-8").splitlines())
+            whose = {"trial": as_cell(record.trial), "animal": as_cell(str(record.row.get("animal", "")))}
+            titles |= dict.fromkeys(table.fieldnames or ())
+            rows += [row | whose for row in table]
+    titles.pop("recording", None)
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, list(titles), restval="", extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def read_together(path: Path) -> pd.DataFrame:
+    """A table of a batch (``summary.csv``, ``cycles.csv``, ``angles.csv``), names as they are called.
+
+    Raises:
+        FormatError: there is none.
+    """
+    names = ("trial", "status", "error", "animal", "kind", "of", "model", "warning", "version")
+    try:
+        data = regular_bytes(path)
+        table = pd.read_csv(io.BytesIO(data), dtype=dict.fromkeys(names, str), keep_default_na=False, na_values=[""])
+    except (OSError, ValueError) as error:
+        raise FormatError(
+            f"{path}: {one_line(error)}: expected what mocap batch wrote: give the folder of its --out, or track again"
+        ) from None
+    texts = [name for name in names if name in table]
+    table[texts] = table[texts].fillna("").map(from_cell)
+    return table
 
 
 def _cell(value: object) -> str:

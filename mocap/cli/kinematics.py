@@ -22,7 +22,8 @@ def kinematics(
         list[str] | None,
         typer.Option(
             help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim), "
-            "xmalab (rigid bodies); give the option once for each."
+            "deeplabcut, sleap or nwb (filled points, and their pixels in each camera), xmalab (rigid bodies); give "
+            "the option once for each."
         ),
     ] = None,
     scale_osim: Annotated[
@@ -56,9 +57,10 @@ def kinematics(
     from mocap.io.output import result_folder
     from mocap.kinematics.cycles import why_none
     from mocap.results.exports import EXPORTS
+    from mocap.results.keypoints import KEYPOINTS
     from mocap.skeleton import read_skeleton
 
-    kinds = [*EXPORTS, "mjcf", "osim", "xmalab"]
+    kinds = [*EXPORTS, "mjcf", "osim", "xmalab", *KEYPOINTS]
     unknown = sorted(set(export or ()) - set(kinds))
     if unknown:
         raise MocapError(f"--export {unknown[0]}: give {', '.join(kinds)}")

@@ -57,7 +57,7 @@ def skeleton(
     bodies = f"{counts['bodies']} rigid bodies, " if counts["bodies"] else ""
     trunk = f"a trunk of {counts['trunk']} markers" if counts["trunk"] else "no trunk"
     say(
-        *recording.findings,
+        *map(str, recording.findings),
         f"proposed: {counts['markers']} markers, {counts['bones']} bones, {bodies}{counts['joints']} joints, {trunk}; "
         "check and correct it",
         *([] if counts["cycles"] else ["no limb moves in cycles: cycles.csv stays empty unless [measures] names one"]),

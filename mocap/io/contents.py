@@ -14,6 +14,7 @@ from mocap.cameras.origin import PixelCorner
 from mocap.errors import FormatError
 from mocap.io.optical import metres, rate
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
+from mocap.text import file_names
 
 FILLED = (Status.INTERPOLATED, Status.PREDICTED, Status.SMOOTHED, Status.REJECTED)
 """Origins of samples whose value was not measured."""
@@ -84,6 +85,23 @@ class FileContents:
             return np.zeros(shape, dtype=bool)
         return ~np.isnan(tables[0].reshape(*shape, -1)).any(axis=-1)  # type: ignore[return-value]
 
+    def grid(self) -> tuple[list[str], list[str], list[int]]:
+        """Individuals (``id_0`` where none is told), body parts, and each marker's place in individuals x parts."""
+        pairs = list(self.animals) or [("id_0", name) for name in self.names]
+        animals = list(dict.fromkeys(a or "id_0" for a, _ in pairs))
+        parts = list(dict.fromkeys(p for _, p in pairs))
+        return animals, parts, [animals.index(a or "id_0") * len(parts) + parts.index(p) for a, p in pairs]
+
+    def frames_from_0(self) -> NDArray[np.int64]:
+        """(T,) numbers of the frames as video programs count them: 0 at time 0."""
+        tracks = self.pixels if self.points is None else self.points
+        first = 0.0 if tracks is None else float(tracks.t_s[0]) * (self.fps or 1.0)
+        return self.frames - int(self.frames[0]) + round(first)
+
+    def without_points(self) -> "FileContents":
+        """With pixels alone."""
+        return replace(self, points=None)
+
     def renamed(self, names: Sequence[str]) -> "FileContents":
         """With other names of the markers, in their order."""
         pixels = None if self.pixels is None else replace(self.pixels, names=tuple(names))
@@ -119,6 +137,15 @@ class FileContents:
             points = replace(points, xyz_m=points.xyz_m * scale, cov_m2=points.cov_m2 * scale**2)
         tables |= {name: tables[name] * scale for name in ("interval", "residual_m") if name in tables}
         return replace(self, unit=unit, points=points, tables=tables, cameras=scaled(self.cameras, scale))
+
+
+def camera_files(path: Path, recording: FileContents) -> list[Path]:
+    """The files of a format that holds one camera: ``NAME_CAMERA.end`` of several; of positions the one of the name."""
+    cameras = recording.camera_names
+    if recording.points is not None or len(cameras) < 2:
+        return [path]
+    name, dot, end = path.name.partition(".")
+    return [path.with_name(f"{name}_{camera}{dot}{end}") for camera in file_names(cameras)]
 
 
 def pixel_recording(

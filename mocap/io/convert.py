@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from mocap.io.contents import FileContents
-from mocap.io.dltdv_set import set_files
 from mocap.io.format import Hints
 from mocap.io.registry import read, write, writer
 from mocap.io.together import joined
@@ -47,11 +46,10 @@ def convert_files(
     recording = joined([read(path, hints) for path in files]) if contents is None else contents
     recording = recording if fps is None else recording.with_rate(fps)
     recording = recording if unit is None else recording.with_unit(unit)
-    written = list(set_files(out, recording).values()) if format.name == "dltdv" else [out]
     remarks = write(recording, out, format.name, filled=filled)
     return {
         "format": format.name,
-        "written": [path.name for path in written],
+        "written": [path.name for path in format.files(out, recording)],
         "remarks": remarks,
         "findings": list(recording.findings),
     }

@@ -1,22 +1,27 @@
 """DeepLabCut's predictions and labels (Mathis et al. 2018): CSV and HDF5, one individual or several; one camera a file.
 
-Pixels are counted from the upper left. Lightning Pose writes the same CSV.
+Pixels are counted from the upper left. Lightning Pose writes the same CSV. HDF5 is written by pandas with PyTables, as
+DeepLabCut does, and read without.
 """
 
 import csv
+import importlib
 import io
 import pickle
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, pixel_recording, point_recording
+from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, number, numbers, one_line, read_lines
+from mocap.io.optical import metres
 
 _KEY = "df_with_missing"
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
@@ -162,7 +167,7 @@ def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
         return [tuple(str(word) for word in name) for name in names]
     except Exception as error:  # damaged pickles raise whatever they like
         raise FormatError(
-            f"{path.name}: the names of the columns are damaged ({one_line(error)}): export it again"
+            f"{path.name}: the names of the columns cannot be read ({one_line(error)}): export it again"
         ) from None
 
 
@@ -186,17 +191,66 @@ def _frame_numbers(index: Any, count: int) -> Array:
     return index.astype(np.float64) if index.dtype.kind in "iu" and index.shape == (count,) else np.arange(float(count))
 
 
+def _tables(path: Path, recording: FileContents) -> list[tuple[Path, pd.DataFrame]]:
+    """The table of each file: x, y and likelihood of a camera (1 where nothing states it), or x, y, z."""
+    animals = list(recording.animals) or [("", name) for name in recording.names]
+    several = len({animal for animal, _ in animals}) > 1
+    keys = [("eal-mocap", *((animal or "single",) if several else ()), part) for animal, part in animals]
+    if recording.points is not None:
+        scale = metres(path, recording.unit) if recording.unit else 1.0
+        views, axes = recording.points.xyz_m[None] / scale, ("x", "y", "z")
+    elif recording.pixels is not None:
+        uv, score = recording.pixels.uv_px, recording.score
+        score = recording.pixels.seen.astype(float) if score is None else np.nan_to_num(score)
+        views, axes = np.concatenate([uv, score[..., None]], axis=-1), ("x", "y", "likelihood")
+    else:
+        raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} contains none")
+    levels = ["scorer", *(["individuals"] if several else []), "bodyparts", "coords"]
+    columns = pd.MultiIndex.from_tuples([(*key, axis) for key in keys for axis in axes], names=levels)
+    files = camera_files(path, recording)
+    rows = recording.frames_from_0()
+    return [(f, pd.DataFrame(v.reshape(len(v), -1), rows, columns)) for f, v in zip(files, views, strict=True)]
+
+
+def _write_csv(path: Path, recording: FileContents) -> None:
+    for file, table in _tables(path, recording):
+        table.to_csv(file, lineterminator="\n")
+
+
+def _write_hdf5(path: Path, recording: FileContents) -> None:
+    try:
+        importlib.import_module("tables")
+    except ImportError:
+        raise FormatError(
+            f"{path.name}: writing DeepLabCut's HDF5 needs PyTables, not installed here: run pip install "
+            "'eal-mocap[deeplabcut]', or write its CSV (--to deeplabcut-csv)"
+        ) from None
+    for file, table in _tables(path, recording):
+        with TemporaryDirectory() as folder:  # PyTables tells files apart by the ends of their names
+            table.to_hdf(Path(folder) / "a.h5", key=_KEY, format="table", mode="w")
+            file.write_bytes((Path(folder) / "a.h5").read_bytes())
+
+
+_WRITTEN = frozenset({"pixels", "points", "score", "animals", "frame_numbers"})
 FORMATS = (
     Format(
         name="deeplabcut-csv",
         title="pixel tracks or 3D points of DeepLabCut, pixel tracks of Lightning Pose (CSV)",
         knows=_is_csv,
         read=lambda path, _: _recording(path, "deeplabcut-csv", *_read_csv(path)),
+        write=_write_csv,
+        holds=_WRITTEN,
+        suffixes=("dlc.csv",),
+        files=camera_files,
     ),
     Format(
         name="deeplabcut-h5",
         title="pixel tracks or 3D points of DeepLabCut (HDF5)",
         knows=lambda head: _KEY in head.hdf5,
         read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
+        write=_write_hdf5,
+        holds=_WRITTEN,
+        suffixes=("dlc.h5",),
+        files=camera_files,
     ),
 )

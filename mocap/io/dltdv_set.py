@@ -99,6 +99,7 @@ FORMATS = (
         holds=frozenset({"pixels", "points", "cameras", "residual_px", "offset_frames"}),
         both=True,
         suffixes=_ENDS,
+        files=lambda path, recording: list(set_files(path, recording).values()),
     ),
 )
 

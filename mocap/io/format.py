@@ -42,6 +42,7 @@ class Format:
         needs: Of what it holds, what a recording must have to be written: ``fps``, ``unit``.
         zero_is_missing: Whether readers of this format take (0, 0, 0) as not seen.
         suffixes: Ends of names that mean this format for writing.
+        files: The files that ``write`` writes, where that is not the one of the name.
     """
 
     name: str
@@ -54,3 +55,4 @@ class Format:
     needs: frozenset[str] = frozenset()
     zero_is_missing: bool = False
     suffixes: tuple[str, ...] = ()
+    files: Callable[[Path, FileContents], list[Path]] = lambda path, _: [path]

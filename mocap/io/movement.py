@@ -15,7 +15,7 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import MOST_FRAMES, frame_numbers
 from mocap.io.netcdf import as_netcdf, read_netcdf
-from mocap.io.optical import UNIT_M, metres, rate_of_times
+from mocap.io.optical import metres, rate_of_times, unit_of
 from mocap.io.tables import WORDS, with_sd
 from mocap.records import Status
 from mocap.schema import LARGEST, Entry, checked
@@ -98,8 +98,7 @@ def _recording(path: Path, data: Any) -> FileContents:
     if len(views) != 1:
         raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
     origin = _array(path.name, data, "status" if "status" in data else "origin", order)
-    unit = str(attributes.get("space_unit", "")) or None
-    unit = unit if unit in UNIT_M else None
+    unit = unit_of(str(attributes.get("space_unit", "")))
     sd = _array(path.name, data, "sd", order)
     found = point_recording(
         path,
@@ -167,7 +166,7 @@ def write_movement(path: Path, recording: FileContents) -> None:
         values = recording.pixels.uv_px
     else:
         raise FormatError(f"{path.name}: needs tracks, but {recording.paths[0].name} contains none")
-    animals, parts, at = _grid(recording)
+    animals, parts, at = recording.grid()
     shape = (len(views), len(t_s), len(animals), len(parts))
 
     def spread(array: Array, fill: float, *tail: int) -> Array:
@@ -206,14 +205,6 @@ def write_movement(path: Path, recording: FileContents) -> None:
         dataset = dataset.isel(view=0, drop=recording.points is not None)
     # made in memory: a full disk ends the HDF5 library with a segmentation fault
     path.write_bytes(as_netcdf(dataset))
-
-
-def _grid(recording: FileContents) -> tuple[list[str], list[str], list[int]]:
-    """Individuals, keypoints, and the place of each marker among individual x keypoint."""
-    pairs = list(recording.animals) or [("id_0", name) for name in recording.names]
-    animals = list(dict.fromkeys(a or "id_0" for a, _ in pairs))
-    parts = list(dict.fromkeys(p for _, p in pairs))
-    return animals, parts, [animals.index(a or "id_0") * len(parts) + parts.index(p) for a, p in pairs]
 
 
 FORMATS = (

@@ -1,16 +1,19 @@
 """SLEAP's own and analysis files (Pereira et al. 2022; rows from the top) and sleap-anipose's points."""
 
 import importlib
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.bounds import check_bytes
-from mocap.io.contents import FileContents, pixel_recording, point_recording
+from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import one_line
+from mocap.io.optical import metres
 
 _NO_RATE = "the file does not state the frame rate"
 
@@ -28,12 +31,11 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
             table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         raise FormatError(
-            f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {one_line(error)}): it is cut or "
-            "damaged; export it again"
+            f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {one_line(error)}): copy or export it again"
         ) from None
     lacking = [name for name in ("tracks", "node_names") if name in names and name not in table]
     if lacking:
-        raise FormatError(f"{path.name}: the dataset {lacking[0]} is damaged: copy or export the file again")
+        raise FormatError(f"{path.name}: the dataset {lacking[0]} is not in it: copy or export it again")
     return table
 
 
@@ -178,6 +180,59 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
     )
 
 
+def _spread(recording: FileContents, values: Array) -> Array:
+    """(frames, animals, parts, ...) of (T, M, ...), with a row for every frame from 0; NaN where there is nothing."""
+    animals, parts, at = recording.grid()
+    rows = recording.frames_from_0()
+    out = np.full((rows[-1] + 1, len(animals) * len(parts), *values.shape[2:]), np.nan)
+    out[np.ix_(rows, np.array(at))] = values
+    return out.reshape(len(out), len(animals), len(parts), *values.shape[2:])
+
+
+def _write_analysis(path: Path, recording: FileContents) -> None:
+    """An analysis file of each camera, axes in MATLAB's order, as SLEAP writes them."""
+    if recording.pixels is None:
+        raise FormatError(f"{path.name}: needs pixels, but {recording.paths[0].name} contains none")
+    animals, parts, _ = recording.grid()
+    known = recording.pixels.seen.astype(float) if recording.score is None else recording.score
+    for file, uv, one in zip(camera_files(path, recording), recording.pixels.uv_px, known, strict=True):
+        xy, score = _spread(recording, uv), _spread(recording, one)
+        seen = np.isfinite(xy[..., 0])
+        with np.errstate(invalid="ignore"):
+            mean = np.nan_to_num(score).sum(axis=2) / seen.sum(axis=2)
+        table = {
+            "tracks": np.transpose(xy, (1, 3, 2, 0)),
+            "track_occupancy": seen.any(axis=2).astype(np.uint8),
+            "point_scores": np.transpose(score, (1, 2, 0)),
+            "instance_scores": mean.T,
+            "tracking_scores": np.full(mean.T.shape, np.nan),
+            "track_names": np.array([name.encode() for name in animals]),
+            "node_names": np.array([name.encode() for name in parts]),
+        }
+        file.write_bytes(_as_hdf5(table))
+
+
+def _write_points(path: Path, recording: FileContents) -> list[str]:
+    """sleap-anipose's points."""
+    if recording.points is None:
+        raise FormatError(f"{path.name}: needs positions, but {recording.paths[0].name} contains none")
+    _, parts, _ = recording.grid()
+    scale = metres(path, recording.unit) if recording.unit else 1.0
+    path.write_bytes(_as_hdf5({"tracks": _spread(recording, recording.points.xyz_m / scale)}))
+    return [f"the format has no names; its nodes are in this order: {', '.join(parts)}"]
+
+
+def _as_hdf5(table: dict[str, Array]) -> bytes:
+    """An HDF5 file, made in memory: a full disk ends the library with a segmentation fault."""
+    import h5py
+
+    held = io.BytesIO()
+    with h5py.File(held, "w") as file:
+        for name, values in table.items():
+            file[name] = values
+    return held.getvalue()
+
+
 FORMATS = (
     Format(
         name="sleap-labels",
@@ -190,11 +245,18 @@ FORMATS = (
         title="pixel tracks of SLEAP (analysis HDF5)",
         knows=lambda head: {"tracks", "node_names"} <= head.hdf5,
         read=_analysis,
+        write=_write_analysis,
+        holds=frozenset({"pixels", "score", "animals"}),
+        suffixes=("analysis.h5",),
+        files=camera_files,
     ),
     Format(
         name="sleap-anipose-3d",
         title="points of sleap-anipose (HDF5)",
         knows=lambda head: "tracks" in head.hdf5 and "node_names" not in head.hdf5,
         read=_points,
+        write=_write_points,
+        holds=frozenset({"points"}),
+        suffixes=("points3d.h5",),
     ),
 )

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import hilbert
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from eal.arrays import Array, short_repr, true_runs
 from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.records import Kinematics, Rests
+from mocap.kinematics.stroke import analytic
 from mocap.measures import AXES
 from mocap.skeleton import Skeleton
 
@@ -330,7 +330,7 @@ def undulations(found: Kinematics, motion: Motion, skeleton: Skeleton) -> list[C
     path = np.stack([np.interp(index, frames, flat[frames, k]) for k in range(flat.shape[1])], axis=1)
     path = path.reshape(len(index), len(chain), 3)
     side = _sideways(path, np.array(AXES[skeleton.measures.up]))
-    signal = np.array(hilbert(side - side.mean(axis=0), axis=0), dtype=complex)
+    signal = analytic(side - side.mean(axis=0))
     phase = np.unwrap(np.unwrap(np.angle(signal), axis=1), axis=0)
     lags = phase - phase[:, :1]
     arc = np.concatenate([[0.0], np.cumsum(angles.length(np.diff(path, axis=1)).mean(axis=0))])
@@ -377,6 +377,36 @@ def _sideways(path: Array, up: Array) -> Array:
     return side - middle[:, None]
 
 
+def _curve(t_s: Array, y: Array, row: Cycle, phase: Array) -> Array | None:
+    """(P,) values at phases of a cycle; None where a frame of it has none, or it has fewer than four."""
+    inside, there = (t_s >= row.start_s) & (t_s <= row.end_s), np.isfinite(y)
+    if inside.sum() < 4 or not there[inside].all():
+        return None
+    return np.interp(row.start_s + phase * (row.end_s - row.start_s), t_s[there], y[there])
+
+
+def mean_angles(found: Kinematics, rows: Sequence[Cycle]) -> "pd.DataFrame":
+    """A row a cycle: which it is, and the mean over it of each angle, in degrees; NaN where a frame of it has no value.
+
+    ``_sd`` is the mean of the angle's standard deviations: no mean of values has a larger one, however long their
+    errors last. Means of directions, which go from 180 to -180, are of the way that was turned.
+    """
+    import pandas as pd
+
+    phase = np.linspace(0, 1, 101)
+    which = [f.name for f in fields(Cycle)[: [f.name for f in fields(Cycle)].index("start_sd_s")]]
+    columns: dict[str, list] = {name: [getattr(row, name) for row in rows] for name in (*which, "end_s", "filled")}
+    for angle in (q for q in found.quantities if q.unit == "deg"):
+        there = np.isfinite(angle.value)
+        turned = angle.value.copy()
+        turned[there] = np.unwrap(turned[there], period=360)
+        for name, values in ((angle.name, turned), (f"{angle.name}_sd", angle.sd)):
+            curves = [_curve(found.t_s, values, row, phase) for row in rows]
+            columns[name] = [np.nan if curve is None else np.trapezoid(curve, phase) for curve in curves]
+        columns[angle.name] = [180 - (180 - mean) % 360 for mean in columns[angle.name]]
+    return pd.DataFrame(columns)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ensemble:
     """A quantity over the phase of a cycle, of several cycles.
@@ -420,16 +450,10 @@ def ensemble(found: Kinematics, rows: Sequence[Cycle], quantity: str, *, n_phase
         MocapError: there is no such quantity.
     """
     y, phase = found[quantity].value, np.linspace(0, 1, n_phases)
-    there = np.isfinite(y)
-    curves = []
-    for row in rows:
-        inside = (found.t_s >= row.start_s) & (found.t_s <= row.end_s)
-        if inside.sum() >= 4 and there[inside].all():
-            at = row.start_s + phase * (row.end_s - row.start_s)
-            curves.append(np.interp(at, found.t_s[there], y[there]))
+    curves = [curve for row in rows if (curve := _curve(found.t_s, y, row, phase)) is not None]
     table = np.array(curves).reshape(-1, n_phases)
     n = len(table)
     mean = table.mean(axis=0) if n else np.full(n_phases, np.nan)
     sd = table.std(axis=0, ddof=1) if n > 1 else np.full(n_phases, np.nan)
-    half = student.ppf(0.975, n - 1) * sd / np.sqrt(n) if n > 1 else sd
+    half = stdtrit(n - 1, 0.975) * sd / np.sqrt(n) if n > 1 else sd
     return Ensemble(quantity=quantity, phase=phase, mean=mean, low=mean - half, high=mean + half, sd=sd, curves=table)

@@ -11,6 +11,7 @@ import xarray as xr
 from eal import load_potential
 from eal.archive import ArchiveError
 from mocap.cameras.camera import Camera
+from mocap.cameras.lens import MODELS, Lens
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError
 from mocap.filters.records import HeldLimb
@@ -34,7 +35,7 @@ PLANAR, SPATIAL = "potentials", "spatial_potentials"
 def write_arrays(run: Run, folder: Path) -> None:
     """Write what ``read_run`` needs beside ``report.json`` and ``report.md``.
 
-    Of cameras the projection and the picture's size are kept: the pixels that are kept are ideal ones.
+    Pixels that are kept are ideal ones.
 
     Args:
         run: What to write.
@@ -119,7 +120,14 @@ _HEADER: Schema = {
     "frames": Entry(kind="s", shape=(None,), unique=True, words=FRAMES),
     "joints": names("joint"),
 }
-_CAMERA: Schema = {"name": Entry(kind="s"), "size_px": Entry(kind="i", shape=(2,), least=1, needed=False)}
+_CAMERA: Schema = {
+    "name": Entry(kind="s"),
+    "size_px": Entry(kind="i", shape=(2,), least=1, needed=False),
+    "lens": Entry(kind="s", words=tuple(MODELS), needed=False),
+    "f_px": Entry(shape=(2,), least=POSITIVE, needed=False),
+    "centre_px": Entry(shape=(2,), needed=False),
+    "coefficients": Entry(shape=(None,), needed=False),
+}
 _LIMB: Schema = {"name": Entry(kind="s"), "markers": names("markers")}
 _NAMES: Schema = {"names": names("angle"), "segments": names("segment")}
 _POTENTIAL: Schema = {
@@ -216,7 +224,7 @@ def _rest(run: Run) -> xr.Dataset:
         "name": run.name,
         "model": tracked.model,
         "y_up": run.y_up,
-        "cameras": [{"name": c.name, "size_px": c.size_px} for c in run.cameras],
+        "cameras": [{"name": c.name, "size_px": c.size_px} | _lens(c.lens) for c in run.cameras],
         "frames": list(run.joints),
         "joints": [joint.name for joint in run.skeleton.joints],
         "potentials": {
@@ -264,7 +272,12 @@ def read_run(folder: Path) -> Run:
     t_s, markers, ideal = one["time"], tuple(one["keypoint"]), tracked.pop("ideal_px", None)
     projections = rest_of(_PROJECTION)["projection"] if cameras else ()
     rig = tuple(
-        Camera(name=c["name"][()], matrix=matrix, size_px=tuple(c["size_px"].tolist()) if "size_px" in c else None)
+        Camera(
+            name=c["name"][()],
+            matrix=matrix,
+            lens=_lens_of(c, where),
+            size_px=tuple(c["size_px"].tolist()) if "size_px" in c else None,
+        )
         for c, matrix in zip(cameras, projections, strict=True)
     )
     skeleton = read_skeleton(folder / SKELETON).for_markers(markers, source=MARKERS)
@@ -314,6 +327,31 @@ def read_run(folder: Path) -> Run:
         report=_report(folder / "report.json"),
         report_text=_text(folder / "report.md"),
     )
+
+
+def _lens(lens: Lens | None) -> dict[str, Any]:
+    if lens is None:
+        return {}
+    return {
+        "lens": lens.model,
+        "f_px": lens.f_px,
+        "centre_px": lens.centre_px,
+        "coefficients": lens.coefficients.tolist(),
+    }
+
+
+def _lens_of(told: Mapping[str, Any], where: str) -> Lens | None:
+    """The lens of a camera's record; None: it has none."""
+    parts = [told.get(name) for name in ("f_px", "centre_px", "coefficients")]
+    if "lens" not in told:
+        return None
+    model = MODELS[told["lens"][()]]
+    if any(part is None for part in parts) or len(parts[2]) != model.n_coefficients:  # type: ignore[arg-type]
+        raise FormatError(
+            f"{where}: cameras: a {model.model} lens has not its {model.n_coefficients} numbers: {_AGAIN}"
+        )
+    f_px, centre_px, coefficients = (part.tolist() for part in parts)  # type: ignore[union-attr]
+    return model.of(f_px, centre_px, coefficients)
 
 
 def _potentials_of(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
 from mocap.io.netcdf import as_netcdf
-from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.run import Run
@@ -89,9 +89,11 @@ def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics
     (folder / f"{stem}.nc").write_bytes(as_netcdf(found.to_dataset(), packed=True))
 
 
-def write_cycles(rows: Sequence[Cycle], path: Path) -> None:
-    """``cycles.csv``: a row a cycle, as mixed models are fed (``mocap.kinematics.cycles.Cycle``)."""
-    path.write_text(cycles_table(rows).to_csv(index=False, float_format="%.6g", lineterminator="\n"), encoding="utf-8")
+def write_cycles(found: Kinematics, rows: Sequence[Cycle], folder: Path) -> None:
+    """``cycles.csv`` and ``angles.csv``: a row a cycle, as mixed models are fed (``mocap.kinematics.cycles``)."""
+    for name, table in (("cycles.csv", cycles_table(rows)), ("angles.csv", mean_angles(found, rows))):
+        text = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def _with_sd(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ import mocap as library
 from mocap.batches import engine
 from mocap.batches.run import shard_of
 from mocap.cli.view import with_recording
-from mocap.errors import MocapError, OutputError
+from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io import output
 from mocap.io.dltdv import write_points
 from mocap.io.manifest import PARTIAL
@@ -86,7 +86,7 @@ def test_each_trial_is_tracked_as_by_itself(lab, undisturbed, tmp_path):
         library.read(lab / "animal1/t3_xyzpts.csv", fps=FPS), model="constant_velocity", validate=False
     )
     alone.save(tmp_path / "alone")
-    same = ("markers.csv", "markers.nc", "kinematics.csv", "motion.nc", "run.nc", "cycles.csv")
+    same = ("markers.csv", "markers.nc", "kinematics.csv", "motion.nc", "run.nc", "cycles.csv", "angles.csv")
     for name in same:
         assert (out / "animal1/t3" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
     summary = pd.read_csv(out / "summary.csv").set_index("trial")
@@ -97,7 +97,18 @@ def test_each_trial_is_tracked_as_by_itself(lab, undisturbed, tmp_path):
     page = (out / "summary.html").read_text()
     assert "6 trials: 5 done, 1 failed" in page
     assert 'href="animal1/t3/"' in page
-    assert found.load("animal1/t3").name == alone.name
+    assert found.trial("animal1/t3").name == alone.name
+    again = library.load_batch(out)
+    same = found.table.assign(error=found.table["error"].str.replace(";", ","))  # as a table's cells are written
+    pd.testing.assert_frame_equal(again.table, same.fillna({"model": "", "warning": ""}), check_dtype=False)
+    assert list(again.table["animal"]) == ["animal0"] * 3 + ["animal1"] * 3
+    assert again.trial("animal1/t3").name == alone.name
+    with pytest.raises(MocapError, match=r"'animal1/bad' was not tracked .failed.: bad_xyzpts.csv"):
+        again.trial("animal1/bad")
+    with pytest.raises(MocapError, match=r"there is no trial 't9' in .*: there are animal0/t0, "):
+        again.trial("t9")
+    with pytest.raises(FormatError, match=r"expected what mocap batch wrote"):
+        library.load_batch(lab)
 
 
 def test_what_is_done_is_not_done_again(lab, undisturbed, scheduler, tmp_path, monkeypatch):

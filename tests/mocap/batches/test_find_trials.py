@@ -66,6 +66,41 @@ def test_a_lab_of_folders(twin, tmp_path):
     assert not found["bat3/t6"].skip  # a C3D file that cannot be read is a trial that fails
 
 
+@pytest.mark.parametrize(
+    ("paths", "names", "animals"),
+    [
+        (
+            ["bat07/day1/trial3/bat07_day1_trial3", "bat07/day2/trial3/Trial3", "bat08/day1/bat08-trial1"],
+            ["bat07/day1/trial3", "bat07/day2/trial3", "bat08/day1/trial1"],
+            ["bat07", "bat07", "bat08"],
+        ),
+        (["day1/Rat 12/run", "day2/Rat 12/run"], ["day1/Rat 12/run", "day2/Rat 12/run"], ["Rat 12"] * 2),
+        (["trial1/trial1", "trial2/trial2"], ["trial1", "trial2"], ["", ""]),
+        (["FE404/FE404", "FE405/digitised/FE405"], ["FE404", "FE405/digitised"], ["", ""]),  # folders of one trial
+        (["light/a", "light/b", "2024/c", "cam1/d"], ["2024/c", "cam1/d", "light/a", "light/b"], [""] * 4),
+        (["t1/t10", "t1/t1b"], ["t1/t10", "t1/t1b"], ["", ""]),
+    ],
+)
+def test_names_say_nothing_twice_and_animals_are_those_that_folders_tell(tmp_path, paths, names, animals):
+    """A name is the folders and what the file adds; folders that number days, trials or one trial name no animal."""
+    for path in paths:
+        file = tmp_path / f"{path}_xyzpts.csv"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(ROWS.replace("a_x,a_y,a_z", "a_X,a_Y,a_Z"))
+    found = find_trials([tmp_path])
+    assert [trial.name for trial in found] == names
+    assert [trial.animal for trial in found] == animals
+
+
+def test_formats_that_no_list_of_a_batch_names_are_trials(tmp_path):
+    """Tables of Kinovea and Caliscope's points hold positions or pixels of one camera: what mocap track takes."""
+    (tmp_path / "walk_xyz.csv").write_text(
+        "sync_index,point_id,x_coord,y_coord,z_coord\n0,1,0.1,0.2,0.3\n1,1,0.2,0.2,0.3\n"
+    )
+    (trial,) = find_trials([tmp_path])
+    assert (trial.skip, trial.paths[0].name) == ("", "walk_xyz.csv")
+
+
 def test_one_of_two_calibrations_is_not_guessed(twin, tmp_path):
     """Two of one kind, neither named as the trial: skipped, and both are named; stated, it is tracked."""
     put(twin, tmp_path, "t1", "pixels")
@@ -121,6 +156,14 @@ def test_a_manifest_of_a_spreadsheet(tmp_path):
     )
     one, two = find_trials([tmp_path / "m.csv"], stated={"fps": 100.0})
     assert (one.stated["fps"], one.animal, two.stated["fps"], two.skip) == (100.0, "bat7", 500.0, "blurred")
+
+
+def test_a_manifest_in_the_letters_of_windows(tmp_path):
+    """Excel saves "CSV" in Windows-1252."""
+    (tmp_path / "flügel_xyzpts.csv").write_text(ROWS)
+    (tmp_path / "m.csv").write_bytes("trial;path;animal\none;flügel_xyzpts.csv;Fledermaus März\n".encode("cp1252"))
+    (trial,) = find_trials([tmp_path / "m.csv"])
+    assert (trial.paths[0].name, trial.animal) == ("flügel_xyzpts.csv", "Fledermaus März")
 
 
 @pytest.mark.parametrize(

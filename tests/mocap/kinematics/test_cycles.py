@@ -12,7 +12,7 @@ from mocap.filters.velocities import Motion, with_means
 
 from eal.arrays import true_runs
 from mocap.kinematics.compute import kinematics
-from mocap.kinematics.cycles import cycles, cycles_table, ensemble, footfalls
+from mocap.kinematics.cycles import cycles, cycles_table, ensemble, footfalls, mean_angles
 from mocap.kinematics.points import asked_for
 from mocap.measures import Measures
 from mocap.skeleton import Skeleton
@@ -157,3 +157,22 @@ def test_a_table_of_cycles_is_tidy(bat):
     assert "duty_factor" not in table
     assert {"frequency_hz", "amplitude_deg", "recording", "of"} <= set(table)
     assert len(cycles_table([]).columns) == 11
+
+
+def test_means_over_cycles_are_those_of_the_angle(bat):
+    """Of A + B sin over whole turns the mean is A, its deviation at most the values'; a course past 180 is followed."""
+    _, _, found, rows = bat
+    beat = replace(rows[0], start_s=0.25, end_s=0.5)
+    wave = np.sin(8 * np.pi * found.t_s)
+    flexion = replace(found["elbow_l_flexion_deg"], value=40 + 9 * wave, sd=np.full(len(wave), 2.0))
+    course = replace(found["body_heading_deg"], value=180 - (5 + 20 * wave) % 360)  # between 155 and 195
+    gap = replace(found["body_climb_deg"], value=np.where(found.t_s == found.t_s[70], np.nan, wave))
+    table = mean_angles(replace(found, quantities=(flexion, course, gap)), [beat])
+    assert table.loc[0, "elbow_l_flexion_deg"] == pytest.approx(40, abs=0.01)  # straight lines between 60 frames a beat
+    assert table.loc[0, "elbow_l_flexion_deg_sd"] == pytest.approx(2)
+    assert table.loc[0, "body_heading_deg"] == pytest.approx(175, abs=0.01)
+    assert np.isnan(table.loc[0, "body_climb_deg"])
+    assert list(table.columns[:7]) == ["recording", "kind", "of", "number", "start_s", "end_s", "filled"]
+    real = mean_angles(found, rows)
+    assert list(real["start_s"]) == [row.start_s for row in rows]
+    assert set(cycles_table(rows)) >= set(real.columns[:7])

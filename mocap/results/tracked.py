@@ -21,10 +21,10 @@ from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, foot
 from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
-from mocap.library.learning import Model, load_model
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.job import Model as ModelName
+from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
@@ -33,6 +33,7 @@ from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
 from mocap.results.exports import EXPORTS
+from mocap.results.keypoints import KEYPOINTS, write_keypoints
 from mocap.results.mjcf import FILE, write_mjcf
 from mocap.results.osim import FILE as OSIM_FILE
 from mocap.results.osim import write_osim
@@ -49,8 +50,8 @@ from mocap.text import file_names
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from mocap.library.figures import Plots
     from mocap.pipeline.limb_mechanics import LimbMechanics
+    from mocap.plots.notebook import Plots
     from mocap.rerun.viewer import Viewer
     from mocap.results.scaled_osim import Factor
 
@@ -257,13 +258,14 @@ class Tracked:
     def write_kinematics(
         self, folder: Path, *, exports: Sequence[str] = (), progress: Tell = silent, pictures: bool = True
     ) -> list[str]:
-        """Write ``kinematics.csv``, ``kinematics.nc``, ``cycles.csv``, ``figures/`` and ``report.html`` into a folder.
+        """Write tables (``kinematics``, ``cycles``, ``angles``), ``figures/`` and ``report.html`` into a folder.
 
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
             exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well; ``mjcf``: the
-                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``; ``xmalab``:
-                the skeleton's bodies as ``rigid_bodies.csv``.
+                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``;
+                ``xmalab``: the skeleton's bodies as ``rigid_bodies.csv``; of
+                ``mocap.results.keypoints.KEYPOINTS``: positions and their pixels for the program of that name.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
 
@@ -272,7 +274,7 @@ class Tracked:
         """
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
-            write_cycles(self._cycles, folder / "cycles.csv")
+            write_cycles(self.kinematics, self._cycles, folder)
             refused = []
             for kind in exports:
                 try:
@@ -297,6 +299,9 @@ class Tracked:
             write_osim(self.run, folder / OSIM_FILE)
         elif kind == "xmalab":
             write_rigid_bodies(self.run.motion, self.run.skeleton, folder / BODIES_FILE)
+        elif kind in KEYPOINTS:
+            self._in_space(f"the export {kind}")
+            write_keypoints(self.run, kind, folder)
         else:
             EXPORTS[kind](self.run, self.kinematics, self._cycles, folder / f"kinematics.{kind}")
 
@@ -385,7 +390,7 @@ class Tracked:
     @property
     def plot(self) -> "Plots":
         """Figures: ``res.plot.over_time("elbow_l_flexion_deg")``, ``by_phase``, ``gait``, ``stroke``, ``gaps``, ..."""
-        from mocap.library.figures import Plots
+        from mocap.plots.notebook import Plots
 
         return Plots(self.run, self.kinematics, self._cycles, self.footfalls)
 
@@ -516,6 +521,6 @@ def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked
         return Tracked(read_run(folder), folder)
     if not is_long(folder):
         raise MocapError(f"{folder}: was tracked at once: load it without `frames`")
-    from mocap.library.blocks import load_range
+    from mocap.results.long_result import load_range
 
     return Tracked(load_range(folder, frames))

@@ -64,12 +64,14 @@ class Anatomy:
         bones: Both ends of each bone that the skeleton states as rigid.
         mirror: Each marker's counterpart on the other side, itself where it has none; empty: not known.
         masses: Parts whose mass is stated.
+        bodies: Markers of each rigid body; None: none is stated, and the recording shows which there are.
     """
 
     trunk: tuple[int, ...]
     bones: tuple[tuple[int, int], ...] = ()
     mirror: tuple[int, ...] = ()
     masses: tuple[Mass, ...] = ()
+    bodies: tuple[tuple[int, ...], ...] | None = None
 
     @cached_property
     def limbs(self) -> list[Limb]:
@@ -108,7 +110,12 @@ def ends_among(names: Sequence[str], bones: Sequence[tuple[str, str]]) -> list[t
 
 
 def anatomy_of(
-    names: Sequence[str], trunk: Sequence[str], bones: Sequence[tuple[str, str]], parts: Iterable[Part] = ()
+    names: Sequence[str],
+    trunk: Sequence[str],
+    bones: Sequence[tuple[str, str]],
+    parts: Iterable[Part] = (),
+    *,
+    bodies: Iterable[Sequence[str]] = (),
 ) -> Anatomy:
     """The anatomy of markers by name; all of them are the trunk where none of its markers is there.
 
@@ -117,10 +124,18 @@ def anatomy_of(
         trunk: Those of the trunk.
         bones: Ends of rigid bones.
         parts: Parts whose mass is stated.
+        bodies: Markers of each rigid body that is stated.
     """
     body = tuple(names.index(name) for name in trunk if name in names) or tuple(range(len(names)))
     masses = masses_of(names, parts)
-    return Anatomy(trunk=body, bones=tuple(ends_among(names, bones)), mirror=counterparts(names), masses=masses)
+    stated = tuple(tuple(names.index(name) for name in one if name in names) for one in bodies)
+    return Anatomy(
+        trunk=body,
+        bones=tuple(ends_among(names, bones)),
+        mirror=counterparts(names),
+        masses=masses,
+        bodies=stated or None,
+    )
 
 
 def masses_of(names: Sequence[str], parts: Iterable[Part]) -> tuple[Mass, ...]:

@@ -56,11 +56,11 @@ def trunk_shape(xyz_m: Array, *, iterations: int = 10) -> Array:
     ever = np.asarray(seen.any(axis=0))
     shape = _first_shape(points, seen, int(np.argmax(seen.sum(axis=1))))
     for _ in range(iterations):
-        rotation, position, oriented = _aligned(points, seen, shape)
-        aligned = np.einsum("tji,tkj->tki", rotation, points - position[:, None])
+        rotation, position, oriented = aligned(points, seen, shape)
+        turned = np.einsum("tji,tkj->tki", rotation, points - position[:, None])
         use = (seen & oriented[:, None]) if oriented.any() else seen
         total = use.sum(axis=0)
-        mean = np.einsum("tk,tkj->kj", use, aligned) / np.maximum(total, 1)[:, None]
+        mean = np.einsum("tk,tkj->kj", use, turned) / np.maximum(total, 1)[:, None]
         shape = np.where(total[:, None] > 0, mean, shape)
         shape = shape - shape[ever].mean(axis=0)
     return np.where(ever[:, None], shape, 0.0)
@@ -113,7 +113,7 @@ def body_frames(
     return BodyFrames(rotation=rotation, position_m=position)
 
 
-def _aligned(points: Array, seen: NDArray[np.bool_], shape: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def aligned(points: Array, seen: NDArray[np.bool_], shape: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Rotation and position of each frame that bring ``shape`` nearest to its points, and whether it has three."""
     count = seen.sum(axis=1)
     oriented = count >= 3
@@ -149,7 +149,7 @@ def _followed(
     points: Array, seen: NDArray[np.bool_], shape: Array, dt_s: float, cutoff_hz: float, loose_rad: float
 ) -> Array:
     """(T, 3, 3) rotations that follow the trunk as well as it determines them; see ``body_frames``."""
-    rotation, position, oriented = _aligned(points, seen, shape)
+    rotation, position, oriented = aligned(points, seen, shape)
     if not oriented.any():
         return rotation
     misfit = np.einsum("tji,tkj->tki", rotation, points - position[:, None]) - shape

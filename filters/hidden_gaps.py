@@ -100,9 +100,11 @@ def _filled(
     shown, out = gaps.shown, []
     trials = TrialSet([*others, shown], anatomy)
     seen = PositionObservations(xyz_m=shown.xyz_m, sd_m=shown.sd_m)
+    shows = trials.rigid.known[gaps.mask]  # these are not filled by models that are mixed
     for model, tell in zip(models, shares(progress, len(models)), strict=True):
         filled = estimate(model, trials, seen, progress=tell)
-        out.append(residuals_of(gaps, filled.xyz_m, filled.cov_m2))
+        found = residuals_of(gaps, filled.xyz_m, filled.cov_m2)
+        out.append(found if shows.all() else found.some(~shows))
     return out
 
 

@@ -41,6 +41,7 @@ class LearnedModel:
         names: The M markers.
         trunk: Those of the body.
         bones: Markers of the skeleton's rigid bones.
+        bodies: Markers of the skeleton's rigid bodies.
         trials: What it learned from; none where a recording is to teach itself.
         models: The K models that are mixed; the last is a filter, whose record of what was observed is kept.
         mixture: How they are mixed.
@@ -55,6 +56,7 @@ class LearnedModel:
     models: tuple[TrajectoryModel, ...]
     mixture: Mixture
     scores: dict[str, dict[str, list[float]]]
+    bodies: tuple[tuple[str, ...], ...] = ()
 
     @property
     def dt_s(self) -> float:
@@ -69,6 +71,7 @@ def learn_model(
     rng: np.random.Generator,
     *,
     bones: Sequence[tuple[str, str]] = (),
+    bodies: Sequence[Sequence[str]] = (),
     models: Sequence[TrajectoryModel] = MODELS,
     effort: Effort = USUAL_EFFORT,
     tell: Callable[[str], None] = lambda _line: None,
@@ -82,6 +85,7 @@ def learn_model(
         trials: What to learn from.
         rng: What to hide.
         bones: Markers of the skeleton's rigid bones.
+        bodies: Markers of the skeleton's rigid bodies.
         models: Motion models; the last is a filter.
         effort: How much is hidden.
         tell: Called with a line for each trial that is filled.
@@ -91,7 +95,7 @@ def learn_model(
         FilterError: the trials differ in rate, or show too little to hide gaps in.
     """
     check_rates(trials)
-    every = TrialSet(trials, anatomy_of(names, trunk, bones))
+    every = TrialSet(trials, anatomy_of(names, trunk, bones, bodies=bodies))
     gaps = hidden_gaps(trials, every.anatomy, rng, effort=effort, tell=tell)
     if not gaps.hidden:
         raise FilterError(
@@ -100,7 +104,7 @@ def learn_model(
         )
     tell("settings are learned from all recordings")
     found = mixed(gaps, [model.tuned(every) for model in models], call_all)
-    return _learned(found, names, trunk, trials, bones)
+    return replace(_learned(found, names, trunk, trials, bones), bodies=tuple(map(tuple, bodies)))
 
 
 def _learned(
@@ -167,6 +171,7 @@ def track_alone(
     settings: PoseSettings,
     *,
     bones: Sequence[tuple[str, str]] = (),
+    bodies: Sequence[Sequence[str]] = (),
     asked: Asked | None = None,
     progress: Progress | None = None,
     call_all: CallAll = in_turn,
@@ -180,6 +185,7 @@ def track_alone(
         observations: What each frame shows.
         settings: Of the EAL model.
         bones: Markers of the skeleton's rigid bones.
+        bodies: Markers of the skeleton's rigid bodies.
         asked: Points whose velocities and joint covariances the pose model keeps; None: of none.
         progress: Called with the share done.
         call_all: Makes the calls that do not wait for each other.
@@ -187,7 +193,7 @@ def track_alone(
     Returns:
         None: no gap could be hidden.
     """
-    trials = TrialSet([recording], anatomy_of(names, trunk, bones))
+    trials = TrialSet([recording], anatomy_of(names, trunk, bones, bodies=bodies))
     gaps = gaps_like_own(trials, most=300, times=2)
     if not gaps.hidden:
         return None
@@ -262,6 +268,7 @@ def renamed(learned: LearnedModel, names: Sequence[str]) -> LearnedModel:
         names=tuple(map(name, learned.names)),
         trunk=tuple(map(name, learned.trunk)),
         bones=tuple((name(a), name(b)) for a, b in learned.bones),
+        bodies=tuple(tuple(map(name, body)) for body in learned.bodies),
     )
 
 
@@ -309,7 +316,7 @@ def own_trials(learned: LearnedModel) -> TrialSet:
 
 
 def _trial_set(learned: LearnedModel, names: Sequence[str], trials: Sequence[MarkerTrial]) -> TrialSet:
-    return TrialSet(trials, anatomy_of(names, learned.trunk, learned.bones))
+    return TrialSet(trials, anatomy_of(names, learned.trunk, learned.bones, bodies=learned.bodies))
 
 
 def track_with(

@@ -15,6 +15,8 @@ from eal.arrays import Array
 
 WHOLE = -1
 """Camera number of a group that stands for all rays of a marker."""
+BODY = -2
+"""Camera number of a group that stands for the other markers of a rigid body."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -22,7 +24,8 @@ class Sights:
     """The observations of one frame, in groups of up to three rows that are believed or not as a whole.
 
     Attributes:
-        where: (g, 2) camera and marker of each group; the camera is ``WHOLE`` for a position.
+        where: (g, 2) camera and marker of each group; the camera is ``WHOLE`` for a position, ``BODY`` for one that
+            follows from other markers.
         size: (g,) number of rows; a group's arrays hold zeros (``sd``: ones) in the rows that it lacks.
         innovation: (g, 3) observed minus predicted.
         slope: (g, 3, 3) change of each row with the position of the marker, a metre.
@@ -183,12 +186,53 @@ class PositionObservations:
         )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WithBodies:
+    """Observations, and positions of markers that follow from the others of a rigid body.
+
+    Attributes:
+        seen: What is seen.
+        xyz_m: (T, M, 3) positions that follow; NaN where none does.
+        cov_m2: (T, M, 3, 3) their covariance.
+    """
+
+    seen: Observations
+    xyz_m: Array
+    cov_m2: Array
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return self.seen.n_frames
+
+    def sights(self, frame: int, mean: Array, cov: Array) -> Sights:
+        """Those that are seen, and three rows for each marker that follows."""
+        own = self.seen.sights(frame, mean, cov)
+        marker = np.flatnonzero(np.isfinite(self.xyz_m[frame, :, 0]))
+        if not len(marker):
+            return own
+        slope = np.linalg.inv(np.linalg.cholesky(self.cov_m2[frame, marker]))
+        more = Sights(
+            where=np.stack([np.full_like(marker, BODY), marker], axis=1),
+            size=np.full(len(marker), 3),
+            innovation=np.einsum("gij,gj->gi", slope, self.xyz_m[frame, marker] - mean[marker]),
+            slope=slope,
+            sd=np.ones((len(marker), 3)),
+            dof=np.full(len(marker), np.inf),
+            apart=np.zeros(len(marker), dtype=bool),
+        )
+        return Sights(**{name: np.concatenate([value, vars(more)[name]]) for name, value in vars(own).items()})
+
+
 def some_markers(observations: Observations, markers: NDArray[np.int64]) -> Observations:
     """What is seen of some of the markers.
 
     Raises:
         TypeError: observations of a kind whose markers cannot be told apart.
     """
+    if isinstance(observations, WithBodies):
+        seen = some_markers(observations.seen, markers)
+        return WithBodies(seen=seen, xyz_m=observations.xyz_m[:, markers], cov_m2=observations.cov_m2[:, markers])
     if isinstance(observations, PositionObservations):
         return PositionObservations(xyz_m=observations.xyz_m[:, markers], sd_m=observations.sd_m[:, markers])
     if isinstance(observations, PixelObservations):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from mocap.filters.gaussian import Markers, Moments, Update, diagonal_blocks
-from mocap.filters.observations import WHOLE, Sights
+from mocap.filters.observations import Sights
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv  # type: ignore[attr-defined]  # made at run time
 
@@ -46,14 +46,14 @@ def gate_groups(
     Args:
         squared: (g,) squared distances from the prediction, in its deviations.
         far: Groups that are far from it.
-        where: Camera and marker of each.
+        where: Camera and marker of each; of no camera: a position, which is always believed.
         apart: Rays that do not meet another of their marker.
     """
     if not (far.any() or apart.any()):
         return ~far
     marker = where[:, 1]
     agreed = np.bincount(marker[far & ~apart], minlength=marker.max() + 1) >= 2
-    believed = ~(far & ~agreed[marker] & (where[:, 0] != WHOLE))
+    believed = ~(far & ~agreed[marker] & (where[:, 0] >= 0))
     nearest = np.full(marker.max() + 1, np.inf)
     np.minimum.at(nearest, marker[apart], squared[apart])
     return believed & ~(apart & (squared > nearest[marker]))

@@ -1,9 +1,16 @@
-"""Rigid bodies: markers that all keep their distances, found in a recording."""
+"""Rigid bodies: markers that all keep their distances, and what those that are seen say of those that are not."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from mocap.filters.body_axes import nearest_rotation
+from mocap.filters.body_axes import aligned, nearest_rotation, trunk_shape
+from mocap.filters.conditional import Normal, moments, patterns
+from mocap.filters.observations import Observations
 from mocap.filters.poses import MarkerTrial
+from numpy.typing import NDArray
 from scipy.cluster.hierarchy import linkage
+from scipy.optimize import nnls
 from scipy.spatial.distance import squareform
 from scipy.stats import f as f_distribution
 
@@ -17,13 +24,23 @@ WOBBLES_DEG = 5.0
 """How far the frame of a body turns at most by what its markers move in it."""
 
 
+def independent_samples(away: Array) -> Array:
+    """(n,) how many independent samples some centred series (T, n) show, with zeros where they are not known.
+
+    The variance of T samples of a process with autocorrelations rho is that of T / sum rho^2 independent ones (Bayley &
+    Hammersley 1946); by its power spectrum P that is (sum P)^2 / sum P^2, twice that of a periodogram, whose lines are
+    exponentially distributed.
+    """
+    power = np.abs(np.fft.rfft(away, n=2 * len(away), axis=0)) ** 2
+    number = np.maximum(np.count_nonzero(away, axis=0), 1)
+    shown = 2 * power.sum(axis=0) ** 2 / np.maximum(np.sum(power**2, axis=0), 1e-300) * number / len(away)
+    return np.clip(shown, 1, number)
+
+
 def distance_spread(trial: MarkerTrial) -> tuple[Array, Array]:
     """(M, M) by how many metres the markers' distances vary, and how many independent samples show it.
 
-    The variance of n samples of a process with autocorrelations rho is that of n / sum rho^2 independent ones (Bayley &
-    Hammersley 1946); by its power spectrum P that is (sum P)^2 / sum P^2, twice that of a periodogram, whose lines are
-    exponentially distributed. Pairs that are seen together in fewer than
-    three frames vary without bound.
+    Pairs that are seen together in fewer than three frames vary without bound.
     """
     count = trial.xyz_m.shape[1]
     spread, samples = np.full((count, count), np.inf), np.ones((count, count))
@@ -32,12 +49,10 @@ def distance_spread(trial: MarkerTrial) -> tuple[Array, Array]:
         seen = np.isfinite(apart)
         number = seen.sum(axis=0)
         away = np.where(seen, apart - np.where(seen, apart, 0.0).sum(axis=0) / np.maximum(number, 1), 0.0)
-        power = np.abs(np.fft.rfft(away, n=2 * len(away), axis=0)) ** 2
-        squares = np.maximum(np.sum(power**2, axis=0), 1e-300)
-        known = (number >= LEAST) & (power.sum(axis=0) > 0)
-        spread[a, known] = np.sqrt((away**2).sum(axis=0) / np.maximum(number - 1, 1))[known]
-        shown = 2 * power.sum(axis=0) ** 2 / squares * number / len(away)
-        samples[a] = np.clip(shown, 1, np.maximum(number, 1))
+        squares = (away**2).sum(axis=0)
+        known = (number >= LEAST) & (squares > 0)
+        spread[a, known] = np.sqrt(squares / np.maximum(number - 1, 1))[known]
+        samples[a] = independent_samples(away)
     return spread, samples
 
 
@@ -109,3 +124,200 @@ def wobble_deg(xyz: Array) -> float:
     """How far a body of n markers (T, n, 3) turns by what its markers move in it, in degrees; infinite: unknown."""
     left, extent = residual_m(xyz)
     return float(np.degrees(np.arctan2(left, extent))) if np.isfinite(left) else np.inf
+
+
+FREE = 1e4
+"""Variance of a body's rigid motion over that of its markers' places: nothing is known of it, to eight digits."""
+ROUNDS = 8
+"""Rounds of expectation and maximisation; places are known after two or three."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyShape:
+    """A body of K markers: their places in its axes, and how they move there, jointly Gaussian.
+
+    Attributes:
+        members: (K,) markers.
+        place_m: (K, 3) mean places.
+        spread: (3K, 3K) covariance of what is measured there, of which rigid motions have no part.
+        lasting: (3K, 3K) the part of it that the next frame shares, what slips, and how uncertain places are.
+        noise: (K,) variance of the rest, the noise of a coordinate of each marker.
+        motions: (3K, 6) orthonormal small rigid motions.
+    """
+
+    members: NDArray[np.int64]
+    place_m: Array
+    spread: Array
+    lasting: Array
+    noise: Array
+    motions: Array
+
+
+def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
+    """Learn a body from a trial with gaps; None: it hardly shows four of its markers together.
+
+    Each frame is brought to the mean shape (Gower 1975). What is left there, of frames in which some are missing by
+    expectation maximisation, is jointly Gaussian but for rigid motions, of which a frame says nothing. Its covariance
+    is drawn to equal, independent errors of all markers as far as the independent samples are few (the oracle
+    approximating shrinkage of Chen, Wiesel, Eldar & Hero 2010).
+    """
+    index = np.array(members)
+    xyz = trial.xyz_m[:, index]
+    count = np.isfinite(xyz[..., 0]).sum(axis=1)
+    frames = np.flatnonzero(count > LEAST)
+    if len(frames) < 20:
+        return None
+    place = trunk_shape(xyz[frames])
+    left = (_in_axes(xyz[frames], place)[0] - place).reshape(len(frames), -1)
+    motions = rigid_motions(place)
+    size = left.shape[1]
+    inner = np.eye(size) - motions @ motions.T
+    free = max(float(np.nanmean(left**2)), 1e-18)
+    weight = float(np.median(independent_samples(np.where(np.isfinite(left), left, 0.0))))
+    mean, spread = np.zeros(size), free * inner
+    for _ in range(ROUNDS):
+        found = moments(
+            left, 1.0, Normal(mean, spread + FREE * free * motions @ motions.T + 1e-6 * free * np.eye(size))
+        )
+        second = inner @ found.second @ inner / found.count
+        total, squares, p = float(np.trace(second)), float(np.sum(second**2)), size - 6
+        equal = ((1 - 2 / p) * squares + total**2) / (
+            (weight + 1 - 2 / p) * max(squares - total**2 / p, 1e-12 * squares)
+        )
+        spread = second + min(1.0, equal) * (total / p * inner - second)
+    whole = np.where(np.isfinite(left), left, 0.0) @ inner
+    after = np.diff(frames) == 1
+    both = np.isfinite(left).all(axis=1)
+    after &= both[1:] & both[:-1]
+    lag = whole[:-1][after].T @ whole[1:][after] / max(int(after.sum()), 1)
+    lasting = _part_of(spread, 0.5 * (lag + lag.T))
+    blocks = (inner**2).reshape(len(index), 3, len(index), 3).sum(axis=(1, 3))
+    noise, _ = nnls(blocks, np.diagonal(spread - lasting).reshape(-1, 3).sum(axis=1))
+    return BodyShape(index, place, spread, lasting + spread / weight, noise, motions)
+
+
+def rigid_motions(place_m: Array) -> Array:
+    """(3K, 6) orthonormal basis of small rigid motions of places (K, 3)."""
+    away = place_m - place_m.mean(axis=0)
+    turns = np.cross(np.eye(3)[:, None], away[None]).reshape(3, -1)
+    shifts = np.tile(np.eye(3), (1, len(place_m)))
+    return np.linalg.qr(np.concatenate([shifts, turns]).T)[0]
+
+
+def _part_of(whole: Array, part: Array) -> Array:
+    """The covariance that is nearest to ``part`` among those between 0 and ``whole``, in units of that."""
+    values, vectors = np.linalg.eigh(whole)
+    kept = values > 1e-9 * values[-1]
+    root = vectors[:, kept] * np.sqrt(values[kept])
+    white = vectors[:, kept] / np.sqrt(values[kept])
+    shares, axes = np.linalg.eigh(white.T @ part @ white)
+    both = root @ axes
+    return (both * np.clip(shares, 0.0, 1.0)) @ both.T
+
+
+def _in_axes(xyz: Array, place: Array) -> tuple[Array, Array, Array]:
+    """(T, K, 3) markers in the axes of a body, NaN where not seen; (T, 3, 3) and (T, 3) where these are."""
+    seen = np.isfinite(xyz[..., 0])
+    rotation, position, _ = aligned(np.where(seen[..., None], xyz, 0.0), seen, place)
+    return np.einsum("tji,tkj->tki", rotation, xyz - position[:, None]), rotation, position
+
+
+@dataclass(frozen=True, eq=False)
+class Completed:
+    """What rigid bodies say of markers that are not seen while three others of their body are.
+
+    Attributes:
+        xyz_m: (T, M, 3) positions; NaN where they say nothing.
+        cov_m2: (T, M, 3, 3) their covariance.
+        lasting_m2: (T, M, 3, 3) the part of it that lasts from frame to frame, which no filter averages out.
+    """
+
+    xyz_m: Array
+    cov_m2: Array
+    lasting_m2: Array
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(T, M) where they say something."""
+        return np.isfinite(self.xyz_m[..., 0])
+
+    def whole(self, trial: MarkerTrial) -> MarkerTrial:
+        """The trial with them, as measurements of their deviation."""
+        known = self.known
+        if not known.any():
+            return trial
+        sd = np.sqrt(np.trace(self.cov_m2, axis1=-2, axis2=-1) / 3)
+        return replace(
+            trial, xyz_m=np.where(known[..., None], self.xyz_m, trial.xyz_m), sd_m=np.where(known, sd, trial.sd_m)
+        )
+
+    def with_lasting(self, xyz_m: Array, cov_m2: Array, seen: Observations) -> Array:
+        """(T, M, 3, 3) covariances of a smoother that took each frame's error for a new one, with what lasts.
+
+        What lasts enters an estimate by the weight that it has beside the rays of its frame, and is not averaged out.
+
+        Args:
+            xyz_m: (T, M, 3) smoothed positions.
+            cov_m2: (T, M, 3, 3) their covariance.
+            seen: What else is seen of the markers.
+        """
+        out = np.array(cov_m2)
+        for frame in np.flatnonzero(self.known.any(axis=1)):
+            sights = seen.sights(int(frame), xyz_m[frame], cov_m2[frame])
+            white = sights.slope / sights.sd[..., None]
+            for marker in np.flatnonzero(self.known[frame]):
+                mine = white[sights.where[:, 1] == marker].reshape(-1, 3)
+                weight = np.linalg.inv(np.eye(3) + self.cov_m2[frame, marker] @ mine.T @ mine)
+                out[frame, marker] += weight @ self.lasting_m2[frame, marker] @ weight.T
+        return out
+
+
+def completed(trial: MarkerTrial, bodies: Sequence[Sequence[int]]) -> Completed:
+    """Markers of bodies that are not seen, from those that are: the best linear unbiased estimate.
+
+    Given the markers that are seen, and nothing of the body's motion, a hidden one has the mean and covariance of
+    universal kriging (Matheron 1969): the rigid fit with weights, and what its markers' slips have in common. Its own
+    place is that without the noise of a measurement.
+
+    Args:
+        trial: The trial.
+        bodies: Markers of each body.
+    """
+    xyz = np.full(trial.xyz_m.shape, np.nan)
+    cov, lasting = np.full((2, *xyz.shape, 3), np.nan)
+    for members in bodies:
+        hidden = ~trial.seen[:, list(members)]
+        if not hidden.any() or len(members) <= LEAST:
+            continue
+        shape = body_shape(trial, members)
+        if shape is None:
+            continue
+        seen_m, rotation, position = _in_axes(trial.xyz_m[:, shape.members], shape.place_m)
+        whole = shape.spread + FREE * np.trace(shape.spread) / len(shape.spread) * shape.motions @ shape.motions.T
+        ever = trial.seen[:, shape.members].any(axis=0)
+        for seen, frames in patterns(~hidden):
+            lost = np.flatnonzero(~seen & ever)
+            if seen.sum() < LEAST or not len(lost):
+                continue
+            rows = np.repeat(seen, 3)
+            asked = (3 * lost[:, None] + np.arange(3)).ravel()
+            by = np.linalg.lstsq(whole[np.ix_(rows, rows)], whole[np.ix_(rows, asked)], rcond=1e-12)[0]
+            error = np.zeros((len(asked), len(whole)))
+            error[:, rows], error[np.arange(len(asked)), asked] = -by.T, 1.0
+            lasts = error @ shape.lasting @ error.T
+            vague = FREE * np.trace(shape.spread) / len(shape.spread) * np.sum((error @ shape.motions) ** 2)
+            total = lasts + (by.T * np.repeat(shape.noise[seen], 3)) @ by
+            extent = np.linalg.svd(shape.place_m - shape.place_m.mean(axis=0), compute_uv=False)[1]
+            limit = (np.tan(np.radians(WOBBLES_DEG)) * extent) ** 2 / len(shape.members)
+            local = (seen_m[frames] - shape.place_m)[:, seen].reshape(len(frames), -1) @ by
+            turn = rotation[frames]
+            for k, m in enumerate(lost):
+                block = slice(3 * k, 3 * k + 3)
+                if np.trace(total[block, block]) / 3 + vague > limit:
+                    continue
+                marker = shape.members[m]
+                back = shape.place_m[m] + local[:, block]
+                xyz[frames, marker] = np.einsum("tij,tj->ti", turn, back) + position[frames]
+                cov[frames, marker] = turn @ total[block, block] @ turn.swapaxes(1, 2)
+                lasting[frames, marker] = turn @ lasts[block, block] @ turn.swapaxes(1, 2)
+    return Completed(xyz, cov, lasting)

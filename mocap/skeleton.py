@@ -160,7 +160,7 @@ class Skeleton:
                     f"skeleton {self.name!r}: {where} uses marker {marker!r}, which is not in its markers"
                 )
         self._check_bodies()
-        named = {j.name for j in self.joints}
+        named = {j.name for j in (*self.joints, *self.body_joints)}
         for joint in self.measures.axes:
             if joint not in named:
                 raise SkeletonError(f"skeleton {self.name!r}: measures.axes names {joint!r}, which is no joint of it")

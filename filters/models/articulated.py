@@ -81,7 +81,7 @@ class ArticulatedSettings(TrajectoryModel):
         """
         model = learn_articulated(_taught_by(trials.trials), trials.anatomy, self)
         model = replace(model, regression=self.pose.regressed(trials))
-        return FittedMotion(model, trials.trials[-1].t_s)
+        return FittedMotion(model, trials.trials[-1].t_s, trials.rigid)
 
 
 def _taught_by(trials: Sequence[MarkerTrial]) -> list[MarkerTrial]:

@@ -5,7 +5,7 @@ A new model is a file with such a class, and a line in ``mocap.filters.models.re
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -13,9 +13,10 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.bones import rigid_bones
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.motion.bones import Bones
-from mocap.filters.observations import Observations
+from mocap.filters.observations import Observations, WithBodies
 from mocap.filters.poses import MarkerTrial, PoseTrial, Shapes, poses_of, shapes_of
 from mocap.filters.records import Estimate
+from mocap.filters.rigid import Completed, completed, find_bodies
 from mocap.filters.size import sized_like
 from mocap.filters.track import smooth
 from mocap.filters.velocities import Asked
@@ -36,8 +37,10 @@ class TrialSet:
     """Trials that models are fitted to; poses and shapes that several models need are computed once.
 
     Attributes:
-        trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
-        anatomy: What is known of the animal.
+        trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled. A marker
+            that its rigid body shows is in it as if it was measured.
+        anatomy: What is known of the animal, with the rigid bodies of the last trial.
+        rigid: What these say of markers of the last trial that are not seen.
         regressed: What regressions made of the last trial, by ranks and covariance.
         learned: What pose models learned from the trials, by theirs.
     """
@@ -47,10 +50,15 @@ class TrialSet:
     _shapes: dict[tuple[int, ...], Shapes] = field(default_factory=dict)
     regressed: dict[tuple, Estimate] = field(default_factory=dict)
     learned: dict["TrajectoryModel", Any] = field(default_factory=dict)
+    rigid: Completed = field(init=False)
 
     def __post_init__(self) -> None:
-        """Other animals are scaled to the size of the last trial's."""
-        self.trials = [*sized_like(self.trials[:-1], self.trials[-1]), self.trials[-1]]
+        """Other animals are scaled to the size of the last trial's, and this is completed by its bodies."""
+        last = self.trials[-1]
+        if self.anatomy.bodies is None:
+            self.anatomy = replace(self.anatomy, bodies=tuple(map(tuple, find_bodies(last))))
+        self.rigid = completed(last, self.anatomy.bodies or ())
+        self.trials = [*sized_like(self.trials[:-1], last), self.rigid.whole(last)]
 
     @cached_property
     def poses(self) -> list[PoseTrial]:
@@ -80,10 +88,12 @@ class FittedMotion:
     Attributes:
         motion: The model.
         t_s: (T,) times of the last trial.
+        rigid: What its rigid bodies say of markers that are not seen; None: there are none.
     """
 
     motion: MotionModel
     t_s: Array
+    rigid: Completed | None = None
 
     def fill(
         self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
@@ -95,7 +105,11 @@ class FittedMotion:
             asked: Points whose velocities and joint covariances are kept; None: of none.
             progress: Called with the share done.
         """
-        return smooth(self.motion, observations, self.t_s, asked=asked, progress=progress)
+        if self.rigid is None or not self.rigid.known.any():
+            return smooth(self.motion, observations, self.t_s, asked=asked, progress=progress)
+        both = WithBodies(seen=observations, xyz_m=self.rigid.xyz_m, cov_m2=self.rigid.cov_m2)
+        found = smooth(self.motion, both, self.t_s, asked=asked, progress=progress)
+        return replace(found, cov_m2=self.rigid.with_lasting(found.xyz_m, found.cov_m2, observations))
 
 
 @dataclass(frozen=True)

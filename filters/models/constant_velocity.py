@@ -37,6 +37,7 @@ class MarkerSettings(TrajectoryModel):
                 last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others], settings=self
             ),
             last.t_s,
+            trials.rigid,
         )
 
 

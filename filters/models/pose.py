@@ -98,7 +98,7 @@ class PoseSettings(TrajectoryModel):
         """Learn subspace, mechanics and potential from all trials, for the last one."""
         model = self._learned(trials)
         model = with_noise(model, self.process_noise or likely_noise(model, trials))
-        return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s)
+        return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s, trials.rigid)
 
     def _learned(self, trials: TrialSet) -> PoseMotion:
         """Without regression, and with the process noise of the mechanics; once for all that ask."""

@@ -80,7 +80,7 @@ class LastingSettings(TrajectoryModel):
         """Learn how each marker moves and accelerates in all trials."""
         *others, last = trials.trials
         model = learn_lasting(last.xyz_m, dt_s=last.dt_s, others=[trial.xyz_m for trial in others])
-        return FittedMotion(model, last.t_s)
+        return FittedMotion(model, last.t_s, trials.rigid)
 
 
 def learn_lasting(xyz_m: Array, *, dt_s: float, others: Sequence[Array] = ()) -> LastingAcceleration:

@@ -22,7 +22,8 @@ def kinematics(
         list[str] | None,
         typer.Option(
             help="Also for another program: xlsx, mat, mot, sto, bvh, mjcf or osim (the animal for MuJoCo, OpenSim), "
-            "deeplabcut, sleap or nwb (filled points, and their pixels in each camera); give the option once for each."
+            "deeplabcut, sleap or nwb (filled points, and their pixels in each camera), xmalab (rigid bodies); give "
+            "the option once for each."
         ),
     ] = None,
     scale_osim: Annotated[
@@ -59,7 +60,7 @@ def kinematics(
     from mocap.results.keypoints import KEYPOINTS
     from mocap.skeleton import read_skeleton
 
-    kinds = [*EXPORTS, "mjcf", "osim", *KEYPOINTS]
+    kinds = [*EXPORTS, "mjcf", "osim", "xmalab", *KEYPOINTS]
     unknown = sorted(set(export or ()) - set(kinds))
     if unknown:
         raise MocapError(f"--export {unknown[0]}: give {', '.join(kinds)}")

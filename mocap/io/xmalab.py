@@ -20,7 +20,7 @@ from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, read_lines
 
 _OFFSETS = re.compile(r"(?:cam\d+_offset)+")
-_BODY = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
+BODY_ENTRIES = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
 _ACS = ("rxx", "rxy", "rxz", "rx0", "ryx", "ryy", "ryz", "ry0", "rzx", "rzy", "rzz", "rz0", "tx", "ty", "tz", "t1")
 """A coordinate system that XROMM's Maya tools export (``*_acs_tm.csv``): the same 16 numbers under other titles."""
 _NO_RATE = "the file does not state the frame rate"
@@ -101,7 +101,7 @@ def _frames(path: Path, header: list[str], values: Array) -> tuple[np.ndarray | 
 
 
 def _body_pattern(cell: str) -> re.Match[str] | None:
-    found = re.fullmatch(rf"(?P<name>.+)_(?P<entry>{'|'.join(_BODY)})(?P<filter>_[\d.]+Hz)?", cell)
+    found = re.fullmatch(rf"(?P<name>.+)_(?P<entry>{'|'.join(BODY_ENTRIES)})(?P<filter>_[\d.]+Hz)?", cell)
     return found or re.fullmatch(rf"(?P<name>.+)\.(?P<entry>{'|'.join(_ACS)})(?P<filter>)", cell)
 
 
@@ -121,7 +121,7 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     names = list(dict.fromkeys(match["name"] for match in matches if match))
     filters = {match["filter"] or None for match in matches if match}
     entries = [(m["name"], m["entry"]) for m in matches if m]
-    layouts = [[(name, entry) for name in names for entry in kind] for kind in (_BODY, _ACS)]
+    layouts = [[(name, entry) for name in names for entry in kind] for kind in (BODY_ENTRIES, _ACS)]
     if not all(matches) or entries not in layouts:
         raise FormatError(
             f"{path.name}: columns are not the 16 entries of a matrix for each rigid body: export it again"

@@ -66,10 +66,18 @@ def cardan(rotation: Array) -> tuple[Array, Array, Array]:
     return a, b, c
 
 
-def joint_angle(which: int) -> Callable[[Array], Array]:
-    """One of the three angles of a joint of eight points: four of the parent's frame, four of the child's."""
+MIRROR = np.array([1.0, -1.0, 1.0])
+"""Reflects points. Any plane does: angles between frames of points do not depend on it."""
+
+
+def joint_angle(which: int, *, mirrored: bool = False) -> Callable[[Array], Array]:
+    """One of the three angles of a joint of eight points: four of the parent's frame, four of the child's.
+
+    Mirrored ones are those of the same joint of the mirror image (Wu et al. 2005): of a right joint as a left one.
+    """
 
     def angle(x: Array) -> Array:
+        x = x * MIRROR if mirrored else x
         parent, child = frames_of_four(x[:, :4]), frames_of_four(x[:, 4:])
         return cardan(np.einsum("tji,tjk->tik", parent, child))[which]
 

@@ -8,6 +8,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.filters.velocities import Motion, with_means
 from mocap.kinematics import angles
+from mocap.kinematics.bodies import joint_quantities
 from mocap.kinematics.delta import (
     Naming,
     Points,
@@ -24,6 +25,7 @@ from mocap.kinematics.points import BODY, MASS, asked_for
 from mocap.kinematics.records import Kinematics, Quantity
 from mocap.kinematics.stroke import stroke_quantities
 from mocap.measures import AXES, Line
+from mocap.sides import LEFT, RIGHT, TRUNK, side_of
 from mocap.skeleton import Joint, Skeleton
 
 
@@ -44,6 +46,8 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
         motion = with_means(motion, asked_for(motion.names, skeleton, n_frames=len(motion.t_s)))
     up = np.array(AXES[skeleton.measures.up])
     found = list(_joints(motion, skeleton))
+    for joint in skeleton.body_joints:
+        found += joint_quantities(motion, skeleton, joint)
     found += _body(motion, skeleton, up)
     if MASS in motion.names:
         found += point_quantities(motion, MASS, kind="mass")
@@ -74,7 +78,7 @@ def _notes(motion: Motion, skeleton: Skeleton) -> Iterator[str]:
             f"covariances between the markers of {', '.join(apart)} were not kept: these markers are taken for "
             "independent, so that intervals of angles are usually too wide"
         )
-    if not skeleton.joints:
+    if not skeleton.joints and not skeleton.body_joints:
         yield "the skeleton has no joints: there are no angles; `mocap skeleton` proposes some"
     if measures.forward is None:
         yield "the skeleton states no `forward` under [measures]: there is no yaw, pitch and roll"
@@ -105,8 +109,13 @@ def _joints(motion: Motion, skeleton: Skeleton) -> Iterator[Quantity]:
 def _three_angles(
     motion: Motion, joint: Joint, parent: tuple[Line, Line], child: tuple[Line, Line]
 ) -> Iterator[Quantity]:
-    """Flexion, abduction and rotation about stated axes."""
-    points = Points.of(motion, [marker for line in (*parent, *child) for marker in line])
+    """Flexion, abduction and rotation about stated axes; of a right joint in frames that are a left one's mirror image.
+
+    A line from one side of the animal to the other leads to the side of the joint, whichever way it is stated.
+    """
+    side = next((one for one in map(side_of, (joint.name, joint.centre)) if one != TRUNK), TRUNK)
+    lines = [(b, a) if _crosses(a, b) and side_of(a) == side else (a, b) for a, b in (*parent, *child)]
+    points = Points.of(motion, [marker for line in lines for marker in line])
     about = (
         ("flexion", "in the parent's plane of flexion, about its axis normal to its long axis and second direction"),
         ("abduction", "out of the parent's plane of flexion"),
@@ -114,9 +123,14 @@ def _three_angles(
     )
     for which, (name, what) in enumerate(about):
         naming = Naming(name=f"{joint.name}_{name}", unit="deg", what=f"{name} of {joint.name}: {what}", kind="joint")
-        value, *rates = with_rates(points, angles.joint_angle(which), naming)
+        value, *rates = with_rates(points, angles.joint_angle(which, mirrored=side == RIGHT), naming)
         yield replace(value, value=angles.near_the_mean(value.value))
         yield from rates
+
+
+def _crosses(a: str, b: str) -> bool:
+    """Whether two markers are one of the left and one of the right."""
+    return {side_of(a), side_of(b)} == {LEFT, RIGHT}
 
 
 def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:

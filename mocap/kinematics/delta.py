@@ -187,7 +187,7 @@ def with_rates(points: Points, function: Function, naming: Naming, *, rates: boo
         naming: Of the value; rates are called after it.
         rates: Whether rates are wanted.
     """
-    angle, k = naming.unit == "deg", len(points.names)
+    angle, k = naming.unit == "deg", points.x.shape[1]
     size = extent(points.x) if k > 1 else 1e-2
     order = np.arange(6 * k).reshape(k, 6)
     place, moving = order[:, :3].ravel(), order[:, 3:].ravel()

@@ -28,7 +28,9 @@ def asked_for(names: Sequence[str], skeleton: Skeleton, *, n_frames: int) -> Ask
         weights.append(mass_weights(names, list(skeleton.measures.segments.values())))
         means.append(MASS)
     index = {name: i for i, name in enumerate((*names, *means))}
-    needed = [[(j.parent, j.centre, j.child) for j in skeleton.joints], measured_sets(skeleton), distal_sets(skeleton)]
+    joints = [(j.parent, j.centre, j.child) for j in skeleton.joints]
+    joints += [(*skeleton.bodies[j.parent], *skeleton.bodies[j.child]) for j in skeleton.body_joints]
+    needed = [joints, measured_sets(skeleton), distal_sets(skeleton)]
     pairs: list[tuple[int, int]] = []
     for sets in needed:
         found = {

@@ -23,7 +23,7 @@ class StrokePlane:
     Attributes:
         out: (3,) its first axis: the middle of the stroke.
         up: (3,) its second axis, towards the upper end of the stroke.
-        normal: (3,) its normal, first x second axis.
+        normal: (3,) its normal, ahead.
         inclination_rad: Angle between the stroke plane and the trunk's transverse plane (normal to its long axis).
     """
 
@@ -55,8 +55,7 @@ def stroke_plane(direction: Array) -> StrokePlane | None:
     mean = there.mean(axis=0)
     out = angles.unit(mean - (mean @ normal) * normal)
     up = cross(normal, out)
-    if up[2] < 0:
-        normal, up = -normal, -up
+    up, normal = (vector if vector[axis] >= 0 else -vector for vector, axis in ((up, 2), (normal, 0)))
     return StrokePlane(out=out, up=up, normal=normal, inclination_rad=float(np.arccos(min(1.0, abs(normal[0])))))
 
 
@@ -94,7 +93,10 @@ def stroke_quantities(motion: Motion, skeleton: Skeleton) -> list[Quantity]:
         )
         found = with_rates(points, stroke_function(plane, deviation=False), stroke)
         aside = Naming(
-            name=f"{name}_deviation", unit="deg", what=f"angle of that line out of its {inclined}", kind="stroke"
+            name=f"{name}_deviation",
+            unit="deg",
+            what=f"angle of that line out of its plane, ahead is positive; {inclined}",
+            kind="stroke",
         )
         found += with_rates(points, stroke_function(plane, deviation=True), aside, rates=False)
         out += [*found, phase_of(found[0], name)]

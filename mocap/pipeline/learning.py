@@ -167,6 +167,7 @@ def learn_from(
         trials,
         rng,
         bones=skeleton.rigid,
+        bodies=[*skeleton.bodies.values()],
         models=models,
         effort=effort,
         tell=tell,

@@ -44,7 +44,7 @@ def make_report(
     Of one film without a scale, keys that name millimetres name pixels.
     """
     found = [*prepared.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
-    if not potentials and prepared.plane is None:
+    if not potentials and prepared.plane is None and (prepared.skeleton.joints or not prepared.skeleton.body_joints):
         found.append(sentences.no_joints(prepared.skeleton))
     origin = tracked.markers.status
     total = origin.size

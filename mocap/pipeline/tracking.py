@@ -116,7 +116,9 @@ def learn_motion(
     """
     names = part_names(prepared, part)
     skeleton = prepared.skeleton
-    anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses)
+    anatomy = anatomy_of(
+        names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses, bodies=skeleton.bodies.values()
+    )
     models = {
         "eal": settings or PoseSettings(),
         "articulated": ArticulatedSettings(),
@@ -158,6 +160,7 @@ def track_mixed(
         prepared.observations(part.frames, part.markers),
         PoseSettings(),
         bones=skeleton.rigid,
+        bodies=[*skeleton.bodies.values()],
         asked=None if asked is None else asked_of(names, asked),
         progress=progress,
         call_all=call_all,
@@ -217,11 +220,12 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
     for frame, seen in enumerate(smoothed.observed, start=part.frames.start):
-        camera, marker = seen.where[:, 0], part.markers[seen.where[:, 1]]
-        ok, whole = seen.weight > 0, camera == WHOLE
+        rays = seen.where[:, 0] >= WHOLE  # not what other markers of a body say
+        camera, marker = seen.where[rays, 0], part.markers[seen.where[rays, 1]]
+        ok, whole, missed = seen.weight[rays] > 0, camera == WHOLE, seen.innovation[rays]
         used[camera[ok & ~whole], frame, marker[ok & ~whole]] = True
         used[:, frame, marker[ok & whole]] |= np.isfinite(prepared.uv_px[:, frame][:, marker[ok & whole], 0])
-        innovation[camera[~whole], frame, marker[~whole]] = seen.innovation[~whole, :2]
+        innovation[camera[~whole], frame, marker[~whole]] = missed[~whole, :2]
         believed[frame, marker[ok & whole]] = True
     believed |= used.sum(axis=0) >= 2
     origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
@@ -339,7 +343,7 @@ def fill_hidden(
     seen = prepared.observations(part.frames, part.markers, hidden=hidden.mask)
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     if "mixture" in methods and posed:
-        alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid))
+        alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
         models = models_alone(PoseSettings(), alone)
         found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
     for name in ALONE:

@@ -165,7 +165,10 @@ def continuing(prepared: Prepared, part: Part, asked: Mask, away_m: Array) -> Ma
         away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
     names, skeleton = part_names(prepared, part), prepared.skeleton
-    own = TrialSet([marker_trial(prepared, part, hidden=asked)], anatomy_of(names, skeleton.trunk, skeleton.rigid))
+    own = TrialSet(
+        [marker_trial(prepared, part, hidden=asked)],
+        anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()),
+    )
     xyz, _ = _whole(prepared, part, track(prepared, part, EACH_MARKER.fit(own), hidden=asked))
     known = np.isfinite(prepared.xyz_m[..., 0])
     miss_m, out = np.linalg.norm(xyz - prepared.xyz_m, axis=-1), np.zeros_like(asked)
@@ -307,7 +310,7 @@ def _trials(prepared: Prepared, part: Part, learned: LearnedModel | None) -> Tri
     names, skeleton, own = part_names(prepared, part), prepared.skeleton, marker_trial(prepared, part)
     if learned is not None:
         return trials_for(learned, names, own)
-    return TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid))
+    return TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
 
 
 def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:

@@ -43,7 +43,8 @@ def pictures(run: Run, found: Kinematics, rows: Sequence[Cycle], steps: Footfall
         caption="The animal at the two extremes of its largest motion and half-way, and the path of its body.",
         figure=draw_animal(run),
     )
-    joints = _most_moving(found, [f"{j.name}_flexion_deg" for j in run.skeleton.joints])
+    turns = [f"{j.name}_rotation_{axis}_deg" for j in run.skeleton.body_joints for axis in "zyx"]
+    joints = _most_moving(found, [*(f"{j.name}_flexion_deg" for j in run.skeleton.joints), *turns])
     if joints:
         pairs = plots.stacked(len(joints))
         for (ax, below), sides in zip(pairs, joints, strict=True):
@@ -51,8 +52,8 @@ def pictures(run: Run, found: Kinematics, rows: Sequence[Cycle], steps: Footfall
         pairs[-1][1].set_xlabel("time (s)", fontsize=7)
         yield Picture(
             name="angles",
-            caption="Flexion of the joints that move most (0°: straight), on both sides; below each, half the width of "
-            "the 95 % interval. Bars at the bottom: one of the joint's three markers was filled.",
+            caption="Angles of the joints that move most (flexion 0°: straight), on both sides; below each, half the "
+            "width of the 95 % interval. Bars at the bottom: one of the joint's markers was filled.",
             figure=pairs[0][0].figure,
         )
     for kind, of in (("wing_beat", "wing beat"), ("stride", "stride")):

@@ -141,17 +141,19 @@ def _cycles(rows: Sequence[Cycle]) -> dict[str, Any] | None:
 
 
 def _angles(run: Run, found: Kinematics) -> dict[str, Any] | None:
-    """Flexion of each joint, the joint that moves most first; None: there is none."""
+    """Flexion of each joint, rotations of joints of bodies, that which moves most first; None: there is none."""
     lines = []
-    for joint in run.skeleton.joints:
-        name = f"{joint.name}_flexion_deg"
+    shown = [(words(joint.name), f"{joint.name}_flexion_deg") for joint in run.skeleton.joints]
+    for joint in run.skeleton.body_joints:
+        shown += [(f"{words(joint.name)}, {axis}", f"{joint.name}_rotation_{axis}_deg") for axis in "zyx"]
+    for title, name in shown:
         if name not in found or not np.isfinite(found[name].value).any():
             continue
         q = found[name]
         low, high = np.nanpercentile(q.value, [2.5, 97.5])
         filled = float(np.mean(q.rests == Rests.FILLED))
         cells = [f"{low:.0f} to {high:.0f}", f"{np.nanmean(q.value):.1f}", f"± {np.nanmedian(q.high - q.low) / 2:.2g}"]
-        lines.append((high - low, [words(joint.name), *cells, f"{filled:.0%}"]))
+        lines.append((high - low, [title, *cells, f"{filled:.0%}"]))
     columns = [("joint", ""), ("95 % of frames", "°"), ("mean", "°"), ("95 % interval (median)", "°"), ("filled", "")]
     ordered = [cells for _, cells in sorted(lines, key=lambda one: -one[0])]
     return {"columns": columns, "lines": ordered} if ordered else None

@@ -38,6 +38,8 @@ from mocap.results.mjcf import FILE, write_mjcf
 from mocap.results.osim import FILE as OSIM_FILE
 from mocap.results.osim import write_osim
 from mocap.results.plane import plane_dataset, write_plane
+from mocap.results.rigid_bodies import FILE as BODIES_FILE
+from mocap.results.rigid_bodies import write_rigid_bodies
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
@@ -261,7 +263,8 @@ class Tracked:
         Args:
             folder: Where to, as ``mocap.io.output.result_folder`` gives it.
             exports: Of ``mocap.results.exports.EXPORTS``: ``kinematics.<export>`` is written as well; ``mjcf``: the
-                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``; of
+                fitted animal as ``skeleton.mjcf.xml``; ``osim``: the same as ``skeleton.osim``;
+                ``xmalab``: the skeleton's bodies as ``rigid_bodies.csv``; of
                 ``mocap.results.keypoints.KEYPOINTS``: positions and their pixels for the program of that name.
             progress: Called with the name of the stage and the share of it that is done.
             pictures: Whether figures and the page with them are written, too.
@@ -294,6 +297,8 @@ class Tracked:
             write_mjcf(self.run, folder / FILE)
         elif kind == "osim":
             write_osim(self.run, folder / OSIM_FILE)
+        elif kind == "xmalab":
+            write_rigid_bodies(self.run.motion, self.run.skeleton, folder / BODIES_FILE)
         elif kind in KEYPOINTS:
             self._in_space(f"the export {kind}")
             write_keypoints(self.run, kind, folder)

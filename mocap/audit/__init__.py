@@ -4,11 +4,13 @@ from mocap.audit.audit import audit_filmed, audit_recording
 from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import fit_findings
 from mocap.audit.jumps import jump_findings
-from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
+from mocap.audit.offsets import CLEAR_SD, Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.samples import pixel_findings, point_findings
+from mocap.audit.starts import moved, start_offsets
 from mocap.audit.stored import StalePoint, other_world, stale_points
 
 __all__ = [
+    "CLEAR_SD",
     "Finding",
     "Offsets",
     "StalePoint",
@@ -20,8 +22,10 @@ __all__ = [
     "in_step",
     "jump_findings",
     "late_cameras",
+    "moved",
     "other_world",
     "pixel_findings",
     "point_findings",
     "stale_points",
+    "start_offsets",
 ]

@@ -1,6 +1,7 @@
 """A recording in memory, and its pixels converted to ideal (undistorted) ones."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -272,16 +273,30 @@ def film_of(
         raise FormatError(f"{name}: no marker is ever seen: there is nothing to track; digitise first")
     if not (pixels.seen.sum(axis=0) >= 2).any():
         raise CalibrationError(f"{name}: no marker is seen by two cameras at once: no point can be triangulated")
-    try:
-        decision = origin.decide_origin(
+
+    def decided(uv_px: Array) -> origin.PixelOrigin:
+        return origin.decide_origin(
             cameras,
-            pixels.uv_px,
+            uv_px,
             origin=pixel_origin,
             coefficients=calibration_origin,
             height_px=image_height_px,
             usual=usual_origin,
         )
+
+    start = np.zeros(len(cameras))
+    try:
+        if correct_lag:
+            start = _starts(pixels, cameras)
+            pixels = replace(pixels, uv_px=audit.moved(pixels.uv_px, start))
+        decision = decided(pixels.uv_px)
     except CalibrationError as error:
+        start = start if correct_lag else _starts(pixels, cameras)
+        with suppress(CalibrationError):  # what was not the cause is not named
+            if start.any() and not correct_lag:
+                decided(audit.moved(pixels.uv_px, start))
+                each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
+                error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
         error.args = (f"{name}: {error}",)
         raise
     ideal = origin.ideal_pixels(
@@ -292,7 +307,7 @@ def film_of(
         height_px=decision.height_px,
         iterations=iterations,
     )
-    lens, late = None, None
+    lens, late = None, start if start.any() else None
     if fit_lens:
         if any(c.lens is not None for c in cameras):
             raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
@@ -305,6 +320,7 @@ def film_of(
     if correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
+        late = late + start
     return Filmed(
         pixels=pixels,
         cameras=tuple(cameras),
@@ -314,6 +330,16 @@ def film_of(
         told=told,
         lens=lens,
     )
+
+
+def _starts(pixels: PixelTracks, cameras: Sequence[Camera]) -> Array:
+    """(C,) whole frames by which cameras clearly start late; 0 for all where one of them is not certain.
+
+    Lenses move pixels by less than motion does in the lags that are told apart here.
+    """
+    start, sd = audit.start_offsets(stacked(cameras), pixels.uv_px)
+    clear = np.abs(start) > np.maximum(audit.CLEAR_SD * sd, 1.0)
+    return start if (clear | (start == 0)).all() and np.isfinite(sd).all() else np.zeros(len(start))
 
 
 def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:

@@ -56,11 +56,10 @@ lint: setup
 	$(BIN)/pyright
 
 bench: setup
-	for name in triangulation ukf tracker_speed main_job robustness calibration importers \
-	    attack full_pass; do $(BIN)/python -m benchmarks.$$name || exit 1; done
+	for name in triangulation ukf tracker_speed main_job calibration importers attack; do $(BIN)/python -m benchmarks.$$name || exit 1; done
 
 pictures: setup
-	$(BIN)/python -m mocap.rerun.pictures docs/pictures
+	$(BIN)/python -m docs.tools.view_pictures docs/pictures
 
 licences: setup
 	$(BIN)/python -m docs.tools.licences

@@ -35,10 +35,10 @@ from eal.arrays import Array
 from mocap.cameras import triangulate
 from mocap.cameras.camera import record, stacked, undistorted
 from mocap.digitising.clicks import Click
+from mocap.digitising.digitised import digitise
 from mocap.digitising.dots import find_dots, look_of
 from mocap.digitising.films import Films, open_films
 from mocap.io.anipose import write_calibration
-from mocap.library.digitised import digitise
 
 CLICK_SD_PX, RIGHT_PX, RIGHT_M, WRONG_PX, ENOUGH = 0.3, 1.0, 3e-4, 5.0, 0.99
 AT_A_TIME, LEAST_ERROR_PX = 10, 0.15

@@ -39,15 +39,16 @@ from eal.arrays import Array
 from eal.threads import one_blas_thread
 from mocap.cameras.camera import project, stacked
 from mocap.joints import joint_tracks
-from mocap.library.blocks import write_in_blocks
 from mocap.measures import Measures
 from mocap.pipeline.blocks import BLOCK
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.long import LongRecording, long_films, long_tracks
+from mocap.pipeline.long import LongRecording, long_tracks
 from mocap.pipeline.many import learn_joints
-from mocap.pipeline.prepare import Prepared, prepare_pixels, prepare_tracks
+from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_pixels, prepare_tracks
+from mocap.pipeline.recording import film_of
 from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.results.long_result import write_in_blocks
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
 
@@ -137,7 +138,18 @@ def rays(n_frames: int, *, seed: int = 0) -> LongRecording:
         uv = np.concatenate([chunk(k) for k in _chunks(frames)], axis=1)[:, _inside(frames)]
         return PixelTracks(names=MARKERS, cameras=tuple(c.name for c in cameras), t_s=t_s[frames], uv_px=uv)
 
-    return long_films(pixels, cameras, bat_skeleton(), name="bat", t_s=t_s, names=MARKERS)
+    def prepared(frames: slice) -> Prepared:
+        filmed = film_of(pixels(frames), cameras, name="bat")
+        return prepare_filmed(filmed, bat_skeleton(), name="bat", first=frames.start)
+
+    return LongRecording(
+        name="bat",
+        skeleton=bat_skeleton(),
+        names=MARKERS,
+        t_s=t_s,
+        seen=lambda frames: pixels(frames).seen.sum(axis=0) >= 2,
+        prepared=prepared,
+    )
 
 
 def peak_mb() -> float:

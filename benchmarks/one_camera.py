@@ -28,7 +28,6 @@ import numpy as np
 import pandas as pd
 from mocap.datasets.real import folder
 from mocap.filters.first_poses import settled, starts_of
-from mocap.filters.models.pose import PoseSettings
 from mocap.filters.one_camera import Found, jitter_px, px_per_m, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import Barrier, PosePrior, learn_prior
@@ -169,7 +168,7 @@ def frame_by_frame(prior: PosePrior, views: Views) -> Array:
 
 def bound(prior: PosePrior, own: MarkerTrial, teachers: Sequence[MarkerTrial], trunk: Sequence[int]) -> Array:
     """(T, M, 3) shapes and places fitted to the reference's points."""
-    pose = poses_of([*teachers, own], trunk, body_hz=PoseSettings().body_hz)[-1]
+    pose = poses_of([*teachers, own], trunk)[-1]
     out = np.full(own.xyz_m.shape, np.nan)
     for t, y in enumerate(pose.y):
         seen = np.isfinite(y)
@@ -264,7 +263,7 @@ def _of_teachers(
     markers = np.flatnonzero(np.any([f.trial.seen.any(axis=0) for f in chosen], axis=0) & own.trial.seen.any(axis=0))
     some = [_only(f.trial, markers) for f in chosen]
     mine, trunk = _only(own.trial, markers), [k for k, m in enumerate(markers) if POINTS[m] in TRUNK]
-    prior = learn_prior(some, trunk, PoseSettings())
+    prior = learn_prior(some, trunk)
     every = held(prior)
     mean = replace(prior, shapes=np.tile(prior.shapes.mean(axis=0), (2, 1)))  # two, as one has no spread
     for camera in QUICK[0] if quick else range(len(own.matrices)):

@@ -58,9 +58,9 @@ class Case:
             for _ in filter_forward(self.model, self.seen, self.t_s):
                 pass
 
-    def smoothed(self, most_bytes: float = 1e9, passes: int = 1) -> None:
+    def smoothed(self, most_bytes: float = 1e9) -> None:
         """Forward and back."""
-        smooth(self.model, self.seen, self.t_s, most_bytes=most_bytes, passes=passes, settled=0.0)
+        smooth(self.model, self.seen, self.t_s, most_bytes=most_bytes)
 
     def lagged(self, lag: int, every: int) -> None:
         """Live."""
@@ -182,7 +182,6 @@ def main() -> None:
     print(f"{'34 markers x 30 cameras':44}{'n':>4}  {'':22}{'wall ms':>9}{'cpu ms':>9}{'frames/s':>10}")
     case = markers(n_frames)
     lines = {"filter": case.filtered, "filter + smooth": case.smoothed}
-    lines["filter + smooth, twice"] = partial(case.smoothed, passes=2)
     lags = {"live, lag 10": partial(case.lagged, 10, 1), "live, lag 10, by tens": partial(case.lagged, 10, 10)}
     show("constant velocity a marker", case, lines | lags, rounds)
     for title, settings in {

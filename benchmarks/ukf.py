@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from mocap.datasets.rig import tunnel_cameras
-from mocap.filters.ensemble import Gaussian, Update, default_points, predict, update
+from mocap.filters.ensemble import Gaussian, Update, default_points, predict, smooth_step, update
 from mocap.filters.motion.constant_velocity import white_acceleration
-from mocap.filters.smoother import smooth_step
 from mocap.filters.unscented import UnscentedKalmanFilter as OurFilter
 from scipy.linalg.blas import dgemm  # type: ignore[attr-defined]  # made at run time
 from threadpoolctl import threadpool_limits
@@ -37,7 +36,6 @@ class Problem:
         noise: (n, n) lower factor of the noise of a step.
         start: State of size n = 6 M.
         h: (S, 3 M) positions to (S, m) rows.
-        affine: Whether ``h`` is affine.
         y: (m,) observations of standard deviation ``SD_PX``.
     """
 
@@ -45,7 +43,6 @@ class Problem:
     noise: Array
     start: Gaussian
     h: Callable[[Array], Array]
-    affine: bool
     y: Array
 
 
@@ -142,7 +139,7 @@ def problem(n: int, m: int, *, affine: bool, seed: int = 0) -> Problem:
     start = Gaussian(np.concatenate([place, rng.standard_normal(k)]), sd[:, None] * np.linalg.cholesky(correlation))
     true = advance((start.mean + start.factor @ rng.standard_normal(n))[None], DT_S)
     y = h(true[:, :k])[0] + SD_PX * rng.standard_normal(m)
-    return Problem(name="planar" if affine else "pixels", noise=noise, start=start, h=h, affine=affine, y=y)
+    return Problem(name="planar" if affine else "pixels", noise=noise, start=start, h=h, y=y)
 
 
 def advance(states: Array, dt_s: float) -> Array:
@@ -160,8 +157,8 @@ def compare(case: Problem, *, repeats: int, budget_s: float) -> list[Row]:
         return advance(states, DT_S)
 
     def ours() -> tuple[Gaussian, Update]:
-        prediction = predict(case.start, step, noise, points, linear=True)
-        return prediction.state, update(prediction.state, case.h, case.y, sd, points, reads=k, linear=case.affine)
+        prediction = predict(case.start, step, noise, points)
+        return prediction.state, update(prediction.state, lambda x: case.h(x[:, :k]), case.y, sd, points)
 
     peer = UnscentedKalmanFilter(
         dim_x=n,
@@ -183,10 +180,10 @@ def compare(case: Problem, *, repeats: int, budget_s: float) -> list[Row]:
         _, after = ours()
         theirs()
         states = np.stack([case.start.mean, peer.x]), np.stack([start_cov, peer.P])
-        prediction = predict(case.start, step, noise, points, linear=True)
+        prediction = predict(case.start, step, noise, points)
         smoothed = smooth_step(case.start, prediction, after.state)
         peer_mean, peer_cov, _ = peer.rts_smoother(*states)
-    a = np.ones((k if case.affine else 2 * k, m), order="F")
+    a = np.ones((2 * n, m), order="F")
     times = interleaved(
         {
             "ours": ours,
@@ -208,7 +205,7 @@ def compare(case: Problem, *, repeats: int, budget_s: float) -> list[Row]:
         floor_ms=ms["floor"],
         **difference(after.state, states[0][1], states[1][1]),
     )
-    if not case.affine:
+    if case.name == "pixels":
         return [forward]
     backward = Row(
         n=n,

@@ -36,16 +36,6 @@ def hessian(kernel: Kernel, centres: Array, root: Array, q: Array) -> Array:
     return -2.0 * _half_hessian(kernel, centres, root, q, k, k @ root, np.zeros_like(q))
 
 
-def hessian_product(kernel: Kernel, centres: Array, root: Array, q: Array, u: Array) -> Array:
-    """Hessian of V times directions u (n, d): (n, d), at some three gradients' cost and without any (d, d)."""
-    k = kernel.gram(q, centres)
-    along = kernel.slopes_along(q, centres, u)
-    w = ((k @ root) @ root.T) * k
-    first = (((k * along) @ root) @ root.T) * k + w * along
-    curved = np.einsum("nde,ne->nd", kernel.weighted_curvature(q, centres, w), u)
-    return -2.0 * (kernel.weighted_gradient(q, centres, first) + curved)
-
-
 def barrier_value(kernel: Kernel, centres: Array, root: Array, q: Array) -> Array:
     """-log(1 - V) at (n, d) configurations: (n,), finite at any distance from the samples."""
     k, top = _scaled(kernel, centres, q)

@@ -47,10 +47,6 @@ class Kernel(ABC):
         """sum_i w_ni grad log K(q_n, z_i), derivatives in q_n: weights (n, m) to (n, d)."""
         return np.einsum("nm,nmd->nd", w, self.log_gradients(q, z))
 
-    def slopes_along(self, q: Array, z: Array, u: Array) -> Array:
-        """Grad log K(q_n, z_i) . u_n: directions (n, d) to (n, m)."""
-        return np.einsum("nmd,nd->nm", self.log_gradients(q, z), u)
-
 
 @dataclass(frozen=True)
 class Radial(Kernel):
@@ -91,12 +87,6 @@ class Radial(Kernel):
         """2 sum_i w_i l'(s_i) (q - z_i), see Kernel; two matrix products."""
         first, _ = self._slopes(self.squared_distance(q, z))
         return _first_moment(q, z, 2.0 * w * first)
-
-    def slopes_along(self, q: Array, z: Array, u: Array) -> Array:
-        """2 l'(s_i) (q - z_i).u, see Kernel; one matrix product."""
-        first, _ = self._slopes(self.squared_distance(q, z))
-        centre = z.mean(axis=0)
-        return 2.0 * first * (np.einsum("nd,nd->n", q - centre, u)[:, None] - u @ (z - centre).T)
 
     def weighted_curvature(self, q: Array, z: Array, w: Array) -> Array:
         """sum_i w_i [2 l' I + 4 l'' (q - z_i)(q - z_i)^T], see Kernel."""

@@ -120,13 +120,6 @@ class EmpiricalPotential:
         """Hessian of V_z: (..., d) configurations to (..., d, d), in 1/unit^2; raises as ``value``."""
         return self._at(evaluation.hessian, q, second=True)
 
-    def hessian_product(self, q: ArrayLike, u: ArrayLike) -> Array:
-        """Hessian of V_z times u: (..., d) configurations and directions to (..., d); raises as ``value``."""
-        d = self.dimension
-        both = np.broadcast_arrays(points("q", q, d), points("u", u, d))
-        flat = evaluation.hessian_product(self.kernel, self.centres, self.root, *(x.reshape(-1, d) for x in both))
-        return flat.reshape(both[0].shape)
-
     def barrier_value(self, q: ArrayLike) -> Array:
         """-log(1 - V_z(q)): as V_z near the data, and without end away from it; (..., d) to (...).
 

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
+from scipy.linalg.blas import dsyrk, dtrmm, dtrsm, dtrsv  # type: ignore[attr-defined]  # made at run time
 from scipy.linalg.lapack import dpotrf  # type: ignore[attr-defined]
 
 from eal.arrays import Array
@@ -86,39 +85,22 @@ def scale(points: SigmaPoints) -> tuple[float, float]:
     return c, max(gamma, 0.0)
 
 
-def spread(state: Gaussian, c: float, *, columns: int | None = None, rows: int | None = None) -> Array:
-    """Sigma points x, x + sqrt(c) L_j, x - sqrt(c) L_j.
-
-    Args:
-        state: Mean and factor.
-        c: Spread.
-        columns: Only the first so many columns of L (those that move what is looked at); None: all.
-        rows: Only the first so many components; None: all.
-
-    Returns:
-        (2 columns + 1, rows) points.
-    """
-    mean = state.mean[:rows]
-    steps = np.sqrt(c) * state.factor[:rows, :columns].T
-    return np.concatenate([mean[None], mean + steps, mean - steps])
+def spread(state: Gaussian, c: float) -> Array:
+    """(2n + 1, n) sigma points x, x + sqrt(c) L_j, x - sqrt(c) L_j."""
+    steps = np.sqrt(c) * state.factor.T
+    return np.concatenate([state.mean[None], state.mean + steps, state.mean - steps])
 
 
-def ensemble(values: Array, c: float, gamma: float, *, linear: bool = False) -> tuple[Array, Array]:
-    """Mean (m,) and ensemble rows [G; E; sqrt(gamma) b] of transformed sigma points (2k + 1, m).
-
-    With ``linear`` the rows E and b, zero but for rounding, are left out.
-    """
+def ensemble(values: Array, c: float, gamma: float) -> tuple[Array, Array]:
+    """Mean (m,) and ensemble rows [G; E; sqrt(gamma) b] of transformed sigma points (2n + 1, m)."""
     k = len(values) // 2
     centre, plus, minus = values[0], values[1 : k + 1], values[k + 1 :]
-    half = 0.5 / np.sqrt(c)
-    if linear:
-        return centre, (plus - minus) * half
     rows = np.empty_like(values[1:], dtype=float)  # in the memory order of the values
     np.subtract(plus, minus, out=rows[:k])
     np.add(plus, minus, out=rows[k:])
     rows[k:] -= 2 * centre
     shift = rows[k:].sum(axis=0) / (2 * c)
-    rows *= half
+    rows *= 0.5 / np.sqrt(c)
     if gamma > 0:
         rows = np.concatenate([rows, np.sqrt(gamma) * shift[None]])
     return centre + shift, rows
@@ -168,15 +150,7 @@ class Prediction:
     noise: Array
 
 
-def predict(
-    state: Gaussian,
-    step: Callable[[Array], Array],
-    noise: Array,
-    points: SigmaPoints,
-    *,
-    linear: bool = False,
-    noise_cov: Array | None = None,
-) -> Prediction:
+def predict(state: Gaussian, step: Callable[[Array], Array], noise: Array, points: SigmaPoints) -> Prediction:
     """Propagate a state.
 
     Args:
@@ -184,21 +158,11 @@ def predict(
         step: (S, n) points to (S, n) points one frame later, all at once.
         noise: (n, n) lower factor of the process noise covariance.
         points: Sigma-point parameters.
-        linear: Whether ``step`` is affine (the second-order rows vanish).
-        noise_cov: (n, n) lower triangle of the process noise covariance, where it is at hand.
     """
-    if linear:
-        moved = step(np.concatenate([state.mean[None], state.mean + state.factor.T]))
-        return predicted(moved[0], moved[1:] - moved[0], noise, noise_cov)
     c, gamma = scale(points)
-    return predicted(*ensemble(step(spread(state, c)), c, gamma), noise, noise_cov)
-
-
-def predicted(mean: Array, rows: Array, noise: Array, noise_cov: Array | None = None) -> Prediction:
-    """The prediction of mean (n,), ensemble rows (k, n) and noise of lower factor (n, n)."""
+    mean, rows = ensemble(step(spread(state, c)), c, gamma)
     try:
-        added = gram(noise) if noise_cov is None else noise_cov.copy(order="F")
-        factor = cholesky(gram(rows.T, add=added))
+        factor = cholesky(gram(rows.T, add=gram(noise)))
     except np.linalg.LinAlgError:
         factor = triangular(np.concatenate([rows, noise.T]))
     return Prediction(Gaussian(mean, factor), rows, noise)
@@ -210,85 +174,85 @@ class Update:
 
     Attributes:
         state: Posterior.
-        innovation: (m,) observed minus predicted, all rows.
-        used: (m,) False for the rows that were gated.
-        nis: Normalised innovation squared y^T S^-1 y of the used rows.
-        log_likelihood: Log density of the used rows.
+        innovation: (m,) observed minus predicted.
+        nis: Normalised innovation squared y^T S^-1 y.
+        log_likelihood: Log density of the rows.
     """
 
     state: Gaussian
     innovation: Array
-    used: NDArray[np.bool_]
     nis: float
     log_likelihood: float
 
 
-def update(
-    state: Gaussian,
-    h: Callable[[Array], Array],
-    y: Array,
-    sd: Array,
-    points: SigmaPoints,
-    *,
-    reads: int | None = None,
-    gate: Callable[[Array], NDArray[np.bool_]] | None = None,
-    linear: bool = False,
-) -> Update:
+def update(state: Gaussian, h: Callable[[Array], Array], y: Array, sd: Array, points: SigmaPoints) -> Update:
     """Condition a state on observations with independent noise.
 
-    No m x m matrix is formed: with whitened ensemble rows A, C = I + A A^T = U U^T (U upper), the posterior factor is
+    No m x m matrix is formed: with whitened ensemble rows A, C = 1 + A A^T = U U^T (U upper), the posterior factor is
     L U11^-T, again lower triangular, and the posterior mean x + L+ (U^-1 A y).
 
     Args:
         state: Predicted state.
-        h: (S, reads) points to (S, m) predicted observations, all at once.
+        h: (S, n) points to (S, m) predicted observations, all at once.
         y: (m,) observations.
         sd: (m,) their standard deviations.
         points: Sigma-point parameters.
-        reads: ``h`` reads only the first so many components of the state; None: all.
-        gate: (m,) normalised innovations y / sqrt(S_ii) to a mask of rows to believe; None believes all.
-        linear: Whether ``h`` is affine.
 
     Returns:
-        The posterior; with no believed rows the state itself.
+        The posterior; without rows the state itself.
     """
     c, gamma = scale(points)
-    reads = len(state.mean) if reads is None else reads
-    predicted, rows = ensemble(h(spread(state, c, columns=reads, rows=reads)), c, gamma, linear=linear)
+    predicted, a = ensemble(h(spread(state, c)), c, gamma)
     innovation = y - predicted
-    rows /= sd
-    white, a = innovation / sd, rows
-    used = np.ones(len(y), dtype=bool)
-    if gate is not None and len(y):
-        used = gate(white / np.sqrt(1 + np.einsum("ij,ij->j", a, a)))
-        if not used.all():
-            white, a = white[used], a[:, used]
-    if not used.any():
-        return Update(state, innovation, used, np.nan, 0.0)
-    posterior, w, log_det = condition(state, a, white, reads)
+    if not len(y):
+        return Update(state, innovation, np.nan, 0.0)
+    a, white, n = a / sd, innovation / sd, len(state.mean)
+    inside = gram(a, lower=False)
+    inside[np.diag_indices(len(a))] += 1
+    reverse = cholesky(np.asfortranarray(inside[::-1, ::-1]))  # U backwards
+    w = dtrsv(reverse, (a @ white)[::-1], lower=1)[::-1]
+    factor = dtrsm(1.0, np.asfortranarray(reverse[::-1, ::-1][:n, :n]), state.factor, side=1, lower=0, trans_a=1)
+    log_det = 2 * float(np.log(np.diag(reverse)).sum())
     nis = float(white @ white - w @ w)
-    log_likelihood = -0.5 * (len(white) * np.log(2 * np.pi) + 2 * np.log(sd[used]).sum() + log_det + nis)
-    return Update(posterior, innovation, used, nis, float(log_likelihood))
+    log_likelihood = -0.5 * (len(y) * np.log(2 * np.pi) + 2 * np.log(sd).sum() + log_det + nis)
+    return Update(Gaussian(state.mean + factor @ w[:n], factor), innovation, nis, float(log_likelihood))
 
 
-def condition(state: Gaussian, a: Array, y: Array, k: int) -> tuple[Gaussian, Array, float]:
-    """Condition on whitened rows: the step that every update shares.
+def smooth_step(filtered: Gaussian, prediction: Prediction, smoothed: Gaussian) -> Gaussian:
+    """One Rauch-Tung-Striebel step backwards, in units of the filtered deviations, from what the prediction kept.
+
+    With W = (L-)^-1 G^T, L- the factor of the prediction, the gain is K = L W^T (L-)^-1 and the smoothed covariance
+
+        P + K (Ps - P-) K^T = L (I - W^T W + B^T B) L^T,   B = Ls^T (L-)^-T W,
+
+    and L times the factor of the bracket is its factor. The bracket is 1 where nothing is learned; where it falls below
+    1e-4 the subtraction has cost too many digits, and the same covariance is factored as the sum of squares
+    D D^T + K Q K^T + K Ps K^T, D the part of the filtered deviations that the prediction does not explain.
 
     Args:
-        state: Prior.
-        a: (rows, m) whitened ensemble rows whose first k belong to the first k columns of the factor.
-        y: (m,) whitened innovations.
-        k: Number of columns of the factor that the observation sees.
+        filtered: State of this frame.
+        prediction: Prediction from this frame to the next.
+        smoothed: Smoothed state of the next frame.
 
-    Returns:
-        The posterior, w = U^-1 A y, and log det (I + A A^T).
+    Raises:
+        np.linalg.LinAlgError: the predicted covariance is singular.
     """
-    c = gram(a, lower=False)
-    c[np.diag_indices(len(a))] += 1
-    reverse = cholesky(np.asfortranarray(c[::-1, ::-1]))  # U backwards
-    w = dtrsv(reverse, (a @ y)[::-1], lower=1)[::-1]
-    u11 = np.asfortranarray(reverse[::-1, ::-1][:k, :k])
-    columns = dtrsm(1.0, u11, state.factor[:, :k], side=1, lower=0, trans_a=1)
-    factor = state.factor.copy(order="F")
-    factor[:, :k] = columns
-    return Gaussian(state.mean + columns @ w[:k], factor), w, 2 * float(np.log(np.diag(reverse)).sum())
+    rows, ahead, n = prediction.rows, prediction.state, len(filtered.mean)
+    if not np.diag(ahead.factor).all():
+        raise np.linalg.LinAlgError(f"predicted covariance of size {n} is singular: give every component process noise")
+    w = dtrsm(1.0, ahead.factor, rows[:n].T, lower=1)
+    b = dtrmm(1.0, dtrsm(1.0, ahead.factor, smoothed.factor, lower=1), w, lower=1, trans_a=1)
+    change = dtrsv(ahead.factor, smoothed.mean - ahead.mean, lower=1)
+    mean = filtered.mean + filtered.factor @ (change @ w)
+    bracket = dsyrk(-1.0, w, trans=1, lower=1, beta=1.0, c=np.eye(n, order="F"), overwrite_c=1)
+    try:
+        shrink = cholesky(gram(b.T, add=bracket))
+        if np.diag(shrink).min() < 1e-2:
+            raise np.linalg.LinAlgError
+        factor = dtrmm(1.0, filtered.factor, shrink, lower=1)
+    except np.linalg.LinAlgError:
+        gain = filtered.factor @ dtrsm(1.0, ahead.factor, w, lower=1, trans_a=1).T
+        unexplained = -gain @ rows.T
+        unexplained[:, :n] += filtered.factor
+        factor = triangular(np.concatenate([unexplained, gain @ prediction.noise, gain @ smoothed.factor], axis=1).T)
+    return Gaussian(mean, factor)

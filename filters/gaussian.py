@@ -12,7 +12,6 @@ Backward, the modified Bryson-Frazier smoother (Bierman 1977, Factorization Meth
 a matrix with x_s = x - P lambda and P_s = P - P Lambda P. They pass observations and steps without any inverse.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -96,27 +95,29 @@ class Move:
 
     Attributes:
         shared: (s, s) what F does to the shared block.
-        chain: (k, k, 1 or D) what it does to the k states of each coordinate of the chains.
+        chain: (k, k) what it does to the k states of each coordinate of the chains.
         noise: (..., n, n) covariance of the noise.
         shift: (n,) constant; None: 0.
+        decay: (D,) what the states of each coordinate are multiplied by, besides; None: 1.
     """
 
     shared: Array
     chain: Array
     noise: Array
     shift: Array | None = None
+    decay: Array | None = None
 
     @cached_property
     def dense(self) -> Array | None:
-        """(n, n) F of a few numbers, where it is faster as one; None: it has a shared block, or other chains."""
-        if len(self.shared) or self.chain.shape[-1] > 1:
+        """(n, n) F of a few numbers, where it is faster as one; None: it has a shared block, or coordinates differ."""
+        if len(self.shared) or self.decay is not None:
             return None
-        return np.kron(self.chain[..., 0], np.eye(self.noise.shape[-1] // len(self.chain)))
+        return np.kron(self.chain, np.eye(self.noise.shape[-1] // len(self.chain)))
 
     def ahead(self, state: Moments) -> Moments:
         """The state after the step."""
         mean, dense = self.forward(state.mean), self.dense
-        cov = _both(state.cov, self.shared, self.chain) if dense is None else dense @ state.cov @ dense.T
+        cov = self._both(state.cov) if dense is None else dense @ state.cov @ dense.T
         cov += self.noise
         return Moments(mean if self.shift is None else mean + self.shift, cov)
 
@@ -126,21 +127,50 @@ class Move:
             return rows @ self.dense.T
         s = len(self.shared)
         out = np.empty(rows.shape)
-        out[..., :s] = rows[..., :s] @ self.shared.T
-        _mix(_columns(rows, s, len(self.chain)), self.chain, _columns(out, s, len(self.chain)))
+        out[..., :s], out[..., s:] = rows[..., :s] @ self.shared.T, self._chained(rows[..., s:])
+        return out
+
+    def _chained(self, rows: Array) -> Array:
+        """(..., kD) rows, of chains alone, that are carried on."""
+        if not len(self.chain):
+            return rows
+        out = self.chain @ rows.reshape(*rows.shape[:-1], len(self.chain), -1)
+        if self.decay is not None:
+            out *= self.decay
+        return out.reshape(rows.shape)
+
+    def _both(self, matrix: Array) -> Array:
+        """F C F^T of a symmetric matrix C (n, n).
+
+        What rounding leaves unsymmetric grows with the square of an unstable mode of F, which the shared block may
+        have: that block is made symmetric in each step.
+        """
+        s, k = len(self.shared), len(self.chain)
+        out = np.empty(matrix.shape)
+        top = self.shared @ matrix[:s]
+        out[:s, :s] = _symmetric(top[:, :s] @ self.shared.T)
+        if k:
+            out[:s, s:] = self._chained(top[:, s:])
+            out[s:, :s] = out[:s, s:].T
+            size = len(matrix) - s  # F C of chains, and then of its transpose the same
+            half = (self.chain @ matrix[s:, s:].reshape(k, -1)).reshape(size, size)
+            out[s:, s:] = (self.chain @ half.T.reshape(k, -1)).reshape(size, size)
+            if self.decay is not None:
+                each = np.tile(self.decay, k)
+                out[s:, s:] *= each[:, None] * each
         return out
 
     @property
     def turned(self) -> "Move":
         """F^T."""
-        return Move(self.shared.T, self.chain.swapaxes(0, 1), self.noise)
+        return Move(self.shared.T, self.chain.T, self.noise, decay=self.decay)
 
     def back(self, adjoint: Adjoint) -> Adjoint:
         """What later frames say of the state before the step."""
         turned, dense = self.turned, self.dense
         if dense is not None:
             return Adjoint(adjoint.vector @ dense, dense.T @ adjoint.matrix @ dense)
-        return Adjoint(turned.forward(adjoint.vector), _both(adjoint.matrix, turned.shared, turned.chain))
+        return Adjoint(turned.forward(adjoint.vector), turned._both(adjoint.matrix))
 
     def smoothed_cov(self, cov: Array, later: Array) -> Array:
         """Smoothed covariance of a state of filtered covariance P, given that of the state after the step.
@@ -405,44 +435,3 @@ def diagonal_blocks(spread: Array) -> Array:
 
 def _symmetric(matrix: Array) -> Array:
     return 0.5 * (matrix + _t(matrix))
-
-
-def _columns(matrix: Array, start: int, count: int) -> list[Array]:
-    """The last axis from some place on, in so many parts."""
-    size = (matrix.shape[-1] - start) // max(count, 1)
-    return [matrix[..., start + i * size : start + (i + 1) * size] for i in range(count)]
-
-
-def _mix(parts: Sequence[Array], weights: Array, out: Sequence[Array]) -> None:
-    """Sums of parts with the (k, k, ...) weights of a chain."""
-    for target, row in zip(out, weights, strict=True):
-        np.multiply(parts[0], row[0], out=target)
-        for part, weight in zip(parts[1:], row[1:], strict=True):
-            target += part * weight
-
-
-def _both(matrix: Array, shared: Array, chain: Array) -> Array:
-    """F C F^T of a symmetric matrix C (..., n, n).
-
-    What rounding leaves unsymmetric grows with the square of an unstable mode of F, which the shared block may have:
-    that block is made symmetric in each step.
-    """
-    s, k, n = len(shared), len(chain), matrix.shape[-1]
-    out = np.empty(matrix.shape)
-    if s:
-        top = shared @ matrix[..., :s, :]
-        out[..., :s, :s] = _symmetric(top[..., :s] @ shared.T)
-        _mix(_columns(top, s, k), chain, _columns(out[..., :s, :], s, k))
-        out[..., s:, :s] = _t(out[..., :s, s:])
-    inner = matrix[..., s:, s:]
-    if (
-        k and chain.shape[-1] == 1 and matrix.ndim == 2
-    ):  # all coordinates alike: F C, and then of its transpose the same
-        one, size = chain[..., 0], n - s
-        half = (one @ inner.reshape(k, -1)).reshape(size, size)
-        out[s:, s:] = (one @ half.T.reshape(k, -1)).reshape(size, size)
-        return out
-    half = np.empty(inner.shape)
-    _mix([_t(c) for c in _columns(_t(inner), 0, k)], chain[..., None], [_t(c) for c in _columns(_t(half), 0, k)])
-    _mix(_columns(half, 0, k), chain, _columns(out[..., s:, s:], 0, k))
-    return out

@@ -168,15 +168,16 @@ def predict(covariance: Covariance, rows: Rows, y: Array, asked: Rows) -> tuple[
     return cross @ solved, left[:, None] * np.mean(y * solved, axis=0)
 
 
-def fitted(tasks: Sequence[tuple[Rows, Array]], *, start: Covariance | None = None, steps: int = 12) -> Covariance:
+def fitted(tasks: Sequence[tuple[Rows, Array]], *, steps: int = 12) -> Covariance:
     """The covariance under which some data sets are likeliest, each column of each with a scale of its own.
+
+    The search begins at the usual covariance, and a prior of deviation 22 / sqrt(rows) draws logarithms to it.
 
     Args:
         tasks: Rows and their values (n, c), centred.
-        start: Where the search begins, and what logarithms are drawn to: by a prior of deviation 22 / sqrt(rows).
         steps: Of the search.
     """
-    first = (start or Covariance()).logarithms
+    first = Covariance().logarithms
     known = [(Apart.of(rows, rows), y) for rows, y in tasks]
 
     def cost(logarithms: Array) -> tuple[float, Array]:

@@ -169,14 +169,15 @@ def gaps_like_own(trials: TrialSet, *, most: int, times: int) -> HiddenGaps:
     return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, one) for one in found if one.gaps])
 
 
-def own_gaps(trials: TrialSet, *, most: int = 500) -> HiddenGaps:
+def own_gaps(trials: TrialSet) -> HiddenGaps:
     """Gaps hidden in the recording that is to be filled, to see whether a mixture's intervals hold in it.
+
+    They lie in the 500 frames of which most is seen.
 
     Args:
         trials: Trials; the last is the recording.
-        most: Gaps are hidden in the stretch of so many of its frames of which most is seen.
     """
-    own = hide_neighbours(best_of(trials.trials[-1], most), np.random.default_rng(0))
+    own = hide_neighbours(best_of(trials.trials[-1], 500), np.random.default_rng(0))
     last = len(trials.trials) - 1
     return HiddenGaps(trials=trials.trials, anatomy=trials.anatomy, hidden=[(last, own)] if own.gaps else [])
 

@@ -41,6 +41,31 @@ def blended(y: Array, model: Array) -> Array:
     return filled
 
 
+def by_chains(xyz_m: Array, t_s: Array, bones: Sequence[tuple[int, int]], trunk: Sequence[int]) -> Array:
+    """Gaps of (T, M, 3) markers filled outward from the trunk, along bones that keep their lengths.
+
+    The direction of each bone is a spline through the frames that show both its ends, its length is their median; the
+    trunk, and what no bone ties to it, are splines.
+
+    Args:
+        xyz_m: Markers; NaN where not seen.
+        t_s: (T,) times.
+        bones: Pairs of markers.
+        trunk: Markers from which the chains start; none: the first marker of the first bone.
+    """
+    out, placed = interpolated(xyz_m, t_s, kind="cubic"), set(trunk or [a for a, _ in bones[:1]])
+    while step := next(((a, b) for p in bones for a, b in (p, p[::-1]) if a in placed and b not in placed), None):
+        parent, marker = step
+        placed.add(marker)
+        bone = xyz_m[:, [marker]] - xyz_m[:, [parent]]
+        direction = interpolated(bone, t_s, kind="cubic")[:, 0]
+        length = np.linalg.norm(direction, axis=-1, keepdims=True)
+        at = out[:, parent] + direction / length * np.nanmedian(np.linalg.norm(bone, axis=-1))
+        gap = np.isnan(xyz_m[:, marker, 0]) & np.isfinite(at[:, 0])
+        out[gap, marker] = at[gap]
+    return out
+
+
 def by_poses(xyz_m: Array, t_s: Array, trunk: Sequence[int], *, kind: str, rank: int = 12) -> Array:
     """Gaps of (T, M, 3) markers filled from the other markers of the same frame, in the axes of the body.
 

@@ -10,7 +10,7 @@ holds the coordinates of all markers, and its potentials are conditionings, no f
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mocap.filters.ensemble import default_points
@@ -22,6 +22,7 @@ from eal.arrays import frozen
 from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
 from eal.midpoint import midpoint_step
+from eal.over_time import OverTime, Time
 from eal.threads import one_blas_thread
 
 Array = NDArray[Any]
@@ -52,14 +53,14 @@ class JointSights:
         chart: Joint coordinates (n, d) to places from the root (n, J, k) along the axes, in metres.
     """
 
-    t_s: Array
+    t_s: OverTime[Array]
     matrices: Array
-    uv_px: Array
-    sd_px: Array
+    uv_px: Annotated[Array, Time(1)]
+    sd_px: Annotated[Array, Time(1)]
     dof: Array
-    centre_m: Array
-    centre_cov_m2: Array
-    axes: Array
+    centre_m: OverTime[Array]
+    centre_cov_m2: OverTime[Array]
+    axes: OverTime[Array]
     chart: Callable[[Array], Array]
 
     def __post_init__(self) -> None:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from mocap.filters.models.pose import PoseSettings, body_density, learn_potential, unseen_potential
-from mocap.filters.poses import MarkerTrial, poses_of
+from mocap.filters.models.pose import body_density, learn_potential, unseen_potential
+from mocap.filters.poses import LEAST_KNOWN, MarkerTrial, poses_of
 from mocap.filters.size import LEAST, relative_size, sized_like
 from mocap.filters.subspace import principal_components, structure
 from mocap.filters.whittaker import smooth_series
@@ -153,16 +153,15 @@ SHAPES = 8
 """Shapes of a pose that one camera is asked for: 6, 8 and 10 err within 5 % of each other on four flights of a bat."""
 
 
-def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], settings: PoseSettings) -> PosePrior:
+def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int]) -> PosePrior:
     """Learn from trials of the same markers and frame rate; animals of other sizes are brought to that of the last.
 
     Args:
         trials: What to learn from.
         trunk: Indices of the trunk's markers.
-        settings: Of the potential and the body.
     """
     size_sd = size_spread(trials)
-    poses = poses_of([*sized_like(trials[:-1], trials[-1]), trials[-1]], trunk, body_hz=settings.body_hz)
+    poses = poses_of([*sized_like(trials[:-1], trials[-1]), trials[-1]], trunk)
     dt_s = poses[0].dt_s
     parts = [p.y for p in poses]
     cuts, y = np.cumsum([len(part) for part in parts])[:-1], np.concatenate(parts)
@@ -174,7 +173,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], settings: P
         smooth_series(z, np.maximum(k, 1e-3), dt_s=dt_s, cutoff_hz=min(30.0, 0.2 / dt_s))
         for z, k in zip(np.split(found.scores @ found.loading.T @ basis, cuts), known, strict=True)
     ]
-    keep = [k >= min(settings.least_known, np.median(k)) for k in known]
+    keep = [k >= min(LEAST_KNOWN, np.median(k)) for k in known]
     shapes = np.concatenate([z[k] for z, k in zip(smooth, keep, strict=True)])
     rate = np.concatenate([np.gradient(z, dt_s, axis=0)[k] for z, k in zip(smooth, keep, strict=True)])
     now, before, constant, noise = autoregression(smooth)
@@ -187,7 +186,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], settings: P
     ]
     moved = [np.diff(p.frames.position_m, axis=0) for p in poses]
     decay = float(np.exp(-MATERN_3_HALF * dt_s / half_life_s(left, dt_s)))
-    unseen = float(np.mean(unseen_potential(shapes, settings)))
+    unseen = float(np.mean(unseen_potential(shapes)))
     step = np.cov(np.concatenate([np.diff(z, axis=0) for z in smooth]).T).reshape(rank, rank)
     return PosePrior(
         mean=found.mean,
@@ -198,7 +197,7 @@ def learn_prior(trials: Sequence[MarkerTrial], trunk: Sequence[int], settings: P
         constant=constant,
         shape_noise=noise,
         step=step + 1e-6 * np.trace(step) / rank * np.eye(rank),
-        hold=Barrier(learn_potential(shapes, settings), 0.5 * rank / max(unseen, 1e-9)),
+        hold=Barrier(learn_potential(shapes), 0.5 * rank / max(unseen, 1e-9)),
         body_noise=np.median([body_density(p) for p in poses], axis=0) * dt_s**3,
         body_step=np.mean(np.concatenate([np.concatenate(moved), np.concatenate(turn)], axis=1) ** 2, axis=0) + 1e-12,
         left_sd=np.repeat(left_sd, 3),

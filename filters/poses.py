@@ -67,7 +67,13 @@ def pose_trial(t_s: Array, xyz_m: Array, frames: BodyFrames, sd_m: Array | None 
     return PoseTrial(t_s=t_s, frames=frames, y=frames.to_body(xyz_m).reshape(len(xyz_m), -1), sd_m=sd_m)
 
 
-def poses_of(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float) -> list[PoseTrial]:
+BODY_HZ = 3.0
+"""Faster motion of the trunk is left to the shape."""
+LEAST_KNOWN = 0.8
+"""Poses known better than this (``Components.known``) are learned from."""
+
+
+def poses_of(trials: Sequence[MarkerTrial], trunk: Sequence[int], *, body_hz: float = BODY_HZ) -> list[PoseTrial]:
     """Poses of trials about one body: its axes are those of the mean shape of all their trunks.
 
     Args:
@@ -111,16 +117,15 @@ class Shapes:
     residual: list[Array]
 
 
-def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int], cutoff_hz: float = 30.0) -> Shapes:
+def shapes_of(trials: Sequence[PoseTrial], *, ranks: Sequence[int]) -> Shapes:
     """Fit one subspace to trials and read off the motion of the shape.
 
     Args:
         trials: Trials of the same markers and rate.
         ranks: Ranks to choose from, on hidden samples (``fit_subspace``).
-        cutoff_hz: Faster motion of the shape is taken for noise; at most a fifth of the frame rate.
     """
     dt_s = trials[0].dt_s
-    cutoff = min(cutoff_hz, 0.2 / dt_s)
+    cutoff = min(30.0, 0.2 / dt_s)  # Hz: faster motion of the shape is taken for noise
     lengths = [len(trial.y) for trial in trials]
     member = np.repeat(np.arange(len(trials)), lengths)
     y = np.concatenate([trial.y for trial in trials])
@@ -187,9 +192,9 @@ def residual_memory_s(
     return lag * dt_s
 
 
-def known_shapes(shapes: Shapes, limit: float, *, least: int = 30) -> list[NDArray[np.bool_]]:
-    """(T,) masks of the poses that are known better than ``limit``; if there are too few, of the best known."""
-    known = np.concatenate(shapes.known)
+def known_shapes(shapes: Shapes) -> list[NDArray[np.bool_]]:
+    """(T,) masks of the poses that are known better than ``LEAST_KNOWN``; of the 30 best known, if these are fewer."""
+    known, limit, least = np.concatenate(shapes.known), LEAST_KNOWN, 30
     if np.count_nonzero(known > limit) < least:
         limit = float(np.sort(known)[-min(least, len(known))]) - 1e-12
     return [part > limit for part in shapes.known]

@@ -33,7 +33,7 @@ def marker_rates(residual: Array, noise_sd: Array, dt_s: float, sd: Array, commo
     middle = max(0, (len(residual) - MOST_FRAMES) // 2)
     part = slice(middle, middle + MOST_FRAMES)
     rates = common_hz * RATES
-    turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)[:, None]  # (K, 1, 3, 3), of [e, e' / rate, e'' / rate^2]
+    turn = np.moveaxis(matern_flow(rates * dt_s), -1, 0)[:, None]  # (K, 1, 3, 3), of [e, e1 / rate, e2 / rate^2]
     size = (sd**2)[:, None, None]
     added = np.moveaxis(matern_noise(rates * dt_s), -1, 0)[:, None] * size  # (K, D, 3, 3)
     mean = np.zeros((len(rates), len(sd), 3))

@@ -5,8 +5,7 @@ something is not, over the coordinates that are not: rays over the three of thei
 angles and the Lagrangian are linearised by their derivatives.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -27,21 +26,6 @@ from eal.arrays import Array
 Progress = Callable[[float], None]
 
 
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """A smoothed frame, about which the next pass linearises.
-
-    Attributes:
-        mean: (M, 3) markers.
-        cov: (M, 3, 3) their covariance.
-        model: What the motion model needs (``MotionModel.reference``).
-    """
-
-    mean: Array
-    cov: Array
-    model: Any
-
-
 def filter_frame(
     model: MotionModel,
     observations: Observations,
@@ -49,25 +33,17 @@ def filter_frame(
     before: Moments,
     step: Step | None,
     gate_sd: float,
-    *,
-    about: Reference | None = None,
 ) -> Frame:
-    """Predict one frame and condition on what it shows; without a ``step`` (at the first frame) only the latter.
-
-    Rays and potentials are linearised about the prediction, or ``about`` what an earlier pass made of the frame.
-    """
+    """Predict one frame and condition on what it shows; without a ``step`` (at the first frame) only the latter."""
     move, predicted, state, updates = None, before, before, []
     if step is not None:
         move = model.move(before, step)
         predicted = move.ahead(before)
-        state, updates = model.constrain(predicted, step, None if about is None else about.model)
+        state, updates = model.constrain(predicted, step)
     markers = Markers(state, model.view(state.mean, frame))
-    mean = markers.view.mean
-    sights = observations.sights(frame, mean, markers.cov)
+    sights = observations.sights(frame, markers.view.mean, markers.cov)
     if not len(sights.size):  # a potential would hold a shape whose phase nobody knows, and be sure of it
         return Frame(predicted, move, (), unused(sights))
-    if about is not None:
-        sights = seen_from(observations.sights(frame, about.mean, about.cov), about.mean - mean)
 
     def update(here: Markers, shift: Array | None) -> tuple[Moments, tuple[Update | None, Observed]]:
         seen = sights
@@ -88,7 +64,6 @@ def filter_forward(
     frames: range | None = None,
     before: Moments | None = None,
     gate_sd: float = 6.0,
-    about: Sequence[Reference] | None = None,
     progress: Progress | None = None,
 ) -> Iterator[Frame]:
     """Filter frames, one after the other.
@@ -100,14 +75,12 @@ def filter_forward(
         frames: Consecutive frames; None: all.
         before: Filtered state of the frame before them; None: the model's initial state.
         gate_sd: Groups further off are not believed (``gate_groups``).
-        about: What an earlier pass made of all frames of the recording (``filter_frame``).
         progress: Called with the share of all frames done.
     """
     state = model.initial() if before is None else before
     for frame in range(observations.n_frames) if frames is None else frames:
         step = Step(frame, round(float(t_s[frame] - t_s[frame - 1]), 12)) if frame else None
-        here = None if about is None else about[frame]
-        filtered = filter_frame(model, observations, frame, state, step, gate_sd, about=here)
+        filtered = filter_frame(model, observations, frame, state, step, gate_sd)
         state = filtered.state
         yield filtered
         if progress is not None:
@@ -140,16 +113,12 @@ def smooth(
     *,
     gate_sd: float = 6.0,
     most_bytes: float = 1e9,
-    passes: int = 1,
-    settled: float = 0.05,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth; one BLAS thread, which is up to 100 times faster than two at these sizes.
 
-    What is not linear (rays, potentials, bones) is linearised about the prediction. In a further pass it is linearised
-    about the states that were smoothed before, under their uncertainty: iterated posterior linearisation
-    (Garcia-Fernandez, Svensson, Morelande & Sarkka 2015; of smoothers: Garcia-Fernandez, Svensson & Sarkka 2017).
+    What is not linear (rays, potentials, bones) is linearised about the prediction.
 
     A recording whose states would take more than ``most_bytes`` is filtered in blocks of which only the state before
     each is kept; going back, each block but the last is filtered again. The memory for states is then flat in the
@@ -161,19 +130,10 @@ def smooth(
         t_s: (T,) times.
         gate_sd: Groups further off are not believed (``gate_groups``).
         most_bytes: See above.
-        passes: At most so many; one where the model has nothing to linearise.
-        settled: Passes end when no marker moves by more than so many of its standard deviations.
         asked: Points and pairs whose velocities and joint covariances are kept; None: of none.
         progress: Called with the share done.
     """
-    options: dict[str, Any] = {
-        "gate_sd": gate_sd,
-        "most_bytes": most_bytes,
-        "passes": passes,
-        "settled": settled,
-        "asked": asked,
-        "progress": progress,
-    }
+    options: dict[str, Any] = {"gate_sd": gate_sd, "most_bytes": most_bytes, "asked": asked, "progress": progress}
     if isinstance(model, PoseMotion) and len(model.subspace.mean) > 3 * MOST:
         return smooth_in_groups(model, observations, t_s, groups_of(model), smooth_together, **options)
     return smooth_together(model, observations, t_s, **options)
@@ -186,53 +146,14 @@ def smooth_together(
     *,
     gate_sd: float = 6.0,
     most_bytes: float = 1e9,
-    passes: int = 1,
-    settled: float = 0.05,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
     """``smooth`` for a state whose components depend on each other, with one covariance matrix of all."""
-    about: list[Reference] | None = None
-    for number in range(passes):
-        tell = None if progress is None else (lambda share, n=number: progress((n + share) / passes))
-        estimate, found = _pass(
-            model,
-            observations,
-            t_s,
-            about,
-            gate_sd=gate_sd,
-            most_bytes=most_bytes,
-            last=number == passes - 1,
-            asked=asked,
-            progress=tell,
-        )
-        if number and about is not None:
-            moved = estimate.xyz_m - np.array([a.mean for a in about])
-            sd = np.sqrt(np.trace(estimate.cov_m2, axis1=-2, axis2=-1) / 3)
-            if (np.abs(moved).max(axis=-1) <= settled * sd).all():
-                break
-        about = found
-    return estimate
-
-
-def _pass(
-    model: MotionModel,
-    observations: Observations,
-    t_s: Array,
-    about: Sequence[Reference] | None,
-    *,
-    gate_sd: float,
-    most_bytes: float,
-    last: bool,
-    asked: Asked | None,
-    progress: Progress | None,
-) -> tuple[Estimate, list[Reference]]:
-    """One pass forward and back, about what the one before it found."""
     n_frames, size = observations.n_frames, model.initial().cov.size
-    options: dict[str, Any] = {"gate_sd": gate_sd, "about": about}
     length = max(2, int(most_bytes / (3 * 8 * size)))
     blocks = [range(max(0, stop - length), stop) for stop in range(n_frames, 0, -length)][::-1]
-    xyz, cov, references, angles, energies = [], [], [], [], []
+    xyz, cov, angles, energies = [], [], [], []
     keeper = None if asked is None else RateKeeper(model, asked)
     holder = None if asked is None else HeldKeeper.of(model)
     with threadpool_limits(1):
@@ -243,7 +164,7 @@ def _pass(
         for block in blocks:
             filtered.clear()
             for one in filter_forward(
-                model, observations, t_s, frames=block, before=before[-1], progress=half, **options
+                model, observations, t_s, frames=block, before=before[-1], gate_sd=gate_sd, progress=half
             ):
                 if block is not blocks[-1]:
                     filtered.clear()
@@ -253,7 +174,7 @@ def _pass(
 
         def backwards() -> Iterator[Frame]:
             for i in range(len(blocks) - 1, -1, -1):
-                again = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], **options)
+                again = filter_forward(model, observations, t_s, frames=blocks[i], before=before[i], gate_sd=gate_sd)
                 frames = filtered if blocks[i] is blocks[-1] else list(again)
                 while frames:
                     yield frames.pop()
@@ -261,21 +182,18 @@ def _pass(
         for frame, (here, state, matrix) in zip(range(n_frames - 1, -1, -1), smooth_back(backwards()), strict=True):
             shown = state if len(here.observed.where) else model.informed(state)
             view = model.view(shown.mean, frame)
-            mean, covariance = view.mean, shown.markers(view)
             if keeper is not None:
                 keeper.take(frame, here, state, shown, matrix)
             if holder is not None:
                 holder.take(frame, shown)
             angles.append(model.angles_of(shown))
             energies.append(model.energy_of(shown.mean, frame))
-            xyz.append(mean)
-            cov.append(covariance)
-            if not last:
-                references.append(Reference(mean, covariance, model.reference(state)))
+            xyz.append(view.mean)
+            cov.append(shown.markers(view))
             if progress is not None:
                 progress(1 - 0.5 * frame / n_frames)
         rates = None if keeper is None else keeper.rates(n_frames)
-    found = Estimate(
+    return Estimate(
         xyz_m=np.array(xyz[::-1]),
         cov_m2=np.array(cov[::-1]),
         observed=observed,
@@ -284,4 +202,3 @@ def _pass(
         energies=None if energies[0] is None else np.array(energies[::-1]),
         held=() if holder is None or asked is None else holder.held(asked.names),
     )
-    return found, references[::-1]

@@ -127,8 +127,6 @@ def most_probable(
     problem: Problem[X],
     start: X,
     *,
-    settled: float = SETTLED,
-    most: int = MOST_STEPS,
     tell: Callable[[float], None] = lambda _cost: None,
 ) -> X:
     """The trajectory of the least cost near a start.
@@ -136,8 +134,6 @@ def most_probable(
     Args:
         problem: What is minimised.
         start: Where to begin.
-        settled: It ends where a step moves nothing by more than so many standard deviations.
-        most: Steps at most.
         tell: Called with the cost after each step that lowered it.
 
     Raises:
@@ -147,7 +143,7 @@ def most_probable(
     form = problem.quadratic(at)
     if not np.isfinite(form.value):
         raise FilterError("the most probable trajectory: the start is impossible")
-    for _ in range(most):
+    for _ in range(MOST_STEPS):
         try:
             step = factor(form, damping).solve(-form.gradient)
         except np.linalg.LinAlgError:
@@ -159,11 +155,11 @@ def most_probable(
         if cost <= form.value:
             at, form = there, problem.quadratic(there)
             tell(cost)
-            if gain <= settled**2 and damping <= 0.1:
+            if gain <= SETTLED**2 and damping <= 0.1:
                 return at
             damping = max(0.1 * damping, 1e-9)
-        elif gain <= settled**2 and damping <= 0.1:  # rounding of a cost that is as low as it gets
+        elif gain <= SETTLED**2 and damping <= 0.1:  # rounding of a cost that is as low as it gets
             return at
         else:
             damping = max(10 * damping, 1e-6)
-    raise FilterError(f"the most probable trajectory was not found in {most} steps: the last still moved it")
+    raise FilterError(f"the most probable trajectory was not found in {MOST_STEPS} steps: the last still moved it")

@@ -15,6 +15,8 @@ _NEAR = 1e-2
 """Squared angle below which series stand for quotients that lose digits."""
 AT_ONCE = 200
 """Frames that are fitted at once."""
+MOST_STEPS = 20
+"""Of ``fit_poses``."""
 SETTLED = 1e-3
 """A frame is fitted when a step turns nothing by more than so many radians."""
 
@@ -188,45 +190,33 @@ class FittedPoses:
     known: Array
 
 
-def fit_poses(
-    tree: Tree,
-    xyz_m: Array,
-    sd_m: Array,
-    *,
-    root: tuple[float, float] = (1.0, 1.0),
-    range_rad: float = 1.0,
-    rounds: int = 20,
-) -> FittedPoses:
+def fit_poses(tree: Tree, xyz_m: Array, sd_m: Array, *, root: tuple[float, float] = (1.0, 1.0)) -> FittedPoses:
     """Least squares in each frame by itself: Gauss-Newton steps of at most half a radian.
 
-    Angles are drawn to rest by a prior of deviation ``range_rad``, so that what a frame does not determine stays there,
-    and the root to where it is given.
+    Angles are drawn to rest by a prior of a deviation of one radian, so that what a frame does not determine stays
+    there, and the root to where it is given.
 
     Args:
         tree: The animal.
         xyz_m: (T, M, 3) markers about a point near the root's origin, in axes near the root's; NaN where not seen.
         sd_m: (T, M) their standard deviations.
         root: Deviations of the root's shift, over the extent of the places of markers, and of its turn, in radians.
-        range_rad: See above.
-        rounds: Steps.
     """
     starts = range(0, len(xyz_m), AT_ONCE)
-    parts = [_fit(tree, xyz_m[i : i + AT_ONCE], sd_m[i : i + AT_ONCE], root, range_rad, rounds) for i in starts]
+    parts = [_fit(tree, xyz_m[i : i + AT_ONCE], sd_m[i : i + AT_ONCE], root) for i in starts]
     return FittedPoses(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
-def _fit(
-    tree: Tree, xyz: Array, sd: Array, root: tuple[float, float], range_rad: float, rounds: int
-) -> tuple[Array, Array, Array, Array]:
+def _fit(tree: Tree, xyz: Array, sd: Array, root: tuple[float, float]) -> tuple[Array, Array, Array, Array]:
     count, freedoms = len(xyz), len(tree.axes)
     angles, shift, rotation = np.zeros((count, freedoms)), np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
     seen = np.isfinite(xyz[..., 0])
     weight = np.where(seen, 1 / np.where(seen, sd, 1.0), 0.0)[..., None]
     extent = max(float(np.abs(tree.place_m).max()), 1e-9)
-    prior = np.concatenate([np.full(3, root[0] * extent), np.full(3, root[1]), np.full(freedoms, range_rad)]) ** -2.0
+    prior = np.concatenate([np.full(3, root[0] * extent), np.full(3, root[1]), np.ones(freedoms)]) ** -2.0
     normal = np.zeros((count, freedoms + 6, freedoms + 6))
     moving = np.arange(count)
-    for _ in range(rounds):
+    for _ in range(MOST_STEPS):
         bent, turn = angles[moving], rotation[moving]
         posed = tree.pose(bent)
         inside = tree.markers(posed)

@@ -8,24 +8,26 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mocap.batches.run import Batch, batch, load_batch
+    from mocap.digitising.digitised import Digitised, digitise
+    from mocap.digitising.labelled import LabelledRecording, label
     from mocap.errors import MocapError
+    from mocap.findings import Finding
     from mocap.io.format import Hints
-    from mocap.library.digitised import Digitised, digitise
-    from mocap.library.joint_comparison import compare_joints
-    from mocap.library.labelled import LabelledRecording, label
-    from mocap.library.learning import Model, learn, load_model
-    from mocap.library.many import learn_joints
-    from mocap.library.tracked import Tracked, load, track
     from mocap.pipeline.arrays import from_arrays, from_pixels
+    from mocap.pipeline.learning import Model, learn, load_model
     from mocap.pipeline.propose_skeleton import propose_skeleton
     from mocap.pipeline.reading import read
     from mocap.pipeline.recording import Recording
+    from mocap.results.joint_comparison import compare_joints
+    from mocap.results.many import learn_joints
+    from mocap.results.tracked import Tracked, load, track
     from mocap.side_by_side import processes
     from mocap.skeleton import Skeleton
 
 __all__ = [
     "Batch",
     "Digitised",
+    "Finding",
     "Hints",
     "LabelledRecording",
     "MocapError",
@@ -52,29 +54,30 @@ __all__ = [
 
 _PLACES = {
     "Batch": "mocap.batches.run",
-    "Digitised": "mocap.library.digitised",
+    "Digitised": "mocap.digitising.digitised",
+    "Finding": "mocap.findings",
     "Hints": "mocap.io.format",
-    "LabelledRecording": "mocap.library.labelled",
+    "LabelledRecording": "mocap.digitising.labelled",
     "MocapError": "mocap.errors",
-    "Model": "mocap.library.learning",
+    "Model": "mocap.pipeline.learning",
     "Recording": "mocap.pipeline.recording",
     "Skeleton": "mocap.skeleton",
-    "Tracked": "mocap.library.tracked",
+    "Tracked": "mocap.results.tracked",
     "batch": "mocap.batches.run",
-    "compare_joints": "mocap.library.joint_comparison",
-    "digitise": "mocap.library.digitised",
+    "compare_joints": "mocap.results.joint_comparison",
+    "digitise": "mocap.digitising.digitised",
     "from_arrays": "mocap.pipeline.arrays",
     "from_pixels": "mocap.pipeline.arrays",
-    "label": "mocap.library.labelled",
-    "learn": "mocap.library.learning",
-    "learn_joints": "mocap.library.many",
-    "load": "mocap.library.tracked",
+    "label": "mocap.digitising.labelled",
+    "learn": "mocap.pipeline.learning",
+    "learn_joints": "mocap.results.many",
+    "load": "mocap.results.tracked",
     "load_batch": "mocap.batches.run",
     "processes": "mocap.side_by_side",
-    "load_model": "mocap.library.learning",
+    "load_model": "mocap.pipeline.learning",
     "propose_skeleton": "mocap.pipeline.propose_skeleton",
     "read": "mocap.pipeline.reading",
-    "track": "mocap.library.tracked",
+    "track": "mocap.results.tracked",
 }
 
 

@@ -41,6 +41,18 @@ def open_regular(path: Path | str, *, within: int | None = None, follow: bool = 
     return os.fdopen(handle, "rb")
 
 
+def check_regular(path: Path) -> None:
+    """Refuse what would be waited for; a file that is not there is the reader's to name.
+
+    Raises:
+        FormatError: it is a folder, a pipe or a device.
+    """
+    if path.is_dir():
+        raise FormatError(f"{path}: is a folder; expected a file")
+    if path.exists() and not path.is_file():
+        raise FormatError(f"{path}: is no regular file (a pipe or a device): give a file")
+
+
 def regular_bytes(path: Path, *, most: int = MOST_BYTES, follow: bool = True) -> bytes:
     """The content of a regular file of limited size; arguments and errors as of ``open_regular``.
 
@@ -101,7 +113,10 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def one_line(error: Exception) -> str:
     """What a library says of a file, in one line."""
-    return "it is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    text = " ".join(str(error).split())
+    return "a number has thousands of digits" if "int_max_str_digits" in text else text
 
 
 def _checked(found: Any, where: str, *, finite: bool) -> Any:

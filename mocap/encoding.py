@@ -42,7 +42,7 @@ def decoded(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
         try:
             return data.decode("utf-16"), ()
         except UnicodeDecodeError:
-            raise FormatError(f"{path.name}: text in UTF-16 that is cut or damaged: export it again") from None
+            raise FormatError(f"{path.name}: begins as UTF-16, and does not go on so: save it as UTF-8") from None
     try:
         return data.decode("utf-8-sig"), ()
     except UnicodeDecodeError as error:

@@ -10,19 +10,19 @@ __all__ = ["CalibrationError", "FormatError", "MocapError", "OutputError", "Skel
 class FormatError(MocapError):
     """A file does not hold what its format promises."""
 
-    page = "howto/your_files.md"
+    page = "your_files"
 
 
 class CalibrationError(MocapError):
     """Cameras and pixels do not belong together, or cannot be told apart."""
 
-    page = "howto/calibration.md"
+    page = "calibration"
 
 
 class SkeletonError(MocapError):
     """A skeleton and the markers of a recording disagree."""
 
-    page = "howto/skeleton.md"
+    page = "skeleton"
 
 
 class OutputError(MocapError):
@@ -32,7 +32,7 @@ class OutputError(MocapError):
         kept: What became of the earlier result.
     """
 
-    page = "reference/files.md"
+    page = "files"
 
     def __init__(self, message: str, *, kept: str = "") -> None:
         """With what was kept, if anything is to be said of it."""

@@ -159,6 +159,22 @@ class TrackedMotion:
             object.__setattr__(self, name, frozen(name, getattr(self, name), (n_frames,)))
 
 
+def tracks_alone(markers: MarkerTracks, model: str) -> TrackedMotion:
+    """Markers tracked by a model, of whose pixels and innovations nothing is known."""
+    n_frames, n_markers = markers.status.shape
+    none = np.zeros((0, n_frames, n_markers, 2))
+    return TrackedMotion(
+        model=model,
+        markers=markers,
+        reprojected_px=none,
+        innovation_px=none,
+        used=none[..., 0].astype(bool),
+        nis=np.full(n_frames, np.nan),
+        n_rows=np.zeros(n_frames),
+        log_likelihood=np.zeros(n_frames),
+    )
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointTracks:
     """Position of a joint's child marker relative to its centre, in one frame of reference.

@@ -1,4 +1,4 @@
-"""The skeleton of an animal: its markers, bones, joints and trunk, read from TOML."""
+"""The skeleton of an animal: its markers, bones, rigid bodies, joints and trunk, read from TOML."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -34,6 +34,15 @@ class Joint:
     child: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class BodyJoint:
+    """A joint by which one rigid body moves on another."""
+
+    name: str
+    parent: str
+    child: str
+
+
 @dataclass(frozen=True, kw_only=True, init=False)
 class Skeleton:
     """What is known of the animal before it moves.
@@ -46,6 +55,8 @@ class Skeleton:
         markers: All marker names, unique; a recording may have more.
         bones: Pairs of markers; of those given as texts a third, ``"soft"``, says that the length changes.
         joints: Triples of markers (parent, centre, child), given by name.
+        bodies: Markers of each rigid body, three or more, by its name; no marker is in two.
+        body_joints: Joints between two bodies, given among ``joints`` as the names of both.
         trunk: Markers that move as one body and define its frame; empty: all markers do.
         aliases: Name in the file (``pt1``) to name here, for files that number their points.
         max_speed_m_s: No marker moves faster; None: not known.
@@ -56,6 +67,8 @@ class Skeleton:
     markers: tuple[str, ...]
     bones: tuple[Bone, ...]
     joints: tuple[Joint, ...]
+    bodies: dict[str, tuple[str, ...]]
+    body_joints: tuple[BodyJoint, ...]
     trunk: tuple[str, ...]
     aliases: dict[str, str]
     max_speed_m_s: float | None
@@ -68,24 +81,28 @@ class Skeleton:
         *,
         markers: Sequence[str],
         bones: Sequence[Bone | Sequence[str]] = (),
-        joints: Sequence[Joint] | Mapping[str, Sequence[str]] = (),
+        joints: Sequence[Joint | BodyJoint] | Mapping[str, Sequence[str]] = (),
+        bodies: Mapping[str, Sequence[str]] | None = None,
         trunk: Sequence[str] = (),
         aliases: Mapping[str, str] | None = None,
         max_speed_m_s: float | None = None,
         measures: Measures | Mapping[str, Any] | None = None,
         name: str = "skeleton",
+        body_joints: Sequence[BodyJoint] = (),
     ) -> None:
         """Take what is given apart, and check names.
 
         Args:
             markers: All marker names.
             bones: Pairs of markers, with ``"soft"`` as a third where the length changes.
-            joints: Parent, centre and child marker of each joint, by its name.
+            joints: Parent, centre and child marker of each joint, or parent and child body, by its name.
+            bodies: Three markers or more that move as one, by the name of the body.
             trunk: Markers that move as one body.
             aliases: Names in files by names here.
             max_speed_m_s: No marker moves faster.
             measures: As under ``[measures]`` of a skeleton file (docs/reference/kinematics.md).
             name: Species or subject.
+            body_joints: Joints between bodies, as another skeleton has them.
 
         Raises:
             SkeletonError: something is given otherwise, or uses a marker that is not among ``markers``.
@@ -97,16 +114,20 @@ class Skeleton:
             named = joints.items() if isinstance(joints, Mapping) else ()
             parts: dict[str, Any] = {
                 "bones": tuple(bone if isinstance(bone, Bone) else _bone(bone) for bone in bones),
+                "bodies": {visible(name): _body(name, entry) for name, entry in dict(bodies or {}).items()},
                 "joints": tuple(_joint(*one) for one in named) or tuple(joints),
                 "measures": measures if isinstance(measures, Measures) else read_measures(measures or {}),
             }
         except (TypeError, ValueError, AttributeError, FormatError) as error:
             raise SkeletonError(f"skeleton {name!r}: {error}") from None
-        odd = next((joint for joint in parts["joints"] if not isinstance(joint, Joint)), None)
+        odd = next((joint for joint in parts["joints"] if not isinstance(joint, Joint | BodyJoint)), None)
         if odd is not None:
             raise SkeletonError(
                 f'skeleton {name!r}: joints holds {odd!r}, expected {{"elbow": ("shoulder", "elbow", "wrist"), ...}}'
             )
+        found = (joint for joint in parts["joints"] if isinstance(joint, BodyJoint))
+        parts["body_joints"] = (*body_joints, *found)
+        parts["joints"] = tuple(joint for joint in parts["joints"] if isinstance(joint, Joint))
         parts |= {"name": name, "markers": tuple(map(visible, markers)), "trunk": tuple(map(visible, trunk))}
         parts |= {"aliases": dict(aliases or {}), "max_speed_m_s": max_speed_m_s}
         for key, value in parts.items():
@@ -116,7 +137,7 @@ class Skeleton:
     def _check(self) -> None:
         try:
             unique("marker", self.markers)
-            unique("joint", tuple(j.name for j in self.joints))
+            unique("joint", tuple(j.name for j in (*self.joints, *self.body_joints)))
         except ValueError as error:
             raise SkeletonError(f"skeleton {self.name!r}: {error}") from None
         if not self.markers:
@@ -125,22 +146,49 @@ class Skeleton:
             raise SkeletonError(
                 f"skeleton {self.name!r}: max_speed_m_s must be a positive speed, not {self.max_speed_m_s:g}"
             )
-        for joint in self.joints:
+        for joint in (*self.joints, *self.body_joints):
             if any(c in joint.name for c in "/\\") or joint.name.startswith("."):
                 raise SkeletonError(f"skeleton {self.name!r}: joint name {joint.name!r} cannot name a file: rename it")
         uses = [(f"bone {b.a}-{b.b}", m) for b in self.bones for m in (b.a, b.b)]
         uses += [(f"joint {j.name}", m) for j in self.joints for m in (j.parent, j.centre, j.child)]
         uses += [("trunk", m) for m in self.trunk] + [("aliases", m) for m in self.aliases.values()]
+        uses += [(f"body {name}", m) for name, members in self.bodies.items() for m in members]
         uses += list(self.measures.uses())
         for where, marker in uses:
             if marker not in self.markers:
                 raise SkeletonError(
                     f"skeleton {self.name!r}: {where} uses marker {marker!r}, which is not in its markers"
                 )
+        self._check_bodies()
         named = {j.name for j in self.joints}
         for joint in self.measures.axes:
             if joint not in named:
                 raise SkeletonError(f"skeleton {self.name!r}: measures.axes names {joint!r}, which is no joint of it")
+
+    def _check_bodies(self) -> None:
+        first: dict[str, str] = {}
+        for name, members in self.bodies.items():
+            if len(set(members)) < 3:
+                raise SkeletonError(
+                    f"skeleton {self.name!r}: body {name!r} has {len(set(members))} different markers, and needs at "
+                    "least 3 to have axes: state two markers that keep their distance as a bone"
+                )
+            for marker in members:
+                if first.setdefault(marker, name) != name:
+                    raise SkeletonError(
+                        f"skeleton {self.name!r}: marker {marker!r} is in the bodies {first[marker]!r} and {name!r}: "
+                        "leave it in the one that it is fixed to"
+                    )
+        for joint in self.body_joints:
+            for body in (joint.parent, joint.child):
+                if body not in self.bodies:
+                    raise SkeletonError(
+                        f"skeleton {self.name!r}: joint {joint.name!r} is between two names, and {body!r} is none of "
+                        f"its bodies ({', '.join(self.bodies) or 'it has none'}): give two bodies, or "
+                        '["parent", "centre", "child"] markers'
+                    )
+            if joint.parent == joint.child:
+                raise SkeletonError(f"skeleton {self.name!r}: joint {joint.name!r} joins {joint.parent!r} to itself")
 
     def for_markers(self, names: Sequence[str], *, source: str = "the recording") -> "Skeleton":
         """This skeleton, checked against the markers of a recording.
@@ -173,7 +221,7 @@ _ENTRIES: Schema = {
     "trunk": Entry(kind="s", shape=(None,), needed=False),
     "max_speed_m_s": Entry(least=POSITIVE, needed=False),
 }
-_KEYS = {"name", "markers", "bones", "joints", "trunk", "aliases", "max_speed_m_s", "measures"}
+_KEYS = {"name", "markers", "bones", "bodies", "joints", "trunk", "aliases", "max_speed_m_s", "measures"}
 
 
 def read_skeleton(path: Path) -> Skeleton:
@@ -181,6 +229,7 @@ def read_skeleton(path: Path) -> Skeleton:
 
     ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes;
     ``trunk = [...]``; ``max_speed_m_s = 20.0``; a table ``[joints]`` with ``elbow = ["shoulder", "elbow", "wrist"]``;
+    a table ``[bodies]`` with ``cranium = ["b1", "b2", "b3"]``, and a joint ``jaw = ["cranium", "mandible"]`` of two;
     a table ``[aliases]`` with ``pt1 = "shoulder"``; a table ``[measures]`` (docs/reference/kinematics.md).
 
     Raises:
@@ -204,6 +253,7 @@ def read_skeleton(path: Path) -> Skeleton:
             markers=tuple(found["markers"]),
             bones=table.get("bones", ()),
             joints=_named(table, "joints"),
+            bodies=_named(table, "bodies"),
             trunk=tuple(found.get("trunk", ())),
             aliases={visible(name): visible(_alias(name, alias)) for name, alias in _named(table, "aliases").items()},
             max_speed_m_s=float(found["max_speed_m_s"]) if "max_speed_m_s" in found else None,
@@ -232,8 +282,8 @@ def skeleton_text(skeleton: Skeleton, *, comments: Mapping[str, Sequence[str]] |
 
     Args:
         skeleton: What to write.
-        comments: Lines by what they are said of: ``""`` the whole, ``bones``, ``trunk``, ``joints``, ``aliases`` (they
-            stand before it), ``bone A B`` and ``joint NAME`` (behind it).
+        comments: Lines by what they are said of: ``""`` the whole, ``bones``, ``trunk``, ``bodies``, ``joints``,
+            ``aliases`` (they stand before it), ``bone A B``, ``body NAME`` and ``joint NAME`` (behind it).
     """
     said = comments or {}
 
@@ -251,7 +301,13 @@ def skeleton_text(skeleton: Skeleton, *, comments: Mapping[str, Sequence[str]] |
     lines += ["]", *before("trunk"), f"trunk = {quoted(skeleton.trunk)}"]
     if skeleton.max_speed_m_s is not None:
         lines += [f"max_speed_m_s = {float(skeleton.max_speed_m_s)!r}"]
+    if skeleton.bodies:
+        lines += ["", *before("bodies"), "[bodies]"]
+    for name, members in skeleton.bodies.items():
+        lines.append(f"{quoted(name)} = {quoted(members)}{behind(f'body {name}')}")
     lines += ["", *before("joints"), "[joints]"]
+    for joint in skeleton.body_joints:
+        lines.append(f"{quoted(joint.name)} = {quoted([joint.parent, joint.child])}{behind(f'joint {joint.name}')}")
     for joint in skeleton.joints:
         ends = [joint.parent, joint.centre, joint.child]
         lines.append(f"{quoted(joint.name)} = {quoted(ends)}{behind(f'joint {joint.name}')}")
@@ -277,11 +333,21 @@ def _bone(entry: Any) -> Bone:
     return Bone(a=visible(entry[0]), b=visible(entry[1]), rigid=len(entry) == 2 or entry[2] == "rigid")
 
 
-def _joint(name: str, entry: Any) -> Joint:
-    if not _is_text(entry) or len(entry) != 3:
-        raise ValueError(f'joint {name!r} is ["parent", "centre", "child"], not {entry!r}')
-    parent, centre, child = map(visible, entry)
-    return Joint(name=visible(name), parent=parent, centre=centre, child=child)
+def _joint(name: str, entry: Any) -> Joint | BodyJoint:
+    if not _is_text(entry) or len(entry) not in (2, 3):
+        raise ValueError(
+            f'joint {name!r} is ["parent", "centre", "child"] markers or ["parent", "child"] bodies, not {entry!r}'
+        )
+    ends = tuple(map(visible, entry))
+    if len(ends) == 2:
+        return BodyJoint(name=visible(name), parent=ends[0], child=ends[1])
+    return Joint(name=visible(name), parent=ends[0], centre=ends[1], child=ends[2])
+
+
+def _body(name: str, entry: Any) -> tuple[str, ...]:
+    if not _is_text(entry):
+        raise ValueError(f'body {name!r} is a list of markers ["a", "b", "c"], not {entry!r}')
+    return tuple(map(visible, entry))
 
 
 def _is_text(entry: Any) -> bool:

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from mocap import load
+from mocap.cli.help import ROOMS
 from tests.mocap.test_main_job import assert_beats_others, assert_each_joint_has_a_potential, assert_intervals_hold
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,7 +28,7 @@ def installed(tmp_path_factory):
     wheels, target = folder / "wheels", folder / "site"
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for name in tracked.splitlines():
-        if name.startswith(("tests/", "benchmarks/", "docs/")) or not (ROOT / name).is_file():
+        if name.startswith(("tests/", "benchmarks/", "docs/experiments/")) or not (ROOT / name).is_file():
             continue
         (folder / "source" / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / "source" / name).write_bytes((ROOT / name).read_bytes())
@@ -95,7 +96,9 @@ def test_the_wheel_has_two_names_of_its_own(installed):
     stated = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
     folders = {path.parent.relative_to(ROOT) for name in PACKAGES for path in (ROOT / name).rglob("*.py")}
     names = {".".join(folder.parts) for folder in folders}
-    assert set(stated) == {f"mocap.{name}" if name.startswith(("filters", "datasets")) else name for name in names}
+    pages = {"mocap.pages." + room.replace("/", ".") for room in ROOMS}
+    assert set(stated) - pages == {f"mocap.{n}" if n.startswith(("filters", "datasets")) else n for n in names}
+    assert (installed / "mocap" / "pages" / "howto" / "your_files.md").is_file()
     assert (installed / "mocap" / "py.typed").is_file()
     assert (installed / "eal" / "py.typed").is_file()
 
@@ -289,6 +292,6 @@ def test_the_main_job_needs_no_extra():
         "for name in ('jax', 'trimesh', 'manifold3d', 'networkx', 'lxml', 'av', 'openpyxl', 'uvicorn', 'pytest', "
         "'sklearn'):\n"
         "    sys.modules[name] = None\n"
-        "import mocap, mocap.library.tracked, mocap.library.learning, mocap.rerun.record, mocap.pipeline.demo\n"
+        "import mocap, mocap.results.tracked, mocap.pipeline.learning, mocap.rerun.record, mocap.pipeline.demo\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True)

@@ -31,13 +31,10 @@ ALLOWED = {
         "mocap/io",
         "mocap/kinematics",
     },
-    "mocap/results": {"eal", "filters", "mocap", "mocap/cameras", "mocap/io", "mocap/kinematics", "mocap/pipeline"},
     "mocap/plots": {"eal", "filters", "mocap", "mocap/kinematics", "mocap/pipeline"},
-    "mocap/digitising": {"eal", "filters", "mocap", "mocap/cameras", "mocap/io"},
     "mocap/joint_design": {"eal", "filters", "mocap", "mocap/io", "mocap/pipeline"},
     "mocap/reproduce": {"datasets", "eal", "filters", "mocap", "mocap/cleaning", "mocap/pipeline"},
     "mocap/rerun": {
-        "datasets",
         "eal",
         "filters",
         "mocap",
@@ -47,22 +44,29 @@ ALLOWED = {
         "mocap/kinematics",
         "mocap/pipeline",
     },
-    "mocap/web": {"eal", "mocap"},
-    "mocap/library": {
+    "mocap/results": {
         "eal",
         "filters",
         "mocap",
         "mocap/cameras",
-        "mocap/digitising",
         "mocap/io",
         "mocap/kinematics",
         "mocap/pipeline",
         "mocap/plots",
         "mocap/rerun",
-        "mocap/results",
+    },
+    "mocap/web": {"eal", "mocap"},
+    "mocap/digitising": {
+        "eal",
+        "filters",
+        "mocap",
+        "mocap/cameras",
+        "mocap/io",
+        "mocap/pipeline",
+        "mocap/rerun",
         "mocap/web",
     },
-    "mocap/batches": {"eal", "mocap", "mocap/cameras", "mocap/io", "mocap/library", "mocap/pipeline", "mocap/results"},
+    "mocap/batches": {"eal", "mocap", "mocap/cameras", "mocap/io", "mocap/pipeline", "mocap/results"},
     "mocap/cli": {
         "datasets",
         "eal",
@@ -75,7 +79,6 @@ ALLOWED = {
         "mocap/io",
         "mocap/joint_design",
         "mocap/kinematics",
-        "mocap/library",
         "mocap/pipeline",
         "mocap/reproduce",
         "mocap/rerun",
@@ -123,7 +126,7 @@ def imports(source: str, path: str) -> set[str]:
 
 
 FACE = "mocap/__init__.py"
-FACED = {"mocap", "mocap/batches", "mocap/io", "mocap/library", "mocap/pipeline"}
+FACED = {"mocap", "mocap/batches", "mocap/digitising", "mocap/io", "mocap/pipeline", "mocap/results"}
 """The file of the public names, which are imported when first used, and the rooms that they are of."""
 
 

@@ -44,10 +44,10 @@ class Informed(PoseSettings):
         motion = fitted.motion
         if not isinstance(motion, PoseMotion):
             raise TypeError(f"a pose model was expected, but {type(motion).__name__} was fitted")
-        _, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
-        *_, poses = poses_of([*trials.trials[:-1], own], trials.anatomy.trunk, body_hz=self.body_hz)
+        _, shapes = trials.shapes(self.ranks)
+        *_, poses = poses_of([*trials.trials[:-1], own], trials.anatomy.trunk)
         known = truth_in(shapes, poses)
-        recorded = recorded_motion([poses], known, least_known=self.least_known)
+        recorded = recorded_motion([poses], known)
         return replace(fitted, motion=with_potentials(motion, known, recorded, self, trials.anatomy))
 
 

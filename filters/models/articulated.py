@@ -12,7 +12,7 @@ from mocap.filters.joint_types import DOUBTED, Articulation, joints_of
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
 from mocap.filters.models.lagrangian import with_lagrangian
 from mocap.filters.models.limbs import held_together, known_poses, sides
-from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
+from mocap.filters.models.pose import WEIGHT, PoseSettings, learn_pose, recorded_motion
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.pose import PoseMotion
 from mocap.filters.motion.potential import PosePotential
@@ -47,7 +47,6 @@ class ArticulatedSettings(TrajectoryModel):
     Attributes:
         pose: How joint angles move, as the pose model's settings for marker coordinates; without bones, whose length
             the segments keep.
-        slip: Factor on the deviation of markers' places on their segments.
         mechanics: ``linear``: learned ones of a subspace of the angles; ``lagrangian``: those of the whole animal with
             its true mass matrix (``mocap.filters.animal``).
         trunk: Of the Lagrangian, factor on the mass of the trunk. Ground and air push back at what limbs do to it: at 1
@@ -55,7 +54,6 @@ class ArticulatedSettings(TrajectoryModel):
     """
 
     pose: PoseSettings = ANGLES
-    slip: float = 1.0
     mechanics: Mechanics = "linear"
     trunk: float = 1000.0
 
@@ -268,7 +266,7 @@ def learn_articulated(
 ) -> ArticulatedMotion:
     """Learn the model from trials, for tracking the last one."""
     pose, tree_anatomy = settings.pose, rooted(anatomy)
-    poses = poses_of(trials, anatomy.trunk, body_hz=pose.body_hz)
+    poses = poses_of(trials, anatomy.trunk)
     body = [trial.y.reshape(len(trial.y), -1, 3) for trial in poses]
     noise = [trial.sd_m for trial in trials]
     build = find_build(np.concatenate(body), np.concatenate(noise), tree_anatomy, chain=not anatomy.limbs)
@@ -313,14 +311,14 @@ def learn_articulated(
             "ends": np.stack([build.centre, build.child], axis=1),
             "length_m": np.linalg.norm(trees[-1].place_m[build.child], axis=1),
             "length_sd_m": lengths(build, body[-1], noise[-1])[1],
-            "slip_sd": settings.slip * sd,
+            "slip_sd": sd,
             "slip_rate_hz": np.log(2)
             / residual_memory_s([one.reshape(len(one), -1) for one in left], poses[-1].dt_s, radian(shapes)),
         }
     )
     if settings.mechanics == "linear":
         return model
-    motion = recorded_motion(turned, shapes, least_known=pose.least_known)
+    motion = recorded_motion(turned, shapes)
     return with_lagrangian(model, motion, pose, anatomy, trunk=settings.trunk if anatomy.limbs else 1.0)
 
 
@@ -420,8 +418,8 @@ def _potentials(
     """A potential of the joint angles of each limb, or of these and their velocities; of both sides alike."""
     if settings.potential == "none":
         return []
-    motion = recorded_motion(trials, shapes, least_known=settings.least_known)
-    pose, rate = known_poses(shapes, settings.least_known)
+    motion = recorded_motion(trials, shapes)
+    pose, rate = known_poses(shapes)
     joint = {int(c): j for j, c in enumerate(build.child)}
     arm = np.zeros(len(build.child))
     arm[np.repeat(np.arange(len(build.axes)), [len(axes) for axes in build.axes])] = arms
@@ -438,7 +436,7 @@ def _potentials(
         if other is not None and all(c in joint for c in other.children) and len(chosen(other)) == len(maps[0]):
             maps.append(chosen(other))
         tau_s = motion.tau_s if "motion" in settings.potential else None
-        learn = partial(settings.pull, rate=settings.weight / motion.tau_s)
+        learn = partial(settings.pull, rate=WEIGHT / motion.tau_s)
         joints = [(len(build.axes[joint[c]]), float(arm[joint[c]])) for c in limb.children if len(build.axes[joint[c]])]
         held = held_together(maps, pose, rate, model.subspace, tau_s=tau_s, learn=learn, joints=joints)
         out.append(replace(held, root=limb.parents[0], children=limb.children))

@@ -38,26 +38,34 @@ class TrialSet:
     Attributes:
         trials: Trials of the same markers and rate; the last is the one to fill, NaN where it is to be filled.
         anatomy: What is known of the animal.
-        regressed: What regressions made of the last trial, by their settings.
+        regressed: What regressions made of the last trial, by ranks and covariance.
+        learned: What pose models learned from the trials, by theirs.
     """
 
     trials: Sequence[MarkerTrial]
     anatomy: Anatomy
-    _poses: dict[float, list[PoseTrial]] = field(default_factory=dict)
-    _shapes: dict[tuple, Shapes] = field(default_factory=dict)
-    regressed: dict["TrajectoryModel", Estimate] = field(default_factory=dict)
+    _shapes: dict[tuple[int, ...], Shapes] = field(default_factory=dict)
+    regressed: dict[tuple, Estimate] = field(default_factory=dict)
+    learned: dict["TrajectoryModel", Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Other animals are scaled to the size of the last trial's."""
         self.trials = [*sized_like(self.trials[:-1], self.trials[-1]), self.trials[-1]]
 
-    def shapes(self, *, ranks: tuple[int, ...], body_hz: float) -> tuple[list[PoseTrial], Shapes]:
-        """Poses about a body that is followed so (``poses_of``), and their shapes in a subspace of one of the ranks."""
-        if body_hz not in self._poses:
-            self._poses[body_hz] = poses_of(self.trials, self.anatomy.trunk, body_hz=body_hz)
-        if (body_hz, ranks) not in self._shapes:
-            self._shapes[body_hz, ranks] = shapes_of(self._poses[body_hz], ranks=ranks)
-        return self._poses[body_hz], self._shapes[body_hz, ranks]
+    @cached_property
+    def poses(self) -> list[PoseTrial]:
+        """Those of all trials."""
+        return poses_of(self.trials, self.anatomy.trunk)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process, which learns itself: a person's own potential may be no function that is sent."""
+        return self.__dict__ | {"learned": {}}
+
+    def shapes(self, ranks: tuple[int, ...]) -> tuple[list[PoseTrial], Shapes]:
+        """Poses, and their shapes in a subspace of one of the ranks."""
+        if ranks not in self._shapes:
+            self._shapes[ranks] = shapes_of(self.poses, ranks=ranks)
+        return self.poses, self._shapes[ranks]
 
     @cached_property
     def bones(self) -> Bones:
@@ -65,25 +73,9 @@ class TrialSet:
         return rigid_bones(self.trials, self.anatomy.bones)
 
 
-class Fitted(ABC):
-    """A model that was fitted to trials."""
-
-    @abstractmethod
-    def fill(
-        self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
-    ) -> Estimate:
-        """Estimate the markers of the last trial.
-
-        Args:
-            observations: What each of its frames shows; a regression takes the trial's own positions instead.
-            asked: Points whose velocities and joint covariances a filter is to keep; None: of none.
-            progress: Called with the share done.
-        """
-
-
 @dataclass(frozen=True, eq=False)
-class FittedMotion(Fitted):
-    """A motion model in state space, which is filtered and smoothed.
+class FittedMotion:
+    """A motion model in state space that was fitted to trials.
 
     Attributes:
         motion: The model.
@@ -96,7 +88,13 @@ class FittedMotion(Fitted):
     def fill(
         self, observations: Observations, *, asked: Asked | None = None, progress: Progress | None = None
     ) -> Estimate:
-        """Filter forward, smooth backward."""
+        """Estimate the markers of the last trial: filter forward, smooth backward.
+
+        Args:
+            observations: What each of its frames shows.
+            asked: Points whose velocities and joint covariances are kept; None: of none.
+            progress: Called with the share done.
+        """
         return smooth(self.motion, observations, self.t_s, asked=asked, progress=progress)
 
 
@@ -110,7 +108,7 @@ class TrajectoryModel(ABC):
         """The model in a few words."""
 
     @abstractmethod
-    def fit(self, trials: TrialSet) -> Fitted:
+    def fit(self, trials: TrialSet) -> FittedMotion:
         """Learn from trials, among them the one to fill."""
 
     def applies(self, anatomy: Anatomy) -> bool:  # noqa: ARG002

@@ -10,18 +10,14 @@ so errs differently from the motion models, which makes a mixture of both better
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian_process import Covariance, Rows, fitted, predict
 from mocap.filters.hide import unseen_runs
-from mocap.filters.models.base import Fitted, Progress, TrajectoryModel, TrialSet
 from mocap.filters.neighbours import Neighbours, body_itself
-from mocap.filters.observations import Observations
 from mocap.filters.poses import PoseTrial, Shapes, known_shapes, radian
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked
 from mocap.filters.whittaker import smooth_series
 from numpy.typing import NDArray
 
@@ -31,71 +27,12 @@ EDGE = np.array((0, 1, 2, 3, 5, 8))
 """Frames on each side of a gap, counted from its edge, that are regressed on with the others."""
 TOGETHER = 25
 """Gaps of a marker that are filled at once, at most."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DelaySettings(TrajectoryModel):
-    """Choices of the regression; its poses are those of the pose models.
-
-    Attributes:
-        ranks: As in ``PoseSettings``, of the subspace that completes poses.
-        body_hz: As there.
-        lags: Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot).
-        cutoff: Faster motion in a gap is taken for noise, in radians a unit of the same time.
-        rows: Frames of the other trials to learn from, at most.
-        own: Frames of the trial itself, at most, besides those at the edges of gaps.
-        least_known: Poses known better than this are learned from.
-        views: From where a marker is looked at: the body's frame, its neighbours', or both, averaged.
-        covariance: Logarithms of the parameters of the process (``Covariance``); none: learned by each fit.
-    """
-
-    ranks: tuple[int, ...]
-    body_hz: float = 3.0
-    lags: tuple[float, ...] = (-1.2, -0.4, 0.0, 0.4, 1.2)
-    cutoff: float = 4.0
-    rows: int = 300
-    own: int = 150
-    least_known: float = 0.8
-    views: tuple[Literal["body", "neighbours"], ...] = ("body", "neighbours")
-    covariance: tuple[float, ...] = ()
-
-    @property
-    def description(self) -> str:
-        """Its name."""
-        return "regression on the other markers"
-
-    def tuned(self, trials: TrialSet) -> "DelaySettings":
-        """With the covariance under which the trials are likeliest."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
-        return replace(self, covariance=tuple(Delayed(poses, shapes, self).covariance().logarithms.tolist()))
-
-    def fit(self, trials: TrialSet) -> "FittedDelays":
-        """Poses and shapes of all trials; the regression itself is learned for each gap."""
-        return FittedDelays(trials, self)
-
-
-@dataclass(frozen=True, eq=False)
-class FittedDelays(Fitted):
-    """What the regression needs to fill the last trial."""
-
-    trials: TrialSet
-    settings: DelaySettings
-
-    def fill(
-        self,
-        observations: Observations | None = None,  # noqa: ARG002
-        *,
-        asked: Asked | None = None,  # noqa: ARG002
-        progress: Progress | None = None,
-    ) -> Estimate:
-        """From the trial's own positions; once for all that ask."""
-        known, own = self.trials.regressed, self.settings
-        if own not in known:
-            poses, shapes = self.trials.shapes(ranks=own.ranks, body_hz=own.body_hz)
-            known[own] = fill_delayed(self.trials.trials[-1].seen, poses, shapes, own)
-        if progress is not None:
-            progress(1.0)
-        return known[own]
+LAGS = np.array((-1.2, -0.4, 0.0, 0.4, 1.2))
+"""Delays, in units of the time in which the motion turns by a radian, sd(z) / sd(zdot)."""
+CUTOFF = 4.0
+"""Faster motion in a gap is taken for noise, in radians a unit of the same time."""
+ROWS, OWN = 300, 150
+"""Frames to learn from, at most: of the other trials, and of the trial itself, besides those at the edges of gaps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +53,7 @@ class Gap:
 
 
 def fill_delayed(
-    seen: NDArray[np.bool_], trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings
+    seen: NDArray[np.bool_], trials: Sequence[PoseTrial], shapes: Shapes, covariance: tuple[float, ...] = ()
 ) -> Estimate:
     """Fill the gaps of a trial.
 
@@ -124,26 +61,27 @@ def fill_delayed(
         seen: (T, M) samples of it that were measured.
         trials: Poses of all trials; the last is this one.
         shapes: Their shapes.
-        settings: Choices.
+        covariance: Logarithms of the parameters of the process (``Covariance``); none: those under which the trials are
+            likeliest.
 
     Returns:
         NaN where the trial has a measurement, and where there is nothing to estimate from.
     """
-    known = Delayed(trials, shapes, settings)
-    covariance, frames = known.covariance(), trials[-1].frames
+    known, frames = Delayed(trials, shapes), trials[-1].frames
+    law = Covariance.of(np.array(covariance)) if covariance else known.covariance()
     y, spread = np.full((*seen.shape, 3), np.nan), np.full((*seen.shape, 3, 3), np.nan)
     alike: dict[tuple[int, bytes], list[Gap]] = {}
     for gap in gaps_of(seen):
         alike.setdefault((gap.marker, gap.others.tobytes()), []).append(gap)
     for gaps in alike.values():
         for k in range(0, len(gaps), TOGETHER):
-            known.fill(gaps[k : k + TOGETHER], covariance, y, spread)
+            known.fill(gaps[k : k + TOGETHER], law, y, spread)
     track = known.poses[-len(seen) :]
     for gap in (gap for gaps in alike.values() for gap in gaps):
         m = gap.marker
         if np.isfinite(y[gap.inside, m]).all():
             path = np.where(seen[:, m, None], track[:, m], y[:, m])
-            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, settings.cutoff / known.tau)
+            y[gap.inside, m] = _smoothed(path, seen[:, m], gap.inside, CUTOFF / known.tau)
     xyz = np.einsum("tij,tmj->tmi", frames.rotation, y) + frames.position_m[:, None]
     return Estimate(xyz_m=xyz, cov_m2=np.einsum("tij,tmjl,tkl->tmik", frames.rotation, spread, frames.rotation))
 
@@ -156,27 +94,24 @@ class Delayed:
         tau: Frames in which the motion turns by a radian.
     """
 
-    def __init__(self, trials: Sequence[PoseTrial], shapes: Shapes, settings: DelaySettings) -> None:
+    def __init__(self, trials: Sequence[PoseTrial], shapes: Shapes) -> None:
         """Poses that are well enough known, evenly spread over the trials."""
-        self.settings = settings
         whole = completed(trials, shapes)
         self.poses = np.concatenate(whole).reshape(-1, whole[0].shape[1] // 3, 3)
         self._length = np.array([len(y) for y in whole])
         self._start = np.cumsum(self._length) - self._length
         self._last = len(trials) - 1
         self.tau = radian(shapes) / trials[-1].dt_s
-        self._lags = np.unique(np.round(np.array(settings.lags) * self.tau).astype(int))
+        self._lags = np.unique(np.round(LAGS * self.tau).astype(int))
         self._seen = np.concatenate([np.isfinite(trial.y[:, ::3]) for trial in trials])
-        known = known_shapes(shapes, settings.least_known)
+        known = known_shapes(shapes)
         rows = [(k, frame) for k, mask in enumerate(known[:-1]) for frame in np.flatnonzero(mask)]
-        self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), settings.rows)]
+        self._rows = np.array(rows, dtype=np.int64).reshape(-1, 2)[_even(len(rows), ROWS)]
         self._own = known[-1]
         self._apart = _apart(self.poses[np.concatenate(known)])
 
     def covariance(self) -> Covariance:
         """The covariance by which six sets of hidden markers are likeliest: one, a quarter, half of them; two each."""
-        if self.settings.covariance:
-            return Covariance.of(np.array(self.settings.covariance))
         rng = np.random.default_rng(1)
         parts = np.split(self._seen, self._start[1:])
         present = np.flatnonzero(np.mean([seen.mean(axis=0) for seen in parts], axis=0) > 0.1)
@@ -200,7 +135,7 @@ class Delayed:
         marker, others = gaps[0].marker, gaps[0].others
         edges = np.unique(np.concatenate([gap.edges for gap in gaps]))
         inside = np.concatenate([gap.inside for gap in gaps])
-        frames = self._frames(marker, edges, rows=self.settings.rows, own=self.settings.own)
+        frames = self._frames(marker, edges, rows=ROWS, own=OWN)
         if len(frames) < 2:
             return
         asked = np.column_stack([np.full(len(inside), self._last), inside])
@@ -229,12 +164,11 @@ class Delayed:
         return np.concatenate([frames[_even(len(frames), rows)], last])
 
     def _views(self, marker: int, others: NDArray[np.bool_], frames: NDArray[np.int64]) -> list["View"]:
-        """Those that are wanted; from the neighbours only if there are three."""
+        """From the body, and from the neighbours if there are three."""
         body = View(marker, others, self._apart[marker, others], None)
-        if np.count_nonzero(others) < 3 or self.settings.views == ("body",):
+        if np.count_nonzero(others) < 3:
             return [body]
-        near = replace(body, near=Neighbours.of(others, self._at(frames), body.apart))
-        return [body, near] if "body" in self.settings.views else [near]
+        return [body, replace(body, near=Neighbours.of(others, self._at(frames), body.apart))]
 
     def _task(self, view: "View", frames: NDArray[np.int64], asked: NDArray[np.int64]) -> "Task":
         """What is known of a marker in some frames, and what is asked of it in others."""

@@ -132,7 +132,7 @@ def _valleys(model: ArticulatedMotion, kinetic_j: float, settings: PoseSettings)
     limbs = [one for one in model.potentials if isinstance(one.potential, EmpiricalPotential)]
     if settings.potential != "limbs" or not limbs:
         return (), 0.0
-    unseen = sum(float(np.mean(-np.expm1(-_unseen(one, settings)))) for one in limbs)
+    unseen = sum(float(np.mean(-np.expm1(-_unseen(one)))) for one in limbs)
     found = [
         Valley(potential=one.potential, scale=one.on_residual * model.arm_m)
         for one in limbs
@@ -141,12 +141,12 @@ def _valleys(model: ArticulatedMotion, kinetic_j: float, settings: PoseSettings)
     return tuple(found), CHARGED * kinetic_j / max(unseen, 1e-9)
 
 
-def _unseen(limb: PosePotential, settings: PoseSettings) -> Array:
+def _unseen(limb: PosePotential) -> Array:
     """-log(1 - V_z) of poses that it was not learned from, with its own kernel on rotations."""
     kernel = None if limb.potential is None else limb.potential.kernel
     if not isinstance(kernel, RotationKernel):
-        return unseen_potential(limb.samples, settings)
-    return unseen_potential(limb.samples, settings, over=lambda inner: replace(kernel, kernel=inner))
+        return unseen_potential(limb.samples)
+    return unseen_potential(limb.samples, over=lambda inner: replace(kernel, kernel=inner))
 
 
 def _of_angles(held: PosePotential, basis: Array) -> PosePotential:

@@ -24,7 +24,6 @@ def limb_potentials(
     anatomy: Anatomy,
     *,
     velocities: bool,
-    least_known: float,
     tau_s: float,
     learn: Learn,
 ) -> tuple[PosePotential, ...]:
@@ -39,11 +38,10 @@ def limb_potentials(
         own: Subspace of the trial that is to be tracked.
         anatomy: Its limbs.
         velocities: Whether velocities are part of it.
-        least_known: Poses known better than this (``Components.known``) are samples.
         tau_s: Makes velocities as large as positions.
         learn: (N, d) samples of unit size to the gradient of their potential, a second (``PoseSettings.pull``).
     """
-    pose, rate = known_poses(shapes, least_known)
+    pose, rate = known_poses(shapes)
     turn = sides(shapes.subspace.mean, anatomy)
     out = []
     for limb in anatomy.limbs:
@@ -56,15 +54,15 @@ def limb_potentials(
     return tuple(out)
 
 
-def known_poses(shapes: Shapes, least_known: float) -> tuple[Array, Array]:
-    """(N, D) poses of all trials that are known better than that, and their velocities."""
+def known_poses(shapes: Shapes) -> tuple[Array, Array]:
+    """(N, D) poses of all trials that are known well, and their velocities."""
     poses, rates = [], []
     for z, rate, offset, residual, keep in zip(
         shapes.z,
         shapes.rate,
         shapes.offset,
         shapes.residual,
-        known_shapes(shapes, least_known),
+        known_shapes(shapes),
         strict=True,
     ):
         pose = shapes.subspace.mean + offset + z @ shapes.subspace.basis.T + np.nan_to_num(residual)

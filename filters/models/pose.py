@@ -10,7 +10,7 @@ from mocap.filters.anatomy import Anatomy
 from mocap.filters.gaussian import Moments
 from mocap.filters.mechanics import Motion, joined, linear_shape
 from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet
-from mocap.filters.models.delayed_poses import DelaySettings
+from mocap.filters.models.delayed_poses import Delayed, fill_delayed
 from mocap.filters.models.limbs import limb_potentials
 from mocap.filters.motion.bones import Bones
 from mocap.filters.motion.pose import PoseMotion, Regression, body_path
@@ -31,6 +31,16 @@ Potential = Literal["limb motion", "limbs", "none"]
 
 LEAST_M = 1e-6
 """No regression is surer of a coordinate than that, not even of that which points of one plane share."""
+RIDGE = 1e-3
+"""Penalty of the identification of linear mechanics from the trials (``linear_shape``)."""
+RESIDUAL_RATE = 0.5
+"""Factor on the rate at which what the subspace leaves changes."""
+BETA, LAM, CENTRES = 1.0, 1e-4, 200
+"""Of V_z: kernel width, over the median squared distance of the samples; spectral filtering parameter lambda; most
+samples that it is learned from."""
+WEIGHT = 4.0
+"""Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units of the log
+density (``with_potential``)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,42 +49,23 @@ class PoseSettings(TrajectoryModel):
 
     Attributes:
         ranks: Ranks of the pose subspace to choose from, on hidden samples.
-        body_hz: Faster motion of the trunk is left to the shape.
-        ridge: Penalty of the identification of linear mechanics from the trials.
         process_noise: Factor on the force that those leave unexplained; 0: the likeliest (``likely_noise``).
-        residual: Factor on the deviation of what the subspace leaves, found on hidden samples.
-        residual_rate: Factor on the rate at which that changes.
         body: Factor on the density of the body's accelerations.
         potential: What holds the pose: V_z of the relative joint coordinates q of each limb, with their velocities
             (``limb motion``) or without (``limbs``); or nothing. Where no limbs are known the shape of the whole pose
             takes their place.
-        beta: Kernel width: beta over the median squared distance of the samples.
-        lam: Spectral filtering parameter lambda.
-        centres: Most samples that the potential is learned from.
-        least_known: Poses known better than this (``Components.known``) are samples of the potential.
-        weight: Potential that an unseen pose of the same motion is charged while the motion turns by a radian, in units
-            of the log density (``with_potential``).
-        bones: The same of rigid bones: how often V_b (``motion.bones``) is charged while the motion turns by a
+        bones: Of rigid bones: how often V_b (``motion.bones``) is charged while the motion turns by a
             radian. Bones are not counted anew in each frame, as what they say of neighbouring ones is the same.
-        regression: What a regression on the other markers predicts (``DelaySettings``) is one more observation of a
+        regression: What a regression on the other markers predicts (``delayed_poses``) is one more observation of a
             marker that is not seen. It errs alike for so many of the times in which the motion turns by a radian, and
             counts once in each; 0: there is none.
-        covariance: Of the regression (``DelaySettings``).
+        covariance: Of the regression (``fill_delayed``).
     """
 
     ranks: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20, 26, 34)
-    body_hz: float = 3.0
-    ridge: float = 1e-3
     process_noise: float = 0.0
-    residual: float = 1.0
-    residual_rate: float = 0.5
     body: float = 0.1
     potential: Potential = "limb motion"
-    beta: float = 1.0
-    lam: float = 1e-4
-    centres: int = 200
-    least_known: float = 0.8
-    weight: float = 4.0
     bones: float = 1.0
     regression: float = 1.0
     covariance: tuple[float, ...] = ()
@@ -85,11 +76,6 @@ class PoseSettings(TrajectoryModel):
         others = (" + bones" if self.bones else "") + (" + regression on other markers" if self.regression else "")
         return "linear mechanics" + _HELD[self.potential] + others
 
-    @property
-    def _regression(self) -> DelaySettings:
-        """About the same body."""
-        return DelaySettings(ranks=self.ranks, body_hz=self.body_hz, covariance=self.covariance)
-
     def pull(self, samples: Array, *, rate: float, over: Over = lambda kernel: kernel) -> Callable[[Array], Array]:
         """Gradient of the potential of samples (N, d), here of V_z.
 
@@ -98,13 +84,14 @@ class PoseSettings(TrajectoryModel):
             rate: What an unseen pose of the same motion is charged, a second.
             over: Makes the kernel of V_z from a Gaussian one, as where samples are angles (``eal.RotationKernel``).
         """
-        potential = learn_potential(samples, self, over=over)
-        stiffness = rate / max(float(np.mean(unseen_potential(samples, self, over=over))), 1e-9)
+        potential = learn_potential(samples, over=over)
+        stiffness = rate / max(float(np.mean(unseen_potential(samples, over=over))), 1e-9)
         return penalty(potential, np.ones(samples.shape[1]), stiffness)
 
     def tuned(self, trials: TrialSet) -> "PoseSettings":
         """With the covariance of its regression, and the likeliest process noise."""
-        covariance = self._regression.tuned(trials).covariance if self.regression else ()
+        law = Delayed(*trials.shapes(self.ranks)).covariance().logarithms if self.regression else np.zeros(0)
+        covariance = tuple(law.tolist())
         return replace(self, covariance=covariance, process_noise=likely_noise(self._learned(trials), trials))
 
     def fit(self, trials: TrialSet) -> FittedMotion:
@@ -114,22 +101,26 @@ class PoseSettings(TrajectoryModel):
         return FittedMotion(replace(model, regression=self.regressed(trials)), trials.trials[-1].t_s)
 
     def _learned(self, trials: TrialSet) -> PoseMotion:
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
-        return learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        """Without regression, and with the process noise of the mechanics; once for all that ask."""
+        own, (poses, shapes) = replace(self, covariance=(), process_noise=0.0), trials.shapes(self.ranks)
+        if own not in trials.learned:
+            trials.learned[own] = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        return trials.learned[own]
 
     def regressed(self, trials: TrialSet) -> Regression | None:
         """What a regression on the other markers has where markers of the last trial are not seen."""
         if not self.regression:
             return None
-        _, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
-        found = self._regression.fit(trials).fill()
+        (poses, shapes), key = trials.shapes(self.ranks), (self.ranks, self.covariance)
+        if key not in trials.regressed:
+            trials.regressed[key] = fill_delayed(trials.trials[-1].seen, poses, shapes, self.covariance)
+        found = trials.regressed[key]
         lasts = max(1.0, self.regression * radian(shapes) / trials.trials[-1].dt_s)
         return Regression(found.xyz_m, lasts * (found.cov_m2 + LEAST_M**2 * np.eye(3)))
 
     def learned_arrays(self, trials: TrialSet) -> dict[str, NDArray[Any]]:
         """Mean pose, basis, shapes, noise; stiffness and damping of its mechanics; bones."""
-        poses, shapes = trials.shapes(ranks=self.ranks, body_hz=self.body_hz)
-        model = learn_pose(poses, self, shapes=shapes, bones=trials.bones, anatomy=trials.anatomy)
+        shapes, model = trials.shapes(self.ranks)[1], self._learned(trials)
         return {
             "pose_mean_m": shapes.subspace.mean.reshape(-1, 3),
             "pose_basis": shapes.subspace.basis.reshape(-1, 3, model.rank),
@@ -151,11 +142,11 @@ _HELD: dict[Potential, str] = {
 }
 
 
-def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes, *, least_known: float) -> Motion:
+def recorded_motion(trials: Sequence[PoseTrial], shapes: Shapes) -> Motion:
     """The motion of the shape where it is well known."""
     parts = []
     for z, rate, acceleration, keep in zip(
-        shapes.z, shapes.rate, shapes.acceleration, known_shapes(shapes, least_known), strict=True
+        shapes.z, shapes.rate, shapes.acceleration, known_shapes(shapes), strict=True
     ):
         edges = np.flatnonzero(np.diff(keep.astype(int))) + 1
         for stretch in np.split(np.arange(len(z)), edges):
@@ -169,38 +160,36 @@ def learn_pose(
     settings: PoseSettings,
     *,
     shapes: Shapes | None = None,
-    target: int = -1,
     bones: Bones | None = None,
     anatomy: Anatomy | None = None,
 ) -> PoseMotion:
-    """Learn a pose model from trials, for tracking one of them.
+    """Learn a pose model from trials, for tracking the last one.
 
     Args:
         trials: Trials of the same markers and rate; what is to be filled is NaN.
         settings: Choices.
         shapes: Shapes of these trials where they are at hand (``shapes_of``).
-        target: Trial that is to be tracked: its path, its offset from the mean pose.
         bones: Its bones.
         anatomy: What is known of the animal; None: nothing.
     """
     shapes = shapes_of(trials, ranks=settings.ranks) if shapes is None else shapes
-    motion = recorded_motion(trials, shapes, least_known=settings.least_known)
-    trial, subspace = trials[target], shapes.subspace
+    motion = recorded_motion(trials, shapes)
+    trial, subspace = trials[-1], shapes.subspace
     density = np.median([body_density(t) for t in trials], axis=0)
-    left_sd = settings.residual * np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[target]))
+    left_sd = np.hypot(subspace.residual_sd, _across_markers(shapes.offset_sd[-1]))
     memory_s = residual_memory_s(shapes.residual, trial.dt_s, radian(shapes), hidden_sd=subspace.residual_sd)
-    common_hz = settings.residual_rate * MATERN_HALF / memory_s
+    common_hz = RESIDUAL_RATE * MATERN_HALF / memory_s
     rates = np.full(len(left_sd), common_hz)
     if trial.sd_m.any():  # without the noise's size nothing tells it from rough motion
-        left, noise = out_of_sample(shapes.residual[target], trial.sd_m, subspace.basis)
+        left, noise = out_of_sample(shapes.residual[-1], trial.sd_m, subspace.basis)
         rates = marker_rates(left, noise, trial.dt_s, left_sd, common_hz)
-    own = replace(subspace, mean=subspace.mean + shapes.offset[target], residual_sd=left_sd)
+    own = replace(subspace, mean=subspace.mean + shapes.offset[-1], residual_sd=left_sd)
     spread = np.concatenate([motion.z.std(axis=0), motion.rate.std(axis=0)])
     extent = float(np.sqrt(np.nanmean((trial.y - np.nan_to_num(own.mean)) ** 2)))
     model = PoseMotion(
         path=body_path(trial.frames, trial.t_s),
         subspace=own,
-        mechanics=linear_shape(motion, ridge=settings.ridge),
+        mechanics=linear_shape(motion, ridge=RIDGE),
         body_density=settings.body * density,
         shape_sd=2 * np.maximum(spread, 1e-4 * spread.max()),
         body_sd=np.concatenate([np.full(3, extent), np.full(3, 0.3), np.full(3, extent), np.full(3, 1.0)]),
@@ -280,9 +269,8 @@ def with_potentials(
         model.subspace,
         anatomy,
         velocities="motion" in settings.potential,
-        least_known=settings.least_known,
         tau_s=motion.tau_s,
-        learn=partial(settings.pull, rate=settings.weight / motion.tau_s),
+        learn=partial(settings.pull, rate=WEIGHT / motion.tau_s),
     )
     return replace(model, potentials=limbs, name="eal")
 
@@ -327,32 +315,24 @@ def with_potential(model: PoseMotion, motion: Motion, settings: PoseSettings) ->
         on_shape=np.diag(scale) @ np.eye(held, 2 * model.rank),
         on_residual=np.zeros((held, len(model.subspace.residual_sd))),
         samples=samples,
-        gradient=settings.pull(samples, rate=settings.weight / motion.tau_s),
+        gradient=settings.pull(samples, rate=WEIGHT / motion.tau_s),
     )
     return replace(model, potentials=(potential,), name="eal")
 
 
-def learn_potential(
-    samples: Array, settings: PoseSettings, *, over: Over = lambda kernel: kernel
-) -> EmpiricalPotential:
+def learn_potential(samples: Array, *, over: Over = lambda kernel: kernel) -> EmpiricalPotential:
     """V_z of samples (N, k) in units of the first coordinate's deviation."""
-    chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), settings.centres)).astype(int)]
+    chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), CENTRES)).astype(int)]
     apart = pdist(chosen, "sqeuclidean")
     apart = apart[apart > 0]  # a recording may show one pose only
-    beta = settings.beta / (float(np.median(apart)) if len(apart) else 1.0)
-    return fit_potential(chosen, kernel=over(GaussianKernel(beta)), lam=settings.lam)
+    beta = BETA / (float(np.median(apart)) if len(apart) else 1.0)
+    return fit_potential(chosen, kernel=over(GaussianKernel(beta)), lam=LAM)
 
 
-def unseen_potential(
-    samples: Array,
-    settings: PoseSettings,
-    *,
-    folds: int = 5,
-    over: Over = lambda kernel: kernel,
-) -> Array:
+def unseen_potential(samples: Array, *, over: Over = lambda kernel: kernel) -> Array:
     """(N,) -log(1 - V) of each sample under a potential that was learned without its fifth of the motion."""
-    fold = np.arange(len(samples)) * folds // len(samples)
-    learned = [learn_potential(samples[fold != i], settings, over=over) for i in range(folds)]
+    fold = np.arange(len(samples)) * 5 // len(samples)
+    learned = [learn_potential(samples[fold != i], over=over) for i in range(5)]
     return np.concatenate([one.barrier_value(samples[fold == i]) for i, one in enumerate(learned)])
 
 

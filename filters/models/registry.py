@@ -3,14 +3,12 @@
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import TrajectoryModel
 from mocap.filters.models.constant_velocity import MarkerSettings
-from mocap.filters.models.delayed_poses import DelaySettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.singer import LastingSettings
 
 MODELS: dict[str, type[TrajectoryModel]] = {
     "articulated": ArticulatedSettings,
     "constant velocity": MarkerSettings,
-    "delayed poses": DelaySettings,
     "lasting acceleration": LastingSettings,
     "pose": PoseSettings,
 }

@@ -1,6 +1,7 @@
 """Motion of an animal of rigid segments: joint angles in place of marker positions are the state."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from mocap.filters.gaussian import Moments, Move, Smoothed, View
@@ -20,7 +21,7 @@ STEP_RAD = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArticulatedMotion(PoseMotion):
-    """State [z (r), zdot (r), u, g (6), gdot (6), s (3M) | e (F), edot (F), eddot (F)]: joints' chains of e.
+    """State [z (r), zdot (r), u, g (6), gdot (6), s (3M) | e (F), e1 (F), e2 (F)]: joints' chains of e.
 
     What ``PoseMotion`` says of marker coordinates holds of the F joint angles, each in arc length: angle * arm =
     mean + basis z + e. So z is what joints do together, with mechanics that were learned, and e what each does by
@@ -48,7 +49,7 @@ class ArticulatedMotion(PoseMotion):
     name: str = "articulated"
     farthest: float = 3.0
 
-    @property
+    @cached_property
     def chains(self) -> int:
         """Where the chains begin."""
         return self.slip.stop
@@ -137,7 +138,8 @@ class ArticulatedMotion(PoseMotion):
         _, g, e, g_rate, e_rate = self.parts
         r, path, n = self.rank, self.path, len(mean)
         moving = np.zeros(n)
-        moving[:r], moving[e], moving[self.slip] = mean[r : 2 * r], mean[e_rate], -self.slip_rate_hz * mean[self.slip]
+        moving[:r], moving[e] = mean[r : 2 * r], self._residual_speed(mean)
+        moving[self.slip] = -self.slip_rate_hz * mean[self.slip]
         size = float(np.abs(moving).max())
         step = 1e-6 / max(size, 1e-12)
         pose, slopes = self._slopes(mean + step * np.array([[0.0], [1.0], [-1.0]]) * moving)
@@ -154,6 +156,7 @@ class ArticulatedMotion(PoseMotion):
         position[:], speed[:] = whole @ slope, carried @ slope + whole @ bent
         speed[:, :, r : 2 * r] = position[:, :, :r]
         speed[:, :, e_rate] = position[:, :, e]
+        speed[:, :, e] -= self.residual_rate_hz[: e.stop - e.start] * position[:, :, e]
         speed[:, :, self.slip] -= self.slip_rate_hz * position[:, :, self.slip]
         here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
         lever = skew(pose)

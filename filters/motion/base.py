@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from mocap.filters.gaussian import Adjoint, Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.observe import Observed
@@ -138,22 +138,17 @@ class MotionModel(ABC):
             found, more = update(markers, markers.view.moved(state.mean - at))
         return found, more
 
-    def constrain(self, state: Moments, step: Step, about: Any = None) -> tuple[Moments, list[Update]]:  # noqa: ARG002
+    def constrain(self, state: Moments, step: Step) -> tuple[Moments, list[Update]]:  # noqa: ARG002
         """Apply what is known of the state beside its dynamics, once a frame; here nothing.
 
         Args:
             state: Predicted state.
             step: The step that led to it.
-            about: Where to linearise it (``reference``); None: at the prediction.
 
         Returns:
             The state, and how it came about.
         """
         return state, []
-
-    def reference(self, state: Smoothed) -> Any:  # noqa: ARG002
-        """What ``constrain`` needs of a smoothed state to linearise about it; None: it is linear, here nothing."""
-        return None
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Velocities of the markers, and how positions and velocities depend on the state; None: it has none, here.

@@ -25,28 +25,8 @@ class Bones:
     sd_m: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Differences:
-    """Differences of the ends of bones, as some state has them.
-
-    Attributes:
-        mean: (B, 3).
-        cov: (B, 3, 3).
-    """
-
-    mean: Array
-    cov: Array
-
-
-def differences(bones: Bones, mean: Array, cov: Array) -> Differences:
-    """Of markers (M, 3) with the covariance (3M, 3M) of all."""
-    a, b = bones.ends.T
-    each = cov.reshape(len(mean), 3, len(mean), 3)
-    return Differences(mean[a] - mean[b], each[a, :, a] - each[a, :, b] - each[b, :, a] + each[b, :, b])
-
-
-def bones_term(bones: Bones, markers: Markers, stiffness: float, *, about: Differences | None = None) -> Term:
-    """V_b, linearised.
+def bones_term(bones: Bones, markers: Markers, stiffness: float) -> Term:
+    """V_b, linearised about the prediction.
 
     The difference of two markers has the mean d and, across it, the covariance P. Their distance then has the mean
     |d| + tr P / 2|d| and, besides the part that is linear in the state, the variance tr P^2 / 2|d|^2 (second order): of
@@ -56,23 +36,23 @@ def bones_term(bones: Bones, markers: Markers, stiffness: float, *, about: Diffe
         bones: The bones.
         markers: In any axes.
         stiffness: Factor on V_b.
-        about: Where distances are linearised; None: the prediction.
     """
     (a, b), view = bones.ends.T, markers.view
-    about = differences(bones, view.mean, markers.spread) if about is None else about
-    distance = np.maximum(np.linalg.norm(about.mean, axis=1), 1e-3 * bones.length_m)
-    unit = about.mean / distance[:, None]
+    each = markers.spread.reshape(len(view.mean), 3, len(view.mean), 3)
+    away = view.mean[a] - view.mean[b]
+    spread = each[a, :, a] - each[a, :, b] - each[b, :, a] + each[b, :, b]
+    distance = np.maximum(np.linalg.norm(away, axis=1), 1e-3 * bones.length_m)
+    unit = away / distance[:, None]
     beside = np.eye(3) - unit[:, :, None] * unit[:, None]
-    cov = beside @ about.cov @ beside
+    cov = beside @ spread @ beside
     longer = np.trace(cov, axis1=1, axis2=2) / (2 * distance)
     bent = np.einsum("bij,bij->b", cov, cov) / (2 * distance**2)
     sd = np.sqrt((bones.sd_m**2 + bent) / stiffness)
-    along, each = np.zeros((len(a), len(view.mean), 3)), np.arange(len(a))
-    along[each, a], along[each, b] = unit / sd[:, None], -unit / sd[:, None]
+    along, bone = np.zeros((len(a), len(view.mean), 3)), np.arange(len(a))
+    along[bone, a], along[bone, b] = unit / sd[:, None], -unit / sd[:, None]
     along = along.reshape(len(a), -1)
-    expected = distance + longer + np.einsum("bi,bi->b", view.mean[a] - view.mean[b] - about.mean, unit)
     rows = np.zeros((len(a), view.reads))
     rows[:, : view.rows.shape[1]] = along @ view.rows
     if view.chains is not None:
         rows[:, view.chains :] = along
-    return Term(rows, along @ markers.gains, (bones.length_m - expected) / sd)
+    return Term(rows, along @ markers.gains, (bones.length_m - distance - longer) / sd)

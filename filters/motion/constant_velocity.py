@@ -1,5 +1,6 @@
-"""Constant velocity, each marker for itself: white noise acceleration."""
+"""Each marker for itself: constant velocity, driven by white noise acceleration."""
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,75 +28,80 @@ def white_acceleration(density: Array, dt_s: float) -> tuple[Array, Array, Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ConstantVelocity(MotionModel):
-    """State [position (3), velocity (3)] in the world, of each marker by itself.
+class MarkerMotion(MotionModel):
+    """State [position (3), velocity (3), ...] in the world, of each marker by itself: k numbers a coordinate.
 
     Attributes:
         start_m: (M, 3) mean of the positions before anything is seen.
         start_sd_m: Standard deviation of each coordinate of them.
         speed_sd_m_s: Standard deviation of a velocity component at the start.
-        density: (M,) spectral density of each marker's acceleration, m^2/s^3.
     """
 
     start_m: Array
     start_sd_m: float
     speed_sd_m_s: float
-    density: Array
-    name: str = "constant_velocity"
+
+    @property
+    @abstractmethod
+    def start_sd(self) -> Array:
+        """(M, k) standard deviations of the numbers of each coordinate at the start."""
+
+    @abstractmethod
+    def step(self, dt_s: float) -> tuple[Array, Array]:
+        """(k, k) transition of each coordinate in a step, and (M, k, k) covariance of its noise."""
 
     @property
     def size(self) -> int:
         """Numbers of a state."""
-        return 2 * self.start_m.size
+        return 3 * self.start_sd.size
 
     def initial(self) -> Moments:
         """At ``start_m``, at rest."""
-        return at_rest(self.start_m, np.array([[self.start_sd_m, self.speed_sd_m_s]] * len(self.start_m)))
+        each = np.repeat(self.start_sd, 3, axis=1)
+        mean = np.zeros(each.shape)
+        mean[:, :3] = self.start_m
+        return Moments(mean, each[:, None] * each[..., None] * np.eye(each.shape[1]))
 
     def move(self, state: Moments, step: Step) -> Move:  # noqa: ARG002
-        """Positions move on with their velocities; accelerations are white."""
+        """Coordinates move by themselves, all alike."""
         if step.dt_s not in self._moves:
-            self._moves[step.dt_s] = self._move(step.dt_s)
+            chain, noise = self.step(step.dt_s)
+            size = 3 * len(chain)
+            each = np.einsum("mab,ij->maibj", noise, np.eye(3)).reshape(-1, size, size)
+            self._moves[step.dt_s] = Move(np.zeros((0, 0)), chain, each)
         return self._moves[step.dt_s]
 
     @cached_property
     def _moves(self) -> Steps[Move]:
         return Steps()
 
-    def _move(self, dt_s: float) -> Move:
-        l11, l21, l22 = white_acceleration(self.density, dt_s)
-        noise = np.array([[l11**2, l11 * l21], [l11 * l21, l21**2 + l22**2]])
-        return apart(np.array([[1.0, dt_s], [0.0, 1.0]]), np.moveaxis(noise, 2, 0))
-
     def view(self, mean: Array, frame: int) -> View:  # noqa: ARG002
         """The positions themselves."""
-        return positions(mean)
+        return View(mean[:, :3], np.zeros((len(mean), 3, 0)), 0)
 
     def rates(self, mean: Array, frame: int) -> tuple[Array, Array]:  # noqa: ARG002
         """The velocities themselves."""
-        return positions_and_velocities(mean)
+        return mean[:, 3:6], np.broadcast_to(np.eye(6, mean.shape[1]), (len(mean), 6, mean.shape[1]))
 
 
-def at_rest(start_m: Array, sd: Array) -> Moments:
-    """States [position (3), 0, ...] of markers at (M, 3), whose k parts have the standard deviations (M, k)."""
-    each = np.repeat(sd, 3, axis=1)
-    mean = np.zeros(each.shape)
-    mean[:, :3] = start_m
-    return Moments(mean, each[:, None] * each[..., None] * np.eye(each.shape[1]))
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConstantVelocity(MarkerMotion):
+    """Accelerations are white.
 
+    Attributes:
+        density: (M,) spectral density of each marker's acceleration, m^2/s^3.
+    """
 
-def apart(chain: Array, noise: Array) -> Move:
-    """A step of markers by themselves: (k, k) transition of each coordinate, (M, k, k) covariance of its noise."""
-    size = 3 * len(chain)
-    each = np.einsum("mab,ij->maibj", noise, np.eye(3)).reshape(-1, size, size)
-    return Move(np.zeros((0, 0)), chain[..., None], each)
+    density: Array
+    name: str = "constant_velocity"
 
+    @property
+    def start_sd(self) -> Array:
+        """(M, 2)."""
+        return np.array([[self.start_sd_m, self.speed_sd_m_s]] * len(self.start_m))
 
-def positions(mean: Array) -> View:
-    """The markers of states (M, n) = [position (3), ...]."""
-    return View(mean[:, :3], np.zeros((len(mean), 3, 0)), 0)
-
-
-def positions_and_velocities(mean: Array) -> tuple[Array, Array]:
-    """Velocities of states (M, n) = [position (3), velocity (3), ...], and ``MotionModel.rates``' Jacobian."""
-    return mean[:, 3:6], np.broadcast_to(np.eye(6, mean.shape[1]), (len(mean), 6, mean.shape[1]))
+    def step(self, dt_s: float) -> tuple[Array, Array]:
+        """See ``white_acceleration``."""
+        l11, l21, l22 = white_acceleration(self.density, dt_s)
+        noise = np.array([[l11**2, l11 * l21], [l11 * l21, l21**2 + l22**2]])
+        return np.array([[1.0, dt_s], [0.0, 1.0]]), np.moveaxis(noise, 2, 0)

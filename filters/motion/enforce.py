@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.ensemble import triangular
 from mocap.filters.gaussian import Moments, Smoothed, Update, condition, pushed
 
 from eal.arrays import Array
@@ -56,7 +55,6 @@ def potential_term(
     gradient: Callable[[Array], Array],
     coordinates: Coordinates,
     *,
-    about: Moments | None = None,
     least_sd: float = 0.0,
 ) -> Term:
     """A potential of coordinates q that are linear in the state, as its mean gradient and mean Hessian.
@@ -68,7 +66,6 @@ def potential_term(
     Args:
         gradient: (S, d) points to (S, d) gradients of the potential, its stiffness included.
         coordinates: q.
-        about: Where the potential is linearised: mean and covariance of q; None: the prediction.
         least_sd: Directions that are known better than this are left out: no potential moves q along them by much.
     """
     variance, directions = np.linalg.eigh(coordinates.cov)
@@ -79,30 +76,16 @@ def potential_term(
     if not p:
         return Term(unit @ coordinates.rows, unit @ coordinates.gains, np.zeros(0))
     c = min(3.0, p)  # spread of the sigma points; their second moment is 3, if there are so many directions
-    factor = np.diag(sd) if about is None else _factor(directions.T @ about.cov @ directions)
-    here = coordinates.mean if about is None else about.mean
-    steps = np.sqrt(c) * (directions @ factor).T
+    here, steps = coordinates.mean, np.sqrt(c) * (directions * sd).T
     gradients = gradient(np.concatenate([here[None], here + steps, here - steps])) @ directions
     force = gradients[0] + (gradients[1:] - gradients[0]).sum(axis=0) / (2 * c)
-    difference = (gradients[1 : p + 1] - gradients[p + 1 :]) * (0.5 / np.sqrt(c))  # rows H L_j
-    # L^T H = difference
-    hessian = difference / sd[:, None] if about is None else np.linalg.solve(factor.T, difference)
+    hessian = (gradients[1 : p + 1] - gradients[p + 1 :]) * (0.5 / np.sqrt(c)) / sd[:, None]
     values, vectors = np.linalg.eigh((0.5 * (hessian + hessian.T)) * sd[:, None] * sd)
     bent = values > 1e-13  # the others take no part: a thousand of them would change a variance by 1e-10
     root = vectors[:, bent] * np.sqrt(values[bent])
-    # force at the prediction by the linear model, mean gradient + H (q - about), in units of the deviations of q
-    target = -sd * force
-    if about is not None:
-        target += root @ (root.T @ (unit @ (about.mean - coordinates.mean)))
     curved = root.T @ unit
     zero = np.zeros(len(curved))
-    return Term(curved @ coordinates.rows, curved @ coordinates.gains, zero, (target @ unit) @ coordinates.rows)
-
-
-def _factor(cov: Array) -> Array:
-    """Lower triangular L with L L^T a covariance, which may be singular."""
-    values, vectors = np.linalg.eigh(cov)
-    return triangular(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T)
+    return Term(curved @ coordinates.rows, curved @ coordinates.gains, zero, (-sd * force @ unit) @ coordinates.rows)
 
 
 def enforce(state: Moments, terms: Sequence[Term], *, farthest: float = np.inf) -> tuple[Moments, list[Update]]:

@@ -37,12 +37,12 @@ class LagrangianMotion(ArticulatedMotion):
     white: Array
     name: str = "lagrangian"
 
-    @property
+    @cached_property
     def shape_states(self) -> int:
         """Numbers that belong to the joints: z and zdot."""
         return 2 * self.rank
 
-    @property
+    @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
         """Where [z, zdot], g, nothing, gdot and nothing are."""
         r, none = 2 * self.rank, slice(self.chains, self.chains)
@@ -104,7 +104,7 @@ class LagrangianMotion(ArticulatedMotion):
         shared[np.ix_(moves, moves)] = self._from_animal(end, w1) @ slope @ self._to_animal(start, w0)
         if step.dt_s not in self._noises:
             self._noises[step.dt_s] = self.noise(step.dt_s)
-        return Move(shared, np.zeros((0, 0, 1)), self._noises[step.dt_s], mean - shared @ state.mean)
+        return Move(shared, np.zeros((0, 0)), self._noises[step.dt_s], mean - shared @ state.mean)
 
     @cached_property
     def _noises(self) -> Steps[Array]:

@@ -10,7 +10,7 @@ import numpy as np
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.gaussian import Markers, Moments, Move, Smoothed, Update, View
 from mocap.filters.motion.base import MotionModel, Step, Steps
-from mocap.filters.motion.bones import Bones, Differences, bones_term, differences
+from mocap.filters.motion.bones import Bones, bones_term
 from mocap.filters.motion.constant_velocity import white_acceleration
 from mocap.filters.motion.enforce import Coordinates, enforce, informed, potential_term
 from mocap.filters.motion.potential import PosePotential
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
+from eal.vectors import skew
 
 LEAST_SD = 0.05
 """Potentials do not look along directions of a pose that are known better than to this share of what was recorded."""
@@ -106,30 +107,20 @@ class Regression:
         return out
 
 
-class Reference(NamedTuple):
-    """Where potentials of a pose are linearised.
-
-    Attributes:
-        held: Mean and covariance of the coordinates of each potential.
-        bones: Differences of the ends of bones; None: it has none.
-    """
-
-    held: tuple[Moments, ...]
-    bones: Differences | None
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseMotion(MotionModel):
-    """State [z (r), zdot (r), u, g (6), gdot (6) | e (3M), edot (3M), eddot (3M)]: a shared block, and chains of e.
+    """State [z (r), zdot (r), u, g (6), gdot (6) | e (3M), e1 (3M), e2 (3M)]: a shared block, and chains of e.
 
     Markers are R exp(w) (mean + basis z + e) + c + p, where R, c is the body's path and g = [p, w] the body's own
-    deviation from it, gdot its velocity less the path's (angular: in body axes). The body moves with white acceleration
-    and angular acceleration: the path is where it is linearised, and drops out of what is predicted. The shape z has
-    ``mechanics``, u being forces of it that last; the residual e of each coordinate is a Matern-5/2 process,
-    (d/dt + a)^3 e = noise, with its own variance and rate: motion of animals has accelerations, and a rougher process
-    states velocities twice as uncertain as they are. With an empirical potential the shape is held by that
-    (``enforce``), in place of the constraints that nobody knows, as in the paper's empirical-analytical models.
-    Constraints that are known, the lengths of rigid bones, hold shape and residual (``hold_bones``).
+    deviation from it, gdot its velocity less the path's (angular: in body axes). The body moves with white
+    acceleration and angular acceleration: the path is where it is linearised, and drops out of what is predicted.
+    The shape z has ``mechanics``, u being forces of it that last; the residual e of each coordinate is a Matern-5/2
+    process, (d/dt + a)^3 e = noise, with its own variance and rate: motion of animals has accelerations, and a
+    rougher process states velocities twice as uncertain as they are. Its states are e1 = (d/dt + a) e and e2 =
+    (d/dt + a) e1: of these a step is the same for all coordinates, but for a factor exp(-a dt). With an empirical
+    potential the shape is held by that (``enforce``), in place of the constraints that nobody knows, as in the
+    paper's empirical-analytical models. Constraints that are known, the lengths of rigid bones, hold shape and
+    residual (``hold_bones``).
 
     Attributes:
         path: Path of the body.
@@ -174,19 +165,19 @@ class PoseMotion(MotionModel):
         """Number r of shapes."""
         return self.subspace.basis.shape[1]
 
-    @property
+    @cached_property
     def chains(self) -> int:
         """Where the chains begin."""
         return self.shape_states + 12
 
-    @property
+    @cached_property
     def shape_states(self) -> int:
         """Numbers that belong to the shape: z, zdot, and forces that last."""
-        return 2 * self.rank + len(self.mechanics.lasting_sd)
+        return 2 * self.rank + len(self.mechanics.force)
 
-    @property
+    @cached_property
     def parts(self) -> tuple[slice, slice, slice, slice, slice]:
-        """Where [z, zdot, u], g, e, gdot and edot are."""
+        """Where [z, zdot, u], g, e, gdot and e1 are."""
         r, start, d = self.shape_states, self.chains, len(self.subspace.mean)
         e, e_rate = slice(start, start + d), slice(start + d, start + 2 * d)
         return slice(0, r), slice(r, r + 6), e, slice(r + 6, r + 12), e_rate
@@ -223,7 +214,7 @@ class PoseMotion(MotionModel):
         turn, spin = slice(g.start + 3, g.stop), slice(g_rate.start + 3, g_rate.stop)
         shared[turn, turn], shared[turn, spin] = (half @ half).T, step.dt_s * half.T  # in axes that turn with the path
         shift[g], shift[g_rate] = along, speed
-        return Move(shared, usual.chain, usual.noise, shift)
+        return Move(shared, usual.chain, usual.noise, shift, usual.decay)
 
     @cached_property
     def _usual_moves(self) -> Steps[Move]:
@@ -242,10 +233,10 @@ class PoseMotion(MotionModel):
             noise[g, g_rate] = noise[g_rate, g] = l11 * l21
             shift = np.zeros(self.size)
             shared[shape, shape], shift[shape] = self.mechanics.flow(dt_s)
-            a, power = self.residual_rate_hz, np.arange(3)[:, None]
-            chain = matern_flow(a * dt_s) * a ** (power[:, None] - power)
-            noise[e.start :, e.start :] = self._chains(matern_noise(a * dt_s))
-            self._usual_moves[dt_s] = Move(shared, chain, noise, shift)
+            steps = self.residual_rate_hz * dt_s
+            noise[e.start :, e.start :] = self._chains(matern_noise(steps))
+            chain = np.array([[1.0, dt_s, 0.5 * dt_s**2], [0.0, 1.0, dt_s], [0.0, 0.0, 1.0]])
+            self._usual_moves[dt_s] = Move(shared, chain, noise, shift, np.exp(-steps))
         return self._usual_moves[dt_s]
 
     @cached_property
@@ -283,7 +274,7 @@ class PoseMotion(MotionModel):
         rows = np.zeros((len(pose), 3, g.stop))
         rows[:, :, :r] = self.subspace.basis.reshape(-1, 3, r)
         rows[:, :, g.start : g.start + 3] = turn.T
-        rows[:, :, g.start + 3 :] = -_skew(pose) @ (own.T @ jacobian)
+        rows[:, :, g.start + 3 :] = -skew(pose) @ (own.T @ jacobian)
         place = pose @ turn.T + self.path.frames.position_m[frame] + mean[g][:3]
         return View(place, rows.reshape(-1, g.stop), self.chains, turn)
 
@@ -305,32 +296,37 @@ class PoseMotion(MotionModel):
         turned = Rotation.from_rotvec(w).as_matrix()
         whole = rotation @ turned
         pose = (self.subspace.mean + basis @ mean[:r] + mean[e]).reshape(-1, 3) @ turned.T
-        pose_rate = (basis @ mean[r : 2 * r] + mean[e_rate]).reshape(-1, 3) @ turned.T
+        pose_rate = (basis @ mean[r : 2 * r] + self._residual_speed(mean)).reshape(-1, 3) @ turned.T
         omega = path.rate_rad_s[frame] + spin
         relative = pose_rate + np.cross(omega, pose)
         velocity = relative @ rotation.T + path.velocity_m_s[frame] + drift
         count = len(pose)
         out = np.zeros((count, 6, n))
         position, speed = out[:, :3], out[:, 3:]
-        carried = rotation @ _skew(omega) @ turned  # d v / d u
-        each = np.arange(count)
+        carried = rotation @ skew(omega) @ turned  # d v / d u
+        each, decay = np.arange(count), self.residual_rate_hz.reshape(-1, 3)
         shapes = basis.reshape(count, 3, r)
         position[:, :, :r] = whole @ shapes
         speed[:, :, :r], speed[:, :, r : 2 * r] = carried @ shapes, whole @ shapes
         for column in range(3):
             position[each, :, e.start + 3 * each + column] = whole[:, column]
-            speed[each, :, e.start + 3 * each + column] = carried[:, column]
+            speed[each, :, e.start + 3 * each + column] = carried[:, column] - decay[:, [column]] * whole[:, column]
             speed[each, :, e_rate.start + 3 * each + column] = whole[:, column]
         here, there = slice(g.start, g.start + 3), slice(g.start + 3, g.stop)
         position[:, :, here] = np.eye(3)
-        lever = _skew(pose)
+        lever = skew(pose)
         position[:, :, there] = -rotation @ lever
-        speed[:, :, there] = -rotation @ (_skew(pose_rate) + _skew(omega) @ lever)
+        speed[:, :, there] = -rotation @ (skew(pose_rate) + skew(omega) @ lever)
         speed[:, :, g_rate.start : g_rate.start + 3] = np.eye(3)
         speed[:, :, g_rate.start + 3 : g_rate.stop] = -rotation @ lever
         return velocity, out.reshape(-1, n)
 
-    def constrain(self, state: Moments, step: Step, about: "Reference | None" = None) -> tuple[Moments, list[Update]]:
+    def _residual_speed(self, mean: Array) -> Array:
+        """(D,) rate of e: e1 - a e."""
+        _, _, e, _, e_rate = self.parts
+        return mean[e_rate] - self.residual_rate_hz[: e.stop - e.start] * mean[e]
+
+    def constrain(self, state: Moments, step: Step) -> tuple[Moments, list[Update]]:
         """Condition on the regression; hold the shape by the potential and the bones, for the time of the step."""
         updates = []
         if self.regression is not None:
@@ -348,17 +344,15 @@ class PoseMotion(MotionModel):
                 state, done = self.conditioned(state, step.frame, update)
                 updates.append(done)
         terms = []
-        for i, (held, rows) in enumerate(zip(self.potentials, self._rows, strict=True)):
+        for held, rows in zip(self.potentials, self._rows, strict=True):
             coordinates = Coordinates(
                 held.mean + rows @ state.mean[: rows.shape[1]], rows, rows @ state.cov[: rows.shape[1]]
             )
             pull = partial(_scaled, held.gradient, step.dt_s)
-            at = None if about is None else about.held[i]
-            terms.append(potential_term(pull, coordinates, about=at, least_sd=LEAST_SD))
+            terms.append(potential_term(pull, coordinates, least_sd=LEAST_SD))
         if self.bones is not None:
-            ends = None if about is None else about.bones
-            markers = Markers(state, self._body(state.mean))
-            terms.append(bones_term(self.bones, markers, step.dt_s * self.bone_stiffness, about=ends))
+            markers = Markers(state, View(self._pose(state.mean), self.subspace.basis, self.chains))  # in the body
+            terms.append(bones_term(self.bones, markers, step.dt_s * self.bone_stiffness))
         state, done = enforce(state, terms, farthest=self.farthest)
         return state, updates + done
 
@@ -367,49 +361,28 @@ class PoseMotion(MotionModel):
         """How the coordinates of each potential change with the state."""
         return tuple(held.rows(self.chains) for held in self.potentials)
 
-    def _body(self, mean: Array) -> View:
-        """The markers in the body."""
-        return View(self._pose(mean), self.subspace.basis, self.chains)
-
     def moved(self, means: Array, residual: Array) -> Array:  # noqa: ARG002
         """(S, M, 3) by how much markers move in the axes of the root, of states (S, n), for changes (S, D) of e."""
         return residual.reshape(len(residual), -1, 3)
-
-    def reference(self, state: Smoothed) -> "Reference | None":
-        """What the potentials read, and the differences of the ends of bones."""
-        if not self.potentials and self.bones is None:
-            return None
-        held = tuple(
-            Moments(one.mean + rows @ state.mean[: rows.shape[1]], state.of(rows))
-            for one, rows in zip(self.potentials, self._rows, strict=True)
-        )
-        if self.bones is None:
-            return Reference(held, None)
-        body = self._body(state.mean)
-        cov = state.of(body.dense(), body.times(state.filtered))
-        return Reference(held, differences(self.bones, body.mean, cov))
 
     def informed(self, state: Smoothed) -> Smoothed:
         """The shape and its velocity are some that were recorded."""
         return state if self.usual is None else informed(state, self.usual)
 
 
-STATIONARY = np.array([[1.0, 0.0, -1 / 3], [0.0, 1 / 3, 0.0], [-1 / 3, 0.0, 1.0]])
-"""Covariance of a Matern-5/2 process e of unit variance and rate with e' and e'' (Hartikainen & Sarkka 2010)."""
+STATIONARY = np.array([[1.0, 1.0, 2 / 3], [1.0, 4 / 3, 4 / 3], [2 / 3, 4 / 3, 8 / 3]])
+"""Covariance of a Matern-5/2 process e of unit variance and rate with e1 = e' + e and e2 = e1' + e1: 16/3 times the
+integral of g g^T over all times, g(s) = exp(-s) [s^2 / 2, s, 1] (Hartikainen & Sarkka 2010, in other coordinates)."""
 
 
 def matern_flow(step: Array) -> Array:
-    """(3, 3, D) transition of [e, e', e''] of a Matern-5/2 process of unit rate, over steps (D,) times the rate.
-
-    exp(A s) = exp(-s) (I + N s + N^2 s^2 / 2): A, the companion of (d/dt + 1)^3, is -I + N with N^3 = 0.
-    """
-    nilpotent = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0], [-1.0, -3.0, -2.0]])
-    powers = np.stack([np.eye(3), nilpotent, nilpotent @ nilpotent / 2], axis=-1)
-    return np.exp(-step) * (powers @ np.stack([np.ones_like(step), step, step**2]))
+    """(3, 3, D) transition of [e, e1, e2] of a Matern-5/2 process of unit rate, over steps (D,) times the rate."""
+    one, zero = np.ones_like(step), np.zeros_like(step)
+    return np.exp(-step) * np.array([[one, step, 0.5 * step**2], [zero, one, step], [zero, zero, one]])
 
 
 def matern_noise(step: Array) -> Array:
-    """(3, 3, D) covariance of what noise adds to [e, e', e''] of a Matern-5/2 process of unit variance and rate.
+    """(3, 3, D) covariance of what noise adds to [e, e1, e2] of a Matern-5/2 process of unit variance and rate.
 
     It is 16/3 times the integral of g g^T, g the last column of ``matern_flow``. By Gauss-Legendre quadrature it stays
     positive at any step, where P - F P F^T of short steps is a difference of nearly equal numbers.
@@ -449,11 +422,3 @@ def _exponential(w: Array) -> tuple[Array, Array]:
         )
 
     return matrix(sine, versine), matrix(versine, rest)
-
-
-def _skew(v: Array) -> Array:
-    """(..., 3, 3) matrices of the cross product with (..., 3) vectors."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
-    out[..., 1, 2], out[..., 2, 0], out[..., 0, 1] = -v[..., 0], -v[..., 1], -v[..., 2]
-    return out

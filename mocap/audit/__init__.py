@@ -1,16 +1,15 @@
 """Audit: whether pixels, cameras and stored points agree, and faults that programs leave in files."""
 
 from mocap.audit.audit import audit_filmed, audit_recording
-from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import fit_findings
 from mocap.audit.jumps import jump_findings
-from mocap.audit.offsets import CLEAR_SD, Offsets, estimate_offsets, in_step, late_cameras
+from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.samples import pixel_findings, point_findings
 from mocap.audit.starts import moved, start_offsets
 from mocap.audit.stored import StalePoint, other_world, stale_points
+from mocap.findings import Finding, alarms
 
 __all__ = [
-    "CLEAR_SD",
     "Finding",
     "Offsets",
     "StalePoint",

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit.finding import Finding, alarms
 from mocap.audit.geometry import camera_findings, fit_findings, lens_findings
 from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import offset_findings
@@ -13,9 +12,10 @@ from mocap.audit.samples import pixel_findings, point_findings, sizes
 from mocap.audit.stored import stored_findings
 from mocap.cameras.arrangement import ArrangementError
 from mocap.cameras.camera import Camera, stacked, undistorted
-from mocap.cameras.origin import PixelOrigin, StatedOrigin, decide_origin, ideal_pixels
+from mocap.cameras.origin import PixelOrigin, StatedOrigin, decide_origin
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import CalibrationError
+from mocap.findings import Finding, alarms
 from mocap.io.contents import FileContents
 from mocap.records import MarkerTracks, PixelTracks
 
@@ -126,14 +126,7 @@ def audit_recording(recording: FileContents, stated: StatedOrigin = StatedOrigin
         return sorted([asked, *rest], key=lambda f: not f.alarm)
 
     def ideal(iterations: int | None) -> Array:
-        return ideal_pixels(
-            cameras,
-            pixels.uv_px,
-            pixels=decision.pixels,
-            coefficients=decision.coefficients,
-            height_px=decision.height_px,
-            iterations=iterations,
-        )
+        return decision.ideal(cameras, pixels.uv_px, iterations=iterations)
 
     timed = recording.fps is not None
     found = audit_filmed(cameras, pixels, ideal(None), decision, stored=points, stored_px=ideal(3), timed=timed)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit.finding import Finding
 from mocap.cameras.arrangement import FEWEST_SHARED, by_camera
 from mocap.cameras.camera import Camera, decompose, stacked, undistorted
 from mocap.cameras.cropped import may_be_cropped
 from mocap.cameras.lens import BrownLens
-from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped, ideal_pixels
+from mocap.cameras.origin import CLEARLY, PixelOrigin, flipped
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.findings import Finding
 
 LARGE_PX = 8.0
 """A median residual above this, and above ``MANY_SD`` deviations of the clicks' jitter, is warned of."""
@@ -43,7 +43,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
                         kind="copied cameras",
                         alarm=True,
                         text=f"cameras {a.name!r} and {b.name!r} have identical calibrations: one was copied from "
-                        "the other, and points reconstructed with it are wrong",
+                        "the other, and points reconstructed with it are wrong, or both are tracks of one camera",
                         cameras=(a.name, b.name),
                     )
                 )
@@ -98,7 +98,9 @@ def fit_findings(cameras: Sequence[Camera], ideal_px: Array, *, most_points: int
     ]
     order = np.argsort(left)
     worst = int(order[0])
-    if left[worst] * 4 < whole and left[worst] * 2 < left[int(order[1])] and whole > 1.0:
+    scatter = _jitter(ideal_px[worst : worst + 1])
+    clicked = MANY_SD * scatter if scatter else LARGE_PX  # careless clicks miss by no more
+    if left[worst] * 4 < whole and left[worst] * 2 < left[int(order[1])] and whole > max(1.0, clicked):
         camera = cameras[worst]
         numbers = {"with_px": whole, "without_px": left[worst]}
         how = ""
@@ -213,26 +215,15 @@ def lens_findings(
     matrices, uv = stacked(cameras), _points(uv_px, most_points)
     if len(cameras) < 2 or uv.shape[1] < 20:
         return []
-
-    def ideal(rig: Sequence[Camera], pixels: Array) -> Array:
-        return ideal_pixels(
-            rig,
-            pixels,
-            pixels=decision.pixels,
-            coefficients=decision.coefficients,
-            height_px=decision.height_px,
-            iterations=None,
-        )
-
+    once = decision.ideal(cameras, uv)
     if all(c.lens is None for c in cameras):
-        return _hidden_distortion(cameras, ideal(cameras, uv))
-    once = ideal(cameras, uv)
+        return _hidden_distortion(cameras, once)
     back = flipped(once, decision.height_px) if decision.coefficients == "lower-left" else once
     twice = undistorted(cameras, back)
     twice = flipped(twice, decision.height_px) if decision.coefficients == "lower-left" else twice
     bare = [replace(c, lens=None) for c in cameras]
     tried = {
-        "not at all": _median(matrices, ideal(bare, uv)),
+        "not at all": _median(matrices, decision.ideal(bare, uv)),
         "once": _median(matrices, once),
         "twice": _median(matrices, twice),
     }

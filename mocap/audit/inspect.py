@@ -104,12 +104,12 @@ def _unit_told(recording: FileContents, unit: str | None) -> tuple[str, ...]:
     """What is assumed of the unit of positions, or of pixels with their calibration; also that no unit would do."""
     try:
         if recording.pixels is None or not recording.cameras or recording.unit is not None or unit is not None:
-            return in_metres(recording, unit)[1]
+            return tuple(map(str, in_metres(recording, unit)[1]))
         if not len(recording.pixels.cameras) == len(recording.cameras) > 1:
             return ()
         check_cameras(recording.cameras, recording.paths[0].name)
         ideal = undistorted(recording.cameras, recording.pixels.uv_px)
-        return of_cameras(stacked(recording.cameras), ideal, where=recording.paths[0].name)[1]
+        return tuple(map(str, of_cameras(stacked(recording.cameras), ideal, where=recording.paths[0].name)[1]))
     except CalibrationError:
         return ()  # told by the audit
     except FormatError as error:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit.finding import Finding
+from mocap.findings import Finding
 
 FAST, QUANTILE = 1.5, 0.999
 """A jump is faster by that factor than this quantile of all steps between neighbouring frames."""
@@ -37,7 +37,7 @@ def usual_speed(xyz_m: Array, t_s: Array) -> float:
 
 
 def jump_findings(
-    xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True, first: int = 0
+    xyz_m: Array, t_s: Array, names: Sequence[str], *, timed: bool = True, first: int = 0, length: str = "mm"
 ) -> list[Finding]:
     """Markers that jump from one place to another, in one frame or in a hole of a few.
 
@@ -50,12 +50,14 @@ def jump_findings(
         names: The M markers.
         timed: Whether the frame rate is known; else times are in frames, and so speeds are told.
         first: Frames of the recording before these.
+        length: What a thousandth of the unit of positions is called: ``mm``, or ``px`` where they are pixels.
     """
     limit = usual_speed(xyz_m, t_s)
     if not np.isfinite(limit):
         return []
     usual = limit / FAST
-    told = "{:.3g} m/s".format if timed else (lambda speed: f"{1e3 * speed:.4g} mm per frame")
+    per = "/s" if timed else " per frame"
+    told = "{:.3g} m/s".format if timed and length == "mm" else (lambda speed: f"{1e3 * speed:.4g} {length}{per}")
     found = []
     for m, name in enumerate(names):
         frames = np.flatnonzero(np.isfinite(xyz_m[:, m, 0]))
@@ -74,22 +76,22 @@ def jump_findings(
             explained = float(np.max(speed[around])) * dt[i]
             if left < (FAR if hole[i] == 1 else ACROSS) * explained or left < 0.5 * np.linalg.norm(step[i]):
                 continue
-            length = float(np.linalg.norm(step[i]))
+            far = float(np.linalg.norm(step[i]))
             one, next_one = (int(frame) + first + 1 for frame in frames[i : i + 2])
             other, near = _nearest(xyz_m, m, (frames[i], frames[i + 1]))
-            if length < APART * near:
+            if far < APART * near:
                 continue
             cause = "its clicks are wrong before or after, or it was set elsewhere"
-            if other is not None and near < APART * length:
-                cause = f"as if it had been {str(names[other])!r} before or after, {1e3 * near:.4g} mm away"
+            if other is not None and near < APART * far:
+                cause = f"as if it had been {str(names[other])!r} before or after, {1e3 * near:.4g} {length} away"
             found.append(
                 Finding(
                     kind="jump",
                     alarm=True,
-                    text=f"{name!r} jumps by {1e3 * length:.4g} mm between frames {one} and "
+                    text=f"{name!r} jumps by {1e3 * far:.4g} {length} between frames {one} and "
                     f"{next_one} ({told(speed[i])}; 99.9 % of all steps are slower than {told(usual)}): "
                     f"{cause}; do not trust a gap filled between the two",
-                    numbers={"length": length, "speed": float(speed[i]), "usual_speed": usual},
+                    numbers={"length": far, "speed": float(speed[i]), "usual_speed": usual},
                     markers=(str(name),),
                     frames=(one, next_one),
                 )

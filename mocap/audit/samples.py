@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.audit.finding import MOST, Finding
+from mocap.findings import MOST, Finding
+from mocap.io.placeholders import rounding
 from mocap.records import MarkerTracks, PixelTracks
 
 STEPS_PX = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
@@ -116,7 +117,8 @@ def _in_motion(values: Array, repeats: NDArray[np.bool_]) -> NDArray[np.bool_]:
     known = np.isfinite(length)
     step = np.where(known.any(axis=1), np.nansum(length, axis=1) / np.maximum(known.sum(axis=1), 1), np.nan)
     usual = np.nanmedian(step[~repeats]) if np.isfinite(step[~repeats]).any() else np.inf
-    moves = ~repeats & (step >= usual / 2)
+    # what turns, slower or faster by one step of rounding from frame to frame, is no faster beside a frame of rest
+    moves = ~repeats & (step >= usual / 2) & (step > (BESIDE + 1) * rounding(values))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
     out = np.zeros(len(repeats), dtype=bool)
     for start, stop in edges.reshape(-1, 2):
@@ -131,7 +133,8 @@ def _copied_tracks(pixels: PixelTracks) -> list[Finding]:
         for b in range(a):
             both = pixels.seen[a] & pixels.seen[b]
             same = (pixels.uv_px[a] == pixels.uv_px[b]).all(axis=-1) & both
-            if same.sum() >= 5 and same.sum() > 0.05 * both.sum():
+            places = len(np.unique(pixels.uv_px[a][same], axis=0))  # one: where hidden points were left
+            if places >= 5 and same.sum() > 0.05 * both.sum():
                 names = (pixels.cameras[b], pixels.cameras[a])
                 found.append(
                     Finding(

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.audit.finding import MOST, Finding
 from mocap.cameras.triangulate import linear, residual_px
+from mocap.findings import MOST, Finding
 from mocap.io.placeholders import rounding
 from mocap.records import MarkerTracks
 
@@ -149,7 +149,7 @@ def other_world(xyz_m: Array, stored_points: MarkerTracks, *, tolerance_m: float
         alarm=True,
         text=f"the stored points are in another world than this calibration's: they differ by {apart:.3g} m (median), "
         f"by {left:.2g} m after turning, shifting and scaling by {scale:.4g}: they were computed with another "
-        "calibration, and are not compared",
+        "calibration, or turned or scaled afterwards, and are not compared",
         numbers={"apart_m": apart, "left_m": left, "scale": scale},
     )
 

@@ -111,7 +111,7 @@ def _closed(cluster: LocalCluster) -> Iterator[None]:
         try:
             cluster.close()
         except KeyError:
-            cluster.status = Status.failed  # where it stopped, a second call would wait for the first
+            cluster.status = Status.failed  # type: ignore[misc]  # where it stopped, a second call would wait for the first
             cluster.close()
 
 

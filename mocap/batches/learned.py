@@ -11,8 +11,7 @@ from mocap.cameras.origin import OriginError
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
 from mocap.io.output import result_file
-from mocap.library.learning import Model
-from mocap.pipeline.learning import learn_from
+from mocap.pipeline.learning import Model, learn_from
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.schema import Entry, checked

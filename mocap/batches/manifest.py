@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap.batches.trial import STATED, Trial, relative
+from mocap.encoding import decoded
 from mocap.errors import FormatError, MocapError
 
 COLUMNS = ("trial", "path", "animal", "skip", *STATED)
@@ -21,9 +22,9 @@ def is_manifest(path: Path) -> bool:
     if path.suffix.lower() != ".csv" or not path.is_file():
         return False
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            header = stream.readline(10_000)
-    except (OSError, UnicodeDecodeError):
+        with path.open("rb") as stream:
+            header = stream.readline(10_000).decode("utf-8-sig", "replace")
+    except OSError:
         return False
     titles = _titles(header)
     return "path" in titles and titles <= {*COLUMNS, *TOLD}
@@ -50,7 +51,7 @@ def read_manifest(path: Path) -> list[Trial]:
         FormatError: a column is not known, a cell is no number where one is needed, two trials have one name, or a
             row names no file.
     """
-    text = path.read_text(encoding="utf-8-sig")
+    text, _ = decoded(path, path.read_bytes())
     rows = csv.DictReader(text.splitlines(), delimiter=_separator(text.partition("\n")[0]), skipinitialspace=True)
     unknown = [title for title in rows.fieldnames or () if title.strip() and title not in (*COLUMNS, *TOLD)]
     if unknown or "path" not in (rows.fieldnames or ()):

@@ -12,10 +12,10 @@ from mocap.batches.trial import Trial
 from mocap.errors import MocapError, OutputError
 from mocap.io.describe import gaps
 from mocap.io.output import result_folder
-from mocap.library.learning import Model, load_model
-from mocap.library.tracked import Tell, Tracked, silent, track
+from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.report import readable
 from mocap.records import Status
+from mocap.results.tracked import Tell, Tracked, silent, track
 
 
 def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = False, progress: Tell = silent) -> Record:

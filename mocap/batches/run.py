@@ -33,8 +33,8 @@ from mocap.batches.summary import (
 )
 from mocap.batches.trial import Trial, some
 from mocap.errors import FormatError, MocapError, OutputError
-from mocap.library.tracked import Tracked, load
 from mocap.pipeline.job import Model as ModelName
+from mocap.results.tracked import Tracked, load
 from mocap.text import as_text
 
 PathText = str | PathLike[str]

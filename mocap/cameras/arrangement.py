@@ -70,7 +70,7 @@ class ArrangementError(CalibrationError):
         arrangement: The change that makes them fit.
     """
 
-    page = "explanation/audit.md"
+    page = "audit"
 
     def __init__(self, arrangement: Arrangement) -> None:
         """With what fits."""

@@ -30,7 +30,7 @@ USUAL = 1.5
 class OriginError(CalibrationError):
     """The corner cannot be told from one file; other files of its session may tell."""
 
-    page = "explanation/conventions.md"
+    page = "conventions"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +86,11 @@ class PixelOrigin:
         chosen = "as its program counts" if self.usual else "chosen by the smaller residual"
         how = "as stated" if self.stated else chosen
         return f"pixel origin {self.pixels} {how}{flip}; residual {self.residual_px:.2f} px{margin}"
+
+    def ideal(self, cameras: Sequence[Camera], uv_px: Array, *, iterations: int | None = None) -> Array:
+        """``ideal_pixels`` of (C, ..., 2) pixels that are counted so."""
+        corners = {"pixels": self.pixels, "coefficients": self.coefficients}
+        return ideal_pixels(cameras, uv_px, **corners, height_px=self.height_px, iterations=iterations)
 
 
 def ideal_pixels(

@@ -36,7 +36,7 @@ def compare_joints(
 ) -> None:
     """Test whether a joint moves differently in two groups of runs: p value, effect in degrees, and where."""
     from mocap.io.output import result_folder
-    from mocap.library import joint_comparison
+    from mocap.results import joint_comparison
 
     found = joint_comparison.compare_joints(runs_a, runs_b, joint=joint, by="animal" if animals else "trial")
     if out is not None:

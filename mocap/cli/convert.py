@@ -48,7 +48,7 @@ def convert(
         import mocap
 
         read = mocap.read(files, crop=crop, fps=fps or 1.0, hints=stated.hints())
-        whole = replace(read.contents, findings=(*read.contents.findings, *read.told))
+        whole = replace(read.contents, findings=(*read.contents.findings, *map(str, read.told)))
     with result_file(out, replace=force, inputs=[*files, *(crop or [])], tell=say) as file:
         done = convert_files(
             files, file, hints=stated.hints(), to=to, fps=fps, unit=unit, filled=filled, contents=whole

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -55,23 +55,21 @@ def digitise(
     from mocap.digitising.write import report_text
     from mocap.io.output import result_folder
 
+    given: dict[str, Any] = {
+        "calibration": calibration,
+        "skeleton": skeleton,
+        "model": model,
+        "profile": profile,
+        "fps": fps,
+        "offset_frames": offset,
+        "crop": crop,
+        "error_px": error_px,
+    }
     if web:
         from mocap import web as pages  # before all that needs the extra, which it names
-        from mocap.library.digitise_page import digitise_page, open_session
+        from mocap.digitising.page import digitise_page, open_session
 
-        session = open_session(
-            films,
-            calibration=calibration,
-            skeleton=skeleton,
-            folder=out,
-            start=start,
-            model=model,
-            profile=profile,
-            fps=fps,
-            offset_frames=offset,
-            crop=crop,
-            error_px=error_px,
-        )
+        session = open_session(films, folder=out, start=start, **given)
         with pages.served(digitise_page(session), port=port) as page:
             say(
                 f"Click at {page.address} (Ctrl-C here ends it; clicks are saved in {out} one by one)",
@@ -87,19 +85,7 @@ def digitise(
         raise MocapError("--start is missing: give first clicks (DLTdv's xypts), or click in the browser with --web")
     inputs = [*films, calibration, skeleton, start, model, profile, *(crop or [])]
     with result_folder(out, "digitise", replace=force, inputs=inputs, tell=say) as folder, progress() as tell:
-        result = mocap.digitise(
-            films,
-            calibration=calibration,
-            skeleton=skeleton,
-            start=start,
-            model=model,
-            profile=profile,
-            fps=fps,
-            offset_frames=offset,
-            crop=crop,
-            error_px=error_px,
-            progress=tell,
-        )
+        result = mocap.digitise(films, start=start, progress=tell, **given)
         result.write(folder, most=budget)
     if as_json:
         print(json.dumps(result.report))  # noqa: T201

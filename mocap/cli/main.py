@@ -19,6 +19,7 @@ from mocap.cli.data import data
 from mocap.cli.demo import demo
 from mocap.cli.design_joint import design_joint
 from mocap.cli.digitise import digitise
+from mocap.cli.help import help_
 from mocap.cli.info import info
 from mocap.cli.kinematics import kinematics
 from mocap.cli.label import label
@@ -35,27 +36,27 @@ from mocap.errors import MocapError, shown_elsewhere
 DEBUG, DEBUG_VARIABLE = "--debug", "MOCAP_DEBUG"
 TROUBLE, FAULT, STOPPED = 1, 70, 130
 """Exit codes: what a user can mend, a fault of the program (EX_SOFTWARE of sysexits.h), and Ctrl-C."""
-INSTALLING = "howto/installing.md"
-"""The page for what is not installed, or not as it should be."""
+INSTALLING = "installing"
+"""The page (of ``mocap help``) for what is not installed, or not as it should be."""
 PAGES = {
-    "info": "howto/your_files.md",
-    "convert": "howto/your_files.md",
-    "triangulate": "howto/your_files.md",
-    "digitise": "howto/digitising.md",
-    "label": "howto/digitising.md",
-    "track": "howto/your_files.md",
-    "batch": "howto/batch.md",
-    "kinematics": "reference/kinematics.md",
-    "learn": "howto/several_recordings.md",
-    "skeleton": "howto/skeleton.md",
-    "demo": "tutorials/first_bat.md",
-    "view": "howto/looking.md",
-    "share": "howto/looking.md",
-    "reproduce": "explanation/potential.md",
-    "design-joint": "howto/mechanism.md",
-    "compare-joints": "howto/comparing.md",
-    "data": "howto/truth.md",
-    "calibrate": "howto/calibration.md",
+    "info": "your_files",
+    "convert": "your_files",
+    "triangulate": "your_files",
+    "digitise": "digitising",
+    "label": "digitising",
+    "track": "your_files",
+    "batch": "batch",
+    "kinematics": "kinematics",
+    "learn": "several_recordings",
+    "skeleton": "skeleton",
+    "demo": "first_bat",
+    "view": "looking",
+    "share": "looking",
+    "reproduce": "potential",
+    "design-joint": "mechanism",
+    "compare-joints": "comparing",
+    "data": "truth",
+    "calibrate": "calibration",
 }
 """The page of each command, for errors whose kind has none of its own."""
 _FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -95,7 +96,7 @@ mocap demo bat --out out/demo         a first look: tracks a built-in bat, in a 
 mocap info FILES                      what is in your files, and what is wrong with them
 mocap skeleton FILES > animal.toml    proposes bones and joints, for you to correct
 mocap track FILES --skeleton animal.toml --out out/trial    then: mocap view out/trial
-mocap --help                          all commands; docs/tutorials/first_bat.md goes through them"""
+mocap --help                          all commands; mocap help first_bat goes through them"""
 """What to do next, in five lines, for who types ``mocap`` alone."""
 
 
@@ -132,6 +133,7 @@ COMMANDS = (
 )
 for command in COMMANDS:
     app.command(cls=Command)(command)
+app.command("help", cls=Command)(help_)
 app.add_typer(data, name="data")
 app.add_typer(calibrate, name="calibrate")
 
@@ -182,10 +184,10 @@ def explain(error: BaseException) -> int:
         say_error(f"the disk is full, or your quota is used up{place}: free some space, or give another --out{ending}")
         return TROUBLE
     if isinstance(error, ImportError) and _is_told(error):
-        say_error(f"{error}{ending}; see docs: {INSTALLING}")
+        say_error(f"{error}{ending}; see: mocap help {INSTALLING}")
         return TROUBLE
     if isinstance(error, MocapError):
-        say_error(f"{error}{ending}" + (f"; see docs: {error.page}" if error.page else ""))
+        say_error(f"{error}{ending}" + (f"; see: mocap help {error.page}" if error.page else ""))
         return TROUBLE
     if isinstance(error, UnicodeEncodeError) and error.reason == "surrogates not allowed":
         name = error.object[max(0, error.start - 30) : error.end + 30]

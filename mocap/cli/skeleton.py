@@ -25,7 +25,7 @@ def skeleton(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Propose a skeleton from a recording: its markers, rigid bones, trunk and joints, in a file to correct.
+    """Propose a skeleton from a recording: its markers, bones, rigid bodies, trunk and joints, in a file to correct.
 
     mocap skeleton trial.csv > bat.toml; then: mocap track trial.csv --skeleton bat.toml.
     """
@@ -45,7 +45,8 @@ def skeleton(
         "markers": len(found.skeleton.markers),
         "bones": len(found.skeleton.bones),
         "trunk": len(found.skeleton.trunk),
-        "joints": len(found.skeleton.joints),
+        "bodies": len(found.skeleton.bodies),
+        "joints": len(found.skeleton.joints) + len(found.skeleton.body_joints),
         "cycles": len(found.skeleton.measures.strokes) + len(found.skeleton.measures.feet),
     }
     if as_json:
@@ -53,10 +54,11 @@ def skeleton(
     elif out is None:
         sys.stdout.buffer.write(found.text.encode("utf-8"))  # whatever the encoding of the terminal: it becomes a file
         sys.stdout.flush()
+    bodies = f"{counts['bodies']} rigid bodies, " if counts["bodies"] else ""
     trunk = f"a trunk of {counts['trunk']} markers" if counts["trunk"] else "no trunk"
     say(
-        *recording.findings,
-        f"proposed: {counts['markers']} markers, {counts['bones']} bones, {counts['joints']} joints, {trunk}; check "
-        "and correct it",
+        *map(str, recording.findings),
+        f"proposed: {counts['markers']} markers, {counts['bones']} bones, {bodies}{counts['joints']} joints, {trunk}; "
+        "check and correct it",
         *([] if counts["cycles"] else ["no limb moves in cycles: cycles.csv stays empty unless [measures] names one"]),
     )

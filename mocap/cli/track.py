@@ -16,7 +16,7 @@ from mocap.errors import FormatError, MocapError
 from mocap.text import as_text
 
 if TYPE_CHECKING:
-    from mocap.library.learning import Model
+    from mocap.pipeline.learning import Model
     from mocap.pipeline.long import LongRecording
     from mocap.pipeline.recording import Recording
 
@@ -197,7 +197,7 @@ def in_blocks(
 ) -> None:
     """Track in blocks, and say what was found."""
     from mocap.io.output import result_folder
-    from mocap.library.blocks import write_in_blocks
+    from mocap.results.long_result import write_in_blocks
 
     if model in ("eal", "articulated", "lagrangian"):
         raise MocapError(

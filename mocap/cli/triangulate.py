@@ -37,9 +37,9 @@ def triangulate(
     recording = mocap.read(tracks, **{**stated.stated(), "fps": stated.fps or 1.0}, fit_lens=fit_lens)
     with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
         summary = triangulate_file(recording, file, refine=refine)
+    told = [str(finding) for finding in summary.findings]
     if as_json:
-        print(json.dumps({"out": str(out), **asdict(summary)}))  # noqa: T201
+        print(json.dumps({"out": str(out), **asdict(summary), "findings": told}))  # noqa: T201
         return
-    for finding in summary.findings:
-        say(finding)
+    say(*told)
     say(f"{out}: {summary.points} of {summary.samples} samples triangulated, residual {summary.residual_px:.2f} px")

@@ -65,9 +65,9 @@ def detail(runs: list[Path], frames: str, out: Path) -> Path:
         MocapError: it was not tracked in blocks, or has no such frames.
     """
     from mocap.errors import MocapError
-    from mocap.library.blocks import load_range
     from mocap.rerun.record import write_recording
     from mocap.results.blocks import is_long
+    from mocap.results.long_result import load_range
 
     first, _, last = frames.partition(":")
     if not (first.isdecimal() and last.isdecimal() and 0 < int(first) <= int(last)):

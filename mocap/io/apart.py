@@ -34,7 +34,6 @@ def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
     Raises:
         FormatError: the script refuses the file, crashes on it, or does not come to an end.
     """
-    broken = FormatError(f"{path.name}: the header of this {kind} file is damaged: copy or export it again")
     module = f"{__name__.rpartition('.')[0]}.{script}"
     command = [sys.executable, "-P", "-m", module, str(path.absolute()), str(most_bytes(path))]
     packages = [str(Path(__file__).resolve().parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
@@ -43,16 +42,18 @@ def read_apart(path: Path, script: str, *, kind: str, seconds: float) -> bytes:
         limit = seconds + path.stat().st_size / 1e6
         done = subprocess.run(command, capture_output=True, timeout=limit, check=False, env=environment)
     except subprocess.TimeoutExpired:
-        raise broken from None
+        raise FormatError(
+            f"{path.name}: was not read as {kind} within {limit:.0f} s: try again when the computer is idle"
+        ) from None
     except OSError as error:
         raise FormatError(
             f"{path.name}: the process that reads it could not be started ({error.strerror}): try again"
         ) from None
     if done.returncode == REFUSED:
         reason = done.stdout.decode("utf-8", "replace")
-        raise FormatError(f"{path.name}: cannot be read as {kind} ({reason}): it is damaged: export it again")
+        raise FormatError(f"{path.name}: cannot be read as {kind} ({reason}): copy or export it again")
     if done.returncode != 0 or not done.stdout:
-        raise broken
+        raise FormatError(f"{path.name}: the library that reads {kind} crashed on it: copy or export it again")
     return done.stdout
 
 

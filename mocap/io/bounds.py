@@ -25,5 +25,5 @@ def check_bytes(path: Path, announced: int, what: str) -> None:
     if announced > most_bytes(path):
         raise FormatError(
             f"{path.name}: {what} would take {announced / 1e9:.3g} GB of memory, but the file has only "
-            f"{size / 1e6:.3g} MB: it is damaged, or made to fill the memory; export it again"
+            f"{size / 1e6:.3g} MB: it was made to fill the memory, or is almost empty: export it without what is empty"
         )

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.c3d_head import BLOCK, INTEL, Head, damaged, read_head, reals, record, whole_numbers
+from mocap.io.c3d_head import BLOCK, INTEL, Head, not_read, read_head, reals, record, whole_numbers
 from mocap.io.contents import FILLED, FileContents, point_recording, points_of
 from mocap.io.format import Format
-from mocap.io.optical import UNIT_M, metres, told_apart
+from mocap.io.optical import metres, told_apart, unit_of
 from mocap.records import Status
 
 _NOT_POSITIONS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
@@ -56,7 +56,7 @@ def read_c3d(path: Path) -> FileContents:
     names, renamed = told_apart([name for name, kept in zip(labels, keep, strict=True) if kept])
     findings += renamed
     said = (head.words("POINT:UNITS") or [""])[0].strip().lower()
-    unit = said if said in UNIT_M else None
+    unit = unit_of(said)
     if unit is None:
         findings.append(f"the unit of lengths is {said!r}" if said else "the unit of lengths is not in the file")
     fps, told = _rate(head)
@@ -118,7 +118,7 @@ def _layout(path: Path, head: Head, data: bytes) -> tuple[_Layout, list[str]]:
     if not any(stated["points"].values()):
         raise FormatError(f"{path.name}: contains no points: export the trajectories, not only analog channels")
     if not stated["scale"]:
-        raise damaged(path, f"the scale of the points is {head.scale:g}")
+        raise not_read(path, f"the scale of the points is {head.scale:g}")
     if max(stated["frames"].values()) < 1:
         raise FormatError(f"{path.name}: contains no frames: export the trajectories again")
     more = (head.number("ROTATION:USED") or 0) > 0  # its data follow those of the points
@@ -147,11 +147,11 @@ def _layout(path: Path, head: Head, data: bytes) -> tuple[_Layout, list[str]]:
     if not best and said.points and 0 < least * said.frame_bytes > room:
         raise FormatError(
             f"{path.name}: {least} frames are stated, but the file contains {max(room // said.frame_bytes, 0)}: "
-            "it is cut; export it again"
+            "copy or export it again"
         )
     what = "; ".join(f"{words.format(' or '.join(f'{v:g}' for v in dict.fromkeys(stated[key].values())))}"
                      for key, words in _WORDS.items())  # fmt: skip
-    raise damaged(path, f"{what} do not fill its {size} bytes" if not best else f"{what}: the size fits several")
+    raise not_read(path, f"{what} do not fill its {size} bytes" if not best else f"{what}: the size fits several")
 
 
 _WORDS = {

@@ -98,10 +98,10 @@ def read_head(path: Path, data: bytes) -> Head:
     """
     start = BLOCK * (data[0] - 1) if data else 0
     if len(data) < BLOCK or data[1] != 0x50 or not 0 < start <= len(data) - 4:
-        raise damaged(path, "does not begin like a C3D file, or is cut within its header")
+        raise not_read(path, "does not begin like a C3D file, or ends within its header")
     processor = data[start + 3]
     if processor not in (INTEL, DEC, SGI):
-        raise damaged(path, f"byte {start + 3} is {processor}; expected the processor: 84, 85 or 86")
+        raise not_read(path, f"byte {start + 3} is {processor}; expected the processor: 84, 85 or 86")
     words = np.frombuffer(data[:BLOCK], dtype=">u2" if processor == SGI else "<u2")
     data_at = BLOCK * (int(words[8]) - 1)
     blocks_end = start + BLOCK * data[start + 2]
@@ -126,9 +126,9 @@ def read_head(path: Path, data: bytes) -> Head:
     )
 
 
-def damaged(path: Path, trouble: str) -> FormatError:
-    """The error of a file whose parts contradict each other."""
-    return FormatError(f"{path.name}: the header of this C3D file is damaged ({trouble}): copy or export it again")
+def not_read(path: Path, trouble: str) -> FormatError:
+    """The error of a file whose parts contradict each other; there are programs that write such files."""
+    return FormatError(f"{path.name}: not read as C3D: {trouble}: copy it again; if it stays so, please report it")
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ def _parameters(path: Path, section: bytes, processor: int, start: int) -> tuple
         if record.group > 0:
             key = f"{groups.get(record.group, record.group)}:{record.name}"
             if key in found and _DECISIVE.fullmatch(key) and not np.array_equal(found[key], record.value):
-                raise damaged(path, f"the parameter {key} is given twice, with two values")
+                raise not_read(path, f"the parameter {key} is given twice, with two values")
             if key in found:
                 findings.append(f"the parameter {key} is given twice: the first is used")
             found.setdefault(key, record.value)

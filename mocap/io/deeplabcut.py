@@ -167,7 +167,7 @@ def _names_only(path: Path, data: bytes) -> list[tuple[str, ...]]:
         return [tuple(str(word) for word in name) for name in names]
     except Exception as error:  # damaged pickles raise whatever they like
         raise FormatError(
-            f"{path.name}: the names of the columns are damaged ({one_line(error)}): export it again"
+            f"{path.name}: the names of the columns cannot be read ({one_line(error)}): export it again"
         ) from None
 
 

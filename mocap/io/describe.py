@@ -75,7 +75,8 @@ def _holds(recording: FileContents) -> list[str]:
         "lenses": bool(recording.lenses),
         "score": recording.score is not None,
     }
-    return [name for name, has in there.items() if has] + list(recording.tables)
+    tables = [name for name, table in recording.tables.items() if np.isfinite(table).any()]
+    return [name for name, has in there.items() if has] + tables
 
 
 def gaps(seen: NDArray[np.bool_]) -> dict[str, int | float]:

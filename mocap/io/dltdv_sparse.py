@@ -44,12 +44,12 @@ def read_sparse(path: Path) -> Array:
         raise FormatError(f"{path.name}: line 2 should hold rows, columns and count, but is {body[0]!r}")
     rows, columns, count = (int(size) for size in sizes)
     if rows == 0 or columns == 0:
-        raise FormatError(f"{path.name}: {rows} rows x {columns} columns: line 2 is damaged; export it again")
+        raise FormatError(
+            f"{path.name}: line 2 says {rows} rows x {columns} columns: there is no table; export it again"
+        )
     check_bytes(path, 8 * rows * columns, f"the table of {rows} rows x {columns} columns that line 2 states")
     if count != len(body) - 1:
-        raise FormatError(
-            f"{path.name}: {len(body) - 1} values, but line 2 says {count}: the file seems to be cut; export it again"
-        )
+        raise FormatError(f"{path.name}: {len(body) - 1} values, but line 2 says {count}: copy or export it again")
     dense = np.full((rows, columns), np.nan)
     if count:
         table = numbers(path, body[1:], separator="\t", columns=3, first_line=3)

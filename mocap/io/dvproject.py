@@ -112,7 +112,7 @@ def _sparse(path: Path, data: Any, name: str, columns: int, *, missing: float) -
         raise FormatError(f"{path.name}: {name} has {len(ends) - 1} columns, expected {columns}: save it again")
     whole = (np.diff(ends) >= 0).all() and ends[0] == 0 and ends[-1] == len(values) == len(row)
     if not whole or (len(row) and (row.min() < 0 or row.max() >= rows)):
-        raise FormatError(f"{path.name}: the sparse matrix {name} is damaged: save the project again")
+        raise FormatError(f"{path.name}: the sparse matrix {name} contradicts its own size: save the project again")
     check_bytes(path, 8 * rows * columns, f"the sparse matrix {name}")
     dense = np.full((rows, columns), missing)
     dense[row, np.repeat(np.arange(columns), np.diff(ends))] = np.where(values == 0, missing, values)

@@ -8,7 +8,7 @@ from mocap.errors import MocapError
 class FilmError(MocapError):
     """Films cannot be read or written here."""
 
-    page = "howto/installing.md"
+    page = "installing"
 
 
 def pyav() -> ModuleType:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 
-from mocap.documents import open_regular
+from mocap.documents import check_regular, open_regular
 from mocap.errors import FormatError, shown_elsewhere
 from mocap.io.apart import read_apart
 from mocap.io.lines import one_kind
@@ -93,8 +93,7 @@ def head(path: Path) -> Head:
     Raises:
         FormatError: it cannot be read, or is empty.
     """
-    if path.is_dir():
-        raise FormatError(f"{path}: is a folder; expected a file")
+    check_regular(path)
     try:
         with open_regular(path, follow=True) as stream:
             start = stream.read(LENGTH)

@@ -82,7 +82,7 @@ def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, f
         if len(cells) != columns + surplus:
             raise FormatError(
                 f"{path.name}: line {place} has {len(cells) - surplus} cells, expected {columns} as the header "
-                "states: the file was cut or edited; export it again"
+                "states: correct it, or export it again"
             )
     rows = [["nan" if cell.strip() in _MISSING else cell for cell in row[:columns]] for row in rows]
     values, bad = _array(rows, columns, plain=all(line.isascii() and "_" not in line for line in lines))
@@ -141,7 +141,7 @@ def frame_numbers(path: Path, values: Any, *, first_line: int | None = None) -> 
             trouble = "no frame number"
         elif not wrong[row]:
             trouble = f"{values[row]:.12g} follows frame {values[row - 1]:.12g}"
-        raise FormatError(f"{path.name}: {where}: {trouble}: the file was cut or edited; export it again")
+        raise FormatError(f"{path.name}: {where}: {trouble}; expected whole numbers that increase: correct them")
     return values.astype(np.int64)
 
 

@@ -15,7 +15,7 @@ from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Format, Hints
 from mocap.io.lines import MOST_FRAMES, frame_numbers
 from mocap.io.netcdf import as_netcdf, read_netcdf
-from mocap.io.optical import UNIT_M, metres, rate_of_times
+from mocap.io.optical import metres, rate_of_times, unit_of
 from mocap.io.tables import WORDS, with_sd
 from mocap.records import Status
 from mocap.schema import LARGEST, Entry, checked
@@ -98,8 +98,7 @@ def _recording(path: Path, data: Any) -> FileContents:
     if len(views) != 1:
         raise FormatError(f"{path.name}: {len(views)} views of positions in space; expected one")
     origin = _array(path.name, data, "status" if "status" in data else "origin", order)
-    unit = str(attributes.get("space_unit", "")) or None
-    unit = unit if unit in UNIT_M else None
+    unit = unit_of(str(attributes.get("space_unit", "")))
     sd = _array(path.name, data, "sd", order)
     found = point_recording(
         path,

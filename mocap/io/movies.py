@@ -110,7 +110,8 @@ def open_movie(path: Path) -> Movie:
         FormatError: there is none, with what was expected.
     """
     if path.is_dir():
-        pictures = tuple(sorted((p for p in path.iterdir() if p.suffix.lower() in PICTURES), key=by_number))
+        files = (p for p in path.iterdir() if p.suffix.lower() in PICTURES and p.is_file())
+        pictures = tuple(sorted(files, key=by_number))
         if not pictures:
             raise FormatError(
                 f"{path}: contains no pictures ({', '.join(sorted(PICTURES))}): give a movie, or a folder of pictures"

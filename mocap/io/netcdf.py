@@ -116,8 +116,7 @@ def read_netcdf(path: Path, *, again: str) -> "xr.Dataset":
         raise
     except Exception as error:  # xarray, h5netcdf and HDF5 each raise their own
         raise FormatError(
-            f"{path}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): it is cut or damaged: "
-            f"{again}"
+            f"{path}: cannot be read as NetCDF ({type(error).__name__}: {one_line(error)}): {again}"
         ) from None
 
 

@@ -1,5 +1,6 @@
 """What the readers of optical motion-capture systems share: units, and records from positions with their origin."""
 
+import re
 from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
@@ -12,6 +13,16 @@ from mocap.io.lines import number
 
 UNIT_M = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 """Metres in a unit."""
+_IN_WORDS = re.compile(r"(milli|centi|deci|micro|)met(?:er|re)s?")
+_PREFIXES = {"milli": "mm", "centi": "cm", "deci": "dm", "micro": "um", "": "m"}
+
+
+def unit_of(said: str) -> str | None:
+    """The unit of ``UNIT_M`` that a text names, in short or in full; None: it names none."""
+    said = said.strip().lower()
+    words = _IN_WORDS.fullmatch(said)
+    short = _PREFIXES[words[1]] if words else said
+    return short if short in UNIT_M else None
 
 
 def metres(path: Path, unit: str) -> float:
@@ -20,13 +31,10 @@ def metres(path: Path, unit: str) -> float:
     Raises:
         FormatError: the unit is not known.
     """
-    try:
-        return UNIT_M[unit.strip().lower()]
-    except KeyError:
+    if (short := unit_of(unit)) is None:
         known = ", ".join(UNIT_M)
-        raise FormatError(
-            f"{path.name}: lengths are in {unit!r}, which is not a known unit ({known}): state the unit"
-        ) from None
+        raise FormatError(f"{path.name}: lengths are in {unit!r}, which is not a known unit ({known}): state the unit")
+    return UNIT_M[short]
 
 
 def rate(path: Path, value: object) -> float:

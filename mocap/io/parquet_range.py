@@ -45,7 +45,7 @@ class ParquetPoints:
         try:
             return parquet.ParquetFile(self.path)
         except (OSError, pa.ArrowException) as error:
-            raise FormatError(f"{self.path}: cannot be read ({error}): it is cut or damaged") from None
+            raise FormatError(f"{self.path}: cannot be read as Parquet ({error}): copy or export it again") from None
 
     @cached_property
     def _rows(self) -> NDArray[np.int64]:

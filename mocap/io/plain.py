@@ -21,8 +21,12 @@ _UNIT = re.compile(rf"(?P<title>.*[xyzXYZ])(?:\s*[\[(]\s*(?P<a>{_UNITS})\s*[\])]
 _TITLE = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>[xyzXYZ])")
 LIKELY = re.compile(r"(?P<name>.*?)[ _.:-]?(?P<axis>likelihood|confidence|conf|score|prob(ability)?)", re.IGNORECASE)
 """Titles of likelihoods: as a marker's third column they make the first two pixels."""
-TIMES = re.compile(r"seconds|(t|time|zeit|temps|tiempo|tempo)(_s|\s*[\[(]s[\])])?", re.IGNORECASE)
-"""Titles of times in seconds, in the languages that spreadsheets are often written in."""
+_TIMES = re.compile(
+    r"(?P<a>milli)?seconds|((t|time|zeit|temps|tiempo|tempo)|timestamp(?=[ _\[(]))"
+    r"(_(?P<b>m)?s|\s*[\[(](?P<c>m)?s[\])])?",
+    re.IGNORECASE,
+)
+"""Titles of times, in the languages that spreadsheets are often written in."""
 _FRAMES = re.compile(FRAMES, re.IGNORECASE)
 
 
@@ -70,6 +74,12 @@ def _read(path: Path, hints: Hints) -> FileContents:
     return _mapped(path, header, values, columns, unit=None if hints.columns else unit)
 
 
+def seconds_of(title: str) -> float | None:
+    """Seconds in the unit of a column of times: 1, or 0.001 where its title says milliseconds; None: it is none."""
+    match = _TIMES.fullmatch(title)
+    return None if match is None else 1e-3 if match["a"] or match["b"] or match["c"] else 1.0
+
+
 def _without_unit(header: list[str]) -> tuple[list[str], str | None]:
     """Titles without the unit that coordinates have in theirs, ``tip X (mm)``, and that unit if all have one."""
     found = [_UNIT.fullmatch(title) for title in header]
@@ -112,7 +122,7 @@ def _by_titles(header: list[str]) -> dict[str, tuple[str, ...]]:
             found.setdefault(likely["name"] or "point", {})["likelihood"] = title
             continue
         match = _TITLE.fullmatch(title)
-        if TIMES.fullmatch(title):
+        if seconds_of(title):
             special["time"] = (title,)
         elif is_frame(title):
             special["frame"] = (title,)
@@ -155,7 +165,7 @@ def _mapped(
         frames = frame_numbers(path, column(columns["frame"][0]), first_line=2)
     fps, findings = None, ["read as a plain table: " + ", ".join(f"{n} = {' '.join(c)}" for n, c in columns.items())]
     if "time" in columns:
-        times = column(columns["time"][0])
+        times = column(columns["time"][0]) * (seconds_of(columns["time"][0]) or 1.0)
         if not np.isfinite(times).all():
             raise FormatError(f"{path.name}: a time is missing in the column {columns['time'][0]!r}")
         fps, told = rate_of_times(path, times)

@@ -52,11 +52,11 @@ def read_tsv(path: Path) -> FileContents:
     rows = lines[start:]
     while rows and not rows[-1].strip():
         rows.pop()
-    if str(len(rows)) != head["NO_OF_FRAMES"][0].strip():
-        raise FormatError(
-            f"{path.name}: {len(rows)} rows, but NO_OF_FRAMES says {head['NO_OF_FRAMES'][0]}: "
-            "the file seems to be cut; export it again"
-        )
+    if not rows:
+        raise FormatError(f"{path.name}: no frames after the header: export it again")
+    findings = ["this format does not distinguish filled from measured samples"]
+    if str(len(rows)) != head["NO_OF_FRAMES"][0].strip():  # also of a part that somebody took out
+        findings.append(f"NO_OF_FRAMES is {head['NO_OF_FRAMES'][0]}, but there are {len(rows)} rows")
     values = numbers(path, rows, separator="\t", columns=len(titles), first_line=start + 1)
     if not timed:
         count = 1.0 + np.arange(len(values))
@@ -66,7 +66,7 @@ def read_tsv(path: Path) -> FileContents:
     if len(off):
         raise FormatError(
             f"{path.name}: line {off[0] + start + 1}: frame {values[off[0], 0]:g} at {fps:g} Hz does not fall on "
-            f"{values[off[0], 1]:g} s: was the file cut or resampled? export it again"
+            f"{values[off[0], 1]:g} s: correct one of them"
         )
     return point_recording(
         path,
@@ -77,7 +77,7 @@ def read_tsv(path: Path) -> FileContents:
         frames=frame_numbers(path, values[:, 0], first_line=start + 1),
         fps=fps,
         t_s=t_s,
-        findings=("this format does not distinguish filled from measured samples",),
+        findings=tuple(findings),
     )
 
 

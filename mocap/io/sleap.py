@@ -31,12 +31,11 @@ def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
             table = {name: np.asarray(file[name][()]) for name in names if name in file}  # type: ignore[index]
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         raise FormatError(
-            f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {one_line(error)}): it is cut or "
-            "damaged; export it again"
+            f"{path.name}: cannot be read as HDF5 ({type(error).__name__}: {one_line(error)}): copy or export it again"
         ) from None
     lacking = [name for name in ("tracks", "node_names") if name in names and name not in table]
     if lacking:
-        raise FormatError(f"{path.name}: the dataset {lacking[0]} is damaged: copy or export the file again")
+        raise FormatError(f"{path.name}: the dataset {lacking[0]} is not in it: copy or export it again")
     return table
 
 

@@ -34,8 +34,7 @@ def codes(path: Path, words: Any) -> NDArray[np.int8]:
     unknown = [word for word in found if word not in _CODES]
     if unknown:
         raise FormatError(
-            f"{path.name}: origin {str(unknown[0])!r}; expected {', '.join(WORDS)}: the file was cut or edited; "
-            "export it again"
+            f"{path.name}: origin {str(unknown[0])!r}; expected {', '.join(WORDS)}: correct it, or write it again"
         )
     return np.array([_CODES[word] for word in found], dtype=np.int8)[index]
 
@@ -118,7 +117,7 @@ def check_origins(path: Path, xyz: Array, origin: NDArray[np.int8]) -> None:
     wrong = np.where(empty, ~np.isin(origin, (Status.MISSING, Status.REJECTED)), origin == Status.MISSING)
     if wrong.any():
         raise FormatError(
-            f"{path.name}: {wrong.sum()} positions contradict their origin: the file was cut or edited; export it again"
+            f"{path.name}: {wrong.sum()} positions contradict their origin (one of the two was changed): correct it"
         )
 
 

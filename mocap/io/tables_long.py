@@ -77,7 +77,7 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
     if len(table) % size or not sorted_:
         raise FormatError(
             f"{path.name}: {len(table)} rows are not all frames x {len(names)} markers x {len(cameras)} cameras, "
-            "sorted so: the file is cut or edited"
+            "sorted so: sort them, and leave no row out"
         )
     values = table[list(axes)].to_numpy(dtype=np.float64).reshape(-1, len(names), len(cameras), len(axes))
     if np.isinf(values).any():
@@ -91,7 +91,7 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
     score = None if "score" not in table else table["score"].to_numpy(dtype=np.float64).reshape(values.shape[:3])
     if filmed:
         if (words["seen"] != np.where(np.isnan(values).any(axis=-1).ravel(), "no", "yes")).any():
-            raise FormatError(f"{path.name}: pixels contradict the column seen: the file is cut or edited")
+            raise FormatError(f"{path.name}: pixels contradict the column seen: correct it")
         return pixel_recording(
             path,
             format,
@@ -159,8 +159,7 @@ def _read_parquet(path: Path, _hints: Hints) -> FileContents:
         raise
     except Exception as error:  # pyarrow raises its own and whatever damaged metadata bring about
         raise FormatError(
-            f"{path.name}: cannot be read as Parquet ({' '.join(str(error).split())[:160]}): it is cut or damaged; "
-            "export it again"
+            f"{path.name}: cannot be read as Parquet ({' '.join(str(error).split())[:160]}): copy or export it again"
         ) from None
     if rows.empty:
         raise FormatError(f"{path.name}: contains no rows: export it again")

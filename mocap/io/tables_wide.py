@@ -40,7 +40,9 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     if "t_s" in header:
         times = table["t_s"].to_numpy()
         if np.isnan(times).any():
-            raise FormatError(f"{path.name}: a time is missing: the file is cut or edited")
+            raise FormatError(
+                f"{path.name}: row {int(np.argmax(np.isnan(times))) + 1} has no t_s: give it, or leave the column out"
+            )
         fps, findings = rate_of_times(path, times)
     if (words == REPAIRED).any():
         findings.append(

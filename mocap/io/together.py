@@ -268,7 +268,7 @@ def _tables(base: FileContents, other: FileContents, where: str) -> dict[str, Ar
     if len(other.frames) != len(base.frames) or (other.names and set(other.names) != set(base.names)):
         raise FormatError(
             f"{where}: {len(other.frames)} rows of {len(other.names)} points beside {len(base.frames)} of "
-            f"{len(base.names)}: the files do not belong together, or one is cut"
+            f"{len(base.names)}: the files do not belong together, or one is a part of a recording"
         )
     pick = [other.names.index(name) for name in base.names] if other.names else []
     return {name: table if name == "offset_frames" else table[:, pick] for name, table in other.tables.items()}

@@ -14,6 +14,7 @@ from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mocap.documents import check_regular
 from mocap.encoding import decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
 from mocap.io.head import LENGTH, Head
@@ -47,8 +48,9 @@ def transcribed(path: Path, *, known: Knows, sheet: str | None = None) -> Iterat
         sheet: Of a workbook with several, the one to read: its name, or its number from 1.
 
     Raises:
-        FormatError: it is no text, has decimal commas and points, or a sheet is not told or not there.
+        FormatError: it is no regular file, no text, has decimal commas and points, or a sheet is not told or not there.
     """
+    check_regular(path)
     if is_workbook(path):
         text, told = sheet_text(path, sheet)
     elif sheet is not None:

@@ -11,7 +11,7 @@ from mocap.io.cells import as_cell, from_cell
 from mocap.io.contents import FileContents, point_recording, points_of
 from mocap.io.format import Format, Hints
 from mocap.io.lines import frame_numbers, number, numbers, points, read_lines
-from mocap.io.optical import UNIT_M, metres, rate_of_times, told_apart
+from mocap.io.optical import metres, rate_of_times, told_apart, unit_of
 
 _KEYS = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame")
 _SAME_RATE = 0.01
@@ -69,9 +69,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     findings += said
     if str(len(rows)) != head.get("NumFrames"):
         findings.append(f"NumFrames is {head.get('NumFrames', 'missing')}, but there are {len(rows)} rows")
-    unit = head["Units"].lower()
-    if unit not in UNIT_M:
-        metres(path, unit)
+    unit = unit_of(head["Units"]) or head["Units"]  # which point_recording refuses
     return point_recording(
         path,
         "trc",
@@ -86,7 +84,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
 
 
 def _names(path: Path, titles: list[str], rows: list[str], separator: str) -> tuple[list[str], list[str]]:
-    """The name of each trajectory of the rows, U_1, U_2, ... of those without one, and a finding on these.
+    """The name of each trajectory of the rows, U_1, U_2, ... of those without one, and a finding on what was renamed.
 
     Raises:
         FormatError: line 4 names more than rows hold, or names stand over no trajectory's first column.
@@ -103,7 +101,7 @@ def _names(path: Path, titles: list[str], rows: list[str], separator: str) -> tu
             )
         by_place = {place // 3 if placed else place: name for place, name in named}
         return told_apart([by_place.get(place, "") for place in range(count)])
-    return [name for _, name in named], []
+    return told_apart([name for _, name in named])
 
 
 def _rate(path: Path, times: Array, told: str) -> tuple[float | None, list[str]]:

@@ -17,7 +17,7 @@ from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
 from mocap.io.optical import rate_of_times
-from mocap.io.plain import TIMES, is_frame
+from mocap.io.plain import is_frame, seconds_of
 
 _CAMERA = r"(?:camera|cam|view|kamera|c|v)[ _.#-]*(?P<camera>\d+)"
 _TITLES = (
@@ -40,7 +40,7 @@ def columns_of(titles: tuple[str, ...]) -> dict[Column, int]:
         found: dict[Column, int] = {}
         spelt: dict[str, str] = {}
         for place, title in enumerate(titles):
-            if is_frame(title) or TIMES.fullmatch(title):
+            if is_frame(title) or seconds_of(title):
                 continue
             plain = _SPACES.sub(" ", _PIXELS.sub("", title)).strip()
             match = next(filter(None, (pattern.fullmatch(plain) for pattern in _TITLES)), None)
@@ -74,7 +74,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     uv = np.where(np.isnan(uv).any(axis=-1, keepdims=True), np.nan, uv)
     plain = [title.lower() for title in header]
     frame = next((values[:, c] for c, title in enumerate(plain) if is_frame(title)), None)
-    time = next((values[:, c] for c, title in enumerate(plain) if TIMES.fullmatch(title)), None)
+    time = next((values[:, c] * s for c, title in enumerate(plain) if (s := seconds_of(title))), None)
     frames = None if frame is None else frame_numbers(path, frame, first_line=2)
     fps, told = (None, ["the file does not state the frame rate"]) if time is None else rate_of_times(path, time)
     first = next(iter(where))

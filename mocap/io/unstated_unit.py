@@ -1,12 +1,11 @@
 """Lengths whose unit is stated by no file and no user: the length of the animal chooses the unit, and is told."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear, residual_px
 from mocap.errors import FormatError
+from mocap.findings import Finding
 from mocap.io.contents import FileContents
 from mocap.io.optical import UNIT_M
 
@@ -22,7 +21,7 @@ WIDEST_NOISE_M = 0.05
 """No system of cameras that follows one animal is so vague."""
 DISTANT_M = 100.0
 """From further away nobody films an animal whose markers can be told apart."""
-UNSTATED = "no unit is stated: "
+UNIT, UNSTATED = "assumed unit", "no unit is stated: "
 """How sentences on an assumed unit begin, in capitals where it may well be wrong."""
 _UNITS = ("m", "mm", "cm")
 
@@ -75,8 +74,8 @@ def _within(long: float, unit: str, bounds_m: tuple[float, float]) -> bool:
 
 def told(
     long: float, vague: float, *, bounds_m: tuple[float, float], where: str, what: str, more: str = ""
-) -> tuple[str, str]:
-    """The unit that is assumed, and a sentence that says so, with the length of the animal in it and in others.
+) -> tuple[str, Finding]:
+    """The unit that is assumed, and a finding that says so, with the length of the animal in it and in others.
 
     Args:
         long: As in ``guessed``, as are ``vague`` and ``bounds_m``.
@@ -103,16 +102,12 @@ def told(
     said = f"lengths are assumed to be in {known}, so that {what} is {lengths[unit]} long{more}"
     if unit != "m" or more or long > ANIMALS_M[1]:
         wrong = "If that is wrong, all lengths below are wrong: state the unit"
-        return unit, f"{UNSTATED.upper()}{said}. {wrong}: {others}"
-    return unit, f"{UNSTATED}{said}" + (f"; if that is wrong, state the unit: {others}" if long > LONG_M else "")
+        return unit, Finding(kind=UNIT, alarm=True, text=f"{UNSTATED.upper()}{said}. {wrong}: {others}")
+    others = f"; if that is wrong, state the unit: {others}" if long > LONG_M else ""
+    return unit, Finding(kind=UNIT, text=f"{UNSTATED}{said}{others}")
 
 
-def unit_told(findings: Sequence[str]) -> str | None:
-    """The sentence on an assumed unit among those of a report; None: there is none."""
-    return next((said for said in findings if said.lower().startswith(UNSTATED)), None)
-
-
-def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[str, ...]]:
+def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileContents, tuple[Finding, ...]]:
     """A recording with positions in metres, and findings on the unit where nobody states it.
 
     Args:
@@ -136,7 +131,7 @@ def in_metres(recording: FileContents, unit: str | None = None) -> tuple[FileCon
     return recording if unit == "m" else recording.with_unit(unit), (said,)
 
 
-def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tuple[str, ...]]:
+def of_cameras(matrices: Array, ideal_px: Array, *, where: str) -> tuple[str, tuple[Finding, ...]]:
     """The unit that a calibration is assumed to be in, by the same rule, and a finding that says so.
 
     Args:

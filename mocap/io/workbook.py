@@ -39,7 +39,9 @@ def is_workbook(path: Path) -> bool:
     if path.suffix.lower() == ".ods":
         raise FormatError(f"{path.name}: a spreadsheet of LibreOffice: save it as .xlsx, or as CSV")
     if path.suffix.lower() == ".xlsx" and "xl/workbook.xml" not in names:
-        raise FormatError(f"{path.name}: a workbook that is cut or damaged: save it again")
+        raise FormatError(
+            f"{path.name}: named .xlsx, but there is no workbook in it: save it again as .xlsx, or as CSV"
+        )
     return "xl/workbook.xml" in names
 
 

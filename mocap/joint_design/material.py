@@ -8,7 +8,7 @@ from mocap.errors import MocapError
 class MakeError(MocapError):
     """A truss cannot be printed as asked; the message names the limit that binds."""
 
-    page = "howto/mechanism.md"
+    page = "mechanism"
 
 
 @dataclass(frozen=True, kw_only=True)

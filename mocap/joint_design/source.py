@@ -152,7 +152,7 @@ def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, p
         t.append(trial.t_s - trial.t_s[0] + (t[-1][-1] + model.dt_s if t else 0.0))
     t_s, q_m = np.concatenate(t), np.concatenate(q)
     tracks = JointTracks(names=(wanted.name,), frame=FRAME, t_s=t_s, q_m=q_m, sd_m=np.full(q_m.shape[:2], np.nan))
-    found = joint_potentials({FRAME: tracks}, marker_tracks(model.names, t_s, np.concatenate(origin)), bones)
+    found = joint_potentials(tracks, marker_tracks(model.names, t_s, np.concatenate(origin)), bones)
     if wanted.name not in found:
         raise MocapError(f"{path}: {wanted.name} has too few frames in which its three markers were measured")
     one = found[wanted.name]

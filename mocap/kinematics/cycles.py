@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import hilbert
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from eal.arrays import Array, short_repr, true_runs
 from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
 from mocap.kinematics.records import Kinematics, Rests
+from mocap.kinematics.stroke import analytic
 from mocap.measures import AXES
 from mocap.skeleton import Skeleton
 
@@ -330,7 +330,7 @@ def undulations(found: Kinematics, motion: Motion, skeleton: Skeleton) -> list[C
     path = np.stack([np.interp(index, frames, flat[frames, k]) for k in range(flat.shape[1])], axis=1)
     path = path.reshape(len(index), len(chain), 3)
     side = _sideways(path, np.array(AXES[skeleton.measures.up]))
-    signal = np.array(hilbert(side - side.mean(axis=0), axis=0), dtype=complex)
+    signal = analytic(side - side.mean(axis=0))
     phase = np.unwrap(np.unwrap(np.angle(signal), axis=1), axis=0)
     lags = phase - phase[:, :1]
     arc = np.concatenate([[0.0], np.cumsum(angles.length(np.diff(path, axis=1)).mean(axis=0))])
@@ -455,5 +455,5 @@ def ensemble(found: Kinematics, rows: Sequence[Cycle], quantity: str, *, n_phase
     n = len(table)
     mean = table.mean(axis=0) if n else np.full(n_phases, np.nan)
     sd = table.std(axis=0, ddof=1) if n > 1 else np.full(n_phases, np.nan)
-    half = student.ppf(0.975, n - 1) * sd / np.sqrt(n) if n > 1 else sd
+    half = stdtrit(n - 1, 0.975) * sd / np.sqrt(n) if n > 1 else sd
     return Ensemble(quantity=quantity, phase=phase, mean=mean, low=mean - half, high=mean + half, sd=sd, curves=table)

@@ -14,6 +14,7 @@ from eal.arrays import Array, unique
 from mocap.cameras.camera import Camera, dlt_camera, scaled
 from mocap.cameras.origin import PixelCorner
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError
+from mocap.findings import Finding, readings
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.movement import of_dataset
 from mocap.io.optical import metres, rate_of_times
@@ -125,7 +126,7 @@ def from_pixels(
 def _recording(
     contents: FileContents,
     cameras: tuple[Camera, ...],
-    told: tuple[str, ...],
+    told: tuple[Finding, ...],
     *,
     name: str,
     fps: float | None,
@@ -249,12 +250,12 @@ def _of_table(table: Any, where: Path, names: Sequence[str] | None) -> FileConte
     )
 
 
-def _cameras(given: Any, unit: str | None) -> tuple[tuple[Camera, ...], str | None, tuple[str, ...]]:
+def _cameras(given: Any, unit: str | None) -> tuple[tuple[Camera, ...], str | None, tuple[Finding, ...]]:
     """Cameras in metres, the unit that is known of them, and how their file was read."""
     if isinstance(given, str | PathLike):
         file = calibration_of(Path(given))
         file = file if unit is None else file.with_unit(unit)
-        return file.cameras, file.unit, tuple(f"{Path(given).name}: {said}" for said in file.assumed)
+        return file.cameras, file.unit, readings(file.assumed, where=Path(given).name)
     if not isinstance(given, np.ndarray) and all(isinstance(one, Camera) for one in given):
         cameras = tuple(given)
     else:

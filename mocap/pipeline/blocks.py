@@ -6,10 +6,8 @@ frames; a block is therefore tracked with a margin in which that has happened (`
 kept. docs/howto/long_recordings.md has what differs from tracking the whole at once.
 """
 
-import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -26,10 +24,11 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
-from mocap.filters.velocities import Asked, Motion
+from mocap.filters.velocities import Asked
+from mocap.findings import Finding
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.job import JOINT_HZ, whole_frames
+from mocap.pipeline.job import JOINT_HZ, run_of, whole_frames
 from mocap.pipeline.long import LongRecording, Mask
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.prepare import Prepared
@@ -44,7 +43,7 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import MarkerTracks, PixelTracks, Status, TrackedMotion
+from mocap.records import marker_tracks, tracks_alone
 from mocap.side_by_side import call_all
 from mocap.stages import Stages
 
@@ -186,7 +185,7 @@ def _choice(model: Model, reason: str | None, learned: LearnedModel | None) -> t
     return "constant_velocity", "it fills gaps hidden in stretches of this recording better than the mixture"
 
 
-def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Run, slice, tuple[str, ...]]:
+def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Run, slice, tuple[Finding, ...]]:
     """Track one block with its margins.
 
     Args:
@@ -211,7 +210,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
     part, learned = seen_part(prepared), known.learned
     posed = learned is not None and why_no_pose(prepared, part) is None
     if posed and worth_checking(prepared):
-        prepared = without_contradicted(prepared, part, PoseSettings(), learned)
+        prepared = without_contradicted(prepared, part, learned)
         part = seen_part(prepared)
     if learned is not None and posed:
         name, smoothed = known.name, track_learned(prepared, part, learned, asked=asked).markers
@@ -219,7 +218,8 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
         name, smoothed = "constant_velocity", _steady(prepared, part, known, asked)
     tracked = tracked_motion(prepared, part, name, smoothed)
     motion = motion_of(tracked.markers, part.frames, smoothed.rates, asked)
-    return _run(recording, prepared, tracked, motion), own, prepared.findings
+    joints = joint_tracks(tracked.markers, recording.skeleton, whole_frames(prepared, JOINT_HZ))
+    return run_of(prepared, tracked, motion, joints), own, prepared.findings
 
 
 def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estimate:
@@ -235,104 +235,24 @@ def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estim
     return track(prepared, part, FittedMotion(motion, prepared.t_s[part.frames]), asked=asked)
 
 
-def _run(recording: LongRecording, prepared: Prepared, tracked: TrackedMotion, motion: Motion) -> Run:
-    filmed = prepared.filmed
-    ideal = None
-    if filmed is not None:
-        ideal = PixelTracks(
-            names=prepared.names, cameras=filmed.pixels.cameras, t_s=prepared.t_s, uv_px=filmed.ideal_px
-        )
-    return Run(
-        name=recording.name,
-        skeleton=recording.skeleton,
-        cameras=() if filmed is None else filmed.cameras,
-        ideal_px=ideal,
-        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
-        tracked=tracked,
-        motion=motion,
-        joints=joint_tracks(tracked.markers, recording.skeleton, whole_frames(prepared, JOINT_HZ)),
-        potentials={},
-        spatial_potentials={},
-        repaired=np.any(list(prepared.repaired.values()), axis=0),
-        report={},
-        report_text="",
-    )
-
-
 def _nothing(recording: LongRecording, window: slice, known: Known, asked: Asked) -> Run:
     """A stretch in which nothing is seen."""
     t_s = recording.t_s[window]
-    shape = (len(t_s), len(recording.names))
-    markers = MarkerTracks(
-        names=recording.names,
-        t_s=t_s,
-        xyz_m=np.full((*shape, 3), np.nan),
-        cov_m2=np.full((*shape, 3, 3), np.nan),
-        status=np.full(shape, Status.MISSING, dtype=np.int8),
-    )
-    tracked = TrackedMotion(
-        model=known.name,
-        markers=markers,
-        reprojected_px=np.zeros((0, *shape, 2)),
-        innovation_px=np.zeros((0, *shape, 2)),
-        used=np.zeros((0, *shape), dtype=bool),
-        nis=np.full(len(t_s), np.nan),
-        n_rows=np.zeros(len(t_s), dtype=np.int64),
-        log_likelihood=np.zeros(len(t_s)),
-    )
+    markers = marker_tracks(recording.names, t_s, np.full((len(t_s), len(recording.names), 3), np.nan))
     still = BodyFrames(rotation=np.repeat(np.eye(3)[None], len(t_s), axis=0), position_m=np.zeros((len(t_s), 3)))
     return Run(
         name=recording.name,
         skeleton=recording.skeleton,
-        cameras=(),
-        ideal_px=None,
-        y_up=False,
-        tracked=tracked,
+        tracked=tracks_alone(markers, known.name),
         motion=motion_of(markers, slice(0, 0), None, asked),
         joints=joint_tracks(markers, recording.skeleton, still),
-        potentials={},
-        spatial_potentials={},
-        repaired=np.zeros(shape, dtype=bool),
-        report={},
-        report_text="",
+        repaired=np.zeros(markers.status.shape, dtype=bool),
     )
-
-
-@dataclass(eq=False)
-class Tally:
-    """What is counted over blocks.
-
-    Attributes:
-        samples: Samples by status.
-        findings: In how many blocks a sentence was found; sentences that differ in their numbers alone are one.
-        first: The first of these.
-    """
-
-    samples: Counter = field(default_factory=Counter)
-    findings: Counter = field(default_factory=Counter)
-    first: dict[str, str] = field(default_factory=dict)
-
-    def add(self, run: Run, findings: Sequence[str]) -> None:
-        """One block's own frames."""
-        codes, counts = np.unique(run.tracked.markers.status, return_counts=True)
-        self.samples.update({Status(int(c)).name.lower(): int(k) for c, k in zip(codes, counts, strict=True)})
-        for text in findings:
-            kind = re.sub(r"\d[\d.e+-]*", "#", text)
-            self.findings[kind] += 1
-            self.first.setdefault(kind, text)
-
-    def sentences(self, most: int = 40) -> list[str]:
-        """The commonest findings."""
-        found = self.findings.most_common(most)
-        return [
-            self.first[kind] + (f" (and in {count - 1} other blocks, with their own numbers)" if count > 1 else "")
-            for kind, count in found
-        ]
 
 
 def tracked_blocks(
     recording: LongRecording, known: Known, *, size: int = BLOCK, stages: Stages | None = None
-) -> Iterator[tuple[range, Run, slice, tuple[str, ...]]]:
+) -> Iterator[tuple[range, Run, slice, tuple[Finding, ...]]]:
     """All blocks, one after the other: the frames of each, then as ``track_block`` returns them."""
     stages = stages or Stages()
     blocks = blocks_of(recording.n_frames, size)

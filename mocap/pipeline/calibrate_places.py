@@ -77,7 +77,8 @@ def places_from_board(
             "corners: use one with an odd and an even number of inner corners, or a ChArUco board"
         )
     known = {k.name: k for k in read_lenses(lenses)}
-    named = {p.stem: p for p in sorted(folder.glob("*")) if p.suffix.lower() in KINDS and p.stem in known}
+    files = [p for p in sorted(folder.glob("*")) if p.suffix.lower() in KINDS and p.is_file()]
+    named = {p.stem: p for p in files if p.stem in known}
     pictures = {name: of_files({name: path}) for name, path in named.items()} or board_pictures(folder)
     lost = [name for name in pictures if name not in known]
     if lost:

@@ -10,8 +10,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.filters.hide import interior_gaps
-from mocap.filters.interpolate import by_poses, interpolated
-from mocap.filters.models.pose import PoseSettings
+from mocap.filters.interpolate import by_chains, by_poses, interpolated
 from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import Prepared
@@ -65,7 +64,7 @@ def measured_demo(
     seen = np.isfinite(prepared.xyz_m[..., 0])
     where = interior_gaps(seen)
     with stages.stage("the same by other methods") as progress:
-        model = learn_motion(prepared, part, "constant_velocity", settings=PoseSettings())
+        model = learn_motion(prepared, part, "constant_velocity")
         other = tracked_motion(prepared, part, model.motion.name, track(prepared, part, model, progress=progress))
         methods = {"mixture": run.tracked.markers, "constant_velocity": other.markers}
         gaps = {name: compared(m.xyz_m, m.cov_m2, truth, where).as_json() for name, m in methods.items()}
@@ -73,6 +72,9 @@ def measured_demo(
             filled = interpolated(prepared.xyz_m, prepared.t_s, kind=kind)
             gaps[kind] = compared(filled, None, truth, where).as_json()
         trunk = [prepared.names.index(name) for name in prepared.skeleton.trunk]
+        bones = [(prepared.names.index(bone.a), prepared.names.index(bone.b)) for bone in prepared.skeleton.bones]
+        chained = by_chains(prepared.xyz_m, prepared.t_s, bones, trunk)
+        gaps["chains"] = compared(chained, None, truth, where).as_json()
         for kind in ("conditional_gaussian", "principal_components"):
             filled = by_poses(prepared.xyz_m, prepared.t_s, trunk, kind=kind)
             gaps[kind] = compared(filled, None, truth, where).as_json()

@@ -1,6 +1,7 @@
 """The main job: from a recording to tracked motion, joints, potentials and a report."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -16,19 +17,17 @@ from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, for_recording, renamed
 from mocap.filters.models.base import FittedMotion
-from mocap.filters.models.pose import PoseSettings
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate, HeldLimb
 from mocap.filters.size import size_factor
-from mocap.filters.velocities import Asked
+from mocap.filters.velocities import Asked, Motion
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
-from mocap.pipeline.plane import run_in_plane
-from mocap.pipeline.potentials import SPACE, joint_potentials
+from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
@@ -50,7 +49,7 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import PixelTracks
+from mocap.records import JointTracks, TrackedMotion
 from mocap.side_by_side import begin
 from mocap.stages import Stages
 
@@ -80,7 +79,6 @@ def run_job(
     model: Model = "auto",
     learned: LearnedModel | None = None,
     stages: Stages | None = None,
-    settings: PoseSettings | None = None,
     validated: bool = True,
     seed: int = 0,
     watch: Watch | None = None,
@@ -94,7 +92,6 @@ def run_job(
             velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
-        settings: Choices of the pose model.
         validated: Whether to hide samples and measure how they are filled.
         seed: Which samples to hide.
         watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
@@ -106,7 +103,7 @@ def run_job(
         MocapError: what makes it impossible, with what to do.
     """
     with threadpool_limits(1):  # at these sizes two BLAS threads only wait for each other
-        return _run_job(source, model, learned, stages or Stages(), settings or PoseSettings(), validated, seed, watch)
+        return _run_job(source, model, learned, stages or Stages(), validated, seed, watch)
 
 
 def _run_job(
@@ -114,17 +111,14 @@ def _run_job(
     model: Model,
     learned: LearnedModel | None,
     stages: Stages,
-    settings: PoseSettings,
     validated: bool,
     seed: int,
     watch: Watch | None,
 ) -> tuple[Run, Prepared]:
     if isinstance(source, Recording) and of_one_camera(source):
         with stages.stage("track one camera") as progress:
-            one = track_one_camera(source, learned, settings=settings, progress=progress)
-        return _finished(
-            source, one.prepared, one.part, NAME, one.estimate, one.asked, settings=settings, why=one.why, stages=stages
-        )
+            one = track_one_camera(source, learned, progress=progress)
+        return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
     with stages.stage("read, triangulate, clean"):
         prepared = source if isinstance(source, Prepared) else prepare(source)
         part = seen_part(prepared)
@@ -135,13 +129,13 @@ def _run_job(
     posed = reason is None and model != "constant_velocity"
     if (posed or learned is not None) and worth_checking(prepared):
         with stages.stage("check points of two rays"):
-            prepared = without_contradicted(prepared, part, settings, learned)
+            prepared = without_contradicted(prepared, part, learned)
             part = seen_part(prepared)
     asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
     if watch is not None:
         with stages.stage("filter live"):
             alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
-            watch(prepared, part, learn_motion(prepared, part, alone, settings=settings).motion)
+            watch(prepared, part, learn_motion(prepared, part, alone).motion)
     mixing = learned is None and posed and model not in ("eal", *_JOINTED)
     hidden = hide_samples(prepared, part, np.random.default_rng([seed, 1])) if validated else None
     filling = None
@@ -154,14 +148,14 @@ def _run_job(
             "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
         }
         wanted = [name for name, whether in methods.items() if whether]
-        filling = begin(partial(fill_hidden, prepared, hidden, settings=settings, methods=wanted, learned=learned))
+        filling = begin(partial(fill_hidden, prepared, hidden, methods=wanted, learned=learned))
     mixed = None
     if learned is not None:
         with stages.stage("track") as progress:
             mixed = track_learned(prepared, part, learned, asked=asked, progress=progress)
     elif mixing:
         with stages.stage("track with a mixture of models") as progress:
-            mixed = track_mixed(prepared, part, settings=settings, asked=asked, progress=progress)
+            mixed = track_mixed(prepared, part, asked=asked, progress=progress)
     scores = {}
     if hidden is not None and filling is not None:
         with stages.stage("validate on hidden samples") as progress:
@@ -174,7 +168,7 @@ def _run_job(
         name, smoothed, own = "mixture" if learned is None else "learned", mixed.markers, None
     else:
         with stages.stage("learn"):
-            own = learn_motion(prepared, part, "eal" if chosen == "mixture" else chosen, settings=settings)
+            own = learn_motion(prepared, part, "eal" if chosen == "mixture" else chosen)
         name = own.motion.name
         with stages.stage("track") as progress:
             smoothed = track(prepared, part, own, asked=asked, progress=progress)
@@ -185,7 +179,6 @@ def _run_job(
         name,
         smoothed,
         asked,
-        settings=settings,
         why=why,
         stages=stages,
         own=own,
@@ -202,7 +195,6 @@ def _finished(
     smoothed: Estimate,
     asked: Asked,
     *,
-    settings: PoseSettings,
     why: str,
     stages: Stages,
     own: FittedMotion | None = None,
@@ -218,8 +210,8 @@ def _finished(
         seen_m = np.where(known[..., None], tracked.markers.xyz_m, np.nan)
         build = {"trunk": prepared.skeleton.trunk, "bones": prepared.skeleton.rigid}
         joined = articulation(prepared.names, seen_m, tracked.markers.sd_m, axes.rotation, **build)
-        potentials = joint_potentials(joints, tracked.markers, prepared.skeleton)
-        spatial = joint_potentials(joints, tracked.markers, prepared.skeleton, frame=SPACE)
+        potentials = joint_potentials(joints[FRAME], tracked.markers, prepared.skeleton)
+        spatial = joint_potentials(joints[SPACE], tracked.markers, prepared.skeleton)
     report = make_report(
         prepared,
         part,
@@ -229,34 +221,36 @@ def _finished(
         validation=scores or {},
         hidden=hidden,
         seconds=stages.seconds,
-        settings={"beta": settings.beta, "lambda": settings.lam, "weight": settings.weight},
         articulated=joined,
     )
-    filmed = prepared.filmed
-    ideal = None
-    if filmed is not None:
-        ideal = PixelTracks(
-            names=prepared.names, cameras=filmed.pixels.cameras, t_s=prepared.t_s, uv_px=filmed.ideal_px
-        )
-    run = Run(
-        name=prepared.name,
-        skeleton=prepared.skeleton,
-        cameras=() if filmed is None else filmed.cameras,
-        ideal_px=ideal,
-        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
-        tracked=tracked,
-        motion=motion_of(tracked.markers, part.frames, smoothed.rates, asked),
-        joints=joints,
+    run = replace(
+        run_of(prepared, tracked, motion_of(tracked.markers, part.frames, smoothed.rates, asked), joints),
         potentials=potentials,
         spatial_potentials=spatial,
-        repaired=np.any(list(prepared.repaired.values()), axis=0),
         report=report,
         report_text=readable(report, title=prepared.name),
         file=source.file if isinstance(source, Recording) else None,
         angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
-    return (run if prepared.plane is None else run_in_plane(run, prepared.plane)), prepared
+    return run, prepared
+
+
+def run_of(prepared: Prepared, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
+    """A recording with what was tracked of it: without potentials and a report."""
+    filmed = prepared.filmed
+    return Run(
+        name=prepared.name,
+        skeleton=prepared.skeleton,
+        cameras=() if filmed is None else filmed.cameras,
+        ideal_px=None if filmed is None else replace(filmed.pixels, uv_px=filmed.ideal_px),
+        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
+        tracked=tracked,
+        motion=motion,
+        joints=joints,
+        repaired=np.any(list(prepared.repaired.values()), axis=0),
+        plane=prepared.plane,
+    )
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:

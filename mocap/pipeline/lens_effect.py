@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from eal.arrays import Array
-from mocap import audit
 from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
+from mocap.findings import Finding
 from mocap.pipeline.recording import Filmed
+from mocap.pipeline.sentences import lens_left
 
 
-def lens_uncertainty(filmed: Filmed, audited: list[audit.Finding], uv_px: Array) -> tuple[Array | None, list[str]]:
-    """(T, M, 3, 3) covariance of points, and sentences; None where lenses are given, or nothing speaks of one.
+def lens_uncertainty(filmed: Filmed, audited: list[Finding], uv_px: Array) -> tuple[Array | None, list[Finding]]:
+    """(T, M, 3, 3) covariance of points, and findings; None where lenses are given, or nothing speaks of one.
 
     Of a lens that was estimated it follows from the covariance of its coefficients. One that the audit sees and nobody
     corrected moves each point by d: it is counted as an error with the covariance d d^T, which no frame averages out.
@@ -33,12 +34,7 @@ def lens_uncertainty(filmed: Filmed, audited: list[audit.Finding], uv_px: Array)
     far = far[np.isfinite(far)]
     if not len(far):
         return None, []
-    said = (
-        f"the lens that is not corrected moves positions by {np.median(far):.2f} mm (median), "
-        f"{np.quantile(far, 0.9):.2f} mm (90 %); their standard deviations are widened by as much: give `profile`, or "
-        "have it estimated with `fit_lens`"
-    )
-    return moved[..., :, None] * moved[..., None, :], [said]
+    return moved[..., :, None] * moved[..., None, :], [lens_left(far)]
 
 
 def _bent(filmed: Filmed, camera: int, uv_px: Array) -> Array:

@@ -15,6 +15,7 @@ from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.bounds import theorem3
 from eal.integrators import IntegrationError
 from eal.lagrangian import PenalisedModel
+from eal.over_time import at_frames
 from eal.rods import DirectionPenalty, RodLimb
 from mocap.cameras.camera import stacked
 from mocap.cleaning.click_noise import USUAL_DOF
@@ -216,7 +217,7 @@ def _tracked(filmed: Filmed, limb: Limb) -> LimbMechanics | None:
     first = model(aside if len(aside) >= LEAST_SAMPLES else samples)
     chosen, power = learned_noise(
         first,
-        _part(sights, tried),
+        at_frames(sights, tried),
         q[tried.start],
         v[tried.start],
         powers_w=np.array([0.03, 0.3, 3.0]),
@@ -228,7 +229,7 @@ def _tracked(filmed: Filmed, limb: Limb) -> LimbMechanics | None:
     try:
         track = track_joint(
             last,
-            _part(sights, frames),
+            at_frames(sights, frames),
             q[frames.start],
             v[frames.start],
             power_w=power,
@@ -243,7 +244,7 @@ def _tracked(filmed: Filmed, limb: Limb) -> LimbMechanics | None:
     if eps2 > 0:  # 0: a limb at rest has no energy to scale it by
         released = zip(track.value.tolist(), kinetic.tolist(), strict=True)
         bound = np.array([theorem3(eps2, value0=a, kinetic0=k, potential0=0.0, potential_min=0.0) for a, k in released])
-    xyz, cov = _world(track, rods, _part(sights, frames))
+    xyz, cov = _world(track, rods, at_frames(sights, frames))
     spread = 1.4826 * np.median(np.abs(length[whole] - length_m), axis=0) / length_m
     return LimbMechanics(
         root=names[root],
@@ -293,20 +294,6 @@ def _sights(filmed: Filmed, rods: RodLimb, rotation: Array, root: int, outer: Se
         centre_cov_m2=np.nan_to_num(filmed.markers.cov_m2[:, root]),
         axes=rotation,
         chart=rods.joints_m,
-    )
-
-
-def _part(sights: JointSights, frames: slice) -> JointSights:
-    return JointSights(
-        t_s=sights.t_s[frames],
-        matrices=sights.matrices,
-        uv_px=sights.uv_px[:, frames],
-        sd_px=sights.sd_px[:, frames],
-        dof=sights.dof,
-        centre_m=sights.centre_m[frames],
-        centre_cov_m2=sights.centre_cov_m2[frames],
-        axes=sights.axes[frames],
-        chart=sights.chart,
     )
 
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from eal.over_time import at_frames
-from mocap.cameras.camera import Camera
+from mocap.findings import Finding
 from mocap.io.parquet_range import ParquetPoints
 from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
 from mocap.pipeline.reading import animal
-from mocap.pipeline.recording import Filmed, Recording, film_of, load_in_unit, load_points
-from mocap.records import MarkerTracks, PixelTracks, Status
+from mocap.pipeline.recording import Filmed, Recording, load_in_unit, load_points
+from mocap.pipeline.sentences import pixel_origin
+from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
 from mocap.text import as_text
 
@@ -33,7 +34,7 @@ class LongRecording:
         t_s: (T,) times.
         seen: Frames to (n, M) True where a position, or two rays, are given; nothing is cleaned.
         prepared: Frames to what is prepared of them (``mocap.pipeline.prepare``), its findings with their numbers here.
-        findings: Sentences on how the file was read.
+        findings: On how the file was read.
     """
 
     name: str
@@ -42,7 +43,7 @@ class LongRecording:
     t_s: Array
     seen: Callable[[slice], Mask]
     prepared: Callable[[slice], Prepared]
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def n_frames(self) -> int:
@@ -55,14 +56,16 @@ class LongRecording:
         return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
 
 
-def long_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = ()) -> LongRecording:
+def long_points(
+    tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[Finding] = ()
+) -> LongRecording:
     """Positions that are in memory, or mapped into it from a file.
 
     Args:
         tracks: Positions, named as the skeleton names them.
         skeleton: What is known of the animal.
         name: Of the recording.
-        findings: Sentences on how they were read.
+        findings: On how they were read.
     """
     stretch = partial(at_frames, tracks)
     return long_tracks(stretch, skeleton, name=name, t_s=tracks.t_s, names=tracks.names, findings=findings)
@@ -75,7 +78,7 @@ def long_pixels(
     name: str,
     pixel_sd: float | None = None,
     likelihood: Array | None = None,
-    findings: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
 ) -> LongRecording:
     """Pixels of calibrated cameras that are in memory; where they are counted from was decided on all of them.
 
@@ -85,7 +88,7 @@ def long_pixels(
         name: Of the recording.
         pixel_sd: Standard deviation of a pixel that the user states; None: estimated in each stretch.
         likelihood: (C, T, M) likelihoods of clicks; None: there are none.
-        findings: Sentences on how they were read.
+        findings: On how they were read.
     """
 
     def part(frames: slice) -> Prepared:
@@ -109,39 +112,6 @@ def long_pixels(
     )
 
 
-def long_films(
-    pixels: Callable[[slice], PixelTracks],
-    cameras: Sequence[Camera],
-    skeleton: Skeleton,
-    *,
-    name: str,
-    t_s: Array,
-    names: Sequence[str],
-) -> LongRecording:
-    """Pixels that are had stretch by stretch, of calibrated cameras; all of them never are in memory.
-
-    Args:
-        pixels: Frames to their pixels.
-        cameras: Their C cameras.
-        skeleton: What is known of the animal.
-        name: Of the recording.
-        t_s: (T,) times.
-        names: The M markers.
-    """
-
-    def part(frames: slice) -> Prepared:
-        return prepare_filmed(film_of(pixels(frames), cameras, name=name), skeleton, name=name, first=frames.start)
-
-    return LongRecording(
-        name=name,
-        skeleton=skeleton,
-        names=tuple(names),
-        t_s=t_s,
-        seen=lambda frames: pixels(frames).seen.sum(axis=0) >= 2,
-        prepared=part,
-    )
-
-
 def long_tracks(
     tracks: Callable[[slice], MarkerTracks],
     skeleton: Skeleton,
@@ -149,9 +119,9 @@ def long_tracks(
     name: str,
     t_s: Array,
     names: Sequence[str],
-    findings: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
 ) -> LongRecording:
-    """Positions that are had stretch by stretch; arguments as in ``long_films`` and ``long_points``."""
+    """Positions that are had stretch by stretch, and never all of them; other arguments as in ``long_points``."""
     return LongRecording(
         name=name,
         skeleton=skeleton,
@@ -178,7 +148,7 @@ def long_recording(source: Recording) -> LongRecording:
         name=source.name,
         pixel_sd=source.pixel_sd,
         likelihood=source.contents.score,
-        findings=(*filmed.told, *source.findings, filmed.pixel_origin.describe()),
+        findings=(*filmed.told, *source.findings, pixel_origin(filmed.pixel_origin)),
     )
 
 

@@ -10,12 +10,13 @@ from eal.arrays import Array
 from eal.potential import EmpiricalPotential
 from eal.sums import PotentialSums, choose_landmarks, sums_of, total
 from mocap.errors import MocapError
-from mocap.pipeline.potentials import FEWEST, FRAME, NAMES
-from mocap.pipeline.run import JointPotential, Run
-from mocap.records import Status
+from mocap.pipeline.potentials import BETA, FEWEST, FRAME, LAMBDA, NAMES
+from mocap.pipeline.run import JointPotential
 
 SKETCH = 40
 """Samples of a joint and trial from which scale and kernel are chosen, for all trials together."""
+LANDMARKS = 400
+"""Most landmarks of a potential."""
 SHOWN = 2000
 """Samples of all trials that a potential keeps to be drawn with."""
 
@@ -115,26 +116,11 @@ class ManyTrials:
         )
 
 
-def joint_samples(run: Run, frame: str = FRAME) -> dict[str, Array]:
-    """(N, d) samples of each joint in metres: frames in which its three markers were measured."""
-    tracks, markers = run.joints[frame], run.tracked.markers
-    measured = dict(zip(markers.names, (markers.status == Status.MEASURED).T, strict=True))
-    out = {}
-    for joint in (j for j in run.skeleton.joints if j.name in tracks.names):
-        i = tracks.names.index(joint.name)
-        ok = measured[joint.parent] & measured[joint.centre] & measured[joint.child]
-        out[joint.name] = tracks.q_m[ok & np.isfinite(tracks.q_m[:, i, 0]), i]
-    return out
-
-
 def learn_joints(
     names: Sequence[str],
     trial: Callable[[str], Mapping[str, Array]],
     *,
-    frame: str = FRAME,
-    beta: float = 4.0,
-    lam: float = 1e-3,
-    most: int = 400,
+    lam: float = LAMBDA,
 ) -> dict[str, ManyTrials]:
     """Learn the potential of each joint from all samples of many trials.
 
@@ -145,10 +131,7 @@ def learn_joints(
     Args:
         names: Of the trials.
         trial: Name to samples of each joint, (N, d) in metres (``joint_samples``).
-        frame: Frame of reference of the coordinates.
-        beta: Kernel width in units of the median squared distance.
         lam: Spectral filtering parameter.
-        most: Most landmarks.
 
     Raises:
         MocapError: no joint has samples enough.
@@ -164,17 +147,17 @@ def learn_joints(
     for joint, sketch in whole.items():
         if len(sketch) >= FEWEST:
             scales[joint] = max(float(np.sqrt(sketch.var(axis=0).sum())), 1e-9)
-            kernels[joint] = usual_kernel(sketch / scales[joint], width=beta)
+            kernels[joint] = usual_kernel(sketch / scales[joint], width=BETA)
     if not kernels:
         raise MocapError(f"no joint was measured in {FEWEST} frames of these trials")
     pivots: dict[str, list[Array]] = {joint: [] for joint in kernels}
     for name in names:
         for joint, samples in trial(name).items():
             if joint in kernels and len(samples):
-                own = choose_landmarks(kernels[joint], samples / scales[joint], lam=lam, max_rank=most)
+                own = choose_landmarks(kernels[joint], samples / scales[joint], lam=lam, max_rank=LANDMARKS)
                 pivots[joint].append(own.centres)
     marks = {
-        joint: choose_landmarks(kernels[joint], np.concatenate(parts), lam=lam, max_rank=most)
+        joint: choose_landmarks(kernels[joint], np.concatenate(parts), lam=lam, max_rank=LANDMARKS)
         for joint, parts in pivots.items()
     }
     sums: dict[str, dict[str, PotentialSums]] = {joint: {} for joint in marks}
@@ -184,7 +167,7 @@ def learn_joints(
                 sums[joint][name] = sums_of(marks[joint], samples / scales[joint])
     return {
         joint: ManyTrials(
-            joint=joint, frame=frame, scale_m=scales[joint], sums=sums[joint], sketch_m=whole[joint], lam=lam
+            joint=joint, frame=FRAME, scale_m=scales[joint], sums=sums[joint], sketch_m=whole[joint], lam=lam
         )
         for joint in marks
     }

@@ -19,7 +19,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.pipeline.model_settings import read, written
 from mocap.schema import POSITIVE, Entry, Schema, checked, names
 
-FORMAT = "eal-mocap model 10"
+FORMAT = "eal-mocap model 11"
 _HEADER: Schema = {
     "names": names("markers", filled=True),
     "trunk": names(among="names"),

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap.cameras.camera import stacked
-from mocap.cameras.origin import PixelOrigin, ideal_pixels, image_heights
+from mocap.cameras.origin import PixelOrigin, image_heights
 from mocap.cleaning.robust_rays import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
 from mocap.filters.model import LearnedModel, check_rates, for_recording, renamed
-from mocap.filters.models.pose import PoseSettings
 from mocap.filters.moving import asked_of
 from mocap.filters.one_camera import UNDECIDED, Found, jitter_px, track_views
 from mocap.filters.one_view import Views
@@ -19,6 +18,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked
 from mocap.kinematics.points import asked_for
+from mocap.pipeline import sentences
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.recording import Filmed, Recording
 from mocap.pipeline.tracking import Part
@@ -70,9 +70,7 @@ def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
     calibrated = source.calibration_origin or corner
     height = source.image_height_px or image_heights(cameras)[0]
     if source.pixel_origin is None and usual is None and any(camera.lens is not None for camera in cameras):
-        told += (
-            f"pixels were taken to be counted from the {corner} corner, which one camera cannot tell: state `origin`",
-        )
+        told += (sentences.unknown_corner(corner),)
     decision = PixelOrigin(
         pixels=corner,
         coefficients=calibrated,
@@ -82,9 +80,7 @@ def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
         residual_px=np.nan,
         next_px=np.inf,
     )
-    ideal = ideal_pixels(
-        cameras, pixels.uv_px, pixels=corner, coefficients=calibrated, height_px=height, iterations=None
-    )
+    ideal = decision.ideal(cameras, pixels.uv_px)
     return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, told=told)
 
 
@@ -92,7 +88,6 @@ def track_one_camera(
     source: Recording,
     learned: LearnedModel | None,
     *,
-    settings: PoseSettings,
     progress: Callable[[float], None] | None = None,
 ) -> OneCamera:
     """Track a recording of one camera.
@@ -127,7 +122,7 @@ def track_one_camera(
     trials = [replace(t, xyz_m=t.xyz_m[:, markers], sd_m=t.sd_m[:, markers]) for t in trials]
     own = [names[m] for m in markers]
     trunk = [own.index(name) for name in learned.trunk if name in own] or list(range(len(own)))
-    prior = learn_prior(trials, trunk, settings)
+    prior = learn_prior(trials, trunk)
     shown = uv[:, part.frames][:, :, markers]
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(shown))), LEAST_PX)
     views = Views(matrices=stacked(filmed.cameras), uv_px=shown, sd_px=np.full(shown.shape[:3], noise))
@@ -159,22 +154,7 @@ def _prepared(
     residual = np.full((n_frames, n_markers), np.nan)
     xyz[inside], cov[inside], residual[inside] = found.estimate.xyz_m, found.estimate.cov_m2, found.residual_px
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
-    told = [
-        *filmed.told,
-        *source.findings,
-        "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
-        "deviations along the line of sight are the largest",
-    ]
-    if found.other > UNDECIDED:
-        told.append(
-            f"the pose or its mirror image: the other has a probability of {found.other:.0%}, and intervals cover both"
-        )
-    strange = found.unlike
-    if strange.any():
-        told.append(
-            f"{strange.sum()} frames show poses unlike those of the trials and were left empty; of frames of trials "
-            "that a model was not learned from, 1 % are"
-        )
+    other = found.other if found.other > UNDECIDED else None
     rays = np.full(filmed.ideal_px.shape[:3], noise)
     return Prepared(
         name=source.name,
@@ -195,5 +175,5 @@ def _prepared(
         rays_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
         max_speed_m_s=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
-        findings=tuple(told),
+        findings=(*filmed.told, *source.findings, *sentences.one_camera(other, int(found.unlike.sum()))),
     )

@@ -12,15 +12,8 @@ from mocap.cameras import triangulate
 from mocap.cameras.camera import Camera
 from mocap.cleaning.bias import lasting_bias, ray_bias
 from mocap.cleaning.camera_health import BadTime, camera_health, shifted_back
-from mocap.cleaning.clean import REASONS, clean
+from mocap.cleaning.clean import clean
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise, click_noise
-from mocap.cleaning.findings import (
-    camera_findings,
-    cleaning_findings,
-    exchange_findings,
-    likelihood_findings,
-    never_seen,
-)
 from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
 from mocap.cleaning.persistence import persistent_px
 from mocap.cleaning.position_noise import position_sd
@@ -31,6 +24,8 @@ from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers, ex
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.filters.anatomy import ends_among
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
+from mocap.findings import Finding
+from mocap.pipeline import sentences
 from mocap.pipeline.lens_effect import lens_uncertainty
 from mocap.pipeline.plane import in_plane
 from mocap.pipeline.recording import (
@@ -45,7 +40,6 @@ from mocap.pipeline.recording import (
 from mocap.pipeline.run import Plane
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Measures, Skeleton
-from mocap.stated import contradiction
 
 LEAST_SD_M = 1e-6
 """Positions are not known better than that, whatever a file says."""
@@ -83,8 +77,7 @@ class Prepared:
         rejected: (T, M) masks by reason.
         rays_rejected: (C, T, M) rays that miss.
         max_speed_m_s: (M,) speed limits that jumps were judged by.
-        findings: Sentences for the report.
-        wrong: Those of them that ask for something to be done, worst first.
+        findings: For the report; those that ask for something to be done (``alarm``) stand worst first.
         camera_factor: (C, T) 1 or more: how much worse a camera is than in its good time
             (``mocap.cleaning.camera_health``); contained in ``ray_sd_px``.
         bad_cameras: Runs of frames in which a camera was bad.
@@ -115,14 +108,13 @@ class Prepared:
     rays_rejected: NDArray[np.bool_]
     max_speed_m_s: Array
     camera_factor: Array
-    findings: tuple[str, ...] = ()
-    wrong: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     bad_cameras: tuple[BadTime, ...] = ()
     noise: ClickNoise | None = None
     likelihoods: LikelihoodNoise | None = None
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = field(default=None)
-    audited: tuple[audit.Finding, ...] = ()
+    audited: tuple[Finding, ...] = ()
     stated_over_shown: float = 1.0
     plane: Plane | None = None
     lens_cov_m2: Array | None = None
@@ -236,9 +228,9 @@ def prepare_filmed(
     name: str,
     file: str | None = None,
     pixel_sd: float | None = None,
-    findings: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
     likelihood: Array | None = None,
-    stored_findings: Sequence[str] = (),
+    stored_findings: Sequence[Finding] = (),
     stale: tuple[audit.StalePoint, ...] | None = None,
     first: int = 0,
 ) -> Prepared:
@@ -250,9 +242,9 @@ def prepare_filmed(
         name: Of the recording.
         file: What errors call it; None: its name.
         pixel_sd: Standard deviation of a pixel that the user states; None: estimated.
-        findings: The first sentences of the report.
+        findings: The first of the report.
         likelihood: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
-        stored_findings: Sentences on stored points.
+        stored_findings: On stored points.
         stale: Stored points that do not follow from the pixels.
         first: Frames of the recording before these.
 
@@ -281,7 +273,7 @@ def prepare_filmed(
     dt = float(t_s[1] - t_s[0]) if len(t_s) > 1 else 1.0
     lasting = persistent_px(filmed.matrices, uv, found.xyz_m, relative=worse)
     audited = audit.audit_filmed(filmed.cameras, filmed.pixels, filmed.ideal_px, filmed.pixel_origin, first=first)
-    lens_cov, lens_said = lens_uncertainty(filmed, audited, uv)
+    lens_cov, lens = lens_uncertainty(filmed, audited, uv)
     bias = ray_bias(filmed.matrices, uv, dt_s=dt, relative=worse)
     bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
     uv = uv - bias.bias_px
@@ -296,23 +288,7 @@ def prepare_filmed(
     apart = found.rejected & lost & ~doubtful
     uv = np.where(apart[..., None], filmed.ideal_px - lasting_bias(bias.bias_px, uv), uv)
     unsure = unlikely.any(axis=0) & pointless & ~lost
-    told = [f.text for f in audited if f.alarm or f.kind == "mirrored world"] + lens_said
-    if filmed.late_frames is not None:
-        shifts = zip(filmed.cameras, filmed.late_frames, strict=True)
-        told += [
-            f"camera {c.name!r}: pixels were interpolated to correct its offset of {late:+.2f} frames, as asked"
-            for c, late in shifts
-            if late
-        ]
-    bad = [*camera_findings(health, [c.name for c in filmed.cameras], first=first), *never_seen(xyz, names)]
-    contradicted = contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown)
-    found_out = [*contradicted, filmed.pixel_origin.describe(), *told, *stored_findings]
-    if bias.sd_px:
-        found_out.append(
-            f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
-            f"tracking; {bias.jitter_px:.2f} px of jitter remain"
-            + ("; what the lens does to all cameras alike stays in the points" if lens_said and not filmed.lens else "")
-        )
+    cameras, clicks = [c.name for c in filmed.cameras], int(named.ambiguous.sum())
     return Prepared(
         name=name,
         skeleton=skeleton,
@@ -338,20 +314,20 @@ def prepare_filmed(
         findings=(
             *filmed.told,
             *findings,
-            *found_out,
-            *likelihood_findings(likely, likelihood is not None, int(unlikely.sum()), int(unsure.sum())),
-            *bad,
-            *exchange_findings(
-                swaps, doubtful, names, [c.name for c in filmed.cameras], clicks=int(named.ambiguous.sum()), first=first
-            ),
-            *(
-                [f"{lost.sum()} {'sample' if lost.sum() == 1 else 'samples'} rejected ({REASONS['rays_miss']})"]
-                if lost.any()
-                else []
-            ),
-            *cleaning_findings(cleaning, names),
+            *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
+            sentences.pixel_origin(filmed.pixel_origin),
+            *(f for f in audited if f.alarm or f.kind == "mirrored world"),
+            *lens,
+            *sentences.late_cameras(cameras, filmed.late_frames),
+            *stored_findings,
+            *sentences.slow_errors(bias, lens_stays=bool(lens)),
+            *sentences.likelihood_findings(likely, likelihood is not None, int(unlikely.sum()), int(unsure.sum())),
+            *sentences.camera_findings(health, cameras, first=first),
+            *sentences.never_seen(xyz, names),
+            *sentences.exchange_findings(swaps, doubtful, names, cameras, clicks=clicks, first=first),
+            *sentences.rejected("rays_miss", lost),
+            *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
         ),
-        wrong=(*(f.text for f in audited if f.alarm), *lens_said, *contradicted, *bad),
         swaps=swaps,
         stale=stale,
         audited=tuple(audited),
@@ -371,16 +347,21 @@ def _by_likelihood(filmed: Filmed, likelihood: Array | None) -> tuple[Likelihood
 
 
 def _prepare_plane(source: Recording) -> Prepared:
-    found = in_plane(source)
-    if not found.tracks.seen.any():
+    tracks, plane, found = in_plane(source)
+    if not tracks.seen.any():
         raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
     skeleton = replace(source.skeleton, bones=(), joints=(), measures=Measures())
-    told = (*source.findings, *found.findings)
-    return replace(prepare_tracks(found.tracks, skeleton, name=source.name, findings=told), plane=found.plane)
+    return prepare_tracks(tracks, skeleton, name=source.name, findings=(*source.findings, *found), plane=plane)
 
 
 def prepare_tracks(
-    tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[str] = (), first: int = 0
+    tracks: MarkerTracks,
+    skeleton: Skeleton,
+    *,
+    name: str,
+    findings: Sequence[Finding] = (),
+    first: int = 0,
+    plane: Plane | None = None,
 ) -> Prepared:
     """Positions that are in memory, cleaned as those of a file are.
 
@@ -388,15 +369,17 @@ def prepare_tracks(
         tracks: Positions, named as the skeleton names them; their noise is estimated where no covariance states it.
         skeleton: What is known of the animal.
         name: Of the recording.
-        findings: Sentences for the report.
+        findings: The first of the report.
         first: Frames of the recording before these.
+        plane: The picture of one film, in which they are; None: they are in space.
     """
     names = tracks.names
     sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
     named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
     xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
     xyz = np.where(named.unsure[..., None], np.nan, xyz)
-    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names, first=first))
+    length = "mm" if plane is None else plane.length
+    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names, first=first, length=length))
     cleaning = clean(xyz, sd, tracks.t_s, skeleton, names)
     xyz = np.where(cleaning.any[..., None], np.nan, xyz)
     cov = np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3)
@@ -426,16 +409,15 @@ def prepare_tracks(
         camera_factor=np.zeros((0, len(xyz))),
         findings=(
             *findings,
-            "positions without cameras: their noise is taken from the file or estimated, "
-            f"{np.median(sd[tracks.seen]) * 1e3:.3g} mm (median)",
-            *(f.text for f in jumps),
-            *exchange_findings(named.swaps, named.unsure, names, (), first=first),
-            *cleaning_findings(cleaning, names),
-            *never_seen(xyz, names),
+            sentences.position_noise(sd[tracks.seen], plane),
+            *jumps,
+            *sentences.exchange_findings(named.swaps, named.unsure, names, (), first=first),
+            *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
+            *sentences.never_seen(xyz, names, plane),
         ),
-        wrong=(*(f.text for f in jumps), *never_seen(xyz, names)),
         swaps=named.swaps,
         audited=jumps,
+        plane=plane,
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from os import PathLike
 from pathlib import Path
 
@@ -10,18 +11,19 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import MocapError
-from mocap.filters.body_axes import body_frames, nearest_rotation
+from mocap.filters.body_axes import body_frames
 from mocap.filters.bones import learn_bones
 from mocap.filters.joint_types import Articulation, articulation, undetermined
 from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
+from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
 from mocap.io.point_names import point_names
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.propose_measures import proposed_measures
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
-from mocap.skeleton import Bone, Joint, Skeleton, quoted, skeleton_text
+from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, quoted, skeleton_text
 from mocap.text import file_names
 
 RIGID = 0.05
@@ -30,15 +32,13 @@ SOFT = 0.10
 """The same of a bone that is proposed as soft."""
 TRUNK_MOST = 5
 """Markers of the trunk at most: three fix its frame, two of five may be hidden, more bring in what moves."""
-WOBBLES_DEG = 5.0
-"""How far the frame of the trunk turns at most by what its markers move in it."""
 BENDS_DEG = 10.0
 """A joint bends through at least that angle, from the 5th to the 95th percentile, and four times that of the noise."""
 JOINT_HZ = 30.0
 """Axes of the trunk follow it up to this frequency, as those of joint coordinates."""
 _MOST_DISTANCES = 2e7
 
-Pair = tuple[str, str]
+Pair = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,13 +68,14 @@ class Proposal:
 
 
 def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Sequence[str] | None = None) -> Proposal:
-    """Propose bones, trunk and joints of all markers that a recording shows.
+    """Propose bones, bodies, trunk and joints of all markers that a recording shows.
 
     Bones are the shortest connections among markers that keep their distance (a minimum spanning forest, in which a
-    varying distance counts as a longer one). The trunk grows from the most central marker by its nearest ones, as long
-    as all keep their distances. Joints are where two bones meet and bend, the parent on the side of the trunk. Limbs
-    that beat are strokes, those whose tips stand still in each cycle feet. Write its ``text`` to a file, correct it,
-    and read the recording with it.
+    varying distance counts as a longer one). Bodies are markers that all keep their distances (``find_bodies``), with
+    a joint of their own where such a connection leads from one to another. The trunk grows from the most central marker
+    by its nearest ones, as long as all keep their distances. Other joints are where two bones meet and bend, the parent
+    on the side of the trunk. Limbs that beat are strokes, those whose tips stand still in each cycle feet. Write its
+    ``text`` to a file, correct it, and read the recording with it.
 
     Args:
         recording: As ``mocap.read`` gives it; distances, angles and cycles, which decide, do not depend on the frame
@@ -99,14 +100,24 @@ def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, st
     if len(names) < 2:
         raise MocapError(f"{trial.name}: shows {len(names)} markers; a skeleton needs at least two, and joints three")
     kept = kept_distances(trial)
-    bones = spanning_bones(kept)
-    trunk = trunk_of(trial, kept, bones)
-    joints, stiff = _joints(names, trial, kept, bones, trunk)
+    found = find_bodies(trial)
+    body = np.full(len(names), -1)
+    for number, members in enumerate(found):
+        body[members] = number
+    spanning = spanning_bones(kept)
+    trunk = trunk_of(trial, kept, spanning)
+    joints, stiff = _joints(names, trial, kept, spanning, trunk, body)
+    bodies = body_names(names, found)
+    between = body_joints(spanning, body, trunk)
+    called = file_names([f"{bodies[a]}_{bodies[b]}" for a, b in between])
+    joined = [BodyJoint(name=n, parent=bodies[a], child=bodies[b]) for n, (a, b) in zip(called, between, strict=True)]
+    bones = [(a, b) for a, b in spanning if body[a] == body[b] or min(body[a], body[b]) < 0]
     skeleton = Skeleton(
         name=trial.name,
         markers=tuple(names),
         bones=tuple(Bone(a=names[a], b=names[b], rigid=bool(kept.varies[a, b] <= RIGID)) for a, b in bones),
-        joints=tuple(joint for joint, _ in joints),
+        joints=(*joined, *(joint for joint, _ in joints if joint.name not in called)),
+        bodies={name: [names[m] for m in members] for name, members in zip(bodies, found, strict=True)},
         trunk=tuple(names[m] for m in trunk),
         aliases=dict(aliases),
         measures=proposed_measures(names, trial, bones, trunk),
@@ -120,6 +131,7 @@ def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, st
             *([f"Markers without a bone: {', '.join(map(quoted, alone))}"] if alone else []),
         ],
         "trunk": _TRUNK.splitlines() if trunk else [*_NO_TRUNK.splitlines(), *_calmest(names, trial)],
+        "bodies": _BODIES.splitlines(),
         "joints": [*_JOINTS.splitlines(), *(stiff or ()), *_model_lines(jointed)],
         "aliases": _ALIASES.format(old=quoted(names[0])).splitlines(),
         **{
@@ -128,9 +140,56 @@ def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, st
             ]
             for a, b in bones
         },
+        **{f"body {name}": [_keeps(trial, members)] for name, members in zip(bodies, found, strict=True)},
         **{f"joint {joint.name}": [f"bends from {low:.0f} to {high:.0f} degrees"] for joint, (low, high) in joints},
     }
     return Proposal(skeleton=skeleton, text=skeleton_text(skeleton, comments=comments))
+
+
+def _keeps(trial: MarkerTrial, members: Sequence[int]) -> str:
+    """How well the markers of a body keep their places, in words."""
+    left_mm, noise_mm = 1e3 * residual_m(trial.xyz_m[:, members])[0], 1e3 * np.nanmedian(trial.sd_m[:, members])
+    return f"keep their places to {left_mm:.2g} mm, noise {noise_mm:.2g} mm"
+
+
+def body_names(names: Sequence[str], bodies: Sequence[Sequence[int]]) -> list[str]:
+    """What the names of each body's markers begin with, whatever the case; ``body_1`` where that is nothing."""
+    called = []
+    for number, members in enumerate(bodies, start=1):
+        first = names[members[0]]
+        letters = zip(*(names[m].casefold() for m in members), strict=False)
+        same = sum(1 for _ in takewhile(lambda some: len(set(some)) == 1, letters))
+        called.append(first[:same].rstrip("0123456789_-:. ") or f"body_{number}")
+    return file_names(called)
+
+
+def body_joints(bones: Sequence[tuple[int, int]], body: NDArray[np.int64], trunk: Sequence[int]) -> list[Pair]:
+    """Parent and child, by number, of bodies that the spanning bones join, from that of the trunk outward.
+
+    Args:
+        bones: Pairs of markers.
+        body: (M,) number of each marker's body; -1: none.
+        trunk: Markers of the trunk.
+    """
+    beside: dict[int, list[int]] = {}
+    for a, b in bones:
+        if body[a] != body[b] and min(body[a], body[b]) >= 0:
+            beside.setdefault(int(body[a]), []).append(int(body[b]))
+            beside.setdefault(int(body[b]), []).append(int(body[a]))
+    weight = np.bincount(body[np.array(trunk, dtype=int)] + 1, minlength=int(body.max(initial=-1)) + 2)[1:]
+    walked: set[int] = set()
+    out: list[Pair] = []
+    for start in np.argsort(-weight, kind="stable").tolist():
+        queue = [] if start in walked else [start]
+        walked.add(start)
+        while queue:
+            parent = queue.pop(0)
+            for child in dict.fromkeys(beside.get(parent, [])):
+                if child not in walked:
+                    walked.add(child)
+                    queue.append(child)
+                    out.append((parent, child))
+    return out
 
 
 def _calmest(names: Sequence[str], trial: MarkerTrial) -> list[str]:
@@ -178,7 +237,11 @@ No three markers move together as one rigid body: without a trunk all markers de
 List those that move together, if there are any."""
 _JOINTS = """\
 name = [parent, centre, child]: the shoulder, the elbow and the wrist describe the elbow. Each joint has its column
-in joints.csv and its potential. Proposed are places where two bones meet and the angle between them changes."""
+in joints.csv and its potential. Proposed are places where two bones meet and the angle between them changes.
+name = [parent, child] is a joint between two bodies, with six coordinates in kinematics.csv."""
+_BODIES = """\
+Markers that all keep their distances: three that are seen show where the others are. A body is called what their names
+begin with."""
 _ALIASES = """\
 Other names for the markers: name in the file = name here, for instance {old} = "shoulder_l".
 Then write the new name in all lists above."""
@@ -240,32 +303,6 @@ def trunk_of(trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]]) -
     return [] if best is None else best[3]
 
 
-def wobble_deg(xyz: Array, *, most: int = 200) -> float:
-    """How far a body of n markers turns by what its markers move in it: their residual over its second largest extent.
-
-    Residuals are those of rigid motions fitted to the mean shape (Kabsch 1976), in at most ``most`` frames.
-
-    Args:
-        xyz: (T, n, 3) positions.
-        most: Frames that are looked at.
-
-    Returns:
-        Degrees; infinite where the markers are seen together in fewer than 20 frames.
-    """
-    whole = xyz[np.isfinite(xyz).all(axis=(1, 2))]
-    if len(whole) < 20:
-        return np.inf
-    whole = whole[:: max(1, len(whole) // most)]
-    whole = whole - whole.mean(axis=1, keepdims=True)
-    shape = whole[0]
-    for _ in range(2):
-        turned = whole @ nearest_rotation(np.einsum("tni,nj->tij", whole, shape))
-        shape = turned.mean(axis=0)
-    extent = np.linalg.svd(shape, compute_uv=False)[1] / np.sqrt(len(shape))
-    residual = np.sqrt(np.mean((turned - shape) ** 2))
-    return float(np.degrees(np.arctan2(residual, extent)))
-
-
 def _largest_piece(count: int, bones: Sequence[tuple[int, int]], without: Sequence[int]) -> int:
     """Markers of the largest of the pieces that bones make of the others."""
     piece = np.arange(count)
@@ -276,10 +313,24 @@ def _largest_piece(count: int, bones: Sequence[tuple[int, int]], without: Sequen
 
 
 def _joints(
-    names: Sequence[str], trial: MarkerTrial, kept: Kept, bones: Sequence[tuple[int, int]], trunk: Sequence[int]
+    names: Sequence[str],
+    trial: MarkerTrial,
+    kept: Kept,
+    bones: Sequence[tuple[int, int]],
+    trunk: Sequence[int],
+    body: NDArray[np.int64],
 ) -> tuple[list[tuple[Joint, tuple[float, float]]], list[str]]:
-    """Joints with the angles that they bend from and to, and comments on where bones meet that do not bend."""
-    triples = joint_triples(kept, bones, trunk)
+    """Joints with the angles that they bend from and to, and comments on where bones meet that do not bend.
+
+    Where a bone goes from one body to another these have a joint of their own, and within a body nothing bends.
+    """
+    triples = [
+        three
+        for three in joint_triples(kept, bones, trunk)
+        for parent, centre, child in [body[np.array(three)]]
+        if not any(a != b and min(a, b) >= 0 for a, b in ((parent, centre), (centre, child)))
+        and not parent == centre == child >= 0
+    ]
     children = np.bincount([centre for _, centre, _ in triples], minlength=len(names)) if triples else []
     joints, called, stiff = [], [], []
     for parent, centre, child in triples:

@@ -12,6 +12,7 @@ from eal.arrays import unique
 from mocap.cameras.camera import Camera, check_cameras
 from mocap.cameras.origin import PixelCorner
 from mocap.errors import CalibrationError, FormatError, MocapError, NoRateError, SkeletonError
+from mocap.findings import Finding, readings
 from mocap.io import dltdv
 from mocap.io.contents import FileContents
 from mocap.io.every_frame import every_frame
@@ -100,7 +101,7 @@ def read(
     if contents.pixels is not None and (cameras or crops):
         contents, counted = counted_from_one(contents, [path for path in (rig, lenses) if path is not None])
         contents, cropped = in_whole_picture(contents, cameras, files, crops, pixel_origin=origin)
-        told = (*told, *counted, *cropped)
+        told = (*told, *readings(counted), *readings(cropped))
     stored = None
     if contents.points is None and cameras and (path := stored_file(files[0], points)) is not None:
         stored = read_file(path)
@@ -154,7 +155,7 @@ def recording_name(file: Path) -> str:
 
 def complete(
     contents: FileContents, *, where: str, fps: float | None, unit: str | None
-) -> tuple[FileContents, tuple[str, ...]]:
+) -> tuple[FileContents, tuple[Finding, ...]]:
     """What was read in metres, in seconds and with every frame, and the first findings.
 
     Args:
@@ -177,7 +178,7 @@ def complete(
         unsaid = "the file does not state the frame rate"
         contents = replace(contents.with_rate(fps), findings=tuple(f for f in contents.findings if f != unsaid))
     contents, left_out = every_frame(contents)
-    return contents, (*told, *contents.assumed, *left_out)
+    return contents, (*told, *readings((*contents.assumed, *left_out)))
 
 
 def _whole(files: Sequence[Path], rig: Path | None, hints: Hints) -> FileContents:
@@ -233,12 +234,12 @@ def animal(given: PathText | Skeleton | None, names: Sequence[str]) -> tuple[Ske
 
 def _with_cameras(
     contents: FileContents, tracks: Path, rig: Path | None, profile: Path | None, unit: str | None
-) -> tuple[FileContents, tuple[Camera, ...], tuple[str, ...]]:
+) -> tuple[FileContents, tuple[Camera, ...], tuple[Finding, ...]]:
     """The contents with the unit of the calibration, its cameras with the profile's lenses, and how both were read.
 
     A given calibration replaces a project's own.
     """
-    cameras, where, told = contents.cameras, tracks.name, ()
+    cameras, where, told = contents.cameras, tracks.name, tuple[Finding, ...]()
     if contents.pixels is None:
         return contents, cameras, told
     if rig is not None:
@@ -246,7 +247,7 @@ def _with_cameras(
         given = given if unit is None else given.with_unit(unit)
         if not given.cameras:
             raise FormatError(f"{rig.name}: contains no cameras ({given.format}): give a calibration")
-        cameras, where, told = given.cameras, rig.name, tuple(f"{rig.name}: {said}" for said in given.assumed)
+        cameras, where, told = given.cameras, rig.name, readings(given.assumed, where=rig.name)
         contents = replace(contents, unit=contents.unit or given.unit)
     if len(contents.camera_names) == 1:
         cameras = tuple(camera for camera in cameras if camera.name == contents.camera_names[0]) or cameras
@@ -255,7 +256,7 @@ def _with_cameras(
     if cameras and profile is not None:
         with as_table(profile) as (table, said):
             cameras = with_profile(cameras, table)
-        told += tuple(f"{profile.name}: {s}" for s in said)
+        told += readings(said, where=profile.name)
     return contents, cameras, told
 
 

@@ -1,6 +1,6 @@
 """A recording in memory, and its pixels converted to ideal (undistorted) ones."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from html import escape
@@ -16,9 +16,11 @@ from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.findings import Finding
 from mocap.io.contents import FileContents
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
+from mocap.pipeline import sentences
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton
 from mocap.stated import check_stated
@@ -36,7 +38,7 @@ class Recording:
         calibration: What messages call the calibration, where it is given beside the tracks; None: it is not.
         findings: The first findings: how the files were read where they leave that open, and frames that they leave
             out.
-        told: Sentences on how the calibration and the pixels were read.
+        told: How the calibration and the pixels were read.
         file: The file of the tracks; None: they were never in one.
         inputs: All files that the user named.
         stored: Positions in a file of their own that are compared with those of the pixels; None: there are none.
@@ -55,8 +57,8 @@ class Recording:
     skeleton: Skeleton
     cameras: tuple[Camera, ...] = ()
     calibration: str | None = None
-    findings: tuple[str, ...] = ()
-    told: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    told: tuple[Finding, ...] = ()
     file: Path | None = None
     inputs: tuple[Path, ...] = ()
     stored: FileContents | None = None
@@ -122,7 +124,7 @@ class Recording:
         there |= {} if self.calibration is None else {"calibration": self.calibration}
         there |= {"skeleton": self.skeleton.name} if self.skeleton.bones or self.skeleton.joints else {}
         findings = (*self.findings, *self.told, *found.findings)
-        return there | ({"findings": "; ".join(findings)} if findings else {})
+        return there | ({"findings": "; ".join(map(str, findings))} if findings else {})
 
     def __repr__(self) -> str:
         """A line for each entry of the summary."""
@@ -145,7 +147,7 @@ class Filmed:
         pixel_origin: Decision on where rows are counted from.
         ideal_px: (C, T, M, 2) undistorted pixels in the convention of the coefficients.
         late_frames: (C,) offsets that were taken out of ``ideal_px``; None: none was asked to be.
-        told: Sentences on how the calibration and the profile were read, where their text leaves that open.
+        told: How the calibration and the profile were read, where their text leaves that open.
         lens: What was estimated of the lenses from the pixels themselves and taken out of ``ideal_px``; None: nothing.
     """
 
@@ -154,7 +156,7 @@ class Filmed:
     pixel_origin: origin.PixelOrigin
     ideal_px: Annotated[Array, Time(1)]
     late_frames: Array | None = None
-    told: tuple[str, ...] = ()
+    told: tuple[Finding, ...] = ()
     lens: TrackLens | None = None
 
     @property
@@ -248,7 +250,7 @@ def film_of(
     correct_lag: bool = False,
     usual_origin: origin.PixelCorner | None = None,
     fit_lens: bool = False,
-    told: tuple[str, ...] = (),
+    told: tuple[Finding, ...] = (),
 ) -> Filmed:
     """Pixels and cameras that are in memory: decide the pixel origin, undistort.
 
@@ -263,7 +265,7 @@ def film_of(
         correct_lag: See above.
         usual_origin: Where the program that wrote the file counts pixels from.
         fit_lens: As in ``Recording``.
-        told: Sentences on how they were read.
+        told: How they were read.
 
     Raises:
         FormatError: nothing is seen.
@@ -284,43 +286,22 @@ def film_of(
             usual=usual_origin,
         )
 
-    start = np.zeros(len(cameras))
     try:
-        if correct_lag:
-            start = _starts(pixels, cameras)
-            pixels = replace(pixels, uv_px=audit.moved(pixels.uv_px, start))
-        decision = decided(pixels.uv_px)
+        decision = _decided_apart(pixels.uv_px, cameras, decided, correct_lag=correct_lag)
     except CalibrationError as error:
-        start = start if correct_lag else _starts(pixels, cameras)
-        with suppress(CalibrationError):  # what was not the cause is not named
-            if start.any() and not correct_lag:
-                decided(audit.moved(pixels.uv_px, start))
-                each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
-                error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
         error.args = (f"{name}: {error}",)
         raise
-    ideal = origin.ideal_pixels(
-        cameras,
-        pixels.uv_px,
-        pixels=decision.pixels,
-        coefficients=decision.coefficients,
-        height_px=decision.height_px,
-        iterations=iterations,
-    )
-    lens, late = None, start if start.any() else None
+    ideal = decision.ideal(cameras, pixels.uv_px, iterations=iterations)
+    lens, late = None, None
     if fit_lens:
         if any(c.lens is not None for c in cameras):
             raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
         lens = lens_of_tracks(cameras, ideal)
         ideal = lens.straight(ideal)
-        told += (
-            f"the lens was estimated from the recording itself: {lens.words}; median residual of stretches that the "
-            f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after",
-        )
+        told += (sentences.estimated_lens(lens),)
     if correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
         late = audit.late_cameras(found)
         ideal = audit.in_step(ideal, late)
-        late = late + start
     return Filmed(
         pixels=pixels,
         cameras=tuple(cameras),
@@ -332,14 +313,28 @@ def film_of(
     )
 
 
-def _starts(pixels: PixelTracks, cameras: Sequence[Camera]) -> Array:
-    """(C,) whole frames by which cameras clearly start late; 0 for all where one of them is not certain.
+def _decided_apart(
+    uv_px: Array, cameras: Sequence[Camera], decided: Callable[[Array], origin.PixelOrigin], *, correct_lag: bool
+) -> origin.PixelOrigin:
+    """The decision on the pixel origin, also of cameras that start apart, where that is asked to be corrected.
 
-    Lenses move pixels by less than motion does in the lags that are told apart here.
+    Raises:
+        CalibrationError: pixels and coefficients do not belong together; if they do where cameras start at once, it
+            says by how much they do not.
     """
-    start, sd = audit.start_offsets(stacked(cameras), pixels.uv_px)
-    clear = np.abs(start) > np.maximum(audit.CLEAR_SD * sd, 1.0)
-    return start if (clear | (start == 0)).all() and np.isfinite(sd).all() else np.zeros(len(start))
+    try:
+        return decided(uv_px)
+    except CalibrationError as error:
+        start = audit.start_offsets(stacked(cameras), uv_px)[0]  # lenses move pixels by less than motion does
+        if not start.any():
+            raise
+        with suppress(CalibrationError):  # what was not the cause is not named
+            found = decided(audit.moved(uv_px, start))
+            if correct_lag:
+                return found
+            each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
+            error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
+        raise
 
 
 def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:
@@ -356,7 +351,7 @@ def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float =
     return shown, max(stated_px, shown)
 
 
-def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[str]]:
+def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
     beside, where = source.contents, source.where
     if beside.points is None:
@@ -365,36 +360,16 @@ def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePo
         beside, where = source.stored, source.stored.paths[0].name
     stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
     if stored is None:
-        return None, [f"{where} was not compared: it contains no positions ({beside.format})"]
-    decision = filmed.pixel_origin
-    ideal = origin.ideal_pixels(
-        filmed.cameras,
-        filmed.pixels.uv_px,
-        pixels=decision.pixels,
-        coefficients=decision.coefficients,
-        height_px=decision.height_px,
-        iterations=3,
-    )
+        return None, [sentences.stored_points(f"{where} was not compared: it contains no positions ({beside.format})")]
+    ideal = filmed.pixel_origin.ideal(filmed.cameras, filmed.pixels.uv_px, iterations=3)
     if not stored.seen.any():
         return None, []
     xyz = triangulate.linear(filmed.matrices, ideal)
     elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
     if elsewhere is not None:
-        return None, [f"{where}: {elsewhere.text}"]
+        return None, [sentences.stored_points(f"{where}: {elsewhere.text}")]
     try:
         stale = audit.stale_points(xyz, stored)
     except ValueError as error:
-        return None, [f"{where} was not compared: {error}"]
-    total = int(stored.seen.sum())
-    if not stale:
-        return (), [f"{where}: all {total} stored points agree with the triangulation of the pixels"]
-    worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
-    why = (
-        "out of date"
-        if 2 * len(stale) < total
-        else "of another calibration or lens than this one, of other pixels, or smoothed"
-    )
-    return tuple(stale), [
-        f"{where}: {len(stale)} of {total} stored points differ from the triangulation of the pixels (by up to "
-        f"{worst * 1e3:.1f} mm): they are {why}, and were computed again"
-    ]
+        return None, [sentences.stored_points(f"{where} was not compared: {error}")]
+    return tuple(stale), [sentences.compared_points(where, stale, int(stored.seen.sum()))]

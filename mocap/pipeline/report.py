@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from scipy.special import chdtri
@@ -11,13 +11,16 @@ from eal.arrays import Array
 from mocap.cleaning.clean import REASONS
 from mocap.cleaning.swaps import DOUBTFUL, REPAIRS
 from mocap.filters.joint_types import Articulation, undetermined
-from mocap.io.unstated_unit import UNSTATED, length, unit_told
+from mocap.filters.models.pose import BETA, LAM, WEIGHT
+from mocap.findings import alarms
+from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
+from mocap.pipeline import sentences
 from mocap.pipeline.moved import MOVED, moved_report
 from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.run import JointPotential
-from mocap.pipeline.summary import METHODS, method, notes
+from mocap.pipeline.summary import METHODS, method, notes, unit_of
 from mocap.pipeline.tracking import Part, lasting_cov
 from mocap.records import Status, TrackedMotion
 
@@ -34,15 +37,20 @@ def make_report(
     validation: Mapping[str, Mapping[str, float | None]],
     hidden: int,
     seconds: Mapping[str, float],
-    settings: Mapping[str, object],
     articulated: Sequence[Articulation] = (),
 ) -> dict[str, object]:
-    """The report of a run; plain numbers, strings, lists and dictionaries."""
+    """The report of a run; plain numbers, strings, lists and dictionaries.
+
+    Of one film without a scale, keys that name millimetres name pixels.
+    """
+    found = [*prepared.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
+    if not potentials and prepared.plane is None:
+        found.append(sentences.no_joints(prepared.skeleton))
     origin = tracked.markers.status
     total = origin.size
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
-    return {
+    report = {
         "name": prepared.name,
         "frames": n_frames,
         "fps": float(1 / prepared.dt_s),
@@ -50,7 +58,13 @@ def make_report(
         "markers": list(prepared.names),
         "cameras": [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras],
         "skeleton": prepared.skeleton.name,
-        "model": {"name": tracked.model, "why": why_model, **settings},
+        "model": {
+            "name": tracked.model,
+            "why": why_model,
+            "beta": BETA,
+            "lambda": LAM,
+            "weight": WEIGHT,
+        },
         "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
         "filled": int(np.isin(origin, [Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED]).sum()),
         "sd_mm": {
@@ -95,10 +109,22 @@ def make_report(
             "undetermined": undetermined(articulated),
         },
         "length_m": _number(length(prepared.xyz_m)),
-        "wrong": _wrong(prepared, tracked, potentials),
-        "findings": [*prepared.findings, *_too_narrow(tracked), *_no_joints(prepared, potentials)],
+        "assumed_unit": next((f.text for f in found if f.kind == UNIT), None),
+        "wrong": list(dict.fromkeys(f.text for f in alarms(found))),
+        "findings": [f.text for f in found],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
+    if prepared.plane is None:
+        return report
+    plane = {"unit": prepared.plane.unit, "mm_per_px": prepared.plane.mm_per_px}
+    return {**_in(prepared.plane.length, report), "plane": plane}
+
+
+def _in(unit: str, value: Any) -> Any:
+    """A part of a report whose keys name this unit instead of millimetres."""
+    if isinstance(value, Mapping):
+        return {"_".join(unit if p == "mm" else p for p in k.split("_")): _in(unit, v) for k, v in value.items()}
+    return [_in(unit, one) for one in value] if isinstance(value, list) else value
 
 
 _RAYS = {
@@ -199,38 +225,6 @@ def _consistency(tracked: TrackedMotion) -> dict[str, float | None]:
     }
 
 
-def _wrong(prepared: Prepared, tracked: TrackedMotion, potentials: Mapping[str, JointPotential]) -> list[str]:
-    """The findings that ask for something to be done, worst first; the others say what was decided or repaired."""
-    unit = unit_told(prepared.findings)
-    guessed = [unit] if unit is not None and unit.startswith(UNSTATED.upper()) else []  # all lengths may be wrong
-    found = [*guessed, *prepared.wrong, *_too_narrow(tracked), *_no_joints(prepared, potentials)]
-    return list(dict.fromkeys(found))
-
-
-def _too_narrow(tracked: TrackedMotion) -> list[str]:
-    """A finding where prediction errors (innovations) are much larger than the filter expects."""
-    nis = _consistency(tracked)["nis_per_row"]
-    if nis is None or nis < 2:
-        return []
-    return [
-        f"prediction errors are {np.sqrt(nis):.1f} times as large as the filter expects: its intervals are too "
-        "narrow by that factor"
-    ]
-
-
-def _no_joints(prepared: Prepared, potentials: Mapping[str, JointPotential]) -> list[str]:
-    """A finding where there are no joints: what is missing for that, and how to come by it."""
-    if potentials:
-        return []
-    if prepared.skeleton.joints:
-        return ["no joint is seen often enough to learn a potential from"]
-    return [
-        "no skeleton with joints was given: joints.csv is empty, no potentials were learned, and identity switches "
-        "and body motion are estimated without bones and trunk. The command mocap skeleton proposes one from the "
-        "recording: correct it, and give it as `skeleton`"
-    ]
-
-
 def _joint(potential: JointPotential) -> dict[str, object]:
     v = potential.potential
     at_samples = v.value(potential.samples_m / potential.scale_m)
@@ -286,40 +280,43 @@ def _range(samples: Array) -> tuple[Array, Array]:
 
 def readable(report: Mapping, *, title: str) -> str:
     """The report as markdown."""
-    rejected, noise = report["rejected"]["counts"], report["pixel_noise_px"]
+    rejected, noise, sd = report["rejected"]["counts"], report["pixel_noise_px"], report[f"sd_{unit_of(report)}"]
     first, last = report["tracked_frames"]
     inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
     within = {name: report["samples"][name] / inside for name in ("measured", "smoothed", "predicted", "rejected")}
+    unit, film = unit_of(report), "plane" in report
+    cameras = "one film" if film else f"{len(report['cameras'])} cameras"
     lines = [
         f"# {plain(title)}",
         "",
         f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
-        f"{len(report['cameras'])} cameras; tracked from frame {first} to {last}.",
+        f"{cameras}; tracked from frame {first} to {last}.",
         f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
-        *(["", f"**{plain(unit)}**"] if (unit := unit_told(report["findings"])) else []),
+        *(["", f"**{plain(report['assumed_unit'])}**"] if report.get("assumed_unit") else []),
         "",
         "| samples of the tracked frames | share |",
         "|---|---|",
-        f"| seen in 3D and accepted | {within['measured']:.1%} |",
+        f"| seen{'' if film else ' in 3D'} and accepted | {within['measured']:.1%} |",
         f"| filled inside gaps (smoothed) | {within['smoothed']:.1%} |",
         f"| before the first or after the last sighting (predicted) | {within['predicted']:.1%} |",
         f"| rejected | {within['rejected']:.1%} |",
         f"| left empty | {max(1 - sum(within.values()), 0.0):.1%} |",
         "",
-        *_gap_lines("Against the truth, inside gaps", report.get("gaps")),
-        *_gap_lines("Against the truth, where markers were seen", report.get("measured")),
+        *_gap_lines("Against the truth, inside gaps", report.get("gaps"), unit),
+        *_gap_lines("Against the truth, where markers were seen", report.get("measured"), unit),
         *_gap_lines(
             f"Samples hidden from this recording and filled again ({report['validation']['hidden_samples']} samples)",
             report["validation"]["methods"],
+            unit,
         ),
         "## Quality",
         "",
-        f"- standard deviation of measured samples {_mm(report['sd_mm']['measured'])}, of filled ones "
-        f"{_mm(report['sd_mm']['filled'])} (median, 90 %)",
+        f"- standard deviation of measured samples {_two(sd['measured'], unit)}, of filled ones "
+        f"{_two(sd['filled'], unit)} (median, 90 %)",
         f"- of that of measured samples, repeatability (what varies from frame to frame) is "
-        f"{_mm(report['sd_mm']['repeatability'])}; the rest is accuracy: errors of clicks, lens and calibration that "
+        f"{_two(sd['repeatability'], unit)}; the rest is accuracy: errors of clicks, lens and calibration that "
         "last, and do not average out",
-        *_moved_lines(report["moved"]),
+        *_moved_lines(report["moved"], unit),
     ]
     if noise["jitter"] is not None:
         residual = report["residual_px"]
@@ -380,15 +377,15 @@ def readable(report: Mapping, *, title: str) -> str:
     return "\n".join([*lines, "", f"Time: {seconds}.", ""])
 
 
-def _moved_lines(found: Mapping) -> list[str]:
+def _moved_lines(found: Mapping, unit: str) -> list[str]:
     """How far measured samples were moved, where any were."""
     if found["largest"] is None:
         return []
     most = found["largest"]
     return [
-        f"- measured samples lie {found['median_mm']:.2f} mm (median), {found['90%_mm']:.2f} mm (90 %) from where they "
-        f"were measured, at most {most['mm']:.2f} mm ({plain(most['marker'])}, frame {most['frame']}); "
-        f"{found['beyond_3_sd']} that lie more than 3 standard deviations away are marked rejected"
+        f"- measured samples lie {found[f'median_{unit}']:.2f} {unit} (median), {found[f'90%_{unit}']:.2f} {unit} "
+        f"(90 %) from where they were measured, at most {most[unit]:.2f} {unit} ({plain(most['marker'])}, frame "
+        f"{most['frame']}); {found['beyond_3_sd']} that lie more than 3 standard deviations away are marked rejected"
     ]
 
 
@@ -407,13 +404,13 @@ def _stale(point: Mapping) -> str:
     return f"{point['frame']} {plain(point['marker'])} {off}"
 
 
-def _mm(quantiles: Mapping[str, float | None]) -> str:
+def _two(quantiles: Mapping[str, float | None], unit: str) -> str:
     if quantiles["50%"] is None:
         return "-"
-    return f"{quantiles['50%']:.2f} and {quantiles['90%']:.2f} mm"
+    return f"{quantiles['50%']:.2f} and {quantiles['90%']:.2f} {unit}"
 
 
-def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
+def _gap_lines(title: str, methods: Mapping | None, unit: str) -> list[str]:
     if not methods:
         return []
     lines = [
@@ -421,11 +418,11 @@ def _gap_lines(title: str, methods: Mapping | None) -> list[str]:
         "",
         "z is the root mean square of error over stated standard deviation: 1 where intervals are right.",
         "",
-        "| method | RMSE mm | inside 95 % intervals | z |",
+        f"| method | RMSE {unit} | inside 95 % intervals | z |",
         "|---|---|---|---|",
     ]
     for name, value in methods.items():
-        rmse = "-" if value["rmse_mm"] is None else f"{value['rmse_mm']:.2f}"
+        rmse = "-" if value[f"rmse_{unit}"] is None else f"{value[f'rmse_{unit}']:.2f}"
         coverage = "-" if value["coverage95"] is None else f"{value['coverage95']:.1f} %"
         z = "-" if value["z"] is None else f"{value['z']:.2f}"
         lines.append(f"| {plain(method(name))} | {rmse} | {coverage} | {z} |")

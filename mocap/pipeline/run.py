@@ -1,7 +1,7 @@
 """A run: all that the main job produced for one recording, as the views, tables and reports take it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +121,11 @@ class Plane:
         return "px" if self.mm_per_px is None else "m"
 
     @property
+    def length(self) -> str:
+        """Of small lengths, in reports: ``mm`` or ``px``, which goes through the chain as a millimetre."""
+        return "px" if self.mm_per_px is None else "mm"
+
+    @property
     def unit_m(self) -> float:
         """Metres in which a pixel goes through the chain: 0.001 where no scale is stated."""
         return 1e-3 * (1.0 if self.mm_per_px is None else self.mm_per_px)
@@ -158,17 +163,17 @@ class Run:
 
     name: str
     skeleton: Skeleton
-    cameras: tuple[Camera, ...]
-    ideal_px: PixelTracks | None
-    y_up: bool
+    cameras: tuple[Camera, ...] = ()
+    ideal_px: PixelTracks | None = None
+    y_up: bool = False
     tracked: TrackedMotion
     motion: Motion
     joints: Mapping[str, JointTracks]
-    potentials: Mapping[str, JointPotential]
-    spatial_potentials: Mapping[str, JointPotential]
+    potentials: Mapping[str, JointPotential] = field(default_factory=dict)
+    spatial_potentials: Mapping[str, JointPotential] = field(default_factory=dict)
     repaired: OverTime[NDArray[np.bool_]]
-    report: Mapping[str, object]
-    report_text: str
+    report: Mapping[str, object] = field(default_factory=dict)
+    report_text: str = ""
     footage: tuple[Footage, ...] = ()
     file: Path | None = None
     limbs: tuple[HeldLimb, ...] = ()

@@ -14,12 +14,16 @@ METHODS = {
     "lagrangian": ("Lagrangian", "joint angles moved by the forces of the animal's masses"),
     "conditional_gaussian": ("conditional Gaussian", "regression on the other markers of the same frame"),
     "principal_components": ("principal components", "the same from a few components of all poses"),
+    "chains": ("chains of bones", "directions of bones through splines, lengths constant, outward from the trunk"),
     "constant_velocity": ("constant velocity", "Kalman smoother of each marker alone"),
     "linear": ("straight lines", "linear interpolation of each coordinate"),
     "cubic": ("cubic splines", "a spline through each coordinate"),
     "triangulation": ("triangulation", "each frame by itself, without a motion model"),
 }
 """What the methods of the tables are called, and what they do, by their key in ``report.json``."""
+
+BELIEVABLE = (0.83, 1.2)
+"""Of error over stated standard deviation (rms): so far from 1 an interval that should hold 95 % holds 90 to 98 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +33,7 @@ class Expected:
     Attributes:
         rmse: Root mean square distance from what was hidden, in ``unit``.
         coverage: Per cent of coordinates inside their 95 % intervals; None: not known.
+        z: Root mean square of error over stated standard deviation; None: not known.
         half_width: Half of the median 95 % interval of a filled coordinate, in ``unit``; None: nothing was filled.
         samples: How many were hidden.
         against: What they were compared with.
@@ -38,11 +43,19 @@ class Expected:
 
     rmse: float
     coverage: float | None
+    z: float | None
     half_width: float | None
     samples: int
     against: str
     others: Mapping[str, float]
     unit: str
+
+    @property
+    def wrong_by(self) -> str | None:
+        """``narrow`` or ``wide``: what stated intervals are; None: right, or not known."""
+        if self.z is None or BELIEVABLE[0] <= self.z <= BELIEVABLE[1]:
+            return None
+        return "narrow" if self.z > 1 else "wide"
 
 
 def expected_error(report: Mapping) -> Expected | None:
@@ -58,6 +71,7 @@ def expected_error(report: Mapping) -> Expected | None:
     return Expected(
         rmse=rmse,
         coverage=own["coverage95"],
+        z=own.get("z"),
         half_width=None if width is None else Z95 * width,
         samples=report["gap_samples"] if true else report["validation"]["hidden_samples"],
         against="ground truth" if true else "measured points that were hidden",
@@ -87,6 +101,8 @@ def error_lines(report: Mapping) -> list[str]:
         lines.append(f"{found.coverage:.1f} % of their 95 % intervals contain the value (95 % expected)")
     if found.half_width is not None:
         lines.append(f"± {found.half_width:.2g} {unit} is the median 95 % interval of a filled coordinate")
+    if found.wrong_by is not None:
+        lines.append(f"intervals are too {found.wrong_by}: errors are {found.z:.2f} times the stated sd (1 is right)")
     if found.others:
         lines.append(
             "other methods: " + ", ".join(f"{method(k)} {e:.3g}" for k, e in found.others.items()) + f" {unit}"

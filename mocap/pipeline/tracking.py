@@ -106,15 +106,18 @@ def learn_motion(
     part: Part,
     name: Alone,
     *,
-    settings: PoseSettings,
+    settings: PoseSettings | None = None,
     hidden: Mask | None = None,
 ) -> FittedMotion:
-    """A motion model of a recording alone: of its poses or joints, held by V_z, or constant velocity of each marker."""
+    """A motion model of a recording alone: of its poses or joints, held by V_z, or constant velocity of each marker.
+
+    Settings are those of the pose model; None: the usual ones.
+    """
     names = part_names(prepared, part)
     skeleton = prepared.skeleton
     anatomy = anatomy_of(names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses)
     models = {
-        "eal": settings,
+        "eal": settings or PoseSettings(),
         "articulated": ArticulatedSettings(),
         "lagrangian": ArticulatedSettings(pose=LAGRANGIAN, mechanics="lagrangian"),
         "constant_velocity": MarkerSettings(),
@@ -142,7 +145,6 @@ def track_mixed(
     prepared: Prepared,
     part: Part,
     *,
-    settings: PoseSettings,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> MixedTrack | None:
@@ -153,7 +155,7 @@ def track_mixed(
         skeleton.trunk,
         marker_trial(prepared, part),
         prepared.observations(part.frames, part.markers),
-        settings,
+        PoseSettings(),
         bones=skeleton.rigid,
         asked=None if asked is None else asked_of(names, asked),
         progress=progress,
@@ -315,7 +317,6 @@ def fill_hidden(
     prepared: Prepared,
     hidden: HiddenSamples,
     *,
-    settings: PoseSettings,
     methods: Collection[str],
     learned: LearnedModel | None = None,
     progress: Progress | None = None,
@@ -325,7 +326,6 @@ def fill_hidden(
     Args:
         prepared: The recording.
         hidden: What is hidden.
-        settings: Choices of the pose model.
         methods: Models to fill with: ``mixture`` (its members), ``eal``, ``articulated``, ``lagrangian``,
             ``constant_velocity``; those that need a pose only where one can be learned.
         learned: A model of other trials, to fill as well, as ``learned``.
@@ -339,11 +339,11 @@ def fill_hidden(
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     if "mixture" in methods and posed:
         alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid))
-        models = models_alone(settings, alone)
+        models = models_alone(PoseSettings(), alone)
         found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
     for name in ALONE:
         if name in methods and (posed or name not in _OF_POSES) and not (name == "eal" and "mixture" in found):
-            model = learn_motion(prepared, part, name, settings=settings, hidden=hidden.mask)
+            model = learn_motion(prepared, part, name, hidden=hidden.mask)
             found[name] = track(prepared, part, model, hidden=hidden.mask, progress=steps["rest"])
     if learned is not None:
         trials = trials_for(learned, names, own)

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from eal.arrays import Array
-from mocap.audit import fit_findings
+from mocap.audit import Finding, alarms, fit_findings
 from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
+from mocap.pipeline import sentences
 from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_in_unit
 from mocap.records import marker_tracks
-from mocap.stated import contradiction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,13 +23,13 @@ class TriangulationSummary:
         points: Number of points.
         samples: Frames times markers.
         residual_px: Median residual.
-        findings: Sentences on origin and stored points.
+        findings: On origin and stored points.
     """
 
     points: int
     samples: int
     residual_px: float
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
 def linear_in_blocks(matrices: Array, uv_px: Array, *, frames: int = 2000) -> tuple[Array, Array]:
@@ -72,14 +72,14 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate)
         xyz, residual = found.xyz_m, found.residual_px
         cov = found.cov_m2 * ((source.pixel_sd or found.sd_px) / found.sd_px) ** 2
-        contradicted = contradiction(source.pixel_sd, low_px=shown, high_px=shown)
+        contradicted = sentences.contradiction(source.pixel_sd, low_px=shown, high_px=shown)
     else:
         xyz, residual = linear_in_blocks(filmed.matrices, filmed.ideal_px)
         contradicted, cov = [], None
     tracks = marker_tracks(filmed.pixels.names, filmed.pixels.t_s, xyz, cov_m2=cov)
     _, findings = audit_points(source, filmed)
     dltdv.write_points(out, tracks, sd=refine)
-    poor = [f.text for f in fit_findings(filmed.cameras, filmed.ideal_px) if f.alarm]
+    poor = alarms(fit_findings(filmed.cameras, filmed.ideal_px))
     return TriangulationSummary(
         points=int(tracks.seen.sum()),
         samples=tracks.seen.size,
@@ -89,7 +89,7 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
             *contradicted,
             *source.findings,
             *filmed.told,
-            filmed.pixel_origin.describe(),
+            sentences.pixel_origin(filmed.pixel_origin),
             *findings,
         ),
     )

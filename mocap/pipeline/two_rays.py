@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.cleaning.clean import REASONS
 from mocap.filters.anatomy import anatomy_of
 from mocap.filters.hidden_gaps import EACH_MARKER
 from mocap.filters.model import LearnedModel, trials_for
-from mocap.filters.models.base import FittedMotion, TrialSet
+from mocap.filters.models.base import TrialSet
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
 from mocap.filters.records import Estimate
+from mocap.pipeline import sentences
 from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.tracking import Part, learn_motion, marker_trial, part_names, track, why_no_pose
+from mocap.pipeline.tracking import Part, marker_trial, part_names, track, why_no_pose
 
 FAR = 6.0
 """Points at a larger Mahalanobis distance from what the filter expects are contradicted: its deviations are small."""
@@ -110,9 +110,7 @@ def _many(prepared: Prepared) -> bool:
     return bool(unconfirmed(prepared).sum() > LEAST * np.isfinite(prepared.xyz_m[..., 0]).sum())
 
 
-def without_contradicted(
-    prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None = None
-) -> Prepared:
+def without_contradicted(prepared: Prepared, part: Part, learned: LearnedModel | None = None) -> Prepared:
     """The recording without what the pose filter contradicts where two cameras alone see a marker.
 
     First rays of cameras that are wrong for a run of frames, then single points, then rays again, where points were.
@@ -120,21 +118,19 @@ def without_contradicted(
     Args:
         prepared: The recording.
         part: Its seen part.
-        settings: Of the pose model, where there is no learned one.
-        learned: A model of other trials.
+        learned: A model of other trials; None: one is learned from this one.
     """
-    checked = _without_wrong_rays(prepared, part, settings, learned)
+    pose = _pose(prepared, part, learned)
+    checked = _without_wrong_rays(prepared, part, pose, learned)
     if disagreements(prepared) and not _many(prepared):
         return checked  # few points of two rays are not worth the pass
-    further = _without_wrong_points(checked, part, settings, learned)
+    further = _without_wrong_points(checked, part, pose, learned)
     if further is not checked:
-        further = _without_wrong_rays(further, part, settings, learned)
+        further = _without_wrong_rays(further, part, pose, learned)
     return further
 
 
-def _without_wrong_points(
-    prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None
-) -> Prepared:
+def _without_wrong_points(prepared: Prepared, part: Part, pose: PoseSettings, learned: LearnedModel | None) -> Prepared:
     """The recording without points of two rays that the pose filter contradicts; one of their rays may be right.
 
     The filter has not learned from such points, and is given at most one ray of each, the one that is nearer to its
@@ -147,7 +143,7 @@ def _without_wrong_points(
     doubted = replace(prepared, xyz_m=np.where(asked[..., None], np.nan, prepared.xyz_m))
     if not asked.any() or not _can_expect(doubted, part, learned):
         return prepared
-    xyz, cov = _expected(doubted, part, settings, learned)
+    xyz, cov = _expected(doubted, part, pose, learned)
     far = asked & (_distance(xyz - prepared.xyz_m, cov + prepared.cov_m2, where=asked) > FAR)
     if far.any():
         away_m = np.where(far, np.linalg.norm(xyz - prepared.xyz_m, axis=-1), np.nan)
@@ -184,9 +180,7 @@ def continuing(prepared: Prepared, part: Part, asked: Mask, away_m: Array) -> Ma
     return out
 
 
-def _without_wrong_rays(
-    prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None
-) -> Prepared:
+def _without_wrong_rays(prepared: Prepared, part: Part, pose: PoseSettings, learned: LearnedModel | None) -> Prepared:
     """The recording without the rays of cameras that are wrong for a run of frames, and the points that they made.
 
     The filter is given neither ray of such a run, and has not learned from their points.
@@ -199,7 +193,7 @@ def _without_wrong_rays(
         doubted = replace(checked, xyz_m=np.where(hidden[..., None], np.nan, checked.xyz_m))
         if not runs or not _can_expect(doubted, part, learned):
             break
-        more = _wrong_rays(checked, runs, *_expected(doubted, part, settings, learned, hidden=hidden))
+        more = _wrong_rays(checked, runs, *_expected(doubted, part, pose, learned, hidden=hidden))
         if not more.any():
             break
         wrong |= more
@@ -210,30 +204,25 @@ def _without_wrong_rays(
         )
     if not wrong.any():
         return prepared
-    said = (
-        f"{wrong.sum()} {'ray' if wrong.sum() == 1 else 'rays'} rejected (of two cameras that disagree in some frames "
-        "the one that the motion and the other markers contradict)"
-    )
     points = wrong.any(axis=0) & np.isfinite(prepared.xyz_m[..., 0])
     kept = _without(prepared, points) if points.any() else prepared
     return replace(
         kept,
         uv_px=checked.uv_px,
         rays_rejected=prepared.rays_rejected | wrong,
-        findings=(*kept.findings, said),
+        findings=(*kept.findings, sentences.wrong_rays(wrong)),
     )
 
 
 def _without(prepared: Prepared, far: Mask) -> Prepared:
-    """The recording without points (T, M) that are contradicted, and a sentence that says so."""
+    """The recording without points (T, M) that are contradicted, and a finding that says so."""
     before = prepared.rejected.get("contradicted", np.zeros_like(far))
-    said = f"{far.sum()} {'sample' if far.sum() == 1 else 'samples'} rejected ({REASONS['contradicted']})"
     return replace(
         prepared,
         xyz_m=np.where(far[..., None], np.nan, prepared.xyz_m),
         cov_m2=np.where(far[..., None, None], np.nan, prepared.cov_m2),
         rejected={**prepared.rejected, "contradicted": before | far},
-        findings=(*prepared.findings, said),
+        findings=(*prepared.findings, *sentences.rejected("contradicted", far)),
     )
 
 
@@ -245,13 +234,13 @@ def _can_expect(prepared: Prepared, part: Part, learned: LearnedModel | None) ->
 def _expected(
     prepared: Prepared,
     part: Part,
-    settings: PoseSettings,
+    pose: PoseSettings,
     learned: LearnedModel | None,
     *,
     hidden: Mask | None = None,
 ) -> tuple[Array, Array]:
     """Where the pose filter expects markers: (T, M, 3) and its (T, M, 3, 3) covariance; NaN where it says nothing."""
-    return _whole(prepared, part, track(prepared, part, _pose_filter(prepared, part, settings, learned), hidden=hidden))
+    return _whole(prepared, part, track(prepared, part, pose.fit(_trials(prepared, part, learned)), hidden=hidden))
 
 
 def _whole(prepared: Prepared, part: Part, smoothed: Estimate) -> tuple[Array, Array]:
@@ -304,13 +293,21 @@ def _ray_distances(
     return np.einsum("gi,gi->g", miss, np.linalg.solve(cov, miss[..., None])[..., 0])
 
 
-def _pose_filter(prepared: Prepared, part: Part, settings: PoseSettings, learned: LearnedModel | None) -> FittedMotion:
-    """The pose model alone, without a regression."""
-    pose = settings if learned is None else learned.models[-1]
-    alone = replace(pose if isinstance(pose, PoseSettings) else settings, regression=0.0)
-    if learned is None:
-        return learn_motion(prepared, part, "eal", settings=alone)
-    return alone.fit(trials_for(learned, part_names(prepared, part), marker_trial(prepared, part)))
+def _pose(prepared: Prepared, part: Part, learned: LearnedModel | None) -> PoseSettings:
+    """The pose model without a regression, and with the process noise that all passes share, looked for once."""
+    known = None if learned is None else learned.models[-1]
+    pose = replace(known if isinstance(known, PoseSettings) else PoseSettings(), regression=0.0)
+    if pose.process_noise or not _can_expect(prepared, part, learned):
+        return pose
+    return pose.tuned(_trials(prepared, part, learned))
+
+
+def _trials(prepared: Prepared, part: Part, learned: LearnedModel | None) -> TrialSet:
+    """What is left of the recording, and other trials."""
+    names, skeleton, own = part_names(prepared, part), prepared.skeleton, marker_trial(prepared, part)
+    if learned is not None:
+        return trials_for(learned, names, own)
+    return TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid))
 
 
 def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:

@@ -94,6 +94,8 @@ def _numbers(run: Run, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
         out.append((f"{error.rmse:.2g} {error.unit}", "error to expect in gaps (RMS)"))
         if error.half_width is not None:
             out.append((f"± {error.half_width:.2g} {error.unit}", "median 95 % interval in gaps"))
+        if error.wrong_by is not None:
+            out.append((f"{error.z:.2f}", f"errors in gaps over stated sd: intervals are too {error.wrong_by}"))
     if report.get("length_m"):
         out.append((length_text(report["length_m"]), "length of the animal"))
     rates = [row.frequency_hz for row in rows]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from eal.arrays import Array
 from eal.systems import GRAVITY_M_S2
 from mocap.reproduce.draw import Curve, log_log
 from mocap.reproduce.record import Figure, Verdict, judged
@@ -130,18 +131,27 @@ def figure_14b(*, quick: bool) -> Figure:
             faulty=exact,
         ),
     )
+    return _noisy("14b", CONSTRAINT, verdicts, lams, penalties, constraint, state, seeds)
+
+
+def _noisy(
+    name: str,
+    y_label: str,
+    verdicts: tuple[Verdict, ...],
+    lams: Array,
+    penalties: Array,
+    constraint: Array,
+    state: Array,
+    seeds: int,
+) -> Figure:
+    """A figure of errors (lambda, penalty) of noisy samples."""
     curves = [Curve(label=f"λ = {lam:.0e}", x=penalties, y=y) for lam, y in zip(lams, constraint, strict=True)]
+    title = f"Fig. {name}: noise {DELTA_M:g} m, {seeds} seeds"
     return Figure(
-        name="14b",
+        name=name,
         table=table_over_lambda(lams, penalties, constraint, state, delta=DELTA_M),
         verdicts=verdicts,
-        draw=lambda canvas: log_log(
-            canvas,
-            curves,
-            x_label=PENALTY,
-            y_label=CONSTRAINT,
-            title=f"Fig. 14b: noise {DELTA_M:g} m, {seeds} seeds",
-        ),
+        draw=lambda canvas: log_log(canvas, curves, x_label=PENALTY, y_label=y_label, title=title),
     )
 
 
@@ -220,19 +230,7 @@ def figure_19b(*, quick: bool) -> Figure:
             faulty=exact,
         ),
     )
-    curves = [Curve(label=f"λ = {lam:.0e}", x=penalties, y=y) for lam, y in zip(lams, constraint, strict=True)]
-    return Figure(
-        name="19b",
-        table=table_over_lambda(lams, penalties, constraint, state, delta=DELTA_M),
-        verdicts=verdicts,
-        draw=lambda canvas: log_log(
-            canvas,
-            curves,
-            x_label=PENALTY,
-            y_label=SPHERE,
-            title=f"Fig. 19b: noise {DELTA_M:g} m, {seeds} seeds",
-        ),
-    )
+    return _noisy("19b", SPHERE, verdicts, lams, penalties, constraint, state, seeds)
 
 
 def _slope(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from eal import EmpiricalPotential, GaussianKernel, fit_potential
 from eal.lagrangian import AnalyticPenalty, LagrangianSystem, PenalisedModel
+from eal.over_time import OverTime, at_frames
 from eal.radius import valley_covariance
 from eal.systems import GRAVITY_M_S2, planar_pendulum, spherical_pendulum
 from mocap.cleaning.click_noise import USUAL_DOF
@@ -55,8 +56,8 @@ class Seen:
     """
 
     sights: JointSights
-    q: Array
-    truth: Array
+    q: OverTime[Array]
+    truth: OverTime[Array]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,7 +133,7 @@ def _tracked(
     learn = replace(learn, q=np.where(free.measured[:, None] > 0, free.q, np.nan))
     most = len(learn.q)
     aside = most - min(most // 3, HELD_OUT)
-    kept = _from(learn, aside)
+    kept = at_frames(learn, slice(aside, None))
     model, power = learned_noise(
         PenalisedModel(system=system, penalty=learned(learn.q[: 2 * most // 3]), strength=1.0),
         kept.sights,
@@ -174,22 +175,8 @@ def _free(name: str, system: LagrangianSystem, seen: Seen) -> JointTrack:
 
 def _cut(seen: Seen, most: int) -> Seen:
     """From the first frame in which the joint was seen, at most so many frames."""
-    return _from(seen, int(np.argmax(np.isfinite(seen.q).all(axis=1))), most)
-
-
-def _from(seen: Seen, first: int, most: int | None = None) -> Seen:
-    part = slice(first, None if most is None else first + most)
-    s = seen.sights
-    sights = replace(
-        s,
-        t_s=s.t_s[part],
-        uv_px=s.uv_px[:, part],
-        sd_px=s.sd_px[:, part],
-        centre_m=s.centre_m[part],
-        centre_cov_m2=s.centre_cov_m2[part],
-        axes=s.axes[part],
-    )
-    return Seen(sights=sights, q=seen.q[part], truth=seen.truth[part])
+    first = int(np.argmax(np.isfinite(seen.q).all(axis=1)))
+    return at_frames(seen, slice(first, first + most))
 
 
 def _start(seen: Seen) -> tuple[Array, Array]:

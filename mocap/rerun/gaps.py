@@ -54,9 +54,9 @@ def class_codes(markers: MarkerTracks) -> NDArray[np.int8]:
     return codes
 
 
-def gap_map_view(n_markers: int) -> rrb.View:
+def gap_map_view() -> rrb.View:
     """Who was seen when, at a glance."""
-    return row_map_view(paths.GAP_MAP, "Gaps over frames: measured blue, filled yellow, rejected red", n_rows=n_markers)
+    return row_map_view(paths.GAP_MAP, "Gaps over frames: measured blue, filled yellow, rejected red")
 
 
 def gap_lanes_view() -> rrb.View:

@@ -31,7 +31,6 @@ class Layout:
     Attributes:
         name: Of the run.
         n_frames: Number of frames.
-        n_markers: Number of markers.
         scene: The scene.
         bounds_px: For each camera with pixels the part of its image where the motion is; those that saw most first.
         landscapes: For each joint that has a potential, that potential over its plane.
@@ -48,7 +47,6 @@ class Layout:
 
     name: str
     n_frames: int
-    n_markers: int
     scene: Scene
     bounds_px: Mapping[str, Box] = field(default_factory=dict)
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
@@ -108,7 +106,6 @@ def run_layout(
         limbs=run.limbs,
         energies=run.angles.energies if run.angles is not None and run.angles.energies.size else None,
         n_frames=len(run.tracked.markers.t_s),
-        n_markers=len(run.tracked.markers.names),
         scene=scene,
         bounds_px=bounds,
         landscapes=landscapes,

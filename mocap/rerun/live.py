@@ -13,7 +13,7 @@ from mocap.filters.live import LiveEstimate
 from mocap.rerun import palette, paths
 from mocap.rerun.blueprint import screen
 from mocap.rerun.columns import FRAME, TIME, Single, segments, single
-from mocap.rerun.log_markers import TRAIL, ellipsoids, log_looks
+from mocap.rerun.log_markers import ellipsoids, log_looks
 from mocap.rerun.log_world import log_world
 from mocap.rerun.scene import Scene
 from mocap.rerun.scene_views import eye, world_view
@@ -59,7 +59,7 @@ class LiveView:
         self._before: Single | None = None
         log_world(rec, scene, names=tuple(names), skeleton=skeleton)
         log_looks(rec, len(names))
-        sides = [TRAIL[side_of(name)] for name in names]
+        sides = [palette.TRAIL[side_of(name)] for name in names]
         rec.log(paths.TRAILS, rr.LineStrips3D.from_fields(colors=sides), static=True)
         _log_line_looks(rec)
         self._frames: queue.Queue[LiveEstimate | None] = queue.Queue(maxsize=WAITING)

@@ -18,9 +18,6 @@ from mocap.sides import side_of
 ELLIPSOID_SD = 2.0
 """Half axes of the ellipsoids, in standard deviations."""
 
-TRAIL = {"left": (48, 104, 134), "right": (140, 96, 0), "trunk": palette.DIM}
-"""Colours of trails, by side: those of the angles, darker."""
-
 _LABELLED_MARKERS = 12
 _RADII = {"measured": 3.5, "filled": 5.0, "rejected": 6.0}
 _FILL_ALPHA = {"measured": 70, "filled": 90, "rejected": 90}
@@ -119,14 +116,22 @@ def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, 
     xyz = scene.points(markers.xyz_m)
     ever = np.asarray(markers.seen.any(axis=0))
     columns = [m for m, name in enumerate(markers.names) if ever[m] and (name in trunk or not trunk)]
-    whole = np.flatnonzero(markers.seen[:, columns].all(axis=1)) if columns else []
+    whole = np.flatnonzero(markers.seen[:, columns].all(axis=1) & bool(columns))
     path = xyz[whole][:, columns].mean(axis=1) if len(whole) else np.empty((0, 3))
-    line = rr.LineStrips3D([single(path)], colors=palette.BLUE, radii=rr.components.Radius.ui_points(1.0))
+    line = rr.LineStrips3D([single(path)], colors=palette.WHITE, radii=rr.components.Radius.ui_points(0.5))
     rec.log(paths.PATH, line, static=True)
+    # what an eye follows: its viewer keeps as far away as the size of that asks for, and a wing's beat would shake it
+    corners = np.array([-1.0, 1.0])[:, None] * 0.7 * scene.body_m / np.sqrt(3)
+    look = rr.Points3D.from_fields(colors=(0, 0, 0, 0), radii=rr.components.Radius.ui_points(0.0), show_labels=False)
+    rec.log(paths.FRAMED, look, static=True)
+    boxes = rr.Points3D.columns(positions=single((path[:, None] + corners).reshape(-1, 3)))
+    rec.send_columns(
+        paths.FRAMED, indexes=time_columns(markers.t_s, at=whole), columns=boxes.partition(np.full(len(whole), 2))
+    )
     if len(xyz) < 2:
         return
     there = markers.seen[1:] & markers.seen[:-1]
-    colors = np.array([TRAIL[side_of(name)] for name in markers.names], dtype=np.uint8)
+    colors = np.array([palette.TRAIL[side_of(name)] for name in markers.names], dtype=np.uint8)
     strips = segments(xyz[:-1][there], xyz[1:][there])
     rec.send_columns(
         paths.TRAILS,

@@ -34,6 +34,13 @@ DIM_ORIGIN: dict[str, Rgb] = {**ORIGIN, "measured": (38, 76, 99)}
 """The same for large areas, where what was measured recedes."""
 
 
+SIDE: dict[str, Rgb] = {"left": PURPLE, "right": ORANGE, "trunk": WHITE}
+"""Of angles; blue is what was measured, and nothing else."""
+
+TRAIL: dict[str, Rgb] = {"left": (122, 72, 100), "right": (140, 96, 0), "trunk": DIM}
+"""The same, darker."""
+
+
 def depth(value: Array) -> NDArray[np.uint8]:
     """Colours of a potential between 0 (yellow: where the animal goes) and 1 (dark violet: nothing holds there).
 

@@ -4,6 +4,7 @@ from rerun import escape_entity_path_part
 
 WORLD = "/world"
 SKELETON = "/world/skeleton"
+FRAMED = "/world/framed"
 MARKERS = "/world/markers"
 UNCERTAINTY = "/world/uncertainty"
 TRAILS = "/world/trails"

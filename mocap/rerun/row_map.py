@@ -1,22 +1,24 @@
 """A picture with a row a marker or camera and the frames across, and a line at the current frame."""
 
+from collections.abc import Callable
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from eal.arrays import Array
 from mocap.rerun import palette
 from mocap.rerun.columns import segments, time_columns
 
-SIZE, WIDE = (160.0, 100.0), (320.0, 100.0)
+SIZE, WIDE = (110.0, 100.0), (320.0, 100.0)
 """Width and height of a map, in units of its view: all frames across, all rows down."""
-_NAMED_ROWS = 12
-"""Names that have room below one another."""
-_NAME_COLUMNS = 3
-"""Neighbouring names stand beside one another where there are more rows."""
-_NAME_WIDTH = 0.27
-"""Room of a column of names, over the height."""
+_NAMES = 30.0
+"""Room for the names of the rows, left of the picture; longer ones are cut."""
+_LETTERS_PX, _LETTERS = 16, 6.0
+"""Pixels of a line of the names' picture, and the most that it takes of the view's height."""
 _COLUMNS = 500
 
 
@@ -41,7 +43,7 @@ def log_row_map(
         rec: Where to.
         path: Parent of its entities.
         picture: (rows, columns, 3) colours, a column as ``columns_of`` says.
-        names: Of the rows; all are shown where they have room in ``_NAME_COLUMNS`` columns.
+        names: Of the rows.
         t_s: (T,) times of the frames.
         size: Width and height.
     """
@@ -55,17 +57,11 @@ def log_row_map(
         rr.Image(picture, draw_order=-10.0, magnification_filter=rr.components.MagnificationFilter.Nearest),
         static=True,
     )
-    aside = name_columns(n_rows)
-    rows = np.arange(0, n_rows, max(1, -(-n_rows // (aside * _NAMED_ROWS))))
-    left = -(0.15 + _NAME_WIDTH * (aside - 1 - np.arange(len(rows)) % aside)) * height
-    labels = rr.Points2D(
-        np.column_stack([left, (rows + 0.5) * row_height - 0.022 * height]),
-        labels=[names[m] for m in rows],
-        colors=palette.GREY,
-        radii=0.0,
-        show_labels=True,
-    )
-    rec.log(f"{path}/names", labels, static=True)
+    scale = min(row_height, _LETTERS) / _LETTERS_PX
+    lines = _picture_of_names(names, pitch_px=row_height / scale, width_px=int(_NAMES / scale))
+    left = -0.02 * height - scale * lines.shape[1]
+    rec.log(f"{path}/names", rr.Transform3D(translation=(left, 0.0, 0.0), scale=(scale, scale, 1.0)), static=True)
+    rec.log(f"{path}/names", rr.Image(lines, draw_order=-10.0), static=True)
     n_frames = len(t_s)
     x = (np.arange(n_frames) + 0.5) * width / n_frames
     lines = segments(np.column_stack([x, np.zeros(n_frames)]), np.column_stack([x, np.full(n_frames, height)]))
@@ -77,9 +73,25 @@ def log_row_map(
     rec.send_columns(f"{path}/now", indexes=time_columns(t_s), columns=columns)
 
 
-def name_columns(n_rows: int) -> int:
-    """Columns in which the names of so many rows stand."""
-    return min(_NAME_COLUMNS, max(1, -(-n_rows // _NAMED_ROWS)))
+def _picture_of_names(names: tuple[str, ...], *, pitch_px: float, width_px: int) -> NDArray[np.uint8]:
+    """(rows, columns, 3) the names below one another, each at the middle of its row, as the viewer's labels cannot."""
+    font = ImageFont.truetype(findfont("DejaVu Sans"), _LETTERS_PX - 4)
+    texts = [cut_to(name, width_px, font.getlength) for name in names]
+    width = 1 + int(max((font.getlength(text) for text in texts), default=0.0))
+    picture = Image.new("RGB", (width, max(1, round(pitch_px * len(texts)))), palette.GROUND)
+    draw = ImageDraw.Draw(picture)
+    for row, text in enumerate(texts):
+        draw.text((width, (row + 0.5) * pitch_px), text, fill=palette.GREY, font=font, anchor="rm")
+    return np.asarray(picture)
+
+
+def cut_to(text: str, width: float, length: Callable[[str], float]) -> str:
+    """Text, its middle left out where it is longer than a width."""
+    shown, kept = text, len(text)
+    while kept > 2 and length(shown) > width:
+        kept -= 1
+        shown = f"{text[: kept - kept // 2]}…{text[len(text) - kept // 2 :]}"
+    return shown
 
 
 def amounts(values: Array, limit: float) -> NDArray[np.uint8]:
@@ -104,15 +116,15 @@ def rms(values: Array) -> Array:
         return np.sqrt((np.where(there, values, 0.0) ** 2).sum(axis=0) / there.sum(axis=0))
 
 
-def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE, *, n_rows: int = _NAMED_ROWS) -> rrb.View:
-    """The view of a map of so many rows."""
+def row_map_view(path: str, name: str, size: tuple[float, float] = SIZE) -> rrb.View:
+    """The view of a map."""
     width, height = size
     return rrb.Spatial2DView(
         origin=path,
         name=name,
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(
-            x_range=[-(0.05 + 0.3 * name_columns(n_rows)) * height, width + 0.03 * height],
+            x_range=[-0.04 * height - _NAMES, width + 0.03 * height],
             y_range=[-0.03 * height, 1.03 * height],
         ),
     )

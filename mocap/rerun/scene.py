@@ -58,6 +58,7 @@ class Scene:
         centre_m: (3,) middle of all positions in the scene.
         radius_m: Half the diagonal of the box that holds them; positive.
         ground_m: Height of a ground under them, along ``up``.
+        body_m: Half the diagonal of the box that holds the positions of a frame, in the median; positive.
         cameras: The cameras.
     """
 
@@ -66,6 +67,7 @@ class Scene:
     centre_m: Array
     radius_m: float
     ground_m: float
+    body_m: float
     cameras: tuple[ViewCamera, ...]
 
     def points(self, xyz_m: Array) -> Array:
@@ -100,8 +102,24 @@ def make_scene(cameras: Sequence[Camera], *, xyz_m: Array, uv_px: Array | None, 
         centre_m=(low + high) / 2,
         radius_m=radius_m,
         ground_m=float(min(low @ up, high @ up)) - 0.3 * radius_m,
+        body_m=min(_body_m(xyz_m), radius_m),
         cameras=view,
     )
+
+
+def _body_m(xyz_m: Array) -> float:
+    """Half the diagonal of the box that holds the markers of a frame, in the median of frames that show half of them.
+
+    Args:
+        xyz_m: (..., M, 3) positions; NaN where unknown.
+    """
+    frames = xyz_m.reshape(int(np.prod(xyz_m.shape[:-2])), *xyz_m.shape[-2:])
+    known = np.isfinite(frames).all(axis=-1)
+    frames = frames[known.sum(axis=1) > max(1, frames.shape[1] // 2)]
+    if not len(frames):
+        return np.inf
+    size = np.linalg.norm(np.nanmax(frames, axis=1) - np.nanmin(frames, axis=1), axis=-1)
+    return max(float(np.median(size)) / 2, 1e-3)
 
 
 def image_size_px(camera: Camera, uv_px: Array | None) -> Array:

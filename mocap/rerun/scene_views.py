@@ -15,21 +15,19 @@ from mocap.rerun.log_world import grid_spacing_m
 
 WHISKER_SCALE = 10.0
 """Residual whiskers are so many times longer than the residuals, to be seen without zooming in."""
-NEAR, NARROW = 1.7, 2.2
-"""Distance of the eye over the radius of the motion; in a view that is higher than wide."""
 _WIDE_TILES = 9
 """More cameras have too little room for a title of their scale."""
 
 
-def scene_view(layout: Layout, *, near: float = NEAR) -> rrb.View:
-    """The scene, all of the motion in sight; the title is the legend."""
-    name = f"Measured blue, filled yellow, rejected red; ellipsoids {ELLIPSOID_SD:g} sd; trails left blue, right orange"
-    return _world_view(layout, name, near * layout.scene.radius_m)
+def scene_view(layout: Layout) -> rrb.View:
+    """The scene, the eye moves with the body; the title is the legend."""
+    name = f"Measured blue, filled yellow, rejected red; {ELLIPSOID_SD:g} sd; trails left purple, right orange"
+    return _world_view(layout, name, follow=True)
 
 
 def names_view(layout: Layout) -> rrb.View:
     """The same with the names of the markers, without trails."""
-    return _world_view(layout, "With names of markers", NEAR * layout.scene.radius_m, named=True)
+    return _world_view(layout, "With names of markers", named=True, follow=True)
 
 
 def rig_view(layout: Layout) -> rrb.View:
@@ -39,7 +37,9 @@ def rig_view(layout: Layout) -> rrb.View:
     return _world_view(layout, "Where the cameras stand (m)", 2.6 * max([scene.radius_m, *away_m]))
 
 
-def eye(centre: Array, distance: float, up: Array, *, rise: float = 0.45) -> rrb.EyeControls3D:
+def eye(
+    centre: Array, distance: float, up: Array, *, rise: float = 0.45, follow: str | None = None
+) -> rrb.EyeControls3D:
     """An eye that looks at a point from the front, a little from the right and from above.
 
     Args:
@@ -47,13 +47,16 @@ def eye(centre: Array, distance: float, up: Array, *, rise: float = 0.45) -> rrb
         distance: From the point to the eye.
         up: (3,) signed axis.
         rise: How steeply it looks down: tangent of the angle.
+        follow: An entity that it moves with.
     """
     axis = int(np.argmax(np.abs(up)))
     right = np.eye(3)[0 if axis != 0 else 1]
     front = -np.cross(up, right)
     direction = (0.45 * right + 0.9 * front) + rise * up
     position = centre + distance * direction / np.linalg.norm(direction)
-    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=centre, eye_up=up)
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=position, look_target=centre, eye_up=up, tracking_entity=follow
+    )
 
 
 def last_frames(n_frames: int) -> rrb.VisibleTimeRanges:
@@ -64,7 +67,10 @@ def last_frames(n_frames: int) -> rrb.VisibleTimeRanges:
     )
 
 
-def _world_view(layout: Layout, name: str, distance_m: float, *, named: bool = False) -> rrb.View:
+def _world_view(
+    layout: Layout, name: str, distance_m: float = 1.0, *, named: bool = False, follow: bool = False
+) -> rrb.View:
+    """The scene from a distance; an eye that follows takes its own."""
     scene = layout.scene
     cameras = [paths.image(camera.name) for camera in scene.cameras]
     return world_view(
@@ -73,6 +79,7 @@ def _world_view(layout: Layout, name: str, distance_m: float, *, named: bool = F
         contents=[
             *(
                 paths.SKELETON,
+                paths.FRAMED,
                 paths.PATH,
                 paths.AXES,
                 *((paths.TRAILS,) if not named else ()),
@@ -82,7 +89,7 @@ def _world_view(layout: Layout, name: str, distance_m: float, *, named: bool = F
             *cameras,
         ],
         ground=(scene.up, scene.ground_m, scene.radius_m),
-        look=eye(scene.centre_m, distance_m, scene.up),
+        look=eye(scene.centre_m, distance_m, scene.up, follow=paths.FRAMED if follow else None),
         trail=(paths.TRAILS, layout.trail_frames),
         frusta=cameras,
         named=paths.SKELETON if named else None,
@@ -140,6 +147,7 @@ def camera_view(layout: Layout, name: str) -> rrb.View:
         origin=paths.image(name),
         name=f"{name} (px, residuals {WHISKER_SCALE:g}x)" if len(layout.bounds_px) <= _WIDE_TILES else f"{name} (px)",
         contents=["$origin/**", paths.SKELETON, f"{paths.MARKERS}/filled"],
+        overrides={f"{paths.MARKERS}/filled": rr.Points3D.from_fields(radii=rr.components.Radius.ui_points(2.0))},
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
     )

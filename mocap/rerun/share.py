@@ -20,6 +20,16 @@ LARGEST_MB = 350.0
 _SCRIPT, _WASM = "re_viewer.js", "re_viewer_bg.wasm"
 _POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:; connect-src 'none'"
 _QUERY, _OPTIONS = "new URLSearchParams(window.location.search)", "url=http%3A%2F%2Fheld%2Frecording.rrd&theme=dark"
+_LEGEND = (
+    "measured blue, filled yellow, rejected red; ellipsoids and bands: 95 % intervals. Space plays, dragging turns, "
+    "the wheel zooms, each tab is another view"
+)
+_STYLE = """<style>
+  .header { box-sizing: border-box; padding: 11px 16px; color: #cad8de; font: 15px sans-serif; white-space: nowrap }
+  .header span { margin-left: 2em; color: #9aa7ad; font-size: 13px }
+  canvas { top: 44px !important; height: calc(100% - 44px) !important }
+</style>"""
+_WAIT = '<p class="strong">Opening the recording; this takes some seconds.</p>'
 _FETCH = """<script>
   window.fetch = async (what) => {
     const address = new URL(what.url ?? what, "http://held/");
@@ -70,7 +80,10 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
         _QUERY: f'new URLSearchParams("{_OPTIONS}&hide_welcome_screen&" + window.location.search.slice(1))',
         "enable_history: true": "enable_history: false",
         "<html>": f'<html>\n  <meta http-equiv="Content-Security-Policy" content="{_POLICY}" />',
-        "<title>Rerun Viewer</title>": f"<title>{title}</title>",
+        "<title>Rerun Viewer</title>": f"<title>{title}</title>{_STYLE}",
+        '<div class="header"></div>': f'<div class="header"><b>{title}</b> <span>{_LEGEND}</span></div>',
+        '<div class="centered hidden" id="center_text">': f'<div class="centered" id="center_text">{_WAIT}',
+        "Loading Application Bundle…": "Opening the recording; this takes some seconds.",
     }
     shown = re.sub(r"<link[^>]*>", "", text.decode("utf-8"))
     for known, ours in parts.items():

@@ -20,7 +20,7 @@ _UP, _DOWN = 1, 2  # codes of rerun's view coordinates
 class StoredError(MocapError):
     """A file is no recording of this program."""
 
-    page = "howto/looking.md"
+    page = "looking"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

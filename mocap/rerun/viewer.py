@@ -26,7 +26,7 @@ _START_S = 30.0
 class ViewerError(MocapError):
     """The viewer cannot be opened here."""
 
-    page = "howto/looking.md"
+    page = "looking"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -4,8 +4,7 @@ from importlib.metadata import version
 
 import numpy as np
 import pytest
-from mocap.filters.ensemble import Gaussian, default_points, predict
-from mocap.filters.smoother import smooth_step
+from mocap.filters.ensemble import Gaussian, default_points, predict, smooth_step
 
 from benchmarks.ukf import DT_S, advance, compare, problem
 
@@ -35,15 +34,16 @@ def test_smoother_keeps_its_digits_where_the_future_knows_much_more(widen, narro
     """
     case = problem(24, 8, affine=True)
     start = Gaussian(case.start.mean, widen * case.start.factor)
-    prediction = predict(start, lambda x: advance(x, DT_S), case.noise, default_points(24), linear=True)
+    prediction = predict(start, lambda x: advance(x, DT_S), case.noise, default_points(24))
     future = Gaussian(prediction.state.mean + 0.01, narrow * case.start.factor)
     ours = smooth_step(start, prediction, future)
 
     long = np.longdouble
     factor, rows, noise = (a.astype(long) for a in (start.factor, prediction.rows, prediction.noise))
     predicted = rows.T @ rows + noise @ noise.T
-    gain = _solve(predicted, rows.T @ factor.T).T
-    parts = np.concatenate([factor - gain @ rows.T, gain @ noise, gain @ future.factor.astype(long)], axis=1)
+    gain = _solve(predicted, rows[:24].T @ factor.T).T
+    unexplained = np.concatenate([factor, np.zeros((24, len(rows) - 24), dtype=long)], axis=1) - gain @ rows.T
+    parts = np.concatenate([unexplained, gain @ noise, gain @ future.factor.astype(long)], axis=1)
     cov = parts @ parts.T
     mean = start.mean + gain @ (future.mean.astype(long) - prediction.state.mean)
     sd = np.sqrt(np.diag(cov))

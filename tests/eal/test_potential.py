@@ -100,24 +100,6 @@ def test_gradient_and_hessian_are_differences(kernel, method, rng):
         np.testing.assert_allclose(bend, bend.swapaxes(-1, -2), atol=1e-11 * np.abs(bend).max())
 
 
-@pytest.mark.parametrize(
-    "kernel",
-    [
-        *KERNELS,
-        SumKernel((GaussianKernel(2.0), Matern52Kernel(1.0))),
-        RotationKernel(GaussianKernel(2.0), (2,), (0.7,)),
-        CoordinateKernel(GaussianKernel(2.0), (1.0, 0.5)),
-    ],
-    ids=lambda k: type(k).__name__,
-)
-def test_hessian_product_is_the_hessian_times_the_direction(kernel, rng):
-    """H u without H: to rounding of the same sums."""
-    fitted = fit_potential(circle(rng), kernel=kernel, lam=1e-4)
-    q, u = rng.uniform(-1.5, 1.5, (3, 5, 2)), rng.standard_normal((5, 2))
-    expected = np.einsum("abij,bj->abi", fitted.hessian(q), u)
-    np.testing.assert_allclose(fitted.hessian_product(q, u), expected, atol=1e-10 * np.abs(expected).max())
-
-
 def differences(function, q, h=1e-3):
     def central(step, axis):
         return (function(q + step * axis) - function(q - step * axis)) / (2 * step)

@@ -140,7 +140,7 @@ def test_limbs_hold_the_pose(potential):
 
 def model_tau(settings, trials):
     """The time that makes velocities as large as shapes, over the frames that are learned from."""
-    _, shapes = trials.shapes(ranks=settings.ranks, body_hz=settings.body_hz)
+    _, shapes = trials.shapes(settings.ranks)
     z, rate = np.concatenate(shapes.z), np.concatenate(shapes.rate)
     return pytest.approx(np.sqrt(z.var(axis=0).sum() / rate.var(axis=0).sum()), rel=0.05).expected
 

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from mocap.datasets.rig import tunnel_cameras
-from mocap.filters.ensemble import Gaussian, default_points, predict, update
+from mocap.filters.ensemble import Gaussian, default_points, predict, smooth_step, update
+from mocap.filters.models.singer import LastingAcceleration
 from mocap.filters.motion.base import Step
 from mocap.filters.motion.constant_velocity import ConstantVelocity
-from mocap.filters.motion.singer import LastingAcceleration
 from mocap.filters.observations import PixelObservations, PositionObservations, some_markers
-from mocap.filters.smoother import smooth_step
 from mocap.filters.track import smooth
 from mocap.filters.velocities import Asked
 
@@ -79,7 +78,6 @@ def together(model, seen, t_s):
                 lambda x, move=move: move.forward(x.reshape(-1, count, size)).reshape(len(x), -1),
                 noise,
                 points,
-                linear=True,
             )
             predictions.append(ahead)
             state = ahead.state
@@ -91,7 +89,6 @@ def together(model, seen, t_s):
             y[there],
             sd[there],
             points,
-            linear=True,
         ).state
         states.append(state)
     smoothed = states[-1:]

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.anatomy import Anatomy
-from mocap.filters.models.base import TrialSet, estimate
-from mocap.filters.models.delayed_poses import Delayed, DelaySettings, completed, fill_delayed, gaps_of
-from mocap.filters.observations import PositionObservations
+from mocap.filters.models import delayed_poses
+from mocap.filters.models.base import TrialSet
+from mocap.filters.models.delayed_poses import Delayed, completed, fill_delayed, gaps_of
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.records import Estimate
 
 from tests.filters.test_gaps_in_trials import trial_of
 
-SETTINGS = DelaySettings(ranks=(2,))
+RANKS = (2,)
 TRUNK = [0, 1, 2, 3]
-BODY = {"ranks": SETTINGS.ranks, "body_hz": SETTINGS.body_hz}
 
 
 def lost(trial, marker, frames):
@@ -25,10 +24,10 @@ def lost(trial, marker, frames):
     return replace(trial, xyz_m=xyz)
 
 
-def filled(trial, *, others=(1, 2), settings=SETTINGS) -> Estimate:
+def filled(trial, *, others=(1, 2)) -> Estimate:
     """What the regression says of a trial, learned from others."""
     fitting = TrialSet([*(trial_of(seed) for seed in others), trial], Anatomy(tuple(TRUNK)))
-    return estimate(settings, fitting, PositionObservations(xyz_m=trial.xyz_m, sd_m=trial.sd_m))
+    return fill_delayed(trial.seen, *fitting.shapes(RANKS))
 
 
 def test_it_speaks_of_gaps_alone():
@@ -45,14 +44,15 @@ def test_it_speaks_of_gaps_alone():
 
 
 @pytest.mark.parametrize("lags", [(0.0,), (-0.7, -0.35, 0.0, 0.35, 0.7)])
-def test_a_marker_that_moves_with_others_is_found(lags):
+def test_a_marker_that_moves_with_others_is_found(lags, monkeypatch):
     """All wings are on one loop of shapes: what the others show says where the hidden one is.
 
     Three wings of four are seen. The ridge, a tenth of the mean variance, takes less than a tenth of the 20 mm that a
     wing deviates by; smoothing at a cutoff of 4 takes 1 / 4^4 of it; noise is 0.1 mm.
     """
+    monkeypatch.setattr(delayed_poses, "LAGS", np.array(lags))
     trial = lost(trial_of(3), 5, slice(40, 70))
-    miss = (filled(trial, settings=replace(SETTINGS, lags=lags)).xyz_m - trial_of(3).xyz_m)[40:70, 5]
+    miss = (filled(trial).xyz_m - trial_of(3).xyz_m)[40:70, 5]
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 2e-3
 
 
@@ -116,14 +116,15 @@ def test_a_marker_that_nobody_saw_has_no_position():
     """Not in this trial, not in the others: nothing is said, rather than anything."""
     gone = [lost(trial_of(seed), 6, slice(None)) for seed in (1, 2, 3)]
     fitting = TrialSet(gone, Anatomy(tuple(TRUNK)))
-    found = estimate(SETTINGS, fitting, PositionObservations(xyz_m=gone[-1].xyz_m, sd_m=gone[-1].sd_m))
+    found = fill_delayed(gone[-1].seen, *fitting.shapes(RANKS))
     assert np.isnan(found.xyz_m).all()
 
 
-def test_few_rows_are_enough():
+def test_few_rows_are_enough(monkeypatch):
     """Forty frames of the others in place of all: a wing is still found within 3 mm of the 20 that it deviates by."""
-    trial = lost(trial_of(3), 5, slice(40, 70))
-    found = filled(trial, settings=replace(SETTINGS, rows=40, own=40))
+    monkeypatch.setattr(delayed_poses, "ROWS", 40)
+    monkeypatch.setattr(delayed_poses, "OWN", 40)
+    found = filled(lost(trial_of(3), 5, slice(40, 70)))
     miss = (found.xyz_m - trial_of(3).xyz_m)[40:70, 5]
     assert np.sqrt(np.mean(np.sum(miss**2, axis=1))) < 3e-3
 
@@ -142,8 +143,8 @@ def test_regressors_are_delayed_poses_whose_ends_are_held():
 
     From the neighbours all delays are in the frame of the row itself.
     """
-    poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(**BODY)
-    known = Delayed(poses, shapes, SETTINGS)
+    poses, shapes = TrialSet([trial_of(1), trial_of(2)], Anatomy(tuple(TRUNK))).shapes(RANKS)
+    known = Delayed(poses, shapes)
     known._apart[:] = 0.0
     frames = np.array([[0, 0], [0, 60], [1, 119]])
     others = np.isin(np.arange(8), (1, 4, 6))
@@ -175,7 +176,7 @@ def test_gaps_are_found_with_their_edges():
 def test_poses_are_completed_where_they_are_not_seen():
     """Measured entries stay to the last bit; a hidden wing is put where the subspace has it, within 2 mm of 60."""
     trial = lost(trial_of(3), 5, slice(40, 70))
-    poses, shapes = TrialSet([trial_of(1), trial], Anatomy(tuple(TRUNK))).shapes(**BODY)
+    poses, shapes = TrialSet([trial_of(1), trial], Anatomy(tuple(TRUNK))).shapes(RANKS)
     whole = completed(poses, shapes)[-1].reshape(*trial.seen.shape, 3)
     measured = poses[-1].y.reshape(whole.shape)
     np.testing.assert_array_equal(whole[trial.seen], measured[trial.seen])
@@ -183,12 +184,13 @@ def test_poses_are_completed_where_they_are_not_seen():
     assert np.linalg.norm(whole[40:70, 5] - truth[40:70, 5], axis=-1).max() < 2e-3
 
 
-def test_a_short_trial_alone_is_filled():
+def test_a_short_trial_alone_is_filled(monkeypatch):
     """Five frames and a lag that reaches beyond them all: numbers, and no error."""
     rng = np.random.default_rng(6)
     xyz = rng.normal(0, 0.1, (5, 4, 3))
     xyz[2, 1] = np.nan
     trial = MarkerTrial(name="short", t_s=0.01 * np.arange(5), xyz_m=xyz, sd_m=np.full((5, 4), 1e-4))
-    poses, shapes = TrialSet([trial], Anatomy(tuple(TRUNK))).shapes(**BODY | {"ranks": (1,)})
-    found = fill_delayed(trial.seen, poses, shapes, DelaySettings(ranks=(1,), lags=(-300.0, 0.0, 300.0)))
+    poses, shapes = TrialSet([trial], Anatomy(tuple(TRUNK))).shapes((1,))
+    monkeypatch.setattr(delayed_poses, "LAGS", np.array((-300.0, 0.0, 300.0)))
+    found = fill_delayed(trial.seen, poses, shapes)
     assert np.isfinite(found.xyz_m[2, 1]).all()

@@ -29,12 +29,12 @@ def test_dropouts_leave_a_covariance(n, n_frames):
     dark, inside = np.arange(n_frames // 4, n_frames // 2), []
     for frame in range(n_frames):
         truth = transition @ truth + noise @ rng.normal(size=n)
-        state = predict(state, lambda x: x @ transition.T, noise, points, linear=True).state
+        state = predict(state, lambda x: x @ transition.T, noise, points).state
         keep = np.flatnonzero(rng.random(2 * half) < rng.choice([0.0, 0.05, 0.3, 0.95]))
         if len(keep) and frame not in dark:
             h, sd = bent(directions[keep]), START_SD * 10.0 ** rng.uniform(-6, -1, len(keep))
             y = h(truth[None])[0] + sd * rng.normal(size=len(keep))
-            state = update(state, h, y, sd, points, reads=half).state
+            state = update(state, lambda x, h=h: h(x[:, :half]), y, sd, points).state
         assert np.isfinite(state.mean).all()
         assert np.isfinite(state.factor).all()
         assert np.diag(state.factor).min() > 0

@@ -8,16 +8,15 @@ from hypothesis import strategies as st
 from mocap.filters.ensemble import (
     Gaussian,
     cholesky,
-    condition,
     default_points,
     ensemble,
     predict,
     scale,
+    smooth_step,
     spread,
     triangular,
     update,
 )
-from mocap.filters.smoother import smooth_step
 
 from tests.reference import gaussian_filter as reference
 
@@ -131,15 +130,14 @@ def test_linear_updates_are_exact(seed, n, m):
     state, rows = Gaussian(rng.normal(size=n), random_factor(rng, n)), rng.normal(size=(m, n))
     y, sd = rng.normal(size=m), rng.uniform(0.1, 2, m)
     mean, cov = reference.linear_update(state.mean, state.factor, rows, y, sd)
-    for linear in (False, True):
-        found = update(state, lambda x: x @ rows.T, y, sd, default_points(n), linear=linear)
-        agree(found.state, mean.astype(float), cov.astype(float), dx=1e-12, dp=1e-12)
-        inside = rows @ state.cov @ rows.T + np.diag(sd**2)
-        miss = y - rows @ state.mean
-        nis = miss @ np.linalg.solve(inside, miss)
-        assert found.nis == pytest.approx(nis, rel=1e-9)
-        density = -0.5 * (m * np.log(2 * np.pi) + np.linalg.slogdet(inside)[1] + nis)
-        assert found.log_likelihood == pytest.approx(density, rel=1e-9, abs=1e-9)
+    found = update(state, lambda x: x @ rows.T, y, sd, default_points(n))
+    agree(found.state, mean.astype(float), cov.astype(float), dx=1e-12, dp=1e-12)
+    inside = rows @ state.cov @ rows.T + np.diag(sd**2)
+    miss = y - rows @ state.mean
+    nis = miss @ np.linalg.solve(inside, miss)
+    assert found.nis == pytest.approx(nis, rel=1e-9)
+    density = -0.5 * (m * np.log(2 * np.pi) + np.linalg.slogdet(inside)[1] + nis)
+    assert found.log_likelihood == pytest.approx(density, rel=1e-9, abs=1e-9)
 
 
 def test_a_vague_prior_meets_precise_data():
@@ -155,7 +153,7 @@ def test_a_vague_prior_meets_precise_data():
     rows[:, :8] = np.concatenate([np.eye(8), np.eye(8) + 0.3 * rng.normal(size=(8, 8))])
     y = rows @ (state.factor @ rng.normal(size=n)) + sd * rng.normal(size=m)
     mean, cov = reference.linear_update(state.mean, state.factor, rows, y, sd)
-    found = update(state, lambda x: x @ rows.T, y, sd, default_points(n), linear=True).state
+    found = update(state, lambda x: x @ rows.T, y, sd, default_points(n)).state
     agree(found, mean.astype(float), cov.astype(float), dx=1e-4, dp=1e-10)
     assert np.linalg.eigvalsh(found.cov / np.outer(*(np.sqrt(np.diag(found.cov)),) * 2)).min() > 0
     naive = state.cov - (state.cov @ rows.T) @ np.linalg.solve(
@@ -164,71 +162,14 @@ def test_a_vague_prior_meets_precise_data():
     assert np.linalg.eigvalsh(naive).min() < 0
 
 
-@pytest.mark.parametrize("n", [12, 60])
-def test_missing_rows_are_as_if_they_never_were(n):
-    """Leaving rows out by the gate, or not giving them at all, is the same update."""
-    rng = np.random.default_rng(n)
-    step, h = nonlinear(rng, n, 20)
-    del step
-    state, y, sd = Gaussian(rng.normal(size=n), random_factor(rng, n)), rng.normal(size=20), rng.uniform(0.1, 1, 20)
-    points, keep = default_points(n), rng.random(20) < 0.5
-    gated = update(state, h, y, sd, points, gate=lambda _: keep)
-    short = update(state, lambda x: h(x)[:, keep], y[keep], sd[keep], points)
-    np.testing.assert_allclose(gated.state.mean, short.state.mean, atol=1e-12)
-    np.testing.assert_allclose(gated.state.factor, short.state.factor, atol=1e-12)
-    assert gated.log_likelihood == pytest.approx(short.log_likelihood, rel=1e-12)
-    np.testing.assert_array_equal(gated.used, keep)
-    assert len(gated.innovation) == 20
-
-
 def test_no_rows_change_nothing():
-    """A frame without rows, or with all of them gated, leaves the prediction as it is and adds no likelihood."""
+    """A frame without rows leaves the prediction as it is and adds no likelihood."""
     rng = np.random.default_rng(3)
     state = Gaussian(rng.normal(size=4), random_factor(rng, 4))
-    empty = update(state, lambda x: x[:, :0], np.zeros(0), np.zeros(0), default_points(4))
-    gated = update(state, lambda x: x[:, :2], np.ones(2), np.ones(2), default_points(4), gate=lambda y: np.abs(y) < 0)
-    for found in (empty, gated):
-        assert found.state is state
-        assert found.log_likelihood == 0.0
-        assert np.isnan(found.nis)
-
-
-def test_the_gate_sees_normalised_innovations():
-    """What the gate judges is y / sqrt(S_ii), S with the state's own uncertainty in it."""
-    rng = np.random.default_rng(4)
-    state, rows, sd = (
-        Gaussian(rng.normal(size=3), random_factor(rng, 3)),
-        rng.normal(size=(5, 3)),
-        rng.uniform(0.1, 1, 5),
-    )
-    y, heard = rng.normal(size=5), []
-
-    def gate(normalised):
-        heard.append(normalised)
-        return np.ones(5, dtype=bool)
-
-    update(state, lambda x: x @ rows.T, y, sd, default_points(3), gate=gate)
-    inside = np.diag(rows @ state.cov @ rows.T) + sd**2
-    np.testing.assert_allclose(heard[0], (y - rows @ state.mean) / np.sqrt(inside), rtol=1e-12)
-
-
-def test_reading_only_the_first_components_is_the_same():
-    """An observation of positions only may be asked with positions only: same posterior, fewer points."""
-    rng = np.random.default_rng(5)
-    n, reads = 10, 4
-    state, y, sd = Gaussian(rng.normal(size=n), random_factor(rng, n)), rng.normal(size=6), rng.uniform(0.1, 1, 6)
-    b = rng.normal(size=(6, reads))
-
-    def h(x):
-        return np.sin(x[:, :reads] @ b.T)
-
-    whole = update(state, h, y, sd, default_points(n))
-    asked = []
-    part = update(state, lambda x: (asked.append(x.shape), h(x))[1], y, sd, default_points(n), reads=reads)
-    assert asked == [(2 * reads + 1, reads)]
-    np.testing.assert_allclose(part.state.mean, whole.state.mean, atol=1e-12)
-    np.testing.assert_allclose(part.state.factor, whole.state.factor, atol=1e-12)
-    assert part.log_likelihood == pytest.approx(whole.log_likelihood, rel=1e-12)
+    found = update(state, lambda x: x[:, :0], np.zeros(0), np.zeros(0), default_points(4))
+    assert found.state is state
+    assert found.log_likelihood == 0.0
+    assert np.isnan(found.nis)
 
 
 def test_the_covariance_stays_positive_for_two_thousand_frames():
@@ -269,22 +210,21 @@ def test_predictions_without_noise_or_rank_still_have_a_factor():
     rng = np.random.default_rng(7)
     state = Gaussian(rng.normal(size=3), random_factor(rng, 3))
     keep = np.diag([1.0, 1.0, 0.0])
-    found = predict(state, lambda x: x @ keep, np.zeros((3, 3)), default_points(3), linear=True)
+    found = predict(state, lambda x: x @ keep, np.zeros((3, 3)), default_points(3))
     np.testing.assert_allclose(found.state.cov, keep @ state.cov @ keep, atol=1e-12)
 
 
 def test_linear_predictions_are_exact():
-    """A P A^T + Q, with and without the second-order rows."""
+    """A P A^T + Q: the second-order rows vanish."""
     rng = np.random.default_rng(8)
     state, a, noise = (
         Gaussian(rng.normal(size=5), random_factor(rng, 5)),
         rng.normal(size=(5, 5)),
         random_factor(rng, 5),
     )
-    for linear in (False, True):
-        found = predict(state, lambda x: x @ a.T + 1, noise, default_points(5), linear=linear).state
-        np.testing.assert_allclose(found.mean, a @ state.mean + 1, atol=1e-12)
-        np.testing.assert_allclose(found.cov, a @ state.cov @ a.T + noise @ noise.T, atol=1e-11)
+    found = predict(state, lambda x: x @ a.T + 1, noise, default_points(5)).state
+    np.testing.assert_allclose(found.mean, a @ state.mean + 1, atol=1e-12)
+    np.testing.assert_allclose(found.cov, a @ state.cov @ a.T + noise @ noise.T, atol=1e-11)
 
 
 def test_factors_by_definition():
@@ -304,14 +244,13 @@ def test_nothing_given_is_written_to():
     rng = np.random.default_rng(10)
     n = 6
     state, noise = Gaussian(rng.normal(size=n), random_factor(rng, n)), random_factor(rng, n)
-    y, sd, a = rng.normal(size=n), np.ones(n), rng.normal(size=(4, n))
+    y, sd = rng.normal(size=n), np.ones(n)
     prediction = predict(state, np.sin, noise, default_points(n))
-    kept = [state.mean, state.factor, noise, y, sd, a, prediction.rows, prediction.state.mean, prediction.state.factor]
+    kept = [state.mean, state.factor, noise, y, sd, prediction.rows, prediction.state.mean, prediction.state.factor]
     before = [x.copy() for x in kept]
     for x in kept:
         x.flags.writeable = False
-    update(state, np.cos, y, sd, default_points(n), gate=lambda v: np.abs(v) < 1)
-    condition(state, a, y, 4)
+    update(state, np.cos, y, sd, default_points(n))
     smooth_step(state, prediction, prediction.state)
     predict(state, np.sin, noise, default_points(n))
     for x, y in zip(kept, before, strict=True):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from filterpy.kalman import MerweScaledSigmaPoints
-from mocap.filters.ensemble import Gaussian, default_points, predict, update
-from mocap.filters.smoother import smooth_step
+from mocap.filters.ensemble import Gaussian, default_points, predict, smooth_step, update
 
 from tests.reference import fifty_digits
 from tests.reference import gaussian_filter as reference
@@ -82,7 +81,7 @@ def test_the_engine_is_right_to_digits_that_doubles_have(prior_m, speed_m_s, noi
     points = default_points(6) if alpha is None else MerweScaledSigmaPoints(6, alpha=alpha, beta=2.0, kappa=0.0)
     expected = fifty(state, frames, points)
     for (step, noise, seen, y, sd), (mean, cov) in zip(frames, expected, strict=True):
-        state = predict(state, step, noise, points, linear=True).state
+        state = predict(state, step, noise, points).state
         state = update(state, lambda x, s=seen: pinholes(x)[:, s], y, sd, points).state
         deviation = np.sqrt(np.diag(cov))
         assert np.abs((state.mean - mean) / deviation).max() < tolerance
@@ -100,7 +99,7 @@ def test_where_subtraction_stops_the_engine_goes_on():
     expected = fifty(state, frames, points)
     theirs, stopped = (state.mean, state.cov), False
     for (step, noise, seen, y, sd), (_, cov) in zip(frames, expected, strict=True):
-        state = predict(state, step, noise, points, linear=True).state
+        state = predict(state, step, noise, points).state
         state = update(state, lambda x, s=seen: pinholes(x)[:, s], y, sd, points).state
         assert np.diag(state.factor).min() > 0
         np.testing.assert_allclose(np.sqrt(np.diag(state.cov)), np.sqrt(np.diag(cov)), rtol=0.5)
@@ -148,10 +147,10 @@ def test_uneven_steps_and_changing_noise_are_the_whole_trajectory(seed):
     for k, (rows, y, sd) in enumerate(frames):
         if k:
             a = transitions[k - 1]
-            predictions.append(predict(state, lambda x, a=a: x @ a.T, factors[k - 1], points, linear=True))
+            predictions.append(predict(state, lambda x, a=a: x @ a.T, factors[k - 1], points))
             state = predictions[-1].state
         if len(y):
-            result = update(state, lambda x, r=rows: x @ r.T, y, sd, points, linear=True)
+            result = update(state, lambda x, r=rows: x @ r.T, y, sd, points)
             state, density = result.state, density + result.log_likelihood
         states.append(state)
     smoothed = [states[-1]]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mocap.filters.interpolate import blended, by_poses, interpolated
+from mocap.filters.interpolate import blended, by_chains, by_poses, interpolated
 
 
 @pytest.mark.parametrize("kind", ["conditional_gaussian", "principal_components"])
@@ -38,3 +38,25 @@ def test_a_fill_joins_what_was_measured():
     y[5:12, 0] = np.nan
     y[:, 1] = np.nan
     np.testing.assert_allclose(blended(y, model), np.column_stack([truth[:, 0], model[:, 1]]), atol=1e-12)
+
+
+def test_chains_keep_the_lengths_of_bones():
+    """A double pendulum on a moving trunk, its bones given in any order: both ends of a bone hidden, lengths stay.
+
+    A bone that does not turn goes with its trunk, exactly, where a spline through the gap does not.
+    """
+    t_s = np.arange(200) / 100
+    first, second = 0.8 * np.sin(9 * t_s), 1.1 * np.sin(9 * t_s + 0.7)
+    trunk = np.column_stack([2 * t_s, np.sin(20 * t_s), np.cos(9 * t_s)])
+    down = [np.column_stack([np.sin(a), 0 * a, -np.cos(a)]) for a in (first, second)]
+    elbow = trunk + 0.3 * down[0]
+    xyz = np.stack([trunk, elbow, elbow + 0.2 * down[1], trunk + np.array([0.0, 0.1, 0.2])], axis=1)
+    shown = xyz.copy()
+    shown[60:95, 1:] = np.nan
+    found = by_chains(shown, t_s, [(2, 1), (0, 1), (0, 3)], [0])
+    for (a, b), length in (((0, 1), 0.3), ((1, 2), 0.2)):
+        np.testing.assert_allclose(np.linalg.norm(found[:, b] - found[:, a], axis=-1), length, rtol=1e-12)
+    np.testing.assert_allclose(found[:, 3], xyz[:, 3], atol=1e-12)
+    assert np.abs(interpolated(shown, t_s, kind="cubic")[:, 3] - xyz[:, 3]).max() > 0.1
+    known = np.isfinite(shown)
+    np.testing.assert_allclose(found[known], shown[known], atol=1e-12)

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from mocap.filters.ensemble import Gaussian, default_points, predict, update
+from mocap.filters.ensemble import Gaussian, default_points, predict, smooth_step, update
 from mocap.filters.gaussian import Markers
 from mocap.filters.motion.base import Step
 from mocap.filters.observations import PositionObservations
-from mocap.filters.smoother import smooth_step
 from mocap.filters.track import filter_forward, smooth
 
 from tests.filters.test_motion_models import FRAMES, MARKERS, free, oscillating, pose

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from mocap.filters.models.singer import learn_lasting
+from mocap.filters.models.singer import lasting_acceleration, learn_lasting
 from mocap.filters.motion.constant_velocity import white_acceleration
-from mocap.filters.motion.singer import lasting_acceleration
 
 
 def test_two_half_steps_are_one():
@@ -50,7 +49,7 @@ def test_an_oscillation_teaches_its_size_and_its_time():
     t_s = np.arange(600) * dt_s
     xyz = r * np.sin(w * t_s[:, None, None] + np.array([[0.0, 1.0, 2.0], [0.5, 1.5, 2.5]]))
     xyz[100:120, 0] = np.nan
-    model = learn_lasting(xyz, dt_s=dt_s, memory=1.0)
+    model = learn_lasting(xyz, dt_s=dt_s)
     np.testing.assert_allclose(model.acceleration_m_s2, r * w**2 / np.sqrt(2), rtol=0.1)
     assert model.memory_s == pytest.approx(1 / w, rel=0.1)
     never = np.full_like(xyz[:, :1], np.nan)

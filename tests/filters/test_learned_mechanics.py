@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.mechanics import linear_shape
-from mocap.filters.models.pose import PoseSettings, learn_pose, recorded_motion
+from mocap.filters.models.pose import RIDGE, PoseSettings, learn_pose, recorded_motion
 from mocap.filters.poses import pose_trial, residual_memory_s, shapes_of
 
 from tests.filters.test_learned_models import DT_S, flapping
@@ -42,9 +42,9 @@ def test_learned_mechanics_carry_a_beat_on(two):
     8 % of a radian in a beat, and as much again for the smoothing at 30 Hz.
     """
     trials, shapes = two
-    motion = recorded_motion(trials, shapes, least_known=SETTINGS.least_known)
+    motion = recorded_motion(trials, shapes)
     states = np.column_stack([motion.z, motion.rate])
-    learned = linear_shape(motion, ridge=SETTINGS.ridge)
+    learned = linear_shape(motion, ridge=RIDGE)
     transition, shift = learned.flow(DT_S)
     miss, on = [], []
     for frame in range(40, 200, 16):
@@ -62,7 +62,15 @@ def test_each_trial_is_tracked_about_its_own_mean(two):
     """The model of either trial puts its markers where that trial has them, to the noise, not where the other has."""
     trials, shapes = two
     for target in (0, 1):
-        model = learn_pose(trials, SETTINGS, shapes=shapes, target=target)
+        order = [1 - target, target]
+        lists = ("z", "rate", "acceleration", "known", "residual")
+        own = replace(
+            shapes,
+            offset=shapes.offset[order],
+            offset_sd=shapes.offset_sd[order],
+            **{name: [getattr(shapes, name)[k] for k in order] for name in lists},
+        )
+        model = learn_pose([trials[k] for k in order], SETTINGS, shapes=own)
         errors = []
         for other in (target, 1 - target):
             states = np.zeros((len(trials[0].y), model.size))
@@ -81,7 +89,7 @@ def test_motion_is_recorded_where_poses_are_known(two):
     known = [part.copy() for part in shapes.known]
     known[0][:] = known[1][:] = 0.95
     known[0][100:120] = known[1][:5] = 0.5
-    motion = recorded_motion(trials, replace(shapes, known=known), least_known=0.8)
+    motion = recorded_motion(trials, replace(shapes, known=known))
     np.testing.assert_array_equal(motion.trial, np.repeat([0, 1, 2], [100, 160, 275]))
     first, second = shapes.z
     np.testing.assert_array_equal(motion.z, np.concatenate([first[:100], first[120:], second[5:]]))

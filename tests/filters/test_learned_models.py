@@ -7,6 +7,7 @@ import pytest
 from mocap.filters.body_axes import body_frames
 from mocap.filters.models.constant_velocity import acceleration_density, learn_constant_velocity
 from mocap.filters.models.pose import (
+    WEIGHT,
     PoseSettings,
     learn_pose,
     learn_potential,
@@ -18,6 +19,7 @@ from mocap.filters.motion.base import Step
 from mocap.filters.poses import pose_trial, shapes_of
 
 from benchmarks.gaps.ours import Quadratic
+from eal import GaussianKernel, fit_potential
 
 DT_S = 0.005
 
@@ -68,7 +70,7 @@ def test_the_penalty_is_a_gradient():
     angle = rng.uniform(0, 2 * np.pi, 200)
     z = np.stack([3e-2 * np.cos(angle), 0.4 * np.sin(angle)], axis=1)
     scale = 1 / z.std(axis=0)
-    potential = learn_potential(z * scale, PoseSettings())
+    potential = learn_potential(z * scale)
     force = penalty(potential, scale, 7.0)
     at, step = 1.2 * z[:10], 1e-6 / scale
 
@@ -84,7 +86,7 @@ def test_the_penalty_pulls_towards_the_data():
     """Outside a ring of samples the force points inwards, inside outwards, on it there is little."""
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    force = penalty(learn_potential(ring, PoseSettings(beta=8.0)), np.ones(2), 1.0)
+    force = penalty(fit_potential(ring, kernel=GaussianKernel(4.0), lam=1e-4), np.ones(2), 1.0)
     radial = [np.sum(force(r * ring[::7]) * ring[::7], axis=1) for r in (0.7, 1.0, 1.4)]
     assert (radial[0] < 0).all()
     assert (radial[2] > 0).all()
@@ -121,7 +123,7 @@ def test_the_potential_is_added_and_nothing_else(learned, kind, potential):
     So does the potential of a person's own settings, here the quadratic one of a benchmark.
     """
     _, settings, model, shapes, trial = learned
-    motion = recorded_motion([trial], shapes, least_known=settings.least_known)
+    motion = recorded_motion([trial], shapes)
     held = with_potential(model, motion, kind(**{**vars(settings), "potential": potential}))
     (added,) = held.potentials
     states = np.column_stack([motion.z, motion.rate]) @ added.on_shape.T
@@ -135,7 +137,7 @@ def test_the_potential_is_added_and_nothing_else(learned, kind, potential):
     if kind is Quadratic:  # V = (x - mean) grad V / 2 is charged the weight on average
         away = states - states.mean(axis=0)
         charged = 0.5 * np.mean(np.sum(away * added.gradient(states), axis=1))
-        assert charged == pytest.approx(settings.weight / motion.tau_s, rel=0.02)
+        assert charged == pytest.approx(WEIGHT / motion.tau_s, rel=0.02)
 
 
 def test_constant_velocity_starts_where_each_marker_is_first_seen(learned):

@@ -141,10 +141,10 @@ def test_updates_are_the_engines_to_second_order():
         ours, _, _ = observe(markers, seen.sights(0, mean, markers.cov), gate_sd=np.inf)
 
         def h(x):
-            return np.moveaxis(project(MATRICES, x.reshape(len(x), -1, 3)), 1, 0).reshape(len(x), -1)
+            return np.moveaxis(project(MATRICES, x[:, : mean.size].reshape(len(x), -1, 3)), 1, 0).reshape(len(x), -1)
 
         y, sd = seen.uv_px[:, 0].ravel(), np.full(seen.uv_px.size, sd_px)
-        peer = update(state, h, y, sd, default_points(n), reads=mean.size).state
+        peer = update(state, h, y, sd, default_points(n)).state
         spread_of = np.sqrt(np.diag(peer.cov))
         return np.array(
             [

@@ -183,7 +183,7 @@ def test_a_view_is_the_derivative_of_the_markers():
 
 
 def test_parts_are_all_of_the_state():
-    """[z, zdot, u], g, gdot, e, edot follow each other, then eddot; parts come in their sizes."""
+    """[z, zdot, u], g, gdot, e, e1 follow each other, then e2; parts come in their sizes."""
     model = pose()
     shape, g, e, g_rate, e_rate = model.parts
     index = np.arange(model.size)
@@ -222,20 +222,24 @@ def test_body_and_shape_are_driven_by_their_own_noise():
 
 
 def first_chain(model):
-    """Where e, e' and e'' of the first coordinate are, as a square of a matrix."""
+    """Where e, e1 and e2 of the first coordinate are, as a square of a matrix."""
     three = model.parts[2].start + 3 * MARKERS * np.arange(3)
     return np.ix_(three, three)
 
 
 @pytest.mark.parametrize("dt_s", [1e-4, 0.013, 0.3])
 def test_the_residual_is_a_matern_process(dt_s):
-    """Transition = exp(A dt) of (d/dt + a)^3 e = noise, and its noise solves the covariance equation, by SciPy."""
+    """Transition = exp(A dt) of (d/dt + a)^3 e = noise, and its noise solves the covariance equation, by SciPy.
+
+    Both of [e, e', e''], and brought to [e, e1, e2] with e1 = (d/dt + a) e and e2 = (d/dt + a) e1.
+    """
     a = 30.0
     model = pose(rate_hz=a)
     transition, covariance = matrices(model, dt_s)
     drift = np.array([[0, 1, 0], [0, 0, 1], [-(a**3), -3 * a**2, -3 * a]])
-    three = first_chain(model)
-    np.testing.assert_allclose(transition[three], expm(drift * dt_s), rtol=1e-9, atol=1e-12)
+    bring, three = np.array([[1, 0, 0], [a, 1, 0], [a**2, 2 * a, 1]]), first_chain(model)
+    expected = bring @ expm(drift * dt_s) @ np.linalg.inv(bring)
+    np.testing.assert_allclose(transition[three], expected, rtol=1e-9, atol=1e-9)
     variance = model.subspace.residual_sd[0] ** 2
     q = np.diag([0.0, 0.0, 16 / 3 * a**5 * variance])  # the white noise that keeps the variance of e
 
@@ -244,6 +248,7 @@ def test_the_residual_is_a_matern_process(dt_s):
         return (drift @ p + p @ drift.T + q).ravel()
 
     grown = solve_ivp(rate, (0, dt_s), np.zeros(9), rtol=1e-11, atol=1e-30).y[:, -1].reshape(3, 3)
+    grown = bring @ grown @ bring.T
     size = np.sqrt(np.diag(grown))
     np.testing.assert_allclose(covariance[three] / np.outer(size, size), grown / np.outer(size, size), atol=1e-6)
 

@@ -54,7 +54,7 @@ def uncompressed(state, sights, depends, weight):
     slope = np.einsum("gri,gik->grk", sights.slope[used, :2], depends.reshape(-1, 3, reads)[marker]).reshape(-1, reads)
     sd = (sights.sd[used, :2] / np.sqrt(weight[used, None])).ravel()
     y = sights.innovation[used, :2].ravel() + slope @ state.mean[:reads]
-    return update(state, lambda x: x @ slope.T, y, sd, default_points(len(state.mean)), reads=reads, linear=True)
+    return update(state, lambda x: x[:, :reads] @ slope.T, y, sd, default_points(len(state.mean)))
 
 
 def agree(ours, seen, expected, *, tolerance=1e-10):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.errors import FilterError
-from mocap.filters.models.pose import PoseSettings
 from mocap.filters.one_camera import jitter_px, track_views
 from mocap.filters.one_view import Poses, Recorded, Views
 from mocap.filters.pose_prior import PosePrior, learn_prior
@@ -17,7 +16,7 @@ from tests.filters.flapping_trials import MATRIX, NAMES, TRUNK, filmed, flapping
 @pytest.fixture(scope="module")
 def prior() -> PosePrior:
     """Of three trials."""
-    return learn_prior([flapping(k) for k in (1, 2, 3)], [NAMES.index(m) for m in TRUNK], PoseSettings())
+    return learn_prior([flapping(k) for k in (1, 2, 3)], [NAMES.index(m) for m in TRUNK])
 
 
 def views_of(uv_px):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mocap.filters.observations import WHOLE, PixelObservations, PositionObservations, linearised_pixels
+from mocap.filters.observations import WHOLE, PixelObservations, PositionObservations, linearised_pixels, seen_from
 
 from mocap.cameras.camera import project
 from tests.filters.filmed import hide, pixels
@@ -123,3 +123,17 @@ def test_frames_without_anything_show_nothing(sd_m):
     single = np.ones(seen.uv_px.shape[:3], dtype=bool)
     single[0] = False
     assert len(hide(seen, single).sights(0, *known(np.zeros((2, 3)), sd_m)).where) == (0 if sd_m > 1 else 2)
+
+
+def test_the_same_rows_from_elsewhere():
+    """Rows y = slope (x - about) + e as innovations of another mean: conditioning on them gives the same marker."""
+    rng = np.random.default_rng(4)
+    seen, _ = pixels(rng, n_markers=3)
+    mean, about = rng.uniform(-0.3, 0.3, (2, 3, 3))
+    there = seen.sights(0, about, np.tile(1e-4 * np.eye(3), (3, 1, 1)))
+    here = seen_from(there, about - mean)
+    for g, (_, marker) in enumerate(there.where):
+        expected = there.innovation[g] + there.slope[g] @ (about[marker] - mean[marker])
+        np.testing.assert_allclose(here.innovation[g], expected, rtol=1e-12)
+    for name in ("where", "slope", "sd", "size", "dof"):
+        assert getattr(here, name) is getattr(there, name)

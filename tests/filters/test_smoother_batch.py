@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mocap.filters.ensemble import Gaussian, default_points, predict, update
+from mocap.filters.ensemble import Gaussian, default_points, predict, smooth_step, update
 from mocap.filters.motion.constant_velocity import ConstantVelocity
 from mocap.filters.observations import PositionObservations
-from mocap.filters.smoother import smooth_step
 from mocap.filters.track import smooth
 
 from tests.reference import gaussian_filter as reference
@@ -35,9 +34,9 @@ def test_the_smoothed_states_are_the_posterior_of_the_trajectory(seed, n, n_fram
     predictions, states, density = [], [], 0.0
     for k, (rows, y, sd) in enumerate(frames):
         if k:
-            predictions.append(predict(state, lambda x: x @ a.T, noise, points, linear=True))
+            predictions.append(predict(state, lambda x: x @ a.T, noise, points))
             state = predictions[-1].state
-        result = update(state, lambda x, rows=rows: x @ rows.T, y, sd, points, linear=True)
+        result = update(state, lambda x, rows=rows: x @ rows.T, y, sd, points)
         state, density = result.state, density + result.log_likelihood
         states.append(state)
     smoothed = [states[-1]]
@@ -63,9 +62,9 @@ def test_hindsight_may_sharpen_a_state_a_million_times(q, r):
     n = 6
     a = np.linalg.qr(rng.normal(size=(n, n)))[0]
     start, points = Gaussian(np.zeros(n), np.eye(n)), default_points(n)
-    prediction = predict(start, lambda x: x @ a.T, q * np.eye(n), points, linear=True)
+    prediction = predict(start, lambda x: x @ a.T, q * np.eye(n), points)
     y = rng.normal(size=n)
-    after = update(prediction.state, lambda x: x, y, np.full(n, r), points, linear=True).state
+    after = update(prediction.state, lambda x: x, y, np.full(n, r), points).state
     found = smooth_step(start, prediction, after)
     left = (q**2 + r**2) / (1 + q**2 + r**2)
     np.testing.assert_allclose(found.cov / left, np.eye(n), atol=1e-7)

@@ -60,7 +60,7 @@ def test_a_fault_is_told_by_info_and_by_tracking(files, spoil, kind, says):
     assert [f for f in json.loads(json.dumps(told["audit"])) if f["kind"] == kind and f["alarm"]]
     tracks, coefficients = files(spoil)
     prepared = prepare(read(tracks, calibration=coefficients, fps=200.0))
-    assert any(says in finding for finding in prepared.findings)
+    assert any(says in finding.text for finding in prepared.findings)
     assert any(f.kind == kind and f.alarm for f in prepared.audited)
     untouched = inspect(files(), Hints())[0]
     assert not [f for f in untouched["audit"] if f["alarm"]]
@@ -77,5 +77,5 @@ def test_cameras_are_brought_in_step_only_when_asked(files):
     late = asked.filmed.late_frames
     assert late is not None
     np.testing.assert_allclose(late, [0, 0, 2, 0], atol=0.1)
-    assert any("camera 'cam3': pixels were interpolated" in finding for finding in asked.findings)
+    assert any("camera 'cam3': pixels were interpolated" in finding.text for finding in asked.findings)
     assert np.nanmedian(asked.residual_px) < 0.6 < 0.8 * np.nanmedian(as_is.residual_px)

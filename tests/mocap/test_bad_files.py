@@ -1,6 +1,9 @@
 """Files that are not what they should be: one line that names the file, the place and what to do; nothing half done."""
 
+import os
 import re
+import threading
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -8,12 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eal.arrays import unique
+from mocap.batches.find import find_trials
 from mocap.cameras.camera import dlt_camera
+from mocap.documents import read_toml
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.io.csv_table import read_table
 from mocap.io.dltdv import read_coefficients, read_pixels, read_points
+from mocap.io.movies import open_movie
 from mocap.io.profile import read_profile, with_profile
-from mocap.io.registry import read
+from mocap.io.registry import as_table, read
 from mocap.records import PixelTracks
 
 HEAD = "p_cam1_X,p_cam1_Y\n"
@@ -103,6 +109,58 @@ def test_a_file_that_is_not_there(tmp_path, read):
         read(tmp_path / "nothing.csv")
     with pytest.raises(FormatError, match="cannot be read"):
         read(tmp_path)
+
+
+@pytest.fixture
+def pipe(tmp_path):
+    """Makes a named pipe below the folder; whoever opens one to read it finds its end, and not a test that hangs."""
+    made, over = [], threading.Event()
+
+    def let_go():
+        while not over.wait(0.05):
+            for path in made:
+                with suppress(OSError):  # nobody reads it
+                    os.close(os.open(path, os.O_WRONLY | os.O_NONBLOCK))
+
+    def make(name):
+        made.append(tmp_path / name)
+        made[-1].parent.mkdir(exist_ok=True)
+        os.mkfifo(made[-1])
+        return made[-1]
+
+    thread = threading.Thread(target=let_go)
+    thread.start()
+    yield make
+    over.set()
+    thread.join()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+@pytest.mark.parametrize("name", ["a.csv", "a_xypts.csv", "a.nc", "a.mat", "a.xlsx", "a.c3d", "a.toml", "p.txt"])
+def test_a_pipe_is_not_waited_for(pipe, name):
+    """Whatever it is called, and whatever is expected there: it is refused before it is opened."""
+    path = pipe(name)
+    for reads in (read, as_named_table, read_toml):
+        with pytest.raises(FormatError, match="is no regular file"):
+            reads(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+def test_pipes_among_files_are_none_of_them(pipe, tmp_path):
+    """Pictures of a film, recordings of a folder, a manifest."""
+    with pytest.raises(FormatError, match="contains no pictures"):
+        open_movie(pipe("cam1/1.png").parent)
+    pipe("lab/a_xypts.csv")
+    with pytest.raises(MocapError, match="no trial was found"):
+        find_trials([tmp_path / "lab"])
+    with pytest.raises(MocapError, match="no trial was found"):
+        find_trials([pipe("list.csv")])
+
+
+def as_named_table(path):
+    """As readers take what the user names: a profile, coefficients, known points."""
+    with as_table(path) as (file, _):
+        return file.read_bytes()
 
 
 def table_bytes(decimals, n_rows=6, n_columns=4):

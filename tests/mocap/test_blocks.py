@@ -11,10 +11,11 @@ from eal.over_time import at_frames, in_succession
 from mocap.cli.main import main
 from mocap.cli.view import detail
 from mocap.errors import MocapError
-from mocap.library.blocks import load_range, track_in_blocks
-from mocap.pipeline.blocks import LEAST, MOST, Tally, blocks_of, learn_once, margin, track_block
+from mocap.findings import Finding, over_blocks
+from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
 from mocap.pipeline.long import LongRecording, long_points
 from mocap.records import MarkerTracks, Status, marker_tracks
+from mocap.results.long_result import load_range, track_in_blocks
 from mocap.skeleton import Joint, Skeleton
 
 T = 700
@@ -140,7 +141,7 @@ def test_the_overview_keeps_numbers_of_frames(bat, tmp_path, monkeypatch):
 
     from mocap.rerun.stored import read_recording
 
-    monkeypatch.setattr("mocap.library.blocks.OVERVIEW", 250)
+    monkeypatch.setattr("mocap.results.long_result.OVERVIEW", 250)
     report = track_in_blocks(bat, tmp_path / "out", model="constant_velocity", size=400)
     assert report["overview"] == {"every": 3, "frames": 234}
     stored = read_recording(tmp_path / "out" / "recording.rrd", name="bat")
@@ -184,16 +185,23 @@ def test_findings_of_stretches_tell_the_frames_of_the_recording():
     xyz[350:, 8] += 0.5
     tracks = marker_tracks(names, film.truth.t_s, xyz)
     skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8])
-    said = " ".join(long_points(tracks, skeleton, name="bat").prepared(slice(200, 450)).findings)
+    found = long_points(tracks, skeleton, name="bat").prepared(slice(200, 450)).findings
+    said = " ".join(map(str, found))
     assert "from frame 261 to 280" in said
     assert "between frames 350 and 351" in said
 
 
-def test_findings_of_blocks(bat):
-    """Frames are those of the recording, and what many blocks say is one sentence."""
-    tally = Tally()
-    run, _, _ = track_block(bat, learn_once(bat, model="constant_velocity"), range(60))
-    for number in (1, 2, 3):
-        tally.add(run, [f"noise of 0.{number} mm", *(["once"] if number == 2 else [])])
-    assert tally.sentences() == ["noise of 0.1 mm (and in 2 other blocks, with their own numbers)", "once"]
-    assert sum(tally.samples.values()) == 3 * run.tracked.markers.status.size
+def test_findings_of_blocks():
+    """What many blocks find is one finding, whatever its numbers; of other markers or cameras it is another one."""
+    blocks = [
+        [
+            Finding(kind="noise", text=f"noise of 0.{number} mm", numbers={"mm": number / 10}),
+            Finding(kind="switch", text=f"{marker} from frame {number}", markers=(marker,)),
+        ]
+        for number, marker in ((1, "a"), (2, "b"), (3, "a"))
+    ]
+    assert [str(one) for one in over_blocks(blocks)] == [
+        "noise of 0.1 mm (and in 2 other blocks, with their own numbers)",
+        "a from frame 1 (and in 1 other blocks, with their own numbers)",
+        "b from frame 2",
+    ]

@@ -10,10 +10,10 @@ from mocap.cameras.camera import project, stacked, undistorted
 from mocap.cameras.linearised import fit, linearise
 from mocap.cameras.triangulate import linear, refine
 from mocap.cleaning.camera_health import camera_health
-from mocap.cleaning.findings import camera_findings
 from mocap.io.dvproject import read_project
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.reading import read
+from mocap.pipeline.sentences import camera_findings
 from tests.real_data import real
 
 
@@ -55,9 +55,9 @@ def test_a_bumped_camera_is_named(twin):
     assert bad.level_px == pytest.approx(10, rel=0.1)
     assert (found.factor[2, 153:] > 6).all()
     assert (np.delete(found.factor, 2, axis=0) == 1).all()
-    (sentence,) = camera_findings(found, [f"cam{i + 1}" for i in range(len(uv))])
-    assert "camera cam3 from frame 15" in sentence
-    assert "as if it had been knocked" in sentence
+    (finding,) = camera_findings(found, [f"cam{i + 1}" for i in range(len(uv))])
+    assert "camera cam3 from frame 15" in finding.text
+    assert "as if it had been knocked" in finding.text
 
 
 def test_a_camera_out_of_focus_is_named(twin):
@@ -134,7 +134,7 @@ def test_a_bad_camera_is_no_worse_than_none(tmp_path, n_cameras):
     assert both.sum() >= 0.995 * np.isfinite(error["without"]).sum()
     rms = {name: np.sqrt(np.mean(value[both] ** 2)) for name, value in error.items()}
     assert rms["bumped"] < 1.03 * rms["without"]
-    assert any("camera cam3 from frame 10" in finding for finding in with_it.findings)
+    assert any("camera cam3 from frame 10" in finding.text for finding in with_it.findings)
     seen = np.isfinite(with_it.uv_px[:, 105:, :, 0])
     deviation = [np.median(with_it.ray_sd_px[camera, 105:][seen[camera]]) for camera in range(n_cameras)]
     # 7 px of each coordinate are ten times the jitter; half of that is asked, as weights differ by what rays miss by

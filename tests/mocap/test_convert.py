@@ -12,10 +12,10 @@ from mocap.cli.main import main
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.manifest import MANIFEST
 from mocap.io.registry import read, write
-from mocap.library.tracked import Tracked
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.reading import read as read_recording
 from mocap.records import Status
+from mocap.results.tracked import Tracked
 from tests.mocap.recordings import points
 from tests.mocap.rerun.flapping import make_run
 from tests.real_data import real

@@ -69,7 +69,7 @@ def test_points_of_cropped_films_are_those_of_the_whole_ones(flight, tmp_path):
     recording = mocap.read(views, calibration=calibration, fps=100, crop=tmp_path / "crops")
     prepared = prepare(recording)
     np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
-    assert any("crop offsets" in said and "129" not in said for said in prepared.findings)
+    assert any("crop offsets" in said.text and "129" not in said.text for said in prepared.findings)
 
 
 def test_the_command_adds_offsets_and_finds_them_beside_the_films(flight, tmp_path):
@@ -117,7 +117,7 @@ def test_offsets_beside_that_do_not_help_are_left(flight, tmp_path):
     save_windows(tmp_path, windows)
     prepared = prepare(mocap.read(views, calibration=calibration, fps=100))
     np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
-    assert any("were not added" in said for said in prepared.findings)
+    assert any("were not added" in said.text for said in prepared.findings)
 
 
 def test_each_way_of_writing_offsets_is_read(tmp_path):
@@ -191,4 +191,4 @@ def test_deeplabcut_counts_pixels_from_0_and_matlab_from_1(flight, tmp_path):
     savemat(lens, {"camud": {"tdata": np.array([1200.0, 1212.0, 640.0, 512.0, 0.0, 0, 0, 0, 0, 3])}})
     prepared = prepare(mocap.read(views, calibration=calibration, fps=100, profile=lens))
     np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
-    assert any("counts pixels from 0" in said for said in prepared.findings)
+    assert any("counts pixels from 0" in said.text for said in prepared.findings)

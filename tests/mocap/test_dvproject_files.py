@@ -112,8 +112,12 @@ DAMAGE = {
     "coefficients of one camera": ("dltcoef", np.ones((1, 11)), "expected 11 finite numbers for each of 2 cameras"),
     "another number of points": ("numpts", np.array([[3.0]]), "xypts has 4 columns, expected 12"),
     "no rate": ("movFrameRates", np.array([[0.0]]), "the frame rate is 0.0; expected frames a second"),
-    "rows out of range": ("xypts/ir", np.array([9], dtype=np.uint64), "sparse matrix xypts is damaged"),
-    "columns that do not end": ("xypts/jc", np.array([0, 1, 1, 1, 3], dtype=np.uint64), "xypts is damaged"),
+    "rows out of range": ("xypts/ir", np.array([9], dtype=np.uint64), "sparse matrix xypts contradicts its own size"),
+    "columns that do not end": (
+        "xypts/jc",
+        np.array([0, 1, 1, 1, 3], dtype=np.uint64),
+        "xypts contradicts its own size",
+    ),
 }
 
 

@@ -111,7 +111,7 @@ def test_a_csv_without_some_frames_is_prepared_with_them(tmp_path):
     assert len(prepared.t_s) == 200
     assert np.isnan(prepared.xyz_m[90:100]).all()
     np.testing.assert_allclose(prepared.xyz_m[keep], whole.points.xyz_m[keep], atol=1e-6)
-    assert prepared.findings[0].startswith("10 of 200 frames are not in the file (most on end between 90 and 101)")
+    assert prepared.findings[0].text.startswith("10 of 200 frames are not in the file (most on end between 90 and 101)")
     assert not any(mask.any() for mask in prepared.rejected.values())
 
 

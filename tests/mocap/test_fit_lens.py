@@ -58,8 +58,8 @@ def test_an_estimated_lens_brings_positions_back(bat):
     (held, mm), (_, mm_before) = inside(with_lens, truth), inside(without, truth)
     assert mm < 0.5 * mm_before
     assert held > 0.93
-    assert any("estimated from the recording itself: k1 -0.1" in f for f in with_lens.findings)
-    assert not any("no lens is given" in f for f in with_lens.findings)
+    assert any("estimated from the recording itself: k1 -0.1" in f.text for f in with_lens.findings)
+    assert not any("no lens is given" in f.text for f in with_lens.findings)
 
 
 def test_a_lens_that_is_not_corrected_widens_intervals(bat):
@@ -67,7 +67,7 @@ def test_a_lens_that_is_not_corrected_widens_intervals(bat):
     found, _, truth = bat
     held, _ = inside(found, truth)
     assert held > 0.93
-    assert any("the lens that is not corrected moves positions by" in f for f in found.findings)
+    assert any("the lens that is not corrected moves positions by" in f.text for f in found.findings)
     narrow = np.diagonal(found.cov_m2, axis1=-2, axis2=-1)
     assert np.nanmedian(np.diagonal(lasting_cov(found), axis1=-2, axis2=-1) / narrow) > 1
 

@@ -87,7 +87,7 @@ def test_demo_beats_what_people_use(demo):
 
 def assert_beats_others(gaps):
     """Of a demo's report."""
-    rivals = {"conditional_gaussian", "principal_components"}
+    rivals = {"conditional_gaussian", "principal_components", "chains"}
     assert set(gaps) == {"mixture", "constant_velocity", "cubic", "linear"} | rivals
     assert gaps["cubic"]["coverage95"] is None
     others = [gaps[name]["rmse_mm"] for name in ("constant_velocity", "cubic", "linear", *rivals)]

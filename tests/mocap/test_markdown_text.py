@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from mocap.datasets import make_bat, write_recording
-from mocap.filters.models.pose import PoseSettings
 
+from mocap.findings import readings
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import table
 from mocap.pipeline.prepare import prepare
@@ -74,11 +74,11 @@ def test_a_report_of_hostile_names(tmp_path):
     source = read(files["pixels"], fps=240.0, calibration=files["coefficients"], profile=files["profile"])
     prepared = prepare(source)
     names = tuple(f"{HOSTILE[m % len(HOSTILE)]} {m}" for m in range(len(prepared.names)))
-    prepared = replace(prepared, names=names, findings=(*HOSTILE, *prepared.findings))
+    prepared = replace(prepared, names=names, findings=(*readings(HOSTILE), *prepared.findings))
     part = seen_part(prepared)
-    model = learn_motion(prepared, part, "constant_velocity", settings=PoseSettings())
+    model = learn_motion(prepared, part, "constant_velocity")
     tracked = tracked_motion(prepared, part, "constant_velocity", track(prepared, part, model))
-    report = make_report(prepared, part, tracked, {}, why_model="a|b", validation={}, hidden=0, seconds={}, settings={})
+    report = make_report(prepared, part, tracked, {}, why_model="a|b", validation={}, hidden=0, seconds={})
     report["joints"] = {name: {"samples": 1, "effective_rank": 1.0, "v_at_samples_median": 1.0} for name in HOSTILE}
     markdown = readable(report, title="<b>*x*|y")
     tokens = PARSER.parse(markdown)

@@ -24,8 +24,8 @@ def test_every_choice_is_kept(small, tmp_path):
     kind = PoseSettings(
         ranks=(1, 7),
         potential="none",
-        weight=1 / 3,
-        lam=1e-7,
+        body=1 / 3,
+        process_noise=1e-7,
         covariance=(0.1, -1 / 3),
     )
     three = small.mixture
@@ -72,7 +72,7 @@ def rewritten(path, folder, **changed):
         {"header": None},
         {"header": np.array("not json")},
         {"header": np.array("[1, 2]")},
-        {"header": np.array('{"format": "eal-mocap model 10"}')},
+        {"header": np.array('{"format": "eal-mocap model 11"}')},
         {"trial_0_xyz_m": None},
         {"trial_0_xyz_m": np.zeros((40, 4, 3))},
         {"trial_0_sd_m": np.zeros(40)},
@@ -98,8 +98,8 @@ def test_other_versions_and_other_files_are_named(small, tmp_path):
     path = tmp_path / "m.npz"
     save_model(small, path)
     with np.load(path) as file:
-        header = {**json.loads(str(file["header"])), "format": "eal-mocap model 11"}
-    with pytest.raises(FormatError, match="expected 'eal-mocap model 10', but it says 'eal-mocap model 11': learn it"):
+        header = {**json.loads(str(file["header"])), "format": "eal-mocap model 12"}
+    with pytest.raises(FormatError, match="expected 'eal-mocap model 11', but it says 'eal-mocap model 12': learn it"):
         load_model(rewritten(path, tmp_path, header=np.array(json.dumps(header))))
     (tmp_path / "text.npz").write_text("pt1_X,pt1_Y\n1,2\n")
     np.save(tmp_path / "array.npy", np.arange(3))

@@ -10,7 +10,6 @@ from mocap.filters.hidden_gaps import Effort, hidden_gaps, mixed
 from mocap.filters.models.articulated import ArticulatedSettings
 from mocap.filters.models.base import TrialSet, estimate
 from mocap.filters.models.constant_velocity import MarkerSettings
-from mocap.filters.models.delayed_poses import DelaySettings
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import MODELS
 from mocap.filters.models.singer import LastingSettings
@@ -19,12 +18,11 @@ from mocap.filters.observations import PositionObservations
 from mocap.pipeline.model_settings import read, written
 from tests.filters.test_gaps_in_trials import trial_of
 
-POSE = PoseSettings(ranks=(2,), weight=1 / 3)
+POSE = PoseSettings(ranks=(2,), body=1 / 3)
 EXAMPLES = {
     "articulated": ArticulatedSettings(pose=POSE),
     "constant velocity": MarkerSettings(acceleration=0.1),
-    "delayed poses": DelaySettings(ranks=(2,), views=("body",)),
-    "lasting acceleration": LastingSettings(memory=2.0),
+    "lasting acceleration": LastingSettings(),
     "pose": POSE,
 }
 

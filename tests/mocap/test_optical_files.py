@@ -151,10 +151,19 @@ def test_small_vicon_file(tmp_path, before, after):
     assert not tracks.xyz_m[1, 1].any()
 
 
+def test_rows_that_somebody_took_out(tmp_path):
+    """NO_OF_FRAMES of the whole recording is told, and the rows that are there are read."""
+    part = tmp_path / "a.tsv"
+    part.write_text(TSV.split("12\t")[0])
+    got = read_tsv(part)
+    assert list(got.frames) == [11]
+    assert "NO_OF_FRAMES is 2, but there are 1 rows" in got.findings
+
+
 DAMAGED_TSV = {
     "empty": ("", "the file is empty"),
     "cut in a number": (TSV.removesuffix("0\t\r\n"), "line 7 has 7 cells, expected 8 as the header states"),
-    "cut between rows": (TSV.split("12\t")[0], "1 rows, but NO_OF_FRAMES says 2"),
+    "no rows": (TSV.split("11\t")[0], "no frames after the header"),
     "no names": (re.sub(r"MARKER_NAMES[^\n]*\n", "", TSV), "no line MARKER_NAMES"),
     "a name short": (TSV.replace("\troot\r", "\r"), "NO_OF_MARKERS is 2, with 1 names"),
     "the same name twice": (TSV.replace("\troot\r", "\ttip\r"), "marker 'tip' appears twice"),

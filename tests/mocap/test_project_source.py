@@ -129,4 +129,4 @@ def test_real_projects_are_their_tables():
     tables = prepare(read(folder / "078A3_F5_xypts.csv", fps=700, calibration=folder / "078A3_F5_dltCoefs.csv"))
     np.testing.assert_array_equal(np.isfinite(project.xyz_m), np.isfinite(tables.xyz_m))
     np.testing.assert_allclose(project.xyz_m, tables.xyz_m, rtol=0, atol=2e-7)
-    assert any("9 of 3285 stored points differ" in finding for finding in project.findings)
+    assert any("9 of 3285 stored points differ" in finding.text for finding in project.findings)

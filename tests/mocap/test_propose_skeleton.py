@@ -1,12 +1,14 @@
 """A proposed skeleton: the true bones of animals whose skeleton is known, and a file that ``track`` takes as it is."""
 
 import json
+import re
 import sys
 
 import numpy as np
 import pytest
 from mocap.datasets import make_bat, make_lizard, write_recording
 from mocap.filters.poses import MarkerTrial
+from mocap.filters.rigid import wobble_deg
 from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial.transform import Rotation
 
@@ -19,10 +21,10 @@ from mocap.pipeline.propose_skeleton import (
     propose_skeleton,
     spanning_bones,
     trunk_of,
-    wobble_deg,
 )
 from mocap.pipeline.reading import read
 from mocap.skeleton import Bone, Joint, Skeleton, read_skeleton, skeleton_text
+from tests.filters.bodies_trials import two_bodies
 from tests.real_data import real
 
 NOISE_M = 3e-4
@@ -106,6 +108,39 @@ def test_known_skeletons_are_found(tmp_path, make, kind):
     joints = {(joint.centre, joint.child) for joint in found.joints}
     true_joints = {(joint.centre, joint.child) for joint in truth.joints}
     assert len(joints & true_joints) >= 0.75 * len(true_joints)
+
+
+def beads(tmp_path, named):
+    """A table of two simulated bodies, the recording of it."""
+    xyz = two_bodies((4, 5)).trial.xyz_m
+    header = ",".join(f"{name}_{axis}" for name in named for axis in "xyz")
+    np.savetxt(tmp_path / "beads.csv", xyz.reshape(len(xyz), -1), delimiter=",", header=header, comments="")
+    return read(tmp_path / "beads.csv", fps=100, unit="m")
+
+
+def test_one_joint_between_two_bodies(tmp_path):
+    """Two bodies by what their markers' names share, one joint, and none at a bead; the file reads as that."""
+    named = [*(f"skull_{k}" for k in "abcd"), *(f"Jaw{k}" for k in range(1, 6))]
+    found = propose_skeleton(beads(tmp_path, named))
+    assert found.skeleton.bodies == {"skull": tuple(named[:4]), "Jaw": tuple(named[4:])}
+    assert {frozenset((j.parent, j.child)) for j in found.skeleton.body_joints} == {frozenset(("skull", "Jaw"))}
+    assert found.skeleton.joints == ()
+    assert all(("Jaw" in bone.a) == ("Jaw" in bone.b) for bone in found.skeleton.bones)
+    assert re.search(r'"Jaw" = \[.*keep their places to 0\.0\d+ mm, noise', found.text)
+
+
+def test_names_that_share_nothing(tmp_path):
+    """Bodies are numbered then."""
+    assert set(propose_skeleton(beads(tmp_path, "abcdefghi")).skeleton.bodies) == {"body_1", "body_2"}
+
+
+def test_the_jaw_of_a_macaque():
+    """Five x-ray beads in each of two bones: two bodies and the joint between them."""
+    found = propose_skeleton(read(real("xromm_macaque_jaw", "3dpts.csv"), fps=100, unit="mm")).skeleton
+    lower, skull = ([m for m in found.markers if m.lower().startswith(word)] for word in ("lower", "skull"))
+    assert found.bodies == {"lower": tuple(lower), "Skull": tuple(skull)}
+    assert [(joint.parent, joint.child) for joint in found.body_joints] == [("Skull", "lower")]
+    assert found.joints == ()
 
 
 def test_the_file_is_the_skeleton(tmp_path):

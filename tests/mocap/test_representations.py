@@ -8,7 +8,7 @@ from contextlib import suppress
 import pytest
 
 from mocap.errors import MocapError
-from mocap.library.tracked import Tracked
+from mocap.results.tracked import Tracked
 from tests.mocap.rerun.flapping import make_run
 
 MOST = 1500

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocap.errors import SkeletonError
-from mocap.skeleton import Bone, Joint, Skeleton, read_skeleton, write_skeleton
+from mocap.skeleton import BodyJoint, Bone, Joint, Skeleton, read_skeleton, write_skeleton
 
 TEXT = st.text(st.characters(exclude_categories=("C",)), min_size=1, max_size=10)
 JOINT = TEXT.filter(lambda name: not name.startswith(".") and not set(name) & set("/\\"))
@@ -27,6 +27,7 @@ def skeletons(draw):
             Joint(name=name, parent=draw(one), centre=draw(one), child=draw(one))
             for name in draw(st.lists(JOINT, max_size=3, unique=True))
         ),
+        bodies={draw(TEXT): draw(st.permutations(markers))} if len(markers) >= 3 and draw(st.booleans()) else {},
         trunk=tuple(draw(st.lists(one, max_size=3))),
         aliases=draw(st.dictionaries(TEXT, one, max_size=3)),
         max_speed_m_s=draw(st.none() | st.floats(1e-3, 1e3)),
@@ -63,6 +64,23 @@ def test_the_documented_file_reads_as_documented(tmp_path):
     )
 
 
+def test_bodies_and_their_joints(tmp_path):
+    """A joint of two names is one between two bodies, in a file as in Python; it comes back as it was written."""
+    beads = ["s1", "s2", "s3", "j1", "j2", "j3", "j4"]
+    stated = Skeleton(
+        name="jaw",
+        markers=beads,
+        bodies={"cranium": beads[:3], "mandible": beads[3:]},
+        joints={"jaw": ("cranium", "mandible"), "tip": ("s1", "j1", "j2")},
+    )
+    assert stated.bodies["mandible"] == ("j1", "j2", "j3", "j4")
+    assert stated.body_joints == (BodyJoint(name="jaw", parent="cranium", child="mandible"),)
+    assert stated.joints == (Joint(name="tip", parent="s1", centre="j1", child="j2"),)
+    write_skeleton(tmp_path / "jaw.toml", stated)
+    assert 'jaw" = ["cranium", "mandible"]' in (tmp_path / "jaw.toml").read_text()
+    assert read_skeleton(tmp_path / "jaw.toml") == stated
+
+
 M = 'markers = ["a", "b", "c"]\n'
 
 
@@ -77,7 +95,17 @@ M = 'markers = ["a", "b", "c"]\n'
         (M + 'bones = ["ab"]\n', r'a bone is \["a", "b"\]'),
         (M + 'bones = [["a", "b", "hard"]]\n', r'a bone is \["a", "b"\]'),
         (M + 'trunk = ["x"]\n', "trunk uses marker 'x'"),
-        (M + '[joints]\nj = ["a", "b"]\n', "joint 'j' is"),
+        (
+            M + '[joints]\nj = ["a", "b"]\n',
+            "joint 'j' is between two names, and 'a' is none of its bodies .it has none",
+        ),
+        (M + '[joints]\nj = ["a"]\n', "joint 'j' is"),
+        (M + '[bodies]\ntop = ["a", "b", "b"]\n', "body 'top' has 2 different markers, and needs at least 3"),
+        (M + '[bodies]\ntop = ["a", "b", "d"]\n', "body top uses marker 'd', which is not in its markers"),
+        (M + '[bodies]\ntop = ["a", "b", "c"]\nlow = ["c", "b", "a"]\n', "'c' is in the bodies 'top' and 'low'"),
+        (M + '[bodies]\ntop = "abc"\n', "body 'top' is a list of markers"),
+        (M + "bodies = 3\n", "expected a table .bodies."),
+        (M + '[bodies]\ntop = ["a", "b", "c"]\n[joints]\nj = ["top", "top"]\n', "joins 'top' to itself"),
         (M + '[joints]\nj = ["a", "b", "x"]\n', "joint j uses marker 'x'"),
         (M + '[aliases]\npt1 = "x"\n', "aliases uses marker 'x'"),
         ('markers = ["a", "a"]\n', "marker 'a' appears twice"),

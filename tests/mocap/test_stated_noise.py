@@ -7,6 +7,7 @@ import pytest
 from mocap.datasets import make_bat, write_recording
 
 from mocap.io.dltdv import read_points
+from mocap.io.unstated_unit import UNIT
 from mocap.pipeline.prepare import prepare
 from mocap.pipeline.reading import read
 from mocap.pipeline.tracking import marker_trial, seen_part
@@ -69,11 +70,12 @@ def test_what_contradicts_the_pixels_is_said_first(source, plain, tmp_path, stat
     given = replace(source, pixel_sd=stated)
     summary = triangulate_file(given, tmp_path / "xyzpts.csv", refine=True)
     for findings in (prepare(given).findings, summary.findings):
-        contradicted = [f for f in findings if "contradicts the pixels" in f]
-        assert [f"`pixel_sd` {stated:g}" in f and said in f for f in contradicted] == [True] * (said is not None)
-        others = [f for f in findings if not f.startswith("no unit is stated")]  # which is said before all else
+        contradicted = [f for f in findings if f.kind == "pixel noise"]
+        told = [f"`pixel_sd` {stated:g}" in f.text and said in f.text for f in contradicted]
+        assert told == [True] * (said is not None)
+        others = [f for f in findings if f.kind != UNIT]  # which is said before all else
         assert not contradicted or others[0] == contradicted[0]
-    assert not any("contradicts the pixels" in f for f in plain.findings)
+    assert not any(f.kind == "pixel noise" for f in plain.findings)
 
 
 def test_triangulate_refine_uses_it_too(source, tmp_path):

@@ -82,6 +82,17 @@ def test_timestamps_in_seconds_are_times(tmp_path):
     assert table(tmp_path, text).fps == 25
 
 
+@pytest.mark.parametrize("title", ["time_ms", "t (ms)", "Time [ms]", "timestamp_ms", "milliseconds"])
+def test_times_in_milliseconds_are_no_frames(tmp_path, title):
+    """0, 40, 80: 25 frames a second, none of them missing."""
+    rows = PLAIN.replace("frame", title).split("\n")
+    text = "\n".join([rows[0], *(f"{40 * i}{row[row.index(',') :]}" for i, row in enumerate(rows[1:7]))]) + "\n"
+    got = table(tmp_path, text)
+    assert got.fps == 25
+    np.testing.assert_array_equal(np.diff(got.frames), 1)
+    np.testing.assert_allclose(got.points.t_s, 0.04 * np.arange(6), rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["a.csv", "a.trc", "a_long.csv"])
 def test_a_last_line_without_its_end(tmp_path, name):
     """It is read, with a finding, where it is whole; with fewer cells or decimals than the others it is refused."""
@@ -114,6 +125,11 @@ def test_trajectories_without_a_name(tmp_path):
     for number in ("66", "0", ""):
         got = same(table(tmp_path, TRC.replace("\t6\t2\tmm", f"\t6\t{number}\tmm"), "a.trc"), whole)
         assert any(finding.startswith("NumMarkers is") for finding in got.findings)
+    got = same(table(tmp_path, TRC.replace("a\t\t\tb", "a\t\t\ta"), "a.trc"), whole)
+    assert got.names == ("a", "a_2")  # as of C3D
+    assert any("without a unique name" in finding for finding in got.findings)
+    for unit in ("Millimeters", "millimetre", "mm "):
+        assert same(table(tmp_path, TRC.replace("\tmm", f"\t{unit}"), "a.trc"), whole).unit == "mm"
     with pytest.raises(FormatError, match=r"line 4 names 1 after Frame# and Time"):
         table(tmp_path, TRC.replace("a\t\t\tb\t\t", "\ta\t\t"), "a.trc")
 

@@ -9,7 +9,7 @@ from mocap.filters.models.pose import PoseSettings
 
 import mocap
 from mocap.errors import MocapError
-from mocap.library.learning import Model
+from mocap.pipeline.learning import Model
 from tests.filters.flapping_trials import FPS, MATRIX, NAMES, TRUNK, filmed, flapping
 
 

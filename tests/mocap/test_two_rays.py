@@ -65,11 +65,11 @@ def test_two_rays_that_meet_at_a_wrong_place_are_refused(scene):
     asked = unconfirmed(one)
     assert asked[FRAMES, wrong].mean() > 0.9
     assert asked[FRAMES, right].mean() > 0.9
-    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    checked = without_contradicted(one, seen_part(one))
     assert (checked.rejected["contradicted"][FRAMES, wrong] == asked[FRAMES, wrong]).all()
     assert checked.rejected["contradicted"][FRAMES, right].sum() <= 2
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
-    assert any("meet away from where the motion" in line for line in checked.findings)
+    assert any("meet away from where the motion" in line.text for line in checked.findings)
     lost = np.isfinite(one.uv_px[..., 0]) & np.isnan(checked.uv_px[..., 0])
     assert lost[1, FRAMES, wrong].mean() > 0.9  # looked at again, the camera that is wrong is found
     lost[1, FRAMES, wrong] = False
@@ -90,7 +90,7 @@ def test_a_camera_that_shows_another_marker_is_found(scene, other):
     (run,) = [run for run in disagreements(one) if run.marker == wrong]
     assert run.cameras == (0, 1)
     assert worth_checking(one)
-    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    checked = without_contradicted(one, seen_part(one))
     refused = seen & np.isnan(checked.uv_px[..., 0])
     expected = np.zeros_like(seen)
     expected[1, FRAMES, wrong] = seen[0, FRAMES, wrong] & seen[1, FRAMES, wrong]
@@ -98,14 +98,14 @@ def test_a_camera_that_shows_another_marker_is_found(scene, other):
     np.testing.assert_array_equal(refused, expected)
     np.testing.assert_array_equal(checked.rays_rejected, one.rays_rejected | expected)
     assert np.isnan(checked.xyz_m[FRAMES, wrong]).all()
-    assert any("of two cameras that disagree" in line for line in checked.findings)
+    assert any("of two cameras that disagree" in line.text for line in checked.findings)
 
 
 def test_nothing_is_refused_where_all_is_right(scene):
     """Two right rays each: 1 of 20 at most, and so few that they are not worth a pass of the filter."""
     bat, pixels, _ = scene
     one = prepared(bat, pixels)
-    checked = without_contradicted(one, seen_part(one), SETTINGS)
+    checked = without_contradicted(one, seen_part(one))
     refused = np.isnan(checked.xyz_m[..., 0]) & np.isfinite(one.xyz_m[..., 0])
     assert unconfirmed(one).sum() > 30
     assert refused.sum() <= 2
@@ -188,4 +188,4 @@ def test_long_recordings_are_checked_block_by_block(scene, learned):
     asked = unconfirmed(prepared(bat, film))[:, wrong]
     assert asked.sum() > 15
     assert (run.tracked.markers.status[asked, wrong] == Status.REJECTED).all()
-    assert any("meet away from where the motion" in text for text in findings)
+    assert any("meet away from where the motion" in found.text for found in findings)

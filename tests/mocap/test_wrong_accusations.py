@@ -1,19 +1,26 @@
 """What is not wrong is not called wrong: each case accused a recording, or its cameras, of what they had not done."""
 
+import ast
+import re
+import subprocess
 from dataclasses import replace
+from subprocess import CompletedProcess, TimeoutExpired
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from mocap.audit import alarms, fit_findings, jump_findings, pixel_findings, point_findings
+from mocap.audit.geometry import camera_findings
 from mocap.audit.inspect import inspect
 from mocap.cameras.camera import dlt_coefficients, record, stacked, undistorted
 from mocap.cameras.triangulate import linear, refine
+from mocap.errors import FormatError
 from mocap.io.describe import summary
 from mocap.io.dltdv import write_points
 from mocap.io.format import Hints
 from mocap.io.registry import read
+from tests.conftest import ROOT
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_audit import clean, points_of
 from tests.real_data import real
@@ -154,3 +161,73 @@ def test_careless_clicks_are_no_foreign_calibration():
     scene = clean(lens=False)
     uv = record(scene.cameras, 0.2 * scene.xyz_m)
     assert not fit_findings(scene.cameras, uv + np.random.default_rng(3).normal(0, 12, uv.shape))
+
+
+@pytest.mark.parametrize(("count", "sd_px"), [(4, 15.0), (3, 4.0)])
+def test_a_careless_hand_is_no_foreign_camera(count, sd_px):
+    """One film of four, or of three, is clicked 8 and 30 times as carelessly: its calibration is not blamed.
+
+    Pixels that miss by as much but lie as smoothly as the others' are.
+    """
+    scene = clean(lens=False)
+    cameras, uv = scene.cameras[:count], scene.pixels.uv_px[:count].copy()
+    uv[1] += np.random.default_rng(3).normal(0, sd_px, uv[1].shape)
+    assert not fit_findings(cameras, uv)
+    uv[1] = scene.pixels.uv_px[1] + 3 * sd_px
+    (found,) = fit_findings(cameras, uv)
+    assert found.cameras == (cameras[1].name,)
+
+
+@pytest.mark.parametrize("reach_m", [0.02, 0.3])
+def test_an_animal_that_turns_in_rounded_positions_is_no_stalled_recording(reach_m):
+    """To and fro, in whole millimetres: at its turning points frames are the same; those stored twice are named."""
+    scene = clean()
+    way = reach_m * np.sin(2 * np.pi * np.arange(300) / 100)[:, None, None] * [1.0, 0, 0]
+    xyz = np.round(scene.xyz_m[:1] + way, 3)
+    assert (xyz[1:] == xyz[:-1]).all(axis=(1, 2)).any()
+    assert not point_findings(points_of(xyz, scene.pixels))
+    xyz[150:153] = xyz[149]
+    assert [f.kind for f in point_findings(points_of(xyz, scene.pixels))] == ["repeated frames"] * (reach_m > 0.1)
+
+
+def test_points_left_in_a_corner_were_not_copied():
+    """Who digitises leaves hidden points at one place of the picture, in both films; tracks that move are named."""
+    scene = clean()
+    uv = scene.pixels.uv_px.copy()
+    uv[:2, 100:250, 2:4] = [3.0, 5.0]
+    assert not [f for f in pixel_findings(replace(scene.pixels, uv_px=uv)) if f.kind == "copied pixels"]
+    uv[1, 100:250, 2:4] = uv[0, :150, :2]
+    uv[0, 100:250, 2:4] = uv[0, :150, :2]
+    (found,) = [f for f in pixel_findings(replace(scene.pixels, uv_px=uv)) if f.kind == "copied pixels"]
+    assert found.cameras == scene.pixels.cameras[:2]
+
+
+def test_a_film_that_two_people_digitised_was_not_copied():
+    """The calibration of one camera twice: that its points come from one camera is said, too."""
+    first, *others = clean().cameras
+    (found,) = camera_findings((first, replace(first, name="again"), *others), y_up=False)
+    assert "both are tracks of one camera" in found.text
+
+
+def test_what_readers_say_has_evidence():
+    """A reader that cannot go on says what contradicts what, and not who is to blame: there may be another cause."""
+    said = []
+    for path in sorted((ROOT / "mocap" / "io").glob("*.py")):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        docstrings = {node.value for node in nodes if isinstance(node, ast.Expr)}
+        texts = [node for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+        said += [(path.name, str(text.value)) for text in texts if text not in docstrings]
+    assert len(said) > 1000
+    assert not [one for one in said if re.search(r"\b(damaged|corrupt|edited|is cut|was cut or)\b", one[1])]
+
+
+def test_a_busy_computer_is_no_damaged_file(tmp_path, monkeypatch):
+    """A reader that had no time says so; one that is ended by its library says that."""
+    path = tmp_path / "a.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    monkeypatch.setattr(subprocess, "run", lambda *_, timeout, **__: (_ for _ in ()).throw(TimeoutExpired("", timeout)))
+    with pytest.raises(FormatError, match=r"a\.h5: was not read as HDF5 within \d+ s: try again"):
+        read(path)
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: CompletedProcess("", -11, b"", b""))
+    with pytest.raises(FormatError, match=r"a\.h5: the library that reads HDF5 crashed on it"):
+        read(path)

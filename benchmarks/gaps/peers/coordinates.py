@@ -10,7 +10,7 @@ from benchmarks.gaps.method import Estimate, Trial
 from eal.arrays import Array
 
 BODY_HZ = 3.0
-"""Faster motion of the trunk is left to the pose, as in the tracker (``PoseSettings.body_hz``)."""
+"""Faster motion of the trunk is left to the pose, as in the tracker (``mocap.filters.poses.BODY_HZ``)."""
 
 
 @dataclass(frozen=True, eq=False)

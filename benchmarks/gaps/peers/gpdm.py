@@ -68,7 +68,6 @@ def process_dynamics(learned: LatentPoses, z: list[Array], sd: Array, *, factor:
         decode=learned.decode,
         size=here.shape[1],
         step=lambda x: x + velocity(x),
-        linear=False,
         noise=np.diag(np.sqrt(factor) * velocity.noise_sd + 1e-6 * spread),
         start=Gaussian(learned.points.mean(axis=0), np.diag(spread)),
         sd=sd,

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from mocap.filters.ensemble import Gaussian, default_points, ensemble, predict, scale, update
+from mocap.filters.ensemble import Gaussian, default_points, ensemble, predict, scale, smooth_step, update
 from mocap.filters.ensemble import spread as spread_points
-from mocap.filters.smoother import smooth_step
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
@@ -78,7 +77,6 @@ class LatentModel:
         decode: Latent points to poses.
         size: q.
         step: (S, n) states to states a frame later.
-        linear: Whether ``step`` is.
         noise: (n, n) lower factor of the process noise.
         start: State before the first frame.
         sd: (D,) standard deviation of an observation about the map.
@@ -87,7 +85,6 @@ class LatentModel:
     decode: Regression
     size: int
     step: Callable[[Array], Array]
-    linear: bool
     noise: Array
     start: Gaussian
     sd: Array
@@ -111,17 +108,16 @@ def follow(model: LatentModel, y: Array) -> tuple[Array, Array]:
     with threadpool_limits(1):
         for t in range(len(y)):
             if t:
-                predictions.append(predict(state, model.step, model.noise, points, linear=model.linear))
+                predictions.append(predict(state, model.step, model.noise, points))
                 state = predictions[-1].state
             use = seen[t]
             if use.any():
                 state = update(
                     state,
-                    lambda z, use=use: model.decode(z)[:, use],
+                    lambda z, use=use: model.decode(z[:, : model.size])[:, use],
                     y[t, use],
                     model.sd[use],
                     points,
-                    reads=model.size,
                 ).state
             filtered.append(state)
         for t in range(len(y) - 2, -1, -1):
@@ -130,7 +126,7 @@ def follow(model: LatentModel, y: Array) -> tuple[Array, Array]:
     spread = np.zeros((len(y), y.shape[1] // 3, 3, 3))
     c, gamma = scale(points)
     for t in np.flatnonzero(~seen.all(axis=1)):
-        sigma = spread_points(filtered[t], c, columns=model.size, rows=model.size)
+        sigma = spread_points(filtered[t], c)[:, : model.size]
         rows = ensemble(model.decode(sigma), c, gamma)[1].reshape(-1, y.shape[1] // 3, 3)
         spread[t] = np.einsum("kmi,kmj->mij", rows, rows)
     return model.decode(means), spread
@@ -186,7 +182,6 @@ def linear_dynamics(decode: Regression, z: list[Array], sd: Array, *, ridge: flo
         decode=decode,
         size=q,
         step=lambda x: middle + (x - middle) @ matrix.T,
-        linear=True,
         noise=np.linalg.cholesky(noise),
         start=Gaussian(middle, np.diag(start)),
         sd=sd,

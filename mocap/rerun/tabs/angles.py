@@ -14,14 +14,13 @@ from mocap.rerun import palette, paths
 from mocap.rerun.columns import time_columns
 from mocap.rerun.layout import Layout
 from mocap.rerun.rows import rows
-from mocap.rerun.scene_views import NARROW, scene_view
+from mocap.rerun.scene_views import scene_view
 from mocap.rerun.series import robust_range, series_view
-from mocap.sides import by_side, side_of
+from mocap.sides import by_side, side_of, words
 
 SECTIONS = {"wing_beat": ("down", "up"), "stride": ("stance", "swing")}
 """What the first and the second part of a cycle are called."""
 BODY = ("body_speed_m_s", "body_yaw_deg", "body_pitch_deg", "body_roll_deg")
-_SIDE_COLORS = {"left": palette.SKY_BLUE, "right": palette.ORANGE, "trunk": palette.GREEN}
 _COLUMN = 5
 """More plots take two columns."""
 
@@ -45,11 +44,11 @@ def tab(layout: Layout) -> rrb.Container | None:
     if layout.cycles:
         lanes = rrb.StateTimelineView(
             origin=paths.CYCLES,
-            name="Cycles, numbered: blue down-stroke or stance, orange up-stroke or swing",
+            name="Cycles, numbered: green down-stroke or stance, red-brown up-stroke or swing",
             time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
         )
         right = rrb.Vertical(right, lanes, row_shares=[5, 1 + 0.25 * min(len(_lanes(layout.cycles)), 6)])
-    return rrb.Horizontal(scene_view(layout, near=NARROW), right, column_shares=[2, 3], name="Angles and cycles")
+    return rrb.Horizontal(scene_view(layout), right, column_shares=[2, 3], name="Angles and cycles")
 
 
 def chosen(found: Sequence[Quantity], joints: Sequence[str], strokes: Sequence[str]) -> dict[str, list[Quantity]]:
@@ -86,14 +85,14 @@ def _plots(group: str, quantities: Sequence[Quantity]) -> rrb.Container:
 
 
 def title(q: Quantity) -> str:
-    """``elbow l flexion (deg)``."""
+    """``left elbow flexion (deg)``."""
     unit = q.unit.replace("_", "/").replace("s2", "s²").replace("m2", "m²")
-    return f"{q.name.removesuffix(f'_{q.unit}').replace('_', ' ')} ({unit})"
+    return f"{words(q.name.removesuffix(f'_{q.unit}'))} ({unit})"
 
 
 def _log_quantity(rec: rr.RecordingStream, group: str, q: Quantity, t_s: np.ndarray) -> None:
     path = paths.quantity(group, q.name)
-    color = _SIDE_COLORS.get(group, palette.GREEN)
+    color = palette.SIDE.get(group, palette.WHITE)
     _log_band(rec, f"{path}/measured", q, t_s, q.rests == Rests.MEASURED, color, "measured")
     _log_band(rec, f"{path}/filled", q, t_s, q.rests == Rests.FILLED, palette.YELLOW, "filled")
 
@@ -141,7 +140,7 @@ def _log_cycles(rec: rr.RecordingStream, path: str, rows: Sequence[Cycle], t_s: 
     parts = sections(rows)
     names = [name for _, name in parts if name]
     labels = [name.split()[0] if name.endswith(("down", "stance")) or " " not in name else " " for name in names]
-    colors = [palette.ORANGE if name.endswith(("up", "swing")) else palette.BLUE for name in names]
+    colors = [palette.VERMILLION if name.endswith(("up", "swing")) else palette.GREEN for name in names]
     rec.log(path, rr.StateConfiguration(values=names, labels=labels, colors=colors), static=True)
     at = np.clip(np.searchsorted(t_s, [start for start, _ in parts]), 0, len(t_s) - 1)
     last = {int(frame): name for frame, (_, name) in zip(at, parts, strict=True)}

@@ -55,7 +55,7 @@ def tab(layout: Layout) -> rrb.Container:
     views = [
         series_view(
             paths.NIS,
-            "Are predictions as good as stated? 1 as expected; above the grey lines (95 % of frames): worse (NIS)",
+            "Are predictions as good as stated (NIS)? Between the grey lines: yes; above: worse; below: better",
             y_range=limit,
         )
     ]

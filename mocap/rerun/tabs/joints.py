@@ -25,6 +25,8 @@ _DECADES = 8
 """Decades of eigenvalues that are drawn."""
 _TABS = 6
 """More joints are grouped by side."""
+OUTSIDE = "outside its usual range"
+"""Said at the ball where it is on no low place of the potential."""
 CHART_SIZE = (160.0, 100.0)
 """Width and height of the chart of eigenvalues, in units of its view."""
 
@@ -281,6 +283,11 @@ def _log_heat_map(rec: rr.RecordingStream, path: str, t_s: Array, land: Landscap
     dots = np.where(preferred[:, None], palette.VERMILLION, palette.GROUND).astype(np.uint8)
     samples, way = land.samples_mm * flip, land.path_mm * flip
     _log_moving(rec, path, t_s, samples, way, dots=dots, trail=palette.BLUE, limb_radius=1.5)
+    outside = land.path_value > RANGE
+    label = rr.Points2D.from_fields(colors=palette.VERMILLION, radii=ui(1.0), show_labels=True, draw_order=45.0)
+    rec.log(f"{path}/outside", label, static=True)
+    columns = rr.Points2D.columns(positions=single(way[outside]), labels=[OUTSIDE] * int(outside.sum()))
+    rec.send_columns(f"{path}/outside", indexes=time_columns(t_s), columns=columns.partition(outside.astype(int)))
 
 
 def _log_axes(rec: rr.RecordingStream, path: str, land: Landscape) -> None:

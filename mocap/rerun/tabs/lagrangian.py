@@ -8,7 +8,7 @@ from mocap.pipeline.run import Run
 from mocap.rerun import palette, paths
 from mocap.rerun.layout import Layout
 from mocap.rerun.rows import rows
-from mocap.rerun.scene_views import NARROW, scene_view
+from mocap.rerun.scene_views import scene_view
 from mocap.rerun.series import log_line, robust_range, series_view
 
 _NEAR = 3.0
@@ -37,7 +37,7 @@ def tab(layout: Layout) -> rrb.Container | None:
         legend=False,
     )
     plots = rows([valley_view(layout), energy], columns=1, name="Energy")
-    return rrb.Horizontal(scene_view(layout, near=NARROW), plots, column_shares=[2, 3], name="Lagrangian")
+    return rrb.Horizontal(scene_view(layout), plots, column_shares=[2, 3], name="Lagrangian")
 
 
 def valley_view(layout: Layout) -> rrb.View:

@@ -33,7 +33,7 @@ def tab(layout: Layout) -> rrb.Container:
         names = list(layout.bounds_px)[:_TILES]
         tiles = [camera_view(layout, name) for name in sorted(names, key=camera_order(layout).index)]
         right.append(rows(tiles, columns=2))
-    right.append(gap_map_view(layout.n_markers))
+    right.append(gap_map_view())
     return rrb.Horizontal(
         rrb.Tabs(scene_view(layout), names_view(layout), active_tab=0),
         rrb.Vertical(*right),

@@ -158,6 +158,14 @@ def test_a_manifest_of_a_spreadsheet(tmp_path):
     assert (one.stated["fps"], one.animal, two.stated["fps"], two.skip) == (100.0, "bat7", 500.0, "blurred")
 
 
+def test_a_manifest_in_the_letters_of_windows(tmp_path):
+    """Excel saves "CSV" in Windows-1252."""
+    (tmp_path / "flügel_xyzpts.csv").write_text(ROWS)
+    (tmp_path / "m.csv").write_bytes("trial;path;animal\none;flügel_xyzpts.csv;Fledermaus März\n".encode("cp1252"))
+    (trial,) = find_trials([tmp_path / "m.csv"])
+    assert (trial.paths[0].name, trial.animal) == ("flügel_xyzpts.csv", "Fledermaus März")
+
+
 @pytest.mark.parametrize(
     ("table", "told"),
     [

@@ -12,9 +12,9 @@ import mocap as library
 from mocap.cameras.camera import project, stacked
 from mocap.digitising.asking import in_sight
 from mocap.digitising.clicks import Click, read_clicks, write_clicks
+from mocap.digitising.digitised import digitise
 from mocap.digitising.engine import unpacked
 from mocap.errors import CalibrationError, MocapError
-from mocap.library.digitised import digitise
 from tests.mocap.digitising.filmed import NAMES, film
 
 HIDDEN = [(c, slice(15, 27), 5) for c in range(3)] + [(1, slice(5, 30), 0)]

@@ -15,8 +15,8 @@ from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
 from mocap.digitising.clicks import Click, read_clicks
+from mocap.digitising.page import SAVED, digitise_page, open_session
 from mocap.errors import MocapError
-from mocap.library.digitise_page import SAVED, digitise_page, open_session
 from mocap.web import page, served
 from tests.mocap.digitising.filmed import NAMES, SIZE, film
 from tests.mocap.rerun.browser import chromium

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from mocap.digitising.digitised import digitise
 from mocap.digitising.texture import CLICK_PX, begun, followed
-from mocap.library.digitised import digitise
 from tests.mocap.digitising.filmed import NAMES, film, textured
 
 NOSE, TAIL = NAMES.index("nose"), NAMES.index("tail")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mocap.errors import MocapError
-from mocap.library.tracked import Tracked
 from mocap.results.bvh import write_bvh
+from mocap.results.tracked import Tracked
 from mocap.skeleton import Skeleton
 from tests.mocap.rerun.flapping import make_run
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.io import loadmat
 
 from mocap.errors import MocapError
-from mocap.library.tracked import Tracked
+from mocap.results.tracked import Tracked
 from tests.mocap.rerun.flapping import make_run
 
 
@@ -68,7 +68,7 @@ def test_one_refused_export_leaves_the_others(tmp_path, monkeypatch):
     def refuse(*_):
         raise MocapError("no bones")
 
-    monkeypatch.setattr("mocap.library.tracked.write_osim", refuse)
+    monkeypatch.setattr("mocap.results.tracked.write_osim", refuse)
     refused = result.write_kinematics(tmp_path, exports=["mat", "osim", "sto"], pictures=False)
     assert refused == ["osim: no bones"]
     assert (tmp_path / "kinematics.mat").exists()

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.filters.velocities import Motion, with_means
+from scipy.signal import hilbert
 from scipy.spatial.transform import Rotation
 
 from mocap.errors import MocapError
@@ -13,7 +14,7 @@ from mocap.kinematics.compute import kinematics
 from mocap.kinematics.delta import Naming, Points, with_rates
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Rests
-from mocap.kinematics.stroke import stroke_plane
+from mocap.kinematics.stroke import analytic, stroke_plane
 from mocap.measures import JointAxes, Measures, Segment
 from mocap.skeleton import Joint, Skeleton
 
@@ -197,3 +198,11 @@ def test_a_course_that_crosses_south_turns_as_it_does_elsewhere():
     assert heading.min() < -170
     assert heading.max() > 170
     np.testing.assert_allclose(found["body_turning_rate_deg_s"].value[1:-1], np.degrees(omega), rtol=1e-3)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 100, 101])
+def test_analytic_signals_are_scipys(n):
+    """Of one series and of several, of odd and even length."""
+    series = np.random.default_rng(n).normal(size=(n, 3))
+    np.testing.assert_allclose(analytic(series), hilbert(series, axis=0), atol=1e-13)
+    np.testing.assert_allclose(analytic(series[:, 0]), hilbert(series[:, 0]), atol=1e-13)

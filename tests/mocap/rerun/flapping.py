@@ -131,7 +131,7 @@ def make_run(
         motion=without_rates(markers.names, t_s, xyz, cov, origin == Status.MEASURED),
         joints=joints,
         potentials=potentials,
-        spatial_potentials=joint_potentials(joints, markers, body, frame=SPACE) if joints else {},
+        spatial_potentials=joint_potentials(joints[SPACE], markers, body) if joints else {},
         repaired=np.zeros((n_frames, n_markers), dtype=bool),
         report={},
         report_text=_REPORT,

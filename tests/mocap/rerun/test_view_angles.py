@@ -9,11 +9,11 @@ from readback import column, entities
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle
 from mocap.rerun import palette, paths
-from mocap.rerun.headless import Headless
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.rerun.series import robust_range, series_view
 from mocap.rerun.tabs.angles import sections
 from mocap.sides import by_side
+from tests.mocap.rerun.headless import Headless
 
 NAME = "L_elbow_flexion_deg"
 PATH = paths.quantity("left", NAME)
@@ -99,6 +99,6 @@ def test_a_person_sees_the_line_and_its_band(run, rrd):
         counts = []
         for one in (view, hidden):
             picture = viewer.picture(one, frame=20)
-            counts.append(int((np.abs(picture.astype(int) - palette.SKY_BLUE).max(axis=-1) < 24).sum()))
+            counts.append(int((np.abs(picture.astype(int) - palette.SIDE["left"]).max(axis=-1) < 24).sum()))
     assert counts[0] > 100  # a line across some 300 columns, its edges blurred
     assert counts[1] == 0

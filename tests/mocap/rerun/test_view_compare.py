@@ -13,9 +13,9 @@ from vulkan import need_vulkan
 from mocap.errors import MocapError
 from mocap.rerun import palette, paths
 from mocap.rerun.compare import APPLICATION, compare_blueprint, difference_mm, recording_of, run_names, write_comparison
-from mocap.rerun.headless import Headless
 from mocap.rerun.record import write_recording
 from mocap.rerun.stored import read_recording
+from tests.mocap.rerun.headless import Headless
 
 SHIFT_M = np.array([0.003, 0.0, -0.004])
 """5 mm."""

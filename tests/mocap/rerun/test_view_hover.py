@@ -15,7 +15,7 @@ from vulkan import need_vulkan
 from mocap.cameras.camera import project, stacked
 from mocap.records import Status
 from mocap.rerun import paths
-from mocap.rerun.headless import Headless
+from tests.mocap.rerun.headless import Headless
 
 pytestmark = pytest.mark.viewer
 FRAME = 33

@@ -11,9 +11,9 @@ from vulkan import need_vulkan
 
 from mocap.joint_angles import JointAngles
 from mocap.rerun import palette, paths
-from mocap.rerun.headless import Headless
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.rerun.tabs import lagrangian
+from tests.mocap.rerun.headless import Headless
 
 N = 20
 

@@ -12,10 +12,10 @@ from vulkan import need_vulkan
 
 from eal.over_time import at_frames
 from mocap.rerun import palette, paths
-from mocap.rerun.headless import Headless
 from mocap.rerun.limbs import ELLIPSE_SD, REACH, map_view, pull_view
 from mocap.rerun.record import make_layout, recording_id, write_recording
 from mocap.results.stored import read_run, write_arrays
+from tests.mocap.rerun.headless import Headless
 
 N = 20
 

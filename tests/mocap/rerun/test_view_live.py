@@ -17,10 +17,10 @@ from vulkan import need_vulkan
 
 from mocap.records import Status
 from mocap.rerun import palette, paths
-from mocap.rerun.headless import Headless
 from mocap.rerun.live import WAITING, LiveView, live_blueprint
 from mocap.rerun.record import run_scene
 from mocap.rerun.watch import LIVE, Session, session
+from tests.mocap.rerun.headless import Headless
 
 
 def estimates(run):

@@ -15,13 +15,12 @@ from mocap.pipeline.run import Run
 from mocap.records import Status
 from mocap.rerun import palette, paths
 from mocap.rerun.gaps import gap_map_view
-from mocap.rerun.headless import Headless
-from mocap.rerun.log_markers import TRAIL
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.rerun.row_map import WIDE, row_map_view
 from mocap.rerun.scene_views import camera_view, scene_view
 from mocap.rerun.series import series_view
 from mocap.rerun.tabs.joints import heat_map_view, spectrum_view, surface_view, volume_view
+from tests.mocap.rerun.headless import Headless
 
 FRAME = 33
 SHIFT_PX = 12.0
@@ -173,7 +172,10 @@ def test_every_tab_is_shown_without_reports(viewer, tmp_path, n_cameras, n_joint
 JOINT = "L_elbow"
 SURFACE, HEAT_MAP, CLOUD = paths.surface(JOINT), paths.heat_map(JOINT), paths.volume(JOINT)
 SHOWN = {
-    "scene": (scene_view, [(paths.SKELETON, palette.GREY), (paths.PATH, palette.BLUE), (paths.TRAILS, TRAIL["right"])]),
+    "scene": (
+        scene_view,
+        [(paths.SKELETON, palette.GREY), (paths.PATH, palette.WHITE), (paths.TRAILS, palette.TRAIL["right"])],
+    ),
     "surface": (lambda x: surface_view(x, JOINT), [(f"{SURFACE}/now", palette.VERMILLION)]),
     "heat map": (
         lambda x: heat_map_view(x, JOINT),
@@ -185,7 +187,7 @@ SHOWN = {
         [(f"{paths.spectrum(JOINT)}/dots", palette.SKY_BLUE), (f"{paths.spectrum(JOINT)}/lines", palette.ORANGE)],
     ),
     "gap map": (
-        lambda x: gap_map_view(x.n_markers),
+        lambda _: gap_map_view(),
         [(f"{paths.GAP_MAP}/now", palette.WHITE), (f"{paths.GAP_MAP}/samples", palette.YELLOW)],
     ),
     "error map": (

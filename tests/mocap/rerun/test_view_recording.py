@@ -245,7 +245,7 @@ def test_volume_is_the_potential_in_the_body(tmp_path):
     run, rrd = make_run(n_frames=120, n_cameras=0), tmp_path / "r.rrd"
     write_recording(run, rrd)
     name = "L_elbow"
-    spatial = joint_potentials(run.joints, run.tracked.markers, run.skeleton, frame="body")[name]
+    spatial = joint_potentials(run.joints["body"], run.tracked.markers, run.skeleton)[name]
     path = f"{paths.volume(name)}/potential"
     cell = column(rrd, path, "Volume3D:voxel_size")[2][0]
     corner = column(rrd, path, "Volume3D:translation")[2][0]

@@ -17,9 +17,9 @@ from mocap.errors import MocapError
 from mocap.io.movies import FIRST_PIXEL, open_movie
 from mocap.rerun import paths
 from mocap.rerun.footage import offsets_of, open_movies, with_footage
-from mocap.rerun.headless import Headless
 from mocap.rerun.log_video import coded_size
 from mocap.rerun.record import write_recording
+from tests.mocap.rerun.headless import Headless
 
 N_FRAMES, SEEN = 24, 17
 MAGENTA = (230, 20, 230)

@@ -1,22 +1,22 @@
-"""Pictures of the built-in recordings as their viewer shows them: ``python -m mocap.rerun.pictures FOLDER``."""
+"""Pictures of the built-in recordings as their viewer shows them: ``python -m docs.tools.view_pictures FOLDER``."""
 
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from PIL import Image
-
 from mocap.datasets import make_bat
 from mocap.datasets import write_recording as write_files
+from PIL import Image
+
 from mocap.pipeline.demo import Animal, run_demo
 from mocap.pipeline.job import run_job
 from mocap.pipeline.reading import read
 from mocap.pipeline.run import Run
 from mocap.rerun.compare import APPLICATION as COMPARISON
 from mocap.rerun.compare import comparison_blueprint, write_comparison
-from mocap.rerun.headless import Headless
 from mocap.rerun.record import make_blueprint, make_layout, recording_id, write_recording
 from mocap.stages import Stages
+from tests.mocap.rerun.headless import Headless
 
 SIZE = (1600, 1000)
 COMPARED = 270

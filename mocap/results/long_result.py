@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -14,18 +15,19 @@ from eal.over_time import at_frames, in_succession
 from eal.threads import one_blas_thread
 from mocap.filters.body_axes import body_frames
 from mocap.filters.velocities import without_rates
+from mocap.findings import over_blocks
 from mocap.io.output import result_folder
 from mocap.io.unstated_unit import length
 from mocap.joints import joint_tracks
 from mocap.kinematics.compute import kinematics
 from mocap.kinematics.cycles import Cycle, cycles, footfalls
 from mocap.markdown import plain
-from mocap.pipeline.blocks import BLOCK, Known, Model, Tally, learn_once, tracked_blocks
+from mocap.pipeline.blocks import BLOCK, Known, Model, learn_once, tracked_blocks
 from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
-from mocap.pipeline.potentials import SPACE, joint_potentials
+from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.run import Run
-from mocap.records import MarkerTracks, Status, TrackedMotion
+from mocap.records import MarkerTracks, Status, tracks_alone
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_run, write_arrays
 from mocap.skeleton import read_skeleton
@@ -91,7 +93,7 @@ def write_in_blocks(
     with one_blas_thread():
         with stages.stage("learn once"):
             known = learn_once(recording, model=model, learned=learned, seed=seed)
-        tally, detail = Tally(), None
+        detail, samples, found_out = None, Counter[int](), []
         thin: list[Run] = []
         nothing: list[Run] = []
         with BlockWriter(folder, fps=1 / recording.dt_s) as writer:
@@ -101,14 +103,16 @@ def write_in_blocks(
                     rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
                     part = at_frames(run, own)
                     writer.add(core, part.tracked.markers, part.repaired, at_frames(found, own), rows)
-                tally.add(part, findings)
+                found_out.append(findings)
+                samples.update(part.tracked.markers.status.ravel().tolist())
                 thin += _thinned(part, (-core.start) % every, every)
                 detail = _better(detail, part)
                 nothing = [] if thin else [deepcopy(_without_rates(part))]
                 del run, part, found, rows  # only one block at a time is in memory
         with stages.stage("overview, potentials, figures"):
             overview = _with_potentials(in_succession(thin or nothing))
-            report = _report(recording, known, tally, overview, every, size)
+            report = _report(recording, known, samples, overview, every, size)
+            report["findings"] = [str(one) for one in (*recording.findings, *over_blocks(found_out))]
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
             text = _readable(report) + footer
@@ -159,8 +163,8 @@ def _with_potentials(run: Run) -> Run:
     markers = run.tracked.markers
     return replace(
         run,
-        potentials=joint_potentials(run.joints, markers, run.skeleton),
-        spatial_potentials=joint_potentials(run.joints, markers, run.skeleton, frame=SPACE),
+        potentials=joint_potentials(run.joints[FRAME], markers, run.skeleton),
+        spatial_potentials=joint_potentials(run.joints[SPACE], markers, run.skeleton),
     )
 
 
@@ -176,7 +180,7 @@ def _figures(run: Run, folder: Path) -> None:
 
 
 def _report(
-    recording: LongRecording, known: Known, tally: Tally, overview: Run, every: int, size: int
+    recording: LongRecording, known: Known, samples: Mapping[int, int], overview: Run, every: int, size: int
 ) -> dict[str, object]:
     total = recording.n_frames * len(recording.names)
     sd = overview.tracked.markers.sd_m
@@ -195,14 +199,13 @@ def _report(
         "cameras": [camera.name for camera in overview.cameras],
         "skeleton": recording.skeleton.name,
         "model": {"name": known.name, "why": known.why},
-        "samples": {"total": total, **{o.name.lower(): tally.samples[o.name.lower()] / total for o in Status}},
+        "samples": {"total": total, **{o.name.lower(): samples[o] / total for o in Status}},
         "sd_mm": {"measured": median(Status.MEASURED), "filled": median(Status.SMOOTHED)},
         "blocks": {"number": blocks, "frames": size},
         "overview": {"every": every, "frames": len(overview.tracked.markers.t_s)},
         "validation": {"methods": {} if known.learned is None else known.learned.scores},
         "joints": sorted(overview.potentials),
         "length_m": length(overview.tracked.markers.xyz_m),
-        "findings": [*recording.findings, *tally.sentences()],
     }
 
 
@@ -256,7 +259,7 @@ def load_range(folder: Path, frames: range) -> Run:
         whole,
         cameras=(),
         ideal_px=None,
-        tracked=_of_markers(markers, whole.tracked.model),
+        tracked=tracks_alone(markers, whole.tracked.model),
         motion=without_rates(
             markers.names, markers.t_s, markers.xyz_m, markers.cov_m2, markers.status == Status.MEASURED
         ),
@@ -272,17 +275,3 @@ def _axes(markers: MarkerTracks, trunk: tuple[str, ...]):
         xyz = markers.xyz_m
     dt_s = float(markers.t_s[1] - markers.t_s[0]) if len(markers.t_s) > 1 else 1.0
     return body_frames(xyz, dt_s=dt_s, cutoff_hz=JOINT_HZ)
-
-
-def _of_markers(markers: MarkerTracks, model: str) -> TrackedMotion:
-    n_frames, n_markers = markers.status.shape
-    return TrackedMotion(
-        model=model,
-        markers=markers,
-        reprojected_px=np.zeros((0, n_frames, n_markers, 2)),
-        innovation_px=np.zeros((0, n_frames, n_markers, 2)),
-        used=np.zeros((0, n_frames, n_markers), dtype=bool),
-        nis=np.full(n_frames, np.nan),
-        n_rows=np.zeros(n_frames, dtype=np.int64),
-        log_likelihood=np.zeros(n_frames),
-    )

@@ -21,7 +21,7 @@ from mocap.io.crop import crops_of
 from mocap.io.output import result_folder
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table, read
-from mocap.library.learning import Model
+from mocap.pipeline.learning import Model, load_model
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.skeleton import Skeleton, read_skeleton
 
@@ -281,8 +281,6 @@ def poses_of_model(model: PathText | Model, skeleton: Skeleton) -> PoseGaussian 
     Raises:
         MocapError: the model lacks a marker.
     """
-    from mocap.library.learning import load_model
-
     learned: LearnedModel = (model if isinstance(model, Model) else load_model(model)).learned
     missing = [name for name in skeleton.markers if name not in learned.names]
     if missing:

@@ -21,10 +21,10 @@ from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, foot
 from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
-from mocap.library.learning import Model, load_model
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.job import Model as ModelName
+from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
@@ -48,8 +48,8 @@ from mocap.text import file_names
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from mocap.library.figures import Plots
     from mocap.pipeline.limb_mechanics import LimbMechanics
+    from mocap.plots.notebook import Plots
     from mocap.rerun.viewer import Viewer
     from mocap.results.scaled_osim import Factor
 
@@ -385,7 +385,7 @@ class Tracked:
     @property
     def plot(self) -> "Plots":
         """Figures: ``res.plot.over_time("elbow_l_flexion_deg")``, ``by_phase``, ``gait``, ``stroke``, ``gaps``, ..."""
-        from mocap.library.figures import Plots
+        from mocap.plots.notebook import Plots
 
         return Plots(self.run, self.kinematics, self._cycles, self.footfalls)
 
@@ -516,6 +516,6 @@ def load(folder: str | PathLike[str], *, frames: range | None = None) -> Tracked
         return Tracked(read_run(folder), folder)
     if not is_long(folder):
         raise MocapError(f"{folder}: was tracked at once: load it without `frames`")
-    from mocap.library.blocks import load_range
+    from mocap.results.long_result import load_range
 
     return Tracked(load_range(folder, frames))

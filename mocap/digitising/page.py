@@ -21,11 +21,11 @@ from starlette.routing import Route
 from eal.arrays import Array
 from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
+from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.digitising.films import Films
 from mocap.digitising.naming import seen_from
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
-from mocap.library.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.skeleton import Skeleton, read_skeleton
 from mocap.web import Query, below, limits_of, page, task
 

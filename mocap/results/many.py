@@ -6,12 +6,13 @@ from pathlib import Path
 
 from eal.arrays import Array
 from mocap.errors import MocapError
-from mocap.pipeline.many import ManyTrials, joint_samples
+from mocap.pipeline.many import ManyTrials
 from mocap.pipeline.many import learn_joints as learn
+from mocap.pipeline.potentials import FRAME, LAMBDA, joint_samples
 from mocap.results.stored import read_run
 
 
-def learn_joints(folders: Sequence[str | PathLike[str]], *, lam: float = 1e-3) -> dict[str, ManyTrials]:
+def learn_joints(folders: Sequence[str | PathLike[str]], *, lam: float = LAMBDA) -> dict[str, ManyTrials]:
     """Learn the potential V_z of each joint from all results that ``mocap track`` wrote into these folders.
 
     One result at a time is in memory, and read three times (``mocap.pipeline.many``). Of what is returned
@@ -31,6 +32,7 @@ def learn_joints(folders: Sequence[str | PathLike[str]], *, lam: float = 1e-3) -
         raise MocapError(f"{len(folders)} folders have {len(paths)} names: give results that are named differently")
 
     def trial(name: str) -> dict[str, Array]:
-        return joint_samples(read_run(paths[name]))
+        run = read_run(paths[name])
+        return joint_samples(run.joints[FRAME], run.tracked.markers, run.skeleton)
 
     return learn(list(paths), trial, lam=lam)

@@ -1,1 +1,0 @@
-"""The public interface: recordings, tracked motion and models as objects for a notebook."""

@@ -1,0 +1,347 @@
+"""What is found while a recording is prepared and tracked, as findings: every sentence of it is made here.
+
+Those of the audit are made where it finds them (``mocap.audit``), those of a reader where it reads (``mocap.io``).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eal.arrays import Array
+from mocap.audit import StalePoint
+from mocap.calibration.lens_of_tracks import TrackLens
+from mocap.cameras.origin import PixelOrigin
+from mocap.cleaning.bias import RayBias
+from mocap.cleaning.camera_health import CameraHealth
+from mocap.cleaning.clean import REASONS
+from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
+from mocap.cleaning.swaps import DOUBTFUL, Swap
+from mocap.findings import Finding
+from mocap.pipeline.run import Plane
+from mocap.skeleton import Skeleton
+
+FAR_OFF = 2.0
+"""A standard deviation so many times another contradicts it."""
+
+
+def pixel_origin(decision: PixelOrigin) -> Finding:
+    """Where pixel rows are counted from."""
+    return Finding(kind="pixel origin", text=decision.describe())
+
+
+def contradiction(stated_px: float | None, *, low_px: float, high_px: float) -> list[Finding]:
+    """Where ``--pixel-sd`` is not what the pixels show, to a factor of ``FAR_OFF``.
+
+    Args:
+        stated_px: As stated; None: not.
+        low_px: Noise that rays show once their slow errors are taken out.
+        high_px: Noise that rays show with all their errors.
+    """
+    if stated_px is None:
+        return []
+    narrow, wide = stated_px * FAR_OFF < low_px, stated_px > FAR_OFF * high_px
+    if not narrow and not wide:
+        return []
+    shown = low_px if narrow else high_px
+    what = (
+        f"Outliers are rejected by the residuals; intervals use the stated value and are {shown / stated_px:.0f} times "
+        "too narrow for the residuals"
+        if narrow
+        else f"Intervals use the stated value and are {stated_px / shown:.0f} times as wide as the residuals justify, "
+        "and fewer outliers are rejected"
+    )
+    text = (
+        f"`pixel_sd` {stated_px:g} contradicts the pixels, whose triangulation residuals correspond to {shown:.2g} px. "
+        f"{what}: leave it out, or check it"
+    )
+    return [Finding(kind="pixel noise", alarm=True, text=text, numbers={"stated_px": stated_px, "shown_px": shown})]
+
+
+def estimated_lens(lens: TrackLens) -> Finding:
+    """A lens that was estimated from the recording."""
+    return Finding(
+        kind="lens",
+        text=f"the lens was estimated from the recording itself: {lens.words}; median residual of stretches that the "
+        f"fit did not see {lens.before_px:.2f} px before, {lens.after_px:.2f} px after",
+    )
+
+
+def lens_left(far_mm: Array) -> Finding:
+    """By how many millimetres a lens that is not corrected moves (N,) points."""
+    median, most = np.median(far_mm), np.quantile(far_mm, 0.9)
+    return Finding(
+        kind="lens",
+        alarm=True,
+        text=f"the lens that is not corrected moves positions by {median:.2f} mm (median), {most:.2f} mm (90 %); their "
+        "standard deviations are widened by as much: give `profile`, or have it estimated with `fit_lens`",
+        numbers={"median_mm": float(median), "90%_mm": float(most)},
+    )
+
+
+def slow_errors(bias: RayBias, *, lens_stays: bool) -> list[Finding]:
+    """Slowly varying ray errors that were removed; of a lens that nobody corrected some stays in the points."""
+    if not bias.sd_px:
+        return []
+    rest = "; what the lens does to all cameras alike stays in the points" if lens_stays else ""
+    text = (
+        f"slowly varying errors of {bias.sd_px:.2f} px (lens, calibration) were estimated and removed before "
+        f"tracking; {bias.jitter_px:.2f} px of jitter remain{rest}"
+    )
+    return [Finding(kind="slow errors", text=text, numbers={"slow_px": bias.sd_px, "jitter_px": bias.jitter_px})]
+
+
+def late_cameras(cameras: Sequence[str], late_frames: Array | None) -> list[Finding]:
+    """Cameras that were read between their frames."""
+    return [
+        Finding(
+            kind="camera offset",
+            text=f"camera {name!r}: pixels were interpolated to correct its offset of {late:+.2f} frames, as asked",
+            numbers={"late_frames": float(late)},
+            cameras=(name,),
+        )
+        for name, late in zip(cameras, [] if late_frames is None else late_frames, strict=late_frames is not None)
+        if late
+    ]
+
+
+def stored_points(text: str) -> Finding:
+    """What became of stored points."""
+    return Finding(kind="stored points", text=text)
+
+
+def compared_points(where: str, stale: Sequence[StalePoint], total: int) -> Finding:
+    """Whether the points of a file, so many in all, follow from the pixels."""
+    if not stale:
+        return stored_points(f"{where}: all {total} stored points agree with the triangulation of the pixels")
+    worst = max((s.off_m for s in stale if s.off_m is not None), default=0.0)
+    why = (
+        "out of date"
+        if 2 * len(stale) < total
+        else "of another calibration or lens than this one, of other pixels, or smoothed"
+    )
+    return stored_points(
+        f"{where}: {len(stale)} of {total} stored points differ from the triangulation of the pixels (by up to "
+        f"{worst * 1e3:.1f} mm): they are {why}, and were computed again"
+    )
+
+
+def position_noise(sd_m: Array, plane: Plane | None) -> Finding:
+    """The (N,) standard deviations of positions that no camera explains, in space or in the plane of a picture."""
+    unit, of = ("mm", "positions without cameras: their") if plane is None else (plane.length, "their")
+    median = 1e3 * float(np.median(sd_m))
+    text = f"{of} noise is taken from the file or estimated, {median:.3g} {unit} (median)"
+    return Finding(kind="position noise", text=text, numbers={f"median_{unit}": median})
+
+
+def in_plane(plane: Plane, *, measures: bool) -> list[Finding]:
+    """How one film without a calibration was read; ``measures``: bones, joints or measures were given, in vain."""
+    if plane.mm_per_px is None:
+        said = "one film without a calibration: positions are pixels of its picture"
+    else:
+        said = (
+            f"one film without a calibration: positions are in the plane of its picture, {plane.mm_per_px:g} mm per "
+            "pixel as stated; what moves nearer to the camera or away from it, or turns out of the plane, is wrong in "
+            "proportion"
+        )
+    unused = "bones, joints and measures were not used: lengths and angles in a picture change as they turn"
+    found = [Finding(kind="plane", text=f"{said}; x and y are those of the file, and the lens is not corrected")]
+    return [*found, *([Finding(kind="measures in a plane", text=unused)] if measures else [])]
+
+
+def unlikely_clicks(unlikely: NDArray[np.bool_], seen: NDArray[np.bool_], least: float) -> list[Finding]:
+    """Clicks of one film with a likelihood below ``least``, of all that were seen."""
+    if not unlikely.any():
+        return []
+    count = int(unlikely.sum())
+    text = f"{count} clicks ({count / seen.sum():.1%}) have a likelihood below {least:g} and were not used"
+    return [Finding(kind="likelihoods", text=text, numbers={"clicks": count})]
+
+
+def one_camera(other: float | None, strange: int) -> list[Finding]:
+    """What one camera alone leaves open.
+
+    Args:
+        other: Probability of the mirror image of the pose; None: it is out of the question.
+        strange: Frames whose poses are unlike those of the trials.
+    """
+    alone = (
+        "one camera alone: depth follows from the size of the animal in the model, and poses from its trials; standard "
+        "deviations along the line of sight are the largest"
+    )
+    found = [Finding(kind="one camera", text=alone)]
+    if other is not None:
+        text = f"the pose or its mirror image: the other has a probability of {other:.0%}, and intervals cover both"
+        found.append(Finding(kind="mirror image", text=text, numbers={"probability": other}))
+    if strange:
+        text = (
+            f"{strange} frames show poses unlike those of the trials and were left empty; of frames of trials that a "
+            "model was not learned from, 1 % are"
+        )
+        found.append(Finding(kind="unlike poses", text=text, numbers={"frames": strange}))
+    return found
+
+
+def unknown_corner(corner: str) -> Finding:
+    """Where pixels of one camera are taken to be counted from."""
+    text = f"pixels were taken to be counted from the {corner} corner, which one camera cannot tell: state `origin`"
+    return Finding(kind="pixel origin", text=text)
+
+
+def too_narrow(nis_per_row: float | None) -> list[Finding]:
+    """Prediction errors (innovations) that are much larger than the filter expects."""
+    if nis_per_row is None or nis_per_row < 2:
+        return []
+    times = float(np.sqrt(nis_per_row))
+    text = f"prediction errors are {times:.1f} times as large as the filter expects: its intervals are too narrow by "
+    return [Finding(kind="intervals", alarm=True, text=f"{text}that factor", numbers={"times": times})]
+
+
+def no_joints(skeleton: Skeleton) -> Finding:
+    """Why there are no joints, and how to come by them."""
+    text = "no joint is seen often enough to learn a potential from"
+    if not skeleton.joints:
+        text = (
+            "no skeleton with joints was given: joints.csv is empty, no potentials were learned, and identity switches "
+            "and body motion are estimated without bones and trunk. The command mocap skeleton proposes one from the "
+            "recording: correct it, and give it as `skeleton`"
+        )
+    return Finding(kind="joints", alarm=True, text=text)
+
+
+def rejected(reason: str, mask: NDArray[np.bool_], names: Sequence[str] = ()) -> list[Finding]:
+    """Samples (T, M) that were rejected for a reason (``REASONS``, ``DOUBTFUL``), by the names of their markers."""
+    if not mask.any():
+        return []
+    which = np.flatnonzero(mask.any(axis=0)).tolist() if names else []
+    told = f": {', '.join(f'{names[m]} ({mask[:, m].sum()})' for m in which)}" if names else ""
+    return [
+        Finding(
+            kind=f"rejected: {reason}",
+            text=f"{_counted(mask, 'sample')} rejected ({(REASONS | DOUBTFUL)[reason]}){told}",
+            numbers={"samples": int(mask.sum())},
+            markers=tuple(names[m] for m in which),
+        )
+    ]
+
+
+def wrong_rays(mask: NDArray[np.bool_]) -> Finding:
+    """Rays (C, T, M) of one of two cameras that disagree."""
+    text = (
+        f"{_counted(mask, 'ray')} rejected (of two cameras that disagree in some frames the one that the motion and "
+        "the other markers contradict)"
+    )
+    return Finding(kind="rejected: rays", text=text, numbers={"rays": int(mask.sum())})
+
+
+def _counted(mask: NDArray[np.bool_], what: str) -> str:
+    """How many a mask has."""
+    count = int(mask.sum())
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def exchange_findings(
+    swaps: Sequence[Swap],
+    doubtful: NDArray[np.bool_],
+    names: Sequence[str],
+    cameras: Sequence[str],
+    *,
+    clicks: int = 0,
+    first: int = 0,
+) -> list[Finding]:
+    """One for every identity switch, one for all that are shorter than three frames, one on what is ambiguous.
+
+    Args:
+        swaps: Identity switches that were undone.
+        doubtful: (T, M) samples of ambiguous identity.
+        names: The M markers.
+        cameras: The C cameras.
+        clicks: Clicks of ambiguous identity that were left out.
+        first: Frames of the recording before these.
+    """
+    out, short = [], 0
+    for swap in swaps:
+        if len(swap.frames) < 3:
+            short += 1
+            continue
+        seen_by = () if swap.camera is None else (cameras[swap.camera],)
+        where = f" in camera {seen_by[0]}" if seen_by else ""
+        a, b, start, end = names[swap.a], names[swap.b], *(first + 1 + int(swap.frames[k]) for k in (0, -1))
+        out.append(
+            Finding(
+                kind="identity switch",
+                text=f"identity switch: {a} and {b} have each other's names{where} from frame {start} to {end}: "
+                f"swapped back in {len(swap.frames)} frames",
+                cameras=seen_by,
+                markers=(a, b),
+                frames=(start, end),
+            )
+        )
+    if short:
+        text = f"{short} identity switches of one or two frames: the names were swapped back"
+        out.append(Finding(kind="short identity switches", text=text, numbers={"switches": short}))
+    if clicks:
+        text = (
+            f"{clicks} clicks left out: in their frames cameras disagree on which of two markers is which, and neither "
+            "the rays nor the paths of the clicks decide it"
+        )
+        out.append(Finding(kind="ambiguous clicks", text=text, numbers={"clicks": clicks}))
+    return [*out, *rejected("doubtful_name", doubtful)]
+
+
+def likelihood_findings(found: LikelihoodNoise | None, stated: bool, left_out: int, lost: int) -> list[Finding]:
+    """What likelihoods were worth, where clicks have any.
+
+    Args:
+        found: What was learned of them.
+        stated: Whether clicks have likelihoods.
+        left_out: Clicks that were not believed.
+        lost: Samples that therefore have no point.
+    """
+    if not stated:
+        return []
+    if found is None:
+        text = "too few clicks are seen by two surer cameras to learn from what they are worth"
+        return [Finding(kind="likelihoods", text=f"likelihoods were not used: {text}")]
+    weak = found.factor > 1.05
+    sentence = "errors do not depend on the likelihood"
+    if weak.any():
+        sentence = f"from likelihood {found.at[weak][-1]:.2f} down errors grow, up to {found.factor[0]:.1f} times"
+    if found.least > 0:
+        sentence += (
+            f"; {left_out} clicks with a likelihood below {found.least:.2f} were not believed ({found.wrong[0]:.0%} of "
+            f"the least likely miss by more than {FAR:g} standard deviations), which leaves {lost} samples without a "
+            "point"
+        )
+    text = f"likelihoods weigh the clicks, as far as rays show what they are worth: {sentence}"
+    return [Finding(kind="likelihoods", text=text, numbers={"clicks": left_out, "samples": lost})]
+
+
+def never_seen(xyz_m: Array, names: Sequence[str], plane: Plane | None = None) -> list[Finding]:
+    """The markers that no frame of (T, M, 3) points has, if there are any."""
+    never = tuple(names[int(m)] for m in np.flatnonzero(~np.isfinite(xyz_m[..., 0]).any(axis=0)))
+    text = f"never seen{' in 3D' if plane is None else ''}, and left empty: {', '.join(never)}"
+    return [Finding(kind="never seen", alarm=True, text=text, markers=never)] if never else []
+
+
+def camera_findings(health: CameraHealth, names: Sequence[str], *, first: int = 0) -> list[Finding]:
+    """One for every camera that goes bad; frames are told from 1, and ``first`` of the recording are before."""
+    n_frames = health.factor.shape[1]
+    out = []
+    for bad in health.bad:
+        until = "the end" if bad.stop == n_frames else f"frame {first + bad.stop}"
+        times = float(np.median(health.factor[bad.camera, bad.start : bad.stop]))
+        sentence = (
+            f"camera {names[bad.camera]} from frame {first + bad.start + 1} to {until}: residual {bad.level_px:.1f} px "
+            f"instead of {bad.good_px:.1f} px: its standard deviation was multiplied by {times:.3g}"
+        )
+        if bad.moved:
+            sentence += (
+                f"; it looks as if it had been knocked: a constant shift of ({bad.offset_px[0]:+.1f}, "
+                f"{bad.offset_px[1]:+.1f}) px was subtracted"
+            )
+        if len(names) == 3:
+            sentence += " (with three cameras it may also be another one: two cameras alone hardly check each other)"
+        frames = (first + bad.start + 1, first + bad.stop)
+        out.append(Finding(kind="bad camera", alarm=True, text=sentence, cameras=(names[bad.camera],), frames=frames))
+    return out

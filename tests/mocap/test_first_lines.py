@@ -1,0 +1,21 @@
+"""What a person reads first of a run."""
+
+import pytest
+
+from mocap.pipeline.summary import error_lines
+
+
+@pytest.mark.parametrize(
+    ("z", "said"), [(0.7, "too wide"), (0.9, None), (1.15, None), (1.3, "too narrow"), (None, None)]
+)
+def test_intervals_that_are_not_believable_are_said_to_be(z, said):
+    """By the root mean square of error over stated standard deviation in hidden gaps, with the number."""
+    own = {"rmse_mm": 2.0, "coverage95": 91.0, "z": z}
+    report = {
+        "model": {"name": "mixture"},
+        "validation": {"methods": {"mixture": own, "linear": {"rmse_mm": 20.0}}, "hidden_samples": 400},
+        "sd_mm": {"filled": {"50%": 1.0}},
+    }
+    lines = [line for line in error_lines(report) if line.startswith("intervals are")]
+    assert len(lines) == (said is not None)
+    assert all(said in line and f"{z:.2f} times" in line for line in lines)

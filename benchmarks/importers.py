@@ -97,7 +97,7 @@ def strangers(folder: Path) -> list[dict[str, object]]:
     import ezc3d
 
     rows = []
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+    for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.suffix not in (".py", ".md")):
         row: dict[str, object] = {
             "file": path.name,
             "whose": path.parent.name,

@@ -249,7 +249,7 @@ def test_a_wrong_direction_is_seen(path, source):
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("mocap/rerun/deep/a.py", "import rerun\nfrom mocap.datasets import make_bat"),
+        ("mocap/reproduce/deep/a.py", "from mocap.datasets import make_bat"),
         ("filters/motion/a.py", "from .base import MotionModel\nfrom eal import fit_potential\nimport filterpy"),
         ("datasets/a.py", "import cv2\nfrom mocap.cameras.camera import Camera"),
         ("mocap/io/a.py", "from ..errors import FormatError\nfrom . import csv_table"),

@@ -93,7 +93,7 @@ def _together(found: dict[str, Any], recordings: Sequence[FileContents], corners
         found["findings"].append(str(error))
         return
     found["findings"].append(
-        f"together with {', '.join(path.name for path in whole.paths[1:])}: {len(whole.names)} points, "
+        f"together {', '.join(path.name for path in whole.paths)}: {len(whole.names)} points, "
         f"{len(whole.camera_names)} cameras{', calibrated' if whole.cameras else ''}, {len(whole.frames)} frames"
     )
     found["findings"] += _unit_told(whole, None)

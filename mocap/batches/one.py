@@ -94,7 +94,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
     model = report["model"]["name"]  # type: ignore[index]
     methods = report["validation"]["methods"]  # type: ignore[index]
     score = methods.get(model) or methods.get("mixture") or {}
-    alarms = [finding["text"] for finding in report["audit"] if finding["alarm"]]  # type: ignore[attr-defined]
+    alarms: list[str] = report["wrong"]  # type: ignore[assignment]
     return stated_of(trial) | {
         "frames": int(report["frames"]),  # type: ignore[call-overload]
         "fps": _rounded(report["fps"]),

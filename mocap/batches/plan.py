@@ -46,6 +46,9 @@ def _told(trial: Trial, errors: dict[str, str]) -> dict[str, object]:
     except MocapError as error:
         errors[trial.name] = " ".join(str(error).split())
         return {"note": errors[trial.name]}
+    if not found.seen.any():
+        errors[trial.name] = "no marker is ever seen"
+        return {"note": errors[trial.name]}
     return {
         "frames": len(found.frames),
         "markers": len(found.names),

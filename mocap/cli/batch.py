@@ -76,8 +76,10 @@ def batch(
         path, trials, untracked = write_plan(sources, out, **stated.stated())
         if untracked:
             say(f"{len(untracked)} of {len(trials)} trials cannot be tracked: {'; '.join(reasons(untracked))}")
+        else:
+            say(f"all {len(trials)} trials can be tracked, as far as their files tell")
         say(
-            f"Wrote {path}: {len(trials)} trials (columns skip and note: what cannot be tracked, and why)",
+            f"Wrote {path}: a row a trial; columns skip and note: what cannot be tracked, and why",
             f"Correct it in a spreadsheet, then: {typed(program(), 'batch', path)} --out RESULTS",
         )
         return
@@ -106,6 +108,9 @@ def batch(
         print(records_as_json(found.records))  # noqa: T201
     else:
         show_text(f"Result: {out}/ (summary.html, in a browser; summary.csv)\n{found.report_text}")
+    warned = [f"{record.trial}: {record.row['warning']}" for record in own if record.row.get("warning")]
+    if warned:
+        say(f"{len(warned)} of {len(own)} trials have warnings (summary.csv, column warning):", *warned[:MOST])
     say(*wrong[:MOST], *([f"{len(wrong) - MOST} more reasons: summary.csv"] if len(wrong) > MOST else []))
     if own and not any(record.status == "done" for record in own):
         raise typer.Exit(1)

@@ -34,7 +34,10 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
     keys = [(name, camera, axis) for camera in cameras for name in names for axis in "xy"]
     lacking = next((key for key in keys if key not in where), None)
     if lacking is not None:
-        raise FormatError(f"{path.name}: no column {lacking[0]}_cam_{lacking[1]}_{lacking[2]}: export it again")
+        raise FormatError(
+            f"{path.name}: no column {lacking[0]}_cam_{lacking[1]}_{lacking[2]}; expected x and y of every track "
+            "in every camera: add it, empty where nothing was seen"
+        )
     uv = values[:, [where[key] for key in keys]].reshape(len(values), len(cameras), len(names), 2)
     return pixel_recording(
         path,
@@ -78,7 +81,10 @@ def xyz_columns(
         names[title.removesuffix(end)] = None
     lacking = next((name + end for name in names for end in ends if name + end not in where), None)
     if lacking is not None:
-        raise FormatError(f"{path.name}: no column {lacking}: export it again")
+        raise FormatError(
+            f"{path.name}: no column {lacking}; expected <name>{', <name>'.join(ends)} of each point: add it, or "
+            "rename what is none of a point"
+        )
     order = [where[name + end] for name in names for end in ends]
     return list(names), values[:, order].reshape(len(values), len(names), len(ends))
 

@@ -142,9 +142,10 @@ def point_quantities(motion: Motion, name: str, *, kind: str) -> list[Quantity]:
         for axis, part in zip("xyz", parts, strict=True)
     ]
     vector, deviation = (np.stack([getattr(c, field) for c in changes], axis=1) for field in ("value", "sd"))
-    along = angles.length(angles.unit(vector) * deviation)
+    size = angles.length(vector)
+    along = np.where(size > 0, angles.length(angles.unit(vector) * deviation), deviation.max(axis=-1))  # or any
     whole = named("acceleration", "m_s2", "size of the acceleration")
-    return [*out, *changes, made(points, whole, angles.length(vector), along, changes[0].rests)]
+    return [*out, *changes, made(points, whole, size, along, changes[0].rests)]
 
 
 def _body(motion: Motion, skeleton: Skeleton, up: Array) -> list[Quantity]:

@@ -135,6 +135,8 @@ def _recording(
 ) -> Recording:
     if fps is None and contents.fps is None:
         raise NoRateError(f"{name}: the frame rate is not stated: give `fps`")
+    if not contents.seen.any():
+        raise FormatError(f"{name}: no marker is ever seen: all {contents.seen.size} samples are NaN")
     contents, findings = complete(plausible(contents), where=name, fps=fps, unit=unit)
     known, names = animal(skeleton, contents.names)
     return Recording(
@@ -217,6 +219,7 @@ def _of_table(table: Any, where: Path, names: Sequence[str] | None) -> FileConte
     flat = table.reset_index() if table.index.name in (*TIMES, NUMBER) else table
     titles = ["_".join(map(str, title)) if isinstance(title, tuple) else str(title) for title in flat.columns]
     titles = [title.rstrip("_") if title.rstrip("_") in (*TIMES, NUMBER) else title for title in titles]
+    titles = [f"{title[:-2]}{title[-2:].lower()}" if title[-2:] in ("_X", "_Y", "_Z") else title for title in titles]
     flat = flat.set_axis(titles, axis=1)
     found = [title[:-2] for title in titles if title.endswith("_x")]
     marked = [one for one in found if {f"{one}_y", f"{one}_z"} <= set(titles)]

@@ -21,6 +21,8 @@ from mocap.findings import Finding
 from mocap.pipeline.run import Plane
 from mocap.skeleton import Skeleton
 
+TOGETHER = 0.6
+"""Share of the markers that a frame of a pose shows (``mocap.pipeline.tracking.why_no_pose``)."""
 FAR_OFF = 2.0
 """A standard deviation so many times another contradicts it."""
 
@@ -188,6 +190,19 @@ def unknown_corner(corner: str) -> Finding:
     return Finding(kind="pixel origin", text=text)
 
 
+def never_together(xyz_m: Array, names: Sequence[str]) -> list[Finding]:
+    """Points (T, M, 3) of which no frame shows as many as a pose needs: they may be of several animals."""
+    seen = np.isfinite(xyz_m[..., 0])
+    if len(names) < 4 or (seen.mean(axis=1) >= TOGETHER).any():
+        return []
+    most = int(seen.sum(axis=1).max())
+    text = (
+        f"no frame shows more than {most} of the {len(names)} points: if they are separate animals, track each by "
+        "itself; lengths, poses and the path of the body mean nothing of all of them"
+    )
+    return [Finding(kind="never together", alarm=True, text=text, numbers={"most": most})]
+
+
 def too_narrow(nis_per_row: float | None) -> list[Finding]:
     """Prediction errors (innovations) that are much larger than the filter expects."""
     if nis_per_row is None or nis_per_row < 2:
@@ -201,10 +216,11 @@ def no_joints(skeleton: Skeleton) -> Finding:
     """Why there are no joints, and how to come by them."""
     text = "no joint is seen often enough to learn a potential from"
     if not skeleton.joints:
+        what = "the skeleton has no joints" if skeleton.bones or skeleton.trunk else "no skeleton with joints was given"
         text = (
-            "no skeleton with joints was given: joints.csv is empty, no potentials were learned, and identity switches "
-            "and body motion are estimated without bones and trunk. The command mocap skeleton proposes one from the "
-            "recording: correct it, and give it as `skeleton`"
+            f"{what}: joints.csv is empty, no potentials were learned, and identity switches and body motion are "
+            "estimated without what is not stated. The command mocap skeleton proposes what the recording shows; state "
+            'the rest yourself ([joints], elbow = ["shoulder", "elbow", "wrist"]), and give it as `skeleton`'
         )
     return Finding(kind="joints", alarm=True, text=text)
 

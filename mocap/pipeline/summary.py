@@ -85,6 +85,11 @@ def unit_of(report: Mapping) -> str:
     return "px" if report.get("plane", {}).get("unit") == "px" else "mm"
 
 
+def two_digits(value: float) -> str:
+    """A positive number as people write it: ``0.35``, ``240``, never ``2.4e+02``."""
+    return f"{float(f'{value:.2g}'):.10g}"
+
+
 def method(name: str) -> str:
     """What a method of a report is called."""
     return METHODS[name][0] if name in METHODS else name
@@ -100,7 +105,7 @@ def error_lines(report: Mapping) -> list[str]:
     if found.coverage is not None:
         lines.append(f"{found.coverage:.1f} % of their 95 % intervals contain the value (95 % expected)")
     if found.half_width is not None:
-        lines.append(f"± {found.half_width:.2g} {unit} is the median 95 % interval of a filled coordinate")
+        lines.append(f"± {two_digits(found.half_width)} {unit} is the median 95 % interval of a filled coordinate")
     if found.wrong_by is not None:
         lines.append(f"intervals are too {found.wrong_by}: errors are {found.z:.2f} times the stated sd (1 is right)")
     if found.others:

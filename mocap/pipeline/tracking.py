@@ -40,6 +40,7 @@ from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moved import moved
 from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.sentences import TOGETHER
 from mocap.records import MarkerTracks, Status, TrackedMotion
 from mocap.side_by_side import call_all
 
@@ -80,7 +81,7 @@ def why_no_pose(prepared: Prepared, part: Part) -> str | None:
     noise = np.sqrt(np.nanmedian(np.trace(prepared.cov_m2, axis1=-2, axis2=-1)) / 3) / prepared.stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
         return "no marker moves by more than its noise"
-    together = int((seen.mean(axis=1) >= 0.6).sum())
+    together = int((seen.mean(axis=1) >= TOGETHER).sum())
     if together < 40:
         return f"only {together} frames show 60 % of the markers together: a pose needs at least 40"
     return None

@@ -41,8 +41,13 @@ def draw_animal(run: Run) -> "Figure":
             ax.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room), aspect="equal")
             ax.axis("off")
         _scale_bar(axes[0], low, high)
+    else:
+        for ax in axes:
+            ax.axis("off")
+        axes[0].text(0, 0.5, "no frame shows nine tenths of the markers", fontsize=7)
     trunk = [markers.names.index(name) for name in run.skeleton.trunk] or slice(None)
-    _path(axes[3], _middle(xyz[:, trunk]))
+    if len(frames):
+        _path(axes[3], _middle(xyz[:, trunk]))
     measured = status == Status.MEASURED
     kinds = (("measured", MEASURED, measured), ("filled", FILLED, ~measured & np.isfinite(xyz[..., 0])))
     keys = [

@@ -44,6 +44,10 @@ class Plots:
         methods = ", ".join(name for name in vars(type(self)) if name[0] != "_" and callable(getattr(self, name)))
         return f"<Plots of {self.run.name!r}: {methods}>"
 
+    def __call__(self) -> "Figure":
+        """The animal; the other figures are methods."""
+        return self.animal()
+
     def over_time(self, *quantities: str, ax: "Axes | None" = None) -> "Axes":
         """Quantities of one unit over time with 95 % intervals; filled frames are shaded.
 

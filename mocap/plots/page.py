@@ -12,7 +12,7 @@ import numpy as np
 from mocap.kinematics.cycles import Cycle, cycles_table
 from mocap.kinematics.records import Kinematics, Rests
 from mocap.pipeline.run import Run
-from mocap.pipeline.summary import expected_error, length_text, notes
+from mocap.pipeline.summary import expected_error, length_text, notes, two_digits
 from mocap.plots.figures import Picture, drawn
 from mocap.plots.kinematics import UNITS, label
 from mocap.records import Status
@@ -91,9 +91,9 @@ def _numbers(run: Run, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
     out = [(f"{(status == Status.MEASURED).mean():.1%}", "of the points measured"), (f"{filled.mean():.1%}", "filled")]
     error = expected_error(report)
     if error is not None:
-        out.append((f"{error.rmse:.2g} {error.unit}", "error to expect in gaps (RMS)"))
+        out.append((f"{two_digits(error.rmse)} {error.unit}", "error to expect in gaps (RMS)"))
         if error.half_width is not None:
-            out.append((f"± {error.half_width:.2g} {error.unit}", "median 95 % interval in gaps"))
+            out.append((f"± {two_digits(error.half_width)} {error.unit}", "median 95 % interval in gaps"))
         if error.wrong_by is not None:
             out.append((f"{error.z:.2f}", f"errors in gaps over stated sd: intervals are too {error.wrong_by}"))
     if report.get("length_m"):
@@ -105,10 +105,11 @@ def _numbers(run: Run, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
     return out
 
 
-def _linked(finding: str) -> list[tuple[str, bool]]:
-    """A sentence in parts, of which frames are links."""
-    parts = re.split(r"(frames? \d+(?: (?:to|and) \d+)?)", finding)
-    return [(part, k % 2 == 1) for k, part in enumerate(parts) if part]
+def _linked(finding: str) -> list[tuple[str, str]]:
+    """A sentence in parts: frames are links, what stands between backquotes is code, the rest has no kind."""
+    parts = re.split(r"(frames? \d+(?: (?:to|and) \d+)?|`[^`]+`)", finding)
+    kinds = ["" if k % 2 == 0 else "code" if part[0] == "`" else "link" for k, part in enumerate(parts)]
+    return [(part.strip("`"), kind) for part, kind in zip(parts, kinds, strict=True) if part]
 
 
 def _titled(column: str) -> tuple[str, str]:

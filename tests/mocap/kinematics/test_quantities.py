@@ -86,6 +86,11 @@ def test_accelerations_are_changes_of_velocities_with_what_neighbours_share_take
     assert exact.shape[1] == 4
     sd = found["tip_velocity_x_m_s"].sd[0]
     assert found["tip_acceleration_x_m_s2"].sd[4] == pytest.approx(np.sqrt(0.5 * 2 * sd**2) / 0.004)
+    steady = replace(motion, velocity_m_s=np.ones_like(motion.velocity_m_s))  # as beyond the last sighting of a marker
+    still = kinematics(steady, skeleton)
+    largest = max(still[f"tip_acceleration_{axis}_m_s2"].sd[4] for axis in "xyz")
+    assert still["tip_acceleration_m_s2"].value[4] == 0
+    assert still["tip_acceleration_m_s2"].sd[4] == pytest.approx(largest)
 
 
 def test_angles_of_a_limb_of_known_pose():

@@ -5,6 +5,7 @@ from mocap.audit.geometry import fit_findings
 from mocap.audit.jumps import jump_findings
 from mocap.audit.offsets import Offsets, estimate_offsets, in_step, late_cameras
 from mocap.audit.samples import pixel_findings, point_findings
+from mocap.audit.starts import moved, start_offsets
 from mocap.audit.stored import StalePoint, other_world, stale_points
 from mocap.findings import Finding, alarms
 
@@ -20,8 +21,10 @@ __all__ = [
     "in_step",
     "jump_findings",
     "late_cameras",
+    "moved",
     "other_world",
     "pixel_findings",
     "point_findings",
     "stale_points",
+    "start_offsets",
 ]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
+from mocap.audit.starts import BLOCKS, CLEAR_SD, start_offsets
 from mocap.cameras.camera import Camera, stacked
 from mocap.cameras.linearised import linearise
 from mocap.cameras.triangulate import linear
@@ -17,9 +18,7 @@ from mocap.findings import Finding
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-CLEAR_SD = 4.0
 LEAST_FRAMES = 0.1
-BLOCKS = 12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,7 +45,8 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
 
     A pixel of camera c at frame t is that of the marker at t + d_c: uv_c = h_c(x(t)) + d_c h_c'(x) x'(t). Its error
     less what a shift of the marker takes up is linear in d, as is a constant error of each camera, which is fitted with
-    it, so that a camera that is off is not taken for one that is late. Found offsets are applied to the tracks, and
+    it, so that a camera that is off is not taken for one that is late. It begins at the likeliest whole frames
+    (``start_offsets``), which may be the whole recording apart. Found offsets are applied to the tracks, and
     what is left is found again. Errors of a recording are slow; deviations come from a jackknife over blocks of time.
 
     Args:
@@ -62,13 +62,14 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
     often = np.isfinite(ideal[..., 0]).sum(axis=1, keepdims=True) >= 4  # as a cubic needs
     ideal = np.where(often[..., None], ideal, np.nan)
     n_cameras = len(ideal)
-    delay = np.zeros(n_cameras)
-    splines = None
+    delay, _ = start_offsets(matrices, ideal)
+    apart = bool(delay.any())
+    splines = _splines(ideal) if apart else None
     step = sd = np.zeros(n_cameras)
     before = after = 0.0
     samples = 0
     for turn in range(rounds):
-        if turn == 1:
+        if turn == 1 and splines is None:
             splines = _splines(ideal)
         shifted = ideal if splines is None else _shifted(ideal, splines, -delay)
         system = _system(matrices, shifted)
@@ -86,7 +87,8 @@ def estimate_offsets(matrices: Array, ideal_px: Array, *, most_frames: int = 300
         after = float(np.sqrt(np.average((error - rows @ best) ** 2, weights=weight)))
         samples = int(np.count_nonzero(weight))
         if turn == 0:
-            before = float(np.sqrt(np.average(error**2, weights=weight)))
+            raw = _system(matrices, ideal) if apart else system
+            before = np.inf if raw is None else float(np.sqrt(np.average(raw[1] ** 2, weights=raw[3])))
         parts = [_solve(normal.sum(axis=0) - normal[b], right.sum(axis=0) - right[b])[0] for b in range(BLOCKS)]
         spread = np.stack(parts) - np.mean(parts, axis=0)
         sd = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum(spread**2, axis=0))

@@ -1,6 +1,7 @@
 """A recording in memory, and its pixels converted to ideal (undistorted) ones."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
@@ -274,15 +275,19 @@ def film_of(
         raise FormatError(f"{name}: no marker is ever seen: there is nothing to track; digitise first")
     if not (pixels.seen.sum(axis=0) >= 2).any():
         raise CalibrationError(f"{name}: no marker is seen by two cameras at once: no point can be triangulated")
-    try:
-        decision = origin.decide_origin(
+
+    def decided(uv_px: Array) -> origin.PixelOrigin:
+        return origin.decide_origin(
             cameras,
-            pixels.uv_px,
+            uv_px,
             origin=pixel_origin,
             coefficients=calibration_origin,
             height_px=image_height_px,
             usual=usual_origin,
         )
+
+    try:
+        decision = _decided_apart(pixels.uv_px, cameras, decided, correct_lag=correct_lag)
     except CalibrationError as error:
         error.args = (f"{name}: {error}",)
         raise
@@ -306,6 +311,30 @@ def film_of(
         told=told,
         lens=lens,
     )
+
+
+def _decided_apart(
+    uv_px: Array, cameras: Sequence[Camera], decided: Callable[[Array], origin.PixelOrigin], *, correct_lag: bool
+) -> origin.PixelOrigin:
+    """The decision on the pixel origin, also of cameras that start apart, where that is asked to be corrected.
+
+    Raises:
+        CalibrationError: pixels and coefficients do not belong together; if they do where cameras start at once, it
+            says by how much they do not.
+    """
+    try:
+        return decided(uv_px)
+    except CalibrationError as error:
+        start = audit.start_offsets(stacked(cameras), uv_px)[0]  # lenses move pixels by less than motion does
+        if not start.any():
+            raise
+        with suppress(CalibrationError):  # what was not the cause is not named
+            found = decided(audit.moved(uv_px, start))
+            if correct_lag:
+                return found
+            each = ", ".join(f"{c.name} {late:+.0f}" for c, late in zip(cameras, start, strict=True))
+            error.args = (f"the cameras start apart, by {each} frames: give `correct_lag`",)
+        raise
 
 
 def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:

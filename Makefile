@@ -43,7 +43,7 @@ $(LOWEST)/.installed: requirements-lowest.lock pyproject.toml
 # the tests of `make quick` but those of views: rerun has one version
 test-lowest: $(LOWEST)/.installed
 	OMP_NUM_THREADS=1 $(LOWEST_PYTHON) -m pytest --numprocesses auto --maxprocesses 4 -m "not slow" -W ignore::DeprecationWarning \
-	    tests/mocap --ignore=tests/mocap/rerun
+	    tests --ignore=tests/mocap/rerun
 
 quick: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 -m "not slow"

@@ -187,7 +187,7 @@ def body_shape(trial: MarkerTrial, members: Sequence[int]) -> BodyShape | None:
         spread = second + min(1.0, equal) * (total / p * inner - second)
     whole = np.where(np.isfinite(left), left, 0.0) @ inner
     after = np.diff(frames) == 1
-    both = np.isfinite(left).all(axis=1)
+    both = np.asarray(np.isfinite(left).all(axis=1))
     after &= both[1:] & both[:-1]
     lag = whole[:-1][after].T @ whole[1:][after] / max(int(after.sum()), 1)
     lasting = _part_of(spread, 0.5 * (lag + lag.T))

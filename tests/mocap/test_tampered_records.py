@@ -9,7 +9,7 @@ from benchmarks.attack.records import KINDS, as_text, judged, sound, tampered
 from mocap.digitising.clicks import read_unseen, write_unseen
 
 FEW = ("missing", "NaN")
-"""Of results, which take a second each to be read: these tamperings alone, of headers what is at the top, of reports their entries."""
+"""Of results, which take a second each to be read: these alone; of headers what is at the top, of reports entries."""
 SHOWN = ("result, report", "batch record", "model, header", "potential, settings")
 """Records with entries that are only shown, or free: these may be read changed, never with an error of another kind."""
 

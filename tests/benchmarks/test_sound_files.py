@@ -15,14 +15,15 @@ def test_all_are_read(tmp_path):
     assert [row for row in rows if row[2] != "same"] == []
 
 
-@pytest.mark.parametrize("odd", [what for what in C3D if "wrong" not in what])
+# of a parameter given twice ezc3d takes garbage for a size: it fails at once, or fills the memory first
+@pytest.mark.parametrize("odd", [what for what in C3D if "wrong" not in what and what != "parameter twice"])
 def test_c3d_as_ezc3d_reads_it(tmp_path, odd):
     """Sample by sample: positions to the last bit, and nothing is missing that it has."""
     path = tmp_path / "a.c3d"
     path.write_bytes(C3D[odd](c3d(tmp_path)))
     try:
         theirs = ezc3d.c3d(str(path))["data"]["points"]
-    except (OSError, RuntimeError):  # RuntimeError: bad_alloc, of the first of two parameters of one name
+    except (OSError, RuntimeError):
         pytest.skip("ezc3d refuses this one")
     if theirs.shape[1:] != (3, FRAMES):
         pytest.skip(f"ezc3d finds {theirs.shape} of it")

@@ -55,7 +55,7 @@ def camera_findings(cameras: Sequence[Camera], *, y_up: bool | None) -> list[Fin
                 kind="mirrored camera",
                 alarm=True,
                 text=f"the calibration of {', '.join(map(repr, fewer))} is mirrored relative to the other cameras: "
-                "their pixel rows were probably counted from another corner",
+                "right if it films in a mirror, else its pixel rows were counted from another corner",
                 cameras=tuple(fewer),
             )
         )

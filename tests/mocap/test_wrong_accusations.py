@@ -13,6 +13,7 @@ from scipy.io import savemat
 from mocap.audit import alarms, fit_findings, jump_findings, pixel_findings, point_findings
 from mocap.audit.geometry import camera_findings
 from mocap.audit.inspect import inspect
+from mocap.audit.stored import stored_findings
 from mocap.cameras.camera import dlt_coefficients, record, stacked, undistorted
 from mocap.cameras.triangulate import linear, refine
 from mocap.errors import FormatError
@@ -207,6 +208,37 @@ def test_a_film_that_two_people_digitised_was_not_copied():
     first, *others = clean().cameras
     (found,) = camera_findings((first, replace(first, name="again"), *others), y_up=False)
     assert "both are tracks of one camera" in found.text
+
+
+@pytest.mark.parametrize("how", ["smoothed", "rounded", "of least reprojection error", "repeated", "at rest"])
+def test_points_computed_otherwise_are_no_swapped_shifted_or_half_solved_ones(how):
+    """Nor are those of an animal that does the same again, or nothing: every shift in time fits these."""
+    scene = clean(2)
+    uv = scene.pixels.uv_px.copy()
+    if how == "repeated":
+        uv = np.tile(uv[:, :30], (1, 10, 1, 1))
+    elif how == "at rest":
+        uv = np.tile(uv[:, :1], (1, 300, 1, 1)) + np.random.default_rng(3).normal(0, 0.5, uv.shape)
+    pixels = replace(scene.pixels, uv_px=uv)
+    matrices, ideal = stacked(scene.cameras), undistorted(scene.cameras, uv)
+    xyz = linear(matrices, ideal)
+    stored = {
+        "smoothed": lambda: 0.5 * xyz + 0.25 * (np.roll(xyz, 1, 0) + np.roll(xyz, -1, 0)),
+        "rounded": lambda: np.round(xyz, 3),
+        "of least reprojection error": lambda: refine(matrices, ideal, xyz, sd_px=0.5)[0],
+    }.get(how, lambda: xyz + 1e-3)()
+    found = stored_findings(matrices, ideal, points_of(stored, pixels), cameras=pixels.cameras)
+    assert not {"wrong columns", "time shift", "one v row"} & {f.kind for f in found}
+
+
+def test_a_camera_that_hangs_upside_down_is_not_mirrored():
+    """Its picture is turned by half a circle, which is no reflection; one that films in a mirror may be right."""
+    turned = np.array([[-1.0, 0, 1280], [0, -1, 1024], [0, 0, 1]])
+    first, *others = clean(lens=False).cameras
+    assert camera_findings([replace(first, matrix=turned @ first.matrix), *others], y_up=False) == []
+    mirror = np.array([[-1.0, 0, 1280], [0, 1, 0], [0, 0, 1]])
+    (found,) = camera_findings([replace(first, matrix=mirror @ first.matrix), *others], y_up=False)
+    assert "right if it films in a mirror" in found.text
 
 
 def test_what_readers_say_has_evidence():

@@ -156,6 +156,19 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         def _split_scope(self, nodeid: str) -> str:
             return group_of(nodeid.partition("::")[0].removeprefix("tests/"))
 
+        def remove_node(self, node: Any) -> str | None:
+            """As xdist does, but what ended a worker is not run again, nor given to one that is not ready: it hung."""
+            units = self.assigned_work.pop(node)
+            left = [(unit, name) for unit in units.values() for name, done in unit.items() if not done]
+            if not left:
+                return None
+            unit, ended = left[0]
+            unit[ended] = True
+            self.workqueue.update({scope: unit for scope, unit in units.items() if not all(unit.values())})
+            for other in self.assigned_work.keys() & self.registered_collections.keys():
+                self._reschedule(other)
+            return ended
+
     config.option.loadscopereorder = False
     return Groups(config, log)
 

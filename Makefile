@@ -40,10 +40,10 @@ $(LOWEST)/.installed: requirements-lowest.lock pyproject.toml
 	$(LOWEST_PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $@
 
-# the tests of `make quick` but those of views: rerun has one version
+# the tests of `make quick` but those of views (rerun has one version) and of the site, which is built with the locked ones
 test-lowest: $(LOWEST)/.installed
 	OMP_NUM_THREADS=1 $(LOWEST_PYTHON) -m pytest --numprocesses auto --maxprocesses 4 -m "not slow" -W ignore::DeprecationWarning \
-	    tests --ignore=tests/mocap/rerun
+	    tests --ignore=tests/mocap/rerun --ignore=tests/test_docs.py
 
 quick: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 -m "not slow"

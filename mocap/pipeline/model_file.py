@@ -27,6 +27,7 @@ _HEADER: Schema = {
     "trials": Entry(kind="s", shape=(None,), filled=True),
     "power": Entry(least=0.0),
 }
+_BODY: Schema = {"names": names("markers"), "body": names(among="names", filled=True)}
 _TRIAL: Schema = {
     "t_s": Entry(shape=("frames",), rising=True, filled=True),
     "xyz_m": Entry(shape=("frames", "markers", 3), missing=1, filled=True),
@@ -113,6 +114,9 @@ def load_model(path: Path) -> LearnedModel:
                 raise FormatError(f"expected '{FORMAT}', but it says '{header.get('format')}': learn it again")
             known = checked("header", header, _HEADER, again=again)
             sizes = {"markers": len(known["names"])}
+            bodies = header.get("bodies", [])
+            for body in [bodies] if not isinstance(bodies, list) else bodies:
+                checked("bodies", {"names": known["names"], "body": body}, _BODY, again=again)
             trials = []
             for i, name in enumerate(known["trials"]):
                 parts = {key: file[f"trial_{i}_{key}"] for key in _TRIAL}
@@ -133,7 +137,7 @@ def load_model(path: Path) -> LearnedModel:
         names=tuple(known["names"]),
         trunk=tuple(known["trunk"]),
         bones=tuple((a, b) for a, b in known["bones"]),
-        bodies=tuple(map(tuple, header.get("bodies", ()))),
+        bodies=tuple(map(tuple, bodies)),
         trials=tuple(trials),
         models=models,
         mixture=Mixture(power=float(known["power"]), **mixture),

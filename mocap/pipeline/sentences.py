@@ -219,7 +219,7 @@ def no_joints(skeleton: Skeleton) -> Finding:
         what = "the skeleton has no joints" if skeleton.bones or skeleton.trunk else "no skeleton with joints was given"
         text = (
             f"{what}: joints.csv is empty, no potentials were learned, and identity switches and body motion are "
-            "estimated without what is not stated. The command mocap skeleton proposes what the recording shows; state "
+            "estimated without what is not stated. The command mocap skeleton proposes what the recording shows. State "
             'the rest yourself ([joints], elbow = ["shoulder", "elbow", "wrist"]), and give it as `skeleton`'
         )
     return Finding(kind="joints", alarm=True, text=text)

@@ -147,7 +147,7 @@ def camera_view(layout: Layout, name: str) -> rrb.View:
         origin=paths.image(name),
         name=f"{name} (px, residuals {WHISKER_SCALE:g}x)" if len(layout.bounds_px) <= _WIDE_TILES else f"{name} (px)",
         contents=["$origin/**", paths.SKELETON, f"{paths.MARKERS}/filled"],
-        overrides={f"{paths.MARKERS}/filled": rr.Points3D.from_fields(radii=rr.components.Radius.ui_points(2.0))},
+        overrides={f"{paths.MARKERS}/filled": rr.Points3D.from_fields(radii=rr.components.Radius.ui_points(3.0))},
         background=palette.GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom]),
     )

@@ -212,7 +212,7 @@ def test_axes_that_keep_their_direction():
     frames = body_frames(xyz, dt_s=1.0, cutoff_hz=1e3, turns=False)
     np.testing.assert_array_equal(frames.rotation, np.repeat(frames.rotation[:1], 80, axis=0))
     followed = body_frames(xyz, dt_s=1.0, cutoff_hz=1e3)
-    mean = Rotation.from_matrix(followed.rotation).mean().as_matrix()
+    mean = Rotation.from_matrix(np.array(followed.rotation)).mean().as_matrix()
     # the covariance weighs axes by the trunk's extent, the mean of rotations does not: a share of the 0.8 rad of turns
     assert Rotation.from_matrix(frames.rotation[0] @ mean.T).magnitude() < 0.1
     np.testing.assert_allclose(frames.position_m, xyz.mean(axis=1), atol=1e-6)

@@ -96,6 +96,8 @@ def test_a_saved_run_knows_its_lenses(tracked):
 def test_sleap_files_are_read_by_sleap_io_and_by_keypoint_moseq(tracked):
     """Pixels and scores through sleap-io, positions as keypoint-moseq's loader of sleap-anipose takes them."""
     sleap_io = pytest.importorskip("sleap_io")
+    if not hasattr(sleap_io, "load_analysis_h5"):
+        pytest.skip("this sleap-io reads no analysis files")
     _, loaded, out = tracked
     found = contents_of(loaded.run)
     labels = sleap_io.load_analysis_h5(str(out / "markers_cam2.analysis.h5"), video="cam2.mp4")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import linkage
 from scipy.optimize import nnls
 from scipy.spatial.distance import squareform
-from scipy.stats import f as f_distribution
+from scipy.special import fdtri
 
 from eal.arrays import Array
 
@@ -82,7 +82,7 @@ def find_bodies(trial: MarkerTrial) -> list[list[int]]:
             continue
         pairs = np.array(np.triu_indices(len(members), 1))
         shown = float(np.median(samples[members][:, members][pairs[0], pairs[1]]))
-        least = float(f_distribution.ppf(CERTAIN, shown, shown))
+        least = float(fdtri(shown, shown, CERTAIN))
         others = np.setdiff1d(np.arange(count), members)
         if len(others):
             ratio = (float(heights[others][:, members].max(axis=1).min()) / height) ** 2

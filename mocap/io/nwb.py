@@ -48,7 +48,8 @@ def _read(path: Path, _hints: Hints) -> FileContents:
             return _poses(path, file)
     except (OSError, KeyError, RuntimeError, ValueError, TypeError, IndexError, AttributeError) as error:
         raise FormatError(
-            f"{path.name}: no readable NWB file of poses ({type(error).__name__}: {one_line(error)}): export it again"
+            f"{path.name}: not readable as poses of ndx-pose ({type(error).__name__}: {one_line(error)}): give a file "
+            "with PoseEstimation of ndx-pose"
         ) from None
 
 

@@ -29,7 +29,7 @@ _STYLE = """<style>
   .header span { margin-left: 2em; color: #9aa7ad; font-size: 13px }
   canvas { top: 44px !important; height: calc(100% - 44px) !important }
 </style>"""
-_WAIT = '<p class="strong">Opening the recording; this takes some seconds.</p>'
+_WAIT = "Opening the recording; this takes some seconds."
 _FETCH = """<script>
   window.fetch = async (what) => {
     const address = new URL(what.url ?? what, "http://held/");
@@ -82,8 +82,8 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
         "<html>": f'<html>\n  <meta http-equiv="Content-Security-Policy" content="{_POLICY}" />',
         "<title>Rerun Viewer</title>": f"<title>{title}</title>{_STYLE}",
         '<div class="header"></div>': f'<div class="header"><b>{title}</b> <span>{_LEGEND}</span></div>',
-        '<div class="centered hidden" id="center_text">': f'<div class="centered" id="center_text">{_WAIT}',
-        "Loading Application Bundle…": "Opening the recording; this takes some seconds.",
+        '<div class="centered hidden" id="center_text">': f'<div class="centered" id="center_text"><p class="strong">{_WAIT}</p>',
+        "Loading Application Bundle…": _WAIT,
     }
     shown = re.sub(r"<link[^>]*>", "", text.decode("utf-8"))
     for known, ours in parts.items():

@@ -11,6 +11,7 @@ from eal.arrays import Array
 BLOCKS = 12
 """Stretches of a recording, to see how far results of parts of it differ."""
 CLEAR_SD = 4.0
+"""An offset is believed where it is more than a frame and so many standard deviations: by chance 1 in 16,000 is."""
 _PRODUCTS = ((0, 0, 1.0), (1, 1, 1.0), (2, 2, 1.0), (0, 1, 2.0), (0, 2, 2.0), (1, 2, 2.0))
 """Entries of a symmetric matrix, and how often each is in it."""
 

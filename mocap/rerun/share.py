@@ -30,6 +30,7 @@ _STYLE = """<style>
   canvas { top: 44px !important; height: calc(100% - 44px) !important }
 </style>"""
 _WAIT = "Opening the recording; this takes some seconds."
+_WAITS = f'<div class="centered" id="center_text"><p class="strong">{_WAIT}</p>'
 _FETCH = """<script>
   window.fetch = async (what) => {
     const address = new URL(what.url ?? what, "http://held/");
@@ -82,7 +83,7 @@ def write_page(runs: Sequence[Path], folder: Path) -> None:
         "<html>": f'<html>\n  <meta http-equiv="Content-Security-Policy" content="{_POLICY}" />',
         "<title>Rerun Viewer</title>": f"<title>{title}</title>{_STYLE}",
         '<div class="header"></div>': f'<div class="header"><b>{title}</b> <span>{_LEGEND}</span></div>',
-        '<div class="centered hidden" id="center_text">': f'<div class="centered" id="center_text"><p class="strong">{_WAIT}</p>',
+        '<div class="centered hidden" id="center_text">': _WAITS,
         "Loading Application Bundle…": _WAIT,
     }
     shown = re.sub(r"<link[^>]*>", "", text.decode("utf-8"))

@@ -38,10 +38,10 @@ def write_keypoints(run: Run, program: str, folder: Path) -> None:
     """
     whole = contents_of(run)
     for name, file in KEYPOINTS[program].items():
-        format = by_name(name)
-        if "points" in format.holds:
+        known = by_name(name)
+        if "points" in known.holds:
             write(whole, folder / file, name, filled=True)
-        if "pixels" in format.holds and run.cameras and not format.both:
+        if "pixels" in known.holds and run.cameras and not known.both:
             write(whole.without_points(), folder / file, name)
 
 
@@ -62,13 +62,13 @@ def contents_of(run: Run) -> FileContents:
         pixels = PixelTracks(names=markers.names, cameras=tuple(c.name for c in cameras), t_s=markers.t_s, uv_px=uv)
         with np.errstate(divide="ignore"):
             score = np.where(pixels.seen, -np.expm1(-(NEAR_PX**2) / variance), np.nan)
-    report = run.report.get("fps")
+    fps = run.report.get("fps")
     return FileContents(
         format="eal-mocap",
         paths=(Path(run.name),),
         names=markers.names,
         frames=1 + np.arange(len(markers.t_s)),
-        fps=float(report) if isinstance(report, float | int) else None,
+        fps=float(fps) if isinstance(fps, float | int) else None,
         unit="m",
         points=markers,
         pixels=pixels,

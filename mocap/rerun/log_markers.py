@@ -121,7 +121,7 @@ def log_trails(rec: rr.RecordingStream, scene: Scene, markers: MarkerTracks, *, 
     line = rr.LineStrips3D([single(path)], colors=palette.WHITE, radii=rr.components.Radius.ui_points(0.5))
     rec.log(paths.PATH, line, static=True)
     # what an eye follows: its viewer keeps as far away as the size of that asks for, and a wing's beat would shake it
-    corners = np.array([-1.0, 1.0])[:, None] * 0.7 * scene.body_m / np.sqrt(3)
+    corners = np.array([-1.0, 1.0])[:, None] * scene.body_m / np.sqrt(3)
     look = rr.Points3D.from_fields(colors=(0, 0, 0, 0), radii=rr.components.Radius.ui_points(0.0), show_labels=False)
     rec.log(paths.FRAMED, look, static=True)
     boxes = rr.Points3D.columns(positions=single((path[:, None] + corners).reshape(-1, 3)))

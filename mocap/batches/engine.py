@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from multiprocessing import current_process
 from pathlib import Path
 from queue import Empty, Queue
+from time import monotonic, sleep
 from typing import Any
 
 from dask import config
@@ -104,15 +105,23 @@ def client(*, jobs: int, memory: str | float | None, scheduler: str | None) -> I
 
 @contextmanager
 def _closed(cluster: LocalCluster) -> Iterator[None]:
-    """End a cluster; Dask stops halfway with a KeyError where a worker dies as it is asked to leave: then once more."""
+    """End a cluster.
+
+    Dask stops halfway with a KeyError where a worker that has just been started anew is asked to leave before its
+    connection stands: asked again, until it does.
+    """
     try:
         yield
     finally:
-        try:
-            cluster.close()
-        except KeyError:
-            cluster.status = Status.failed  # type: ignore[misc]  # where it stopped, a second call would wait for the first
-            cluster.close()
+        end = monotonic() + CONNECT_S
+        while cluster.status != Status.closed:
+            try:
+                cluster.close()
+            except KeyError:
+                if monotonic() > end:
+                    raise
+                cluster.status = Status.failed  # type: ignore[misc]  # of one that closes, a second call would wait
+                sleep(0.1)
 
 
 def _check(memory: str | float | None) -> None:

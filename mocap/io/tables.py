@@ -73,7 +73,7 @@ def read_rows(path: Path, kinds: dict[str, type]) -> pd.DataFrame:
             table = pd.read_csv(
                 path,
                 dtype=kinds,  # type: ignore[arg-type]
-                na_values=["", "NaN"],
+                na_values={title: ["", "NaN"] for title, kind in kinds.items() if kind is float},  # NaN may be a name
                 keep_default_na=False,
                 encoding="utf-8-sig",
                 index_col=False,

@@ -43,6 +43,15 @@ def test_each_writer_is_tested_here():
 
 
 @pytest.mark.parametrize("name", FILES)
+def test_a_word_that_means_missing_can_be_a_name(tmp_path, name):
+    """A cell of numbers may say NaN; a marker may be called so."""
+    names = ["NaN", "nan", "NA", "null", "None"]
+    path = tmp_path / FILES[name][0]
+    write(points(names, np.ones((2, 5, 3))), path, name)
+    assert read(path).names == tuple(names)
+
+
+@pytest.mark.parametrize("name", FILES)
 @given(data=st.data())
 @settings(max_examples=15)
 def test_points_come_back(scratch, name, data):

@@ -237,21 +237,21 @@ def test_when_no_worker_is_left_others_are_started(lab, undisturbed, tmp_path, m
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 
-def test_a_worker_dies_while_its_cluster_is_closed(monkeypatch):
-    """Dask raises the address of a worker that is gone, and leaves the others running."""
+def test_a_worker_starts_while_its_cluster_is_closed(monkeypatch):
+    """Dask raises the address of a worker whose connection does not stand yet, and leaves the others running."""
     retire, asked = Scheduler.retire_workers, []
 
-    async def fails_once(scheduler, *arguments, **options):
+    async def fails_thrice(scheduler, *arguments, **options):
         asked.append(options)
-        if len(asked) == 1:
+        if len(asked) <= 3:
             raise KeyError("tcp://127.0.0.1:1")
         return await retire(scheduler, *arguments, **options)
 
-    monkeypatch.setattr(Scheduler, "retire_workers", fails_once)
+    monkeypatch.setattr(Scheduler, "retire_workers", fails_thrice)
     others = set(workers())
     with engine.client(jobs=1, memory=None, scheduler=None) as connected:
         cluster = connected.cluster
-    assert len(asked) == 2
+    assert len(asked) == 4
     assert cluster.status == Status.closed
     assert set(workers()) <= others
 

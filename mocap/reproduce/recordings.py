@@ -17,11 +17,11 @@ from mocap.datasets.lizards import make_lizard
 from mocap.datasets.pendulum_film import make_pendulum_film
 from mocap.datasets.recording import SyntheticRecording
 from mocap.filters.body_axes import body_frames
-from mocap.filters.lagrangian import JointSights, JointTrack, learned_noise, theorem_3, track_joint
 from mocap.joints import joint_tracks
 from mocap.pipeline.prepare import Prepared, prepare_pixels
 from mocap.records import marker_tracks
 from mocap.reproduce.fig_joints import WIDTH, joint_potential
+from mocap.reproduce.joint_filter import JointSights, JointTrack, learned_noise, theorem_3, track_joint
 
 Array = NDArray[Any]
 """Of any type of number: this file stands between libraries that name theirs."""

@@ -81,10 +81,10 @@ def write_in_blocks(
 ) -> dict[str, object]:
     """Write the files of ``track_in_blocks`` into an empty folder.
 
-    ``markers.parquet``, ``kinematics.parquet``, ``cycles.csv`` and ``blocks.csv`` (``mocap.results.blocks``) are
-    written as blocks are done. The overview, at most ``OVERVIEW`` frames evenly over the recording, is what potentials
-    are learned from, ``recording.rrd`` shows, and ``mocap.load`` gives; figures show the ``DETAIL`` frames of which
-    most was measured. Memory does not grow with the number of frames.
+    ``markers.parquet``, ``kinematics.parquet``, ``cycles.csv``, ``angles.csv`` and ``blocks.csv``
+    (``mocap.results.blocks``) are written as blocks are done. The overview, at most ``OVERVIEW`` frames evenly over the
+    recording, is what potentials are learned from, ``recording.rrd`` shows, and ``mocap.load`` gives; figures show the
+    ``DETAIL`` frames of which most was measured. Memory hardly grows with the number of frames (rows of cycles).
     """
     from mocap.rerun.record import write_recording
 
@@ -102,7 +102,7 @@ def write_in_blocks(
                     found = kinematics(run.motion, run.skeleton, recording=run.name)
                     rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
                     part = at_frames(run, own)
-                    writer.add(core, part.tracked.markers, part.repaired, at_frames(found, own), rows)
+                    writer.add(core, part.tracked.markers, part.repaired, found, own, rows)
                 found_out.append(findings)
                 samples.update(part.tracked.markers.status.ravel().tolist())
                 thin += _thinned(part, (-core.start) % every, every)
@@ -112,7 +112,9 @@ def write_in_blocks(
         with stages.stage("overview, potentials, figures"):
             overview = _with_potentials(in_succession(thin or nothing))
             report = _report(recording, known, samples, overview, every, size)
-            report["findings"] = [str(one) for one in (*recording.findings, *over_blocks(found_out))]
+            told = (*recording.findings, *over_blocks(found_out))
+            report["findings"] = [str(one) for one in told]
+            report["wrong"] = [one.text for one in told if one.alarm]
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
             text = _readable(report) + footer

@@ -19,9 +19,10 @@ from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.long import long_recording
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
+from mocap.progress import Tell, silent
 from mocap.records import Status
 from mocap.results.long_result import write_in_blocks
-from mocap.results.tracked import Tell, Tracked, silent, track
+from mocap.results.tracked import Tracked, track
 
 
 def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = False, progress: Tell = silent) -> Record:

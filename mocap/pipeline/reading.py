@@ -137,6 +137,7 @@ def _path(argument: str, given: object) -> Path:
     if isinstance(given, str | PathLike):
         return Path(given)
     how = ": mocap.from_arrays and mocap.from_pixels take numbers in memory" if argument == "tracks" else ""
+    how = " or a mocap.Skeleton(markers=[...], ...)" if argument == "skeleton" else how
     raise MocapError(f"`{argument}` is {type(given).__name__}, expected a file{how}")
 
 

@@ -3,7 +3,7 @@
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
@@ -27,6 +27,7 @@ from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.run import Run
+from mocap.progress import Tell, silent
 from mocap.records import MarkerTracks, Status, tracks_alone
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_run, write_arrays
@@ -35,7 +36,6 @@ from mocap.stages import Stages
 
 OVERVIEW, DETAIL = 4000, 1500
 """Frames of the overview that the viewer shows and potentials are learned from, and of the stretch in the figures."""
-Tell = Callable[[str, float], None]
 
 
 def track_in_blocks(
@@ -47,7 +47,7 @@ def track_in_blocks(
     size: int = BLOCK,
     seed: int = 0,
     overwrite: bool = False,
-    progress: Tell = lambda _stage, _share: None,
+    progress: Tell = silent,
 ) -> dict[str, object]:
     """Track a recording block by block and write its result into a folder; see ``write_in_blocks``.
 
@@ -77,7 +77,7 @@ def write_in_blocks(
     size: int = BLOCK,
     seed: int = 0,
     footer: str = "",
-    progress: Tell = lambda _stage, _share: None,
+    progress: Tell = silent,
 ) -> dict[str, object]:
     """Write the files of ``track_in_blocks`` into an empty folder.
 

@@ -90,7 +90,8 @@ def _in_blocks(
             "markers": len(report["markers"]),
             "cameras": len(report["cameras"]),
             "measured_percent": _rounded(100 * share["measured"]),
-            "filled": round(total * (share["smoothed"] + share["predicted"])),
+            "filled": round(total * share["smoothed"]),
+            "extrapolated": round(total * share["predicted"]),
             "rejected": round(total * share["rejected"]),
             "model": str(report["model"]["name"]),
             "warnings": len(report["wrong"]),
@@ -147,6 +148,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
         "gaps": int(missing["count"]),
         "longest_gap_frames": int(missing["longest_frames"]),
         "filled": int(report["filled"]),  # type: ignore[call-overload]
+        "extrapolated": int(report["extrapolated"]),  # type: ignore[call-overload]
         "rejected": int((markers.status == Status.REJECTED).sum()),
         "residual_px": _rounded(report["residual_px"]["50%"]),  # type: ignore[index]
         "model": str(model),

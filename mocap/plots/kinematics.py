@@ -290,7 +290,7 @@ def plot_stroke_path(found: Kinematics, name: str, rows: Sequence[Cycle] = (), *
 
 
 def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax: "Axes | None" = None) -> "Axes":
-    """Where each marker was filled, rejected or missing, in frames that show any: a row a marker, each named."""
+    """Where each marker was filled, extrapolated, rejected or missing, in frames that show any: a row each, named."""
     from matplotlib.patches import Patch
 
     ax = new_axes(width_mm=180, height_mm=20 + 3.2 * len(names), left_mm=22) if ax is None else ax
@@ -299,7 +299,8 @@ def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax:
         part = slice(int(known[0]), int(known[-1]) + 1)
         t_s, status = t_s[part], status[part]
     kinds = (
-        ("filled", COLOURS[1], (status == Status.SMOOTHED) | (status == Status.PREDICTED)),
+        ("filled", COLOURS[1], (status == Status.SMOOTHED) | (status == Status.INTERPOLATED)),
+        ("extrapolated", COLOURS[4], status == Status.PREDICTED),
         ("rejected", COLOURS[3], status == Status.REJECTED),
         ("missing", "0.25", status == Status.MISSING),
     )
@@ -313,7 +314,7 @@ def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax:
     ax.set_xlabel("time (s)", fontsize=7)
     shares = [(what, colour, 100 * float(where.mean())) for what, colour, where in kinds if where.any()]
     keys = [Patch(color=colour, label=f"{what} {share:.1f} %") for what, colour, share in shares]
-    ax.legend(handles=keys, fontsize=6.5, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0))
+    ax.legend(handles=keys, fontsize=6.5, frameon=False, ncols=4, loc="lower left", bbox_to_anchor=(0, 1.0))
     return ax
 
 

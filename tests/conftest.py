@@ -91,7 +91,6 @@ SLOW = {
     "mocap/test_learning.py": 50,
     "mocap/test_library.py": 17,
     "mocap/test_likelihoods.py": 4,
-    "mocap/test_limb_mechanics.py": 11,
     "mocap/test_main_job.py": 75,
     "mocap/test_many.py": 9,
     "mocap/test_model_settings.py": 7,
@@ -113,6 +112,7 @@ SLOW = {
     "mocap/test_unstated_unit.py": 3,
     "mocap/web/test_web_server.py": 60,
     "test_installed.py": 70,
+    "test_plugins.py": 12,
 }
 """Files that take more than three seconds of processor time, with roughly how many; ``make quick`` leaves them out.
 

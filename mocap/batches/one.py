@@ -52,7 +52,7 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
     try:
         recording = trial.recording()
         model = options.model if isinstance(options.model, str) else _model(options.model)
-        if len(recording.contents.frames) > LONG and model not in ("eal", "articulated", "lagrangian"):
+        if len(recording.t_s) > LONG and model not in ("eal", "articulated", "lagrangian"):
             return _in_blocks(trial, recording, model, options, key, out, progress)
         tracked = track(recording, model=model, validate=options.validate, seed=options.seed, progress=progress)
     except OutputError:

@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, for_recording, renamed
 from mocap.filters.models.base import FittedMotion
+from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate, HeldLimb
@@ -25,10 +25,10 @@ from mocap.filters.velocities import Asked, Motion
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
-from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
@@ -49,15 +49,14 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import JointTracks, TrackedMotion
+from mocap.records import JointTracks, PixelTracks, TrackedMotion
 from mocap.side_by_side import begin
 from mocap.stages import Stages
 
-_JOINTED = ("articulated", "lagrangian")
-Model = Literal["auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity"]
-Watch = Callable[[Prepared, Part, MotionModel], None]
+Watch = Callable[[Recording, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
-MODELS: tuple[Model, ...] = get_args(Model)
+MODELS = ("auto", "mixture", *NAMED)
+"""What ``model`` may be called."""
 JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
 
@@ -74,22 +73,21 @@ def existing_model(model: object) -> Path:
 
 
 def run_job(
-    source: Recording | Prepared,
+    source: Recording,
     *,
-    model: Model = "auto",
+    model: str = "auto",
     learned: LearnedModel | None = None,
     stages: Stages | None = None,
     validated: bool = True,
     seed: int = 0,
     watch: Watch | None = None,
-) -> tuple[Run, Prepared]:
+) -> tuple[Run, Recording]:
     """Track a recording.
 
     Args:
-        source: The recording, or what was prepared of it.
-        model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), ``lagrangian``
-            (the same, moved by the forces of its masses), a ``mixture`` of ``eal`` and constant
-            velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
+        source: The recording, cleaned or not.
+        model: Of ``mocap.filters.models.registry.NAMED``; a ``mixture`` of ``eal`` and constant velocity, or
+            (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         validated: Whether to hide samples and measure how they are filled.
@@ -97,7 +95,7 @@ def run_job(
         watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
-        The run, and the prepared recording that it rests on.
+        The run, and the cleaned recording that it rests on.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
@@ -107,26 +105,26 @@ def run_job(
 
 
 def _run_job(
-    source: Recording | Prepared,
-    model: Model,
+    source: Recording,
+    model: str,
     learned: LearnedModel | None,
     stages: Stages,
     validated: bool,
     seed: int,
     watch: Watch | None,
-) -> tuple[Run, Prepared]:
-    if isinstance(source, Recording) and of_one_camera(source):
+) -> tuple[Run, Recording]:
+    if not source.cleaned and of_one_camera(source):
         with stages.stage("track one camera") as progress:
             one = track_one_camera(source, learned, progress=progress)
         return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
     with stages.stage("read, triangulate, clean"):
-        prepared = source if isinstance(source, Prepared) else prepare(source)
+        prepared = clean(source)
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
         learned = None if learned is None else renamed(learned, prepared.skeleton.renamed(learned.names))
-    if model in ("eal", "mixture", "articulated", "lagrangian") and reason is not None:
+    if reason is not None and (model == "mixture" or (model in NAMED and NAMED[model].posed)):
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
-    posed = reason is None and model != "constant_velocity"
+    posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(prepared):
         with stages.stage("check points of two rays"):
             prepared = without_contradicted(prepared, part, learned)
@@ -134,20 +132,14 @@ def _run_job(
     asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
     if watch is not None:
         with stages.stage("filter live"):
-            alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
+            alone = model if model in NAMED else "eal" if posed else "constant_velocity"
             watch(prepared, part, learn_motion(prepared, part, alone).motion)
-    mixing = learned is None and posed and model not in ("eal", *_JOINTED)
+    mixing = learned is None and posed and model not in NAMED
     hidden = hide_samples(prepared, part, np.random.default_rng([seed, 1])) if validated else None
     filling = None
     if hidden is not None and hidden.count:
-        methods = {
-            "mixture": mixing,
-            "eal": model != "constant_velocity",
-            "articulated": model in _JOINTED,
-            "lagrangian": model == "lagrangian",
-            "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
-        }
-        wanted = [name for name, whether in methods.items() if whether]
+        wanted = {model, *NAMED[model].beside} if model in NAMED else {"eal"} | ({"mixture"} if mixing else set())
+        wanted |= {"constant_velocity"} if model == "auto" or reason is not None else set()
         filling = begin(partial(fill_hidden, prepared, hidden, methods=wanted, learned=learned))
     mixed = None
     if learned is not None:
@@ -168,8 +160,8 @@ def _run_job(
         name, smoothed, own = "mixture" if learned is None else "learned", mixed.markers, None
     else:
         with stages.stage("learn"):
-            own = learn_motion(prepared, part, "eal" if chosen == "mixture" else chosen)
-        name = own.motion.name
+            name = "eal" if chosen == "mixture" else chosen
+            own = learn_motion(prepared, part, name)
         with stages.stage("track") as progress:
             smoothed = track(prepared, part, own, asked=asked, progress=progress)
     return _finished(
@@ -188,8 +180,8 @@ def _run_job(
 
 
 def _finished(
-    source: Recording | Prepared,
-    prepared: Prepared,
+    source: Recording,
+    prepared: Recording,
     part: Part,
     name: str,
     smoothed: Estimate,
@@ -200,7 +192,7 @@ def _finished(
     own: FittedMotion | None = None,
     scores: Mapping[str, Mapping[str, float | None]] | None = None,
     hidden: int = 0,
-) -> tuple[Run, Prepared]:
+) -> tuple[Run, Recording]:
     """The run of a recording that was tracked: with joints, potentials and a report."""
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
@@ -229,28 +221,34 @@ def _finished(
         spatial_potentials=spatial,
         report=report,
         report_text=readable(report, title=prepared.name),
-        file=source.file if isinstance(source, Recording) else None,
+        file=source.file,
         angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
     return run, prepared
 
 
-def run_of(prepared: Prepared, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
+def run_of(prepared: Recording, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
     """A recording with what was tracked of it: without potentials and a report."""
-    filmed = prepared.filmed
     return Run(
         name=prepared.name,
         skeleton=prepared.skeleton,
-        cameras=() if filmed is None else filmed.cameras,
-        ideal_px=None if filmed is None else replace(filmed.pixels, uv_px=filmed.ideal_px),
-        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
+        cameras=prepared.cameras,
+        ideal_px=_ideal(prepared),
+        y_up=prepared.rows is not None and prepared.rows.coefficients == "lower-left",
         tracked=tracked,
         motion=motion,
         joints=joints,
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         plane=prepared.plane,
     )
+
+
+def _ideal(prepared: Recording) -> PixelTracks | None:
+    if not prepared.cameras:
+        return None
+    cameras = prepared.camera_names
+    return PixelTracks(names=prepared.names, cameras=cameras, t_s=prepared.t_s, uv_px=prepared.ideal_px)
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
@@ -265,7 +263,7 @@ def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldL
     return tuple(at_frames(limb, _frames_of(n_frames, part)) for limb in limbs)
 
 
-def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
+def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Recording, part: Part) -> JointAngles | None:
     """Joint angles over all frames of the recording, where they are the state."""
     found, energies = smoothed.angles, smoothed.energies
     if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
@@ -285,7 +283,7 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, 
     return at_frames(angles, _frames_of(len(prepared.t_s), part))
 
 
-def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
+def whole_frames(prepared: Recording, cutoff_hz: float) -> BodyFrames:
     """Body frames of every frame of the recording; outside the seen part those of its ends."""
     part = seen_part(prepared)
     inner = trunk_frames(prepared, part, cutoff_hz=cutoff_hz)
@@ -293,7 +291,7 @@ def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
-def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
+def _learned_from(learned: LearnedModel, prepared: Recording, part: Part) -> str:
     """Names of the trials that are used, how they were scaled, and which is the recording itself."""
     own = marker_trial(prepared, part)
     factors = {t.name: size_factor(t, own) for t in for_recording(learned, part_names(prepared, part), own)}
@@ -304,9 +302,7 @@ def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
     return f"learned from {', '.join(used) or 'no other'}{scaled}{left_out}"
 
 
-def _choose(
-    model: Model, reason: str | None, scores: dict
-) -> tuple[Literal["mixture", "eal", "articulated", "lagrangian", "constant_velocity"], str]:
+def _choose(model: str, reason: str | None, scores: dict) -> tuple[str, str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"

@@ -24,7 +24,6 @@ from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
-from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
@@ -47,12 +46,10 @@ from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
-from mocap.text import file_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from mocap.pipeline.limb_mechanics import LimbMechanics
     from mocap.plots.notebook import Plots
     from mocap.rerun.viewer import Viewer
     from mocap.results.scaled_osim import Factor
@@ -329,31 +326,6 @@ class Tracked:
             raise MocapError(f"{self.name}: no joint moment can be known: " + "; ".join(self.moments.notes))
         write_kinematics(self.moments, folder, stem="moments")
 
-    def limb_mechanics(self) -> "list[LimbMechanics]":
-        """Each limb (its longest chain of rigid bones) tracked once more by its own Lagrangian; minutes.
-
-        L = v^T M(q) v / 2 - V_z(q)/eps^2 of rods, masses as the skeleton states them: the paper's model, whose energy
-        and bound (Theorem 3) are those of the tracked limb (docs/explanation/joints.md). Limbs that cannot be followed
-        are left out.
-
-        Raises:
-            MocapError: there are no cameras, or no limb is seen whole often enough.
-        """
-        from mocap.pipeline.limb_mechanics import filmed_run, limb_mechanics
-
-        return limb_mechanics(filmed_run(self.run))
-
-    def write_limb_mechanics(self, folder: Path) -> "list[LimbMechanics]":
-        """Write ``mechanics.csv`` and a figure of each limb, ``mechanics_<marker>.png``; returns those limbs."""
-        from mocap.plots.mechanics import draw_mechanics
-        from mocap.results.mechanics import FILE, write_mechanics
-
-        limbs = self.limb_mechanics()
-        write_mechanics(limbs, self.run.tracked.markers.t_s, folder / FILE)
-        for limb, name in zip(limbs, file_names(limb.markers[-1] for limb in limbs), strict=True):
-            draw_mechanics(limb).savefig(folder / f"mechanics_{name}.png", dpi=200)
-        return limbs
-
     def export_kinematics(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the kinematics for another program, by the end of the name: .xlsx, .mat, .mot, .sto, .bvh.
 
@@ -468,7 +440,7 @@ class Tracked:
 def track(
     recording: Recording,
     *,
-    model: ModelName | Model | str | PathLike[str] = "auto",
+    model: Model | str | PathLike[str] = "auto",
     validate: bool = True,
     seed: int = 0,
     progress: Tell | None = None,
@@ -491,7 +463,7 @@ def track(
         MocapError: what makes it impossible, with what to do.
     """
     recording = as_recording(recording, "track")
-    name: ModelName = "auto"
+    name = "auto"
     if isinstance(model, str) and model in MODELS:
         name, model = model, None  # type: ignore[assignment]
     elif not isinstance(model, Model):

@@ -19,8 +19,9 @@ from eal.potential import USUAL_WIDTH, usual_kernel
 from eal.spectral import Tail
 
 ONE = "one scale"
-LAMBDAS = (1e-2, 1e-3)
-"""At 0.1, above the first eigenvalue of narrow kernels, V is one minus a kernel density, and has no valley."""
+LAMBDAS = (3e-3, 1e-3, 3e-4)
+"""V at the samples is some times lambda: 0.1 with 1e-2 and narrow kernels. Above the first eigenvalue V is one minus a
+kernel density, which is likelier still, and has no valley."""
 FARTHEST = 12
 """Beta is at most so many factors of two from the usual one."""
 WEIGHTS = tuple(2.0**k for k in range(-2, 9))
@@ -80,7 +81,10 @@ def choose(
     if trials is not None and len(trials) != len(z):
         raise ValueError(f"trials must name that of each of the {len(z)} samples, but has {len(trials)} names")
     noise = None if covariances is None else checked_covariances(covariances, z.shape)
-    fold = np.arange(len(z)) * BLOCKS // len(z) if trials is None else np.unique(trials, return_inverse=True)[1]
+    fold = np.arange(len(z)) * BLOCKS // len(z)
+    if trials is not None:
+        order = {name: i for i, name in enumerate(dict.fromkeys(trials))}
+        fold = np.array([order[name] for name in trials])
     some = np.linspace(0, len(z) - 1, min(len(z), MOST)).astype(int)
     z, fold = z[some], fold[some]
     if len(np.unique(fold)) < 2:

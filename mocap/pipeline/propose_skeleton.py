@@ -19,7 +19,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
 from mocap.io.point_names import point_names
 from mocap.pipeline.arrays import as_recording
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.propose_measures import proposed_measures
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
@@ -86,7 +86,7 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
     Raises:
         MocapError: it shows too little, or there are not as many names as points.
     """
-    prepared = prepare(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
+    prepared = clean(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
     part = seen_part(prepared)
     given, renamed = part_names(prepared, part), {}
     if names is not None:

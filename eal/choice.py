@@ -84,7 +84,8 @@ def choose(
     fold = np.arange(len(z)) * BLOCKS // len(z)
     if trials is not None:
         order = {name: i for i, name in enumerate(dict.fromkeys(trials))}
-        fold = np.array([order[name] for name in trials])
+        groups = min(len(order), 2 * BLOCKS)  # so many of whole trials tell as much as each of hundreds by itself
+        fold = np.array([order[name] * groups // len(order) for name in trials])
     some = np.linspace(0, len(z) - 1, min(len(z), MOST)).astype(int)
     z, fold = z[some], fold[some]
     if len(np.unique(fold)) < 2:

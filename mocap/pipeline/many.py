@@ -125,9 +125,9 @@ def learn_joints(names: Sequence[str], trial: Callable[[str], Mapping[str, Array
     """Learn the potential of each joint from all samples of many trials.
 
     First round: some samples of each trial, which give scale, kernel and lambda: those under which a trial is likeliest
-    by the others. Second: the pivots of each trial, whose
-    kernels span those of all its samples; landmarks are the pivots of all pivots. Third: sums over all samples of each
-    trial. A trial is asked for three times, and forgotten each time; what is kept of it is a matrix.
+    by the others. Second: the pivots of each trial, whose kernels span those of all its samples; landmarks are the
+    pivots of all pivots. Third: sums over all samples of each trial. A trial is asked for three times, and forgotten
+    each time; what is kept of it is a matrix.
 
     Args:
         names: Of the trials.

@@ -14,7 +14,7 @@ import numpy as np
 from eal import npz
 from eal.arrays import Array
 from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
-from eal.composite import CoordinateKernel, ProductKernel, SumKernel
+from eal.composite import CoordinateKernel, LinearKernel, ProductKernel, SumKernel
 from eal.fitting import Method
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel, Radial
 from eal.plugins import offered
@@ -140,6 +140,8 @@ def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
     if isinstance(kernel, CoordinateKernel):
         scales = ["inf" if np.isinf(s) else s for s in kernel.scales]
         return kind | {"kernel": kernel_to_dict(kernel.kernel), "scales": scales, "periods": list(kernel.periods)}
+    if isinstance(kernel, LinearKernel):
+        return kind | {"kernel": kernel_to_dict(kernel.kernel), "matrix": [list(row) for row in kernel.matrix]}
     if isinstance(kernel, RotationKernel):
         joints = {"freedoms": list(kernel.freedoms), "scales": list(kernel.scales)}
         return kind | {"kernel": kernel_to_dict(kernel.kernel)} | joints
@@ -162,6 +164,8 @@ def kernel_from_dict(stored: dict[str, Any]) -> Kernel:
     if kind == "CoordinateKernel":
         scales = tuple(float(s) for s in stored["scales"])
         return CoordinateKernel(kernel_from_dict(stored["kernel"]), scales, tuple(stored["periods"]))
+    if kind == "LinearKernel":
+        return LinearKernel(kernel_from_dict(stored["kernel"]), tuple(map(tuple, stored["matrix"])))
     if kind == "RotationKernel":
         return RotationKernel(kernel_from_dict(stored["kernel"]), tuple(stored["freedoms"]), tuple(stored["scales"]))
     raise ArchiveError(f"unknown kernel {kind!r}: written by a newer version")

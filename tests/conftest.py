@@ -36,6 +36,7 @@ SLOW = {
     "eal/test_errata.py": 27,
     "eal/test_integrators.py": 10,
     "eal/test_comparison.py": 10,
+    "eal/test_choice.py": 8,
     "eal/test_deconvolved.py": 8,
     "eal/test_reproduce.py": 120,
     "eal/test_systems.py": 3,

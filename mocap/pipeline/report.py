@@ -234,6 +234,7 @@ def _joint(potential: JointPotential) -> dict[str, object]:
     return {
         "samples": len(potential.samples_m),
         "lambda": v.lam,
+        **{name: getattr(potential.choice, name, None) for name in ("metric", "width", "weight", "log_likelihood")},
         "effective_rank": v.effective_rank,
         "v_at_samples_median": float(np.median(at_samples)),
         "range_mm": [[float(1e3 * x) for x in (lo, hi)] for lo, hi in zip(*_range(potential.samples_m), strict=True)],
@@ -364,12 +365,19 @@ def readable(report: Mapping, *, title: str) -> str:
             "",
             "## Joints",
             "",
-            "| joint | samples | independent directions (effective rank of V_z) | V_z at samples (median) |",
-            "|---|---|---|---|",
+            "| joint | samples | independent directions (effective rank of V_z) | V_z at samples (median) | metric "
+            "| kernel: beta x median squared distance | lambda | weight |",
+            "|---|---|---|---|---|---|---|---|",
         ]
         lines += [
-            f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} |"
+            f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} "
+            f"| {j['metric']} | {j['width']:g} | {j['lambda']:g} | {j['weight']:g} |"
             for name, j in report["joints"].items()
+        ]
+        lines += [
+            "",
+            "Metric, kernel, lambda and weight are those under which parts of the recording that were left out are "
+            "likeliest: 1 - V_z over its integral is their density, with the weight (1 - V_z)^weight.",
         ]
     lines += _articulation_lines(report.get("articulation", {"joints": []}))
     if table := residual_lines(report.get("residual_px_by_camera", {})):

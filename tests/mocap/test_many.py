@@ -41,7 +41,7 @@ def test_all_samples_of_all_trials(found):
     joint = found["elbow"]
     every = np.concatenate([samples(name)["elbow"] for name in NAMES]) / joint.scale_m
     kernel = joint.potential().potential.kernel
-    whole = fit_potential(every, kernel=kernel, lam=1e-3, method="exact")
+    whole = fit_potential(every, kernel=kernel, lam=joint.choice.lam, method="exact")
     q = np.random.default_rng(5).normal(size=(100, 2))
     np.testing.assert_allclose(joint.potential().potential.value(q), whole.value(q), atol=1e-5)
     assert total(joint.sums.values()).total == 320
@@ -68,7 +68,7 @@ def test_an_animal_that_is_left_out_is_known_less(found):
 def test_one_trial_more(found):
     """Added without the others: the potential of all five, within what it states that its landmarks lack."""
     more = found["elbow"].with_trial("a9", samples("a9")["elbow"])
-    kernel, lam = more.potential().potential.kernel, 1e-3
+    kernel, lam = more.potential().potential.kernel, more.choice.lam
     every = np.concatenate([samples(name)["elbow"] for name in (*NAMES, "a9")]) / more.scale_m
     again = fit_potential(every, kernel=kernel, lam=lam, method="exact")
     bound = more.potential().potential.error_bound

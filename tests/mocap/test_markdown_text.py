@@ -80,7 +80,8 @@ def test_a_report_of_hostile_names(tmp_path):
     model = learn_motion(prepared, part, "constant_velocity")
     tracked = tracked_motion(prepared, part, "constant_velocity", track(prepared, part, model))
     report = make_report(prepared, part, tracked, {}, why_model="a|b", validation={}, hidden=0, seconds={})
-    report["joints"] = {name: {"samples": 1, "effective_rank": 1.0, "v_at_samples_median": 1.0} for name in HOSTILE}
+    numbers = ("samples", "effective_rank", "v_at_samples_median", "width", "lambda", "weight")
+    report["joints"] = {name: dict.fromkeys(numbers, 1.0) | {"metric": "whitened"} for name in HOSTILE}
     markdown = readable(report, title="<b>*x*|y")
     tokens = PARSER.parse(markdown)
     shown = ["".join(c.content for c in t.children or ()) for t in tokens if t.type == "inline"]
@@ -91,5 +92,5 @@ def test_a_report_of_hostile_names(tmp_path):
     cells = [t for t in tokens if t.type in ("td_open", "th_open")]
     by_marker = 2 + len(names)  # a title, all of them, each
     assert len(rows) == 6 + 1 + len(HOSTILE) + by_marker
-    assert len(cells) == 2 * 6 + 4 * (1 + len(HOSTILE)) + 4 * by_marker
+    assert len(cells) == 2 * 6 + 8 * (1 + len(HOSTILE)) + 4 * by_marker
     assert set(names) <= set(shown)

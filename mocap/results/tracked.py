@@ -39,7 +39,7 @@ from mocap.results.osim import FILE as OSIM_FILE
 from mocap.results.osim import write_osim
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.rigid_bodies import FILE as BODIES_FILE
-from mocap.results.rigid_bodies import write_rigid_bodies
+from mocap.results.rigid_bodies import write_axes, write_rigid_bodies
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
@@ -275,6 +275,7 @@ class Tracked:
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self.kinematics, self._cycles, folder)
+            write_axes(self.run.motion, self.run.skeleton, folder)
             refused = []
             for kind in exports:
                 try:

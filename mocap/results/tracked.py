@@ -21,7 +21,9 @@ from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, foot
 from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
+from mocap.measures import JointAxes
 from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.learning import Model, load_model
@@ -191,12 +193,19 @@ class Tracked:
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
-    def potential(self, joint: str) -> JointPotential:
-        """The empirical potential of a joint, with ``value``, ``gradient``, ``hessian`` and ``plot``.
+    def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential:
+        """The empirical potential of a joint, with ``value``, ``gradient`` and ``plot``.
+
+        Args:
+            joint: Its name; of a joint between bodies V_z is on its rotation.
+            translations: Of a joint between bodies: on all its six coordinates.
 
         Raises:
             MocapError: there is none of that name, or too few samples were measured.
         """
+        if joint in {one.name for one in self.run.skeleton.body_joints}:
+            axes = self.run.skeleton.measures.axes.get(joint, JointAxes())
+            return body_potential(self.kinematics, joint, axes.sequence, translations=translations)
         found = self.run.potentials.get(joint)
         if found is None:
             known = ", ".join(self.run.potentials) or "none: give a skeleton with joints"

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mocap.findings import Finding
     from mocap.io.format import Hints
     from mocap.pipeline.arrays import from_arrays, from_pixels
+    from mocap.pipeline.cleaning import clean
     from mocap.pipeline.learning import Model, learn, load_model
     from mocap.pipeline.propose_skeleton import propose_skeleton
     from mocap.pipeline.reading import read
@@ -36,6 +37,7 @@ __all__ = [
     "Skeleton",
     "Tracked",
     "batch",
+    "clean",
     "compare_joints",
     "digitise",
     "from_arrays",
@@ -64,6 +66,7 @@ _PLACES = {
     "Skeleton": "mocap.skeleton",
     "Tracked": "mocap.results.tracked",
     "batch": "mocap.batches.run",
+    "clean": "mocap.pipeline.cleaning",
     "compare_joints": "mocap.results.joint_comparison",
     "digitise": "mocap.digitising.digitised",
     "from_arrays": "mocap.pipeline.arrays",

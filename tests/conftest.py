@@ -92,7 +92,6 @@ SLOW = {
     "mocap/test_learning.py": 50,
     "mocap/test_library.py": 17,
     "mocap/test_likelihoods.py": 4,
-    "mocap/test_limb_mechanics.py": 11,
     "mocap/test_main_job.py": 75,
     "mocap/test_many.py": 9,
     "mocap/test_model_settings.py": 7,

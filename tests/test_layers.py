@@ -31,7 +31,7 @@ ALLOWED = {
         "mocap/io",
         "mocap/kinematics",
     },
-    "mocap/plots": {"eal", "filters", "mocap", "mocap/kinematics", "mocap/pipeline"},
+    "mocap/plots": {"eal", "mocap", "mocap/kinematics", "mocap/pipeline"},
     "mocap/joint_design": {"eal", "filters", "mocap", "mocap/io", "mocap/pipeline"},
     "mocap/reproduce": {"datasets", "eal", "filters", "mocap", "mocap/cleaning", "mocap/pipeline"},
     "mocap/rerun": {

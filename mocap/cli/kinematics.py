@@ -41,14 +41,6 @@ def kinematics(
             "masses are stated and no unknown force acts.",
         ),
     ] = False,
-    mechanics: Annotated[
-        bool,
-        typer.Option(
-            "--mechanics",
-            help="Also track each limb by its own Lagrangian (rods, V_z of their directions): energies and the bound "
-            "of V_z in mechanics.csv, and figures; minutes.",
-        ),
-    ] = False,
     force: Force = False,
 ) -> None:
     """Angles, velocities, accelerations, lengths, areas and strokes of a tracked run, each with its deviation."""
@@ -78,9 +70,6 @@ def kinematics(
             say(f"{scale_osim.name}: {len(scaled)} bodies scaled: {told}{rest}")
         if moments:
             result.write_moments(folder)
-        if mechanics:
-            limbs = result.write_limb_mechanics(folder)
-            say("limbs followed by their own mechanics: " + ", ".join(limb.name for limb in limbs))
     empty = [why_none(result.run.skeleton)] if result.cycles.empty else []
     for note in (*empty, *result.kinematics.notes, *(result.moments.notes if moments else ())):
         say(f"note: {note}")

@@ -157,7 +157,7 @@ def block_size(recording: "Recording", asked: int | None) -> int:
 
     if asked is not None:
         return asked
-    frames = len(recording.contents.frames)
+    frames = len(recording.t_s)
     if frames <= LONG:
         return 0
     say(f"{recording.name}: {frames} frames are tracked in blocks of {BLOCK} (--blocks 0: the whole at once)")

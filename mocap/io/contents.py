@@ -16,6 +16,8 @@ from mocap.io.optical import metres, rate
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 from mocap.text import file_names
 
+Bodies = Mapping[str, Mapping[str, Array]]
+"""Places (3,) of a body's markers in its axes, by its name and theirs; NaN where only the markers are stated."""
 FILLED = (Status.INTERPOLATED, Status.PREDICTED, Status.SMOOTHED, Status.REJECTED)
 """Origins of samples whose value was not measured."""
 
@@ -41,8 +43,7 @@ class FileContents:
         score: (C, T, M) confidence of pixels or (T, M) of points, between 0 and 1; None: there is none.
         tables: Other arrays: ``residual_px`` (T, M) and ``residual_m`` (T, M) of points, ``interval`` (T, M, 3) half
             widths in the unit of the points, ``offset_frames`` (T, C), ``transforms`` (T, M, 4, 4) world from body.
-        bodies: Markers of each rigid body that the file states, with their places (3,) in its axes, in the unit of the
-            points; NaN where it states none.
+        bodies: Rigid bodies that the file states, in the unit of the points.
         findings: Sentences on what is unusual, or not in the file.
         assumed: Those of them that tell how the file was read where it leaves that open; a report begins with them.
     """
@@ -62,7 +63,7 @@ class FileContents:
     animals: tuple[tuple[str, str], ...] = ()
     score: Array | None = None
     tables: Mapping[str, Array] = field(default_factory=dict)
-    bodies: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
+    bodies: Bodies = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
 

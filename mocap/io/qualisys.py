@@ -9,13 +9,13 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, point_recording
+from mocap.io.contents import Bodies, FileContents, point_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, points, read_lines
 from mocap.io.matlab import variables
 from mocap.io.optical import rate
-from mocap.io.rigid import Bodies, fixed_markers
+from mocap.io.rigid import fixed_markers
 from mocap.records import Status
 
 _ORIGIN = np.array([Status.MISSING, Status.MEASURED, Status.INTERPOLATED, Status.INTERPOLATED, Status.INTERPOLATED])

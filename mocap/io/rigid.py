@@ -8,11 +8,9 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents
+from mocap.io.contents import Bodies, FileContents
 from mocap.io.optical import UNIT_M
 
-Bodies = Mapping[str, Mapping[str, Array]]
-"""Places (3,) of a body's markers in its axes, by its name and theirs; NaN where only the markers are stated."""
 KEEPS = 0.05
 """A marker of a body keeps its place by that share of the body's extent, as a rigid bone its length."""
 

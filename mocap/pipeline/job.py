@@ -25,10 +25,10 @@ from mocap.filters.velocities import Asked, Motion
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
-from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
@@ -49,13 +49,13 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import JointTracks, TrackedMotion
+from mocap.records import JointTracks, PixelTracks, TrackedMotion
 from mocap.side_by_side import begin
 from mocap.stages import Stages
 
 _JOINTED = ("articulated", "lagrangian")
 Model = Literal["auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity"]
-Watch = Callable[[Prepared, Part, MotionModel], None]
+Watch = Callable[[Recording, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
 MODELS: tuple[Model, ...] = get_args(Model)
 JOINT_HZ = 30.0
@@ -74,7 +74,7 @@ def existing_model(model: object) -> Path:
 
 
 def run_job(
-    source: Recording | Prepared,
+    source: Recording,
     *,
     model: Model = "auto",
     learned: LearnedModel | None = None,
@@ -82,11 +82,11 @@ def run_job(
     validated: bool = True,
     seed: int = 0,
     watch: Watch | None = None,
-) -> tuple[Run, Prepared]:
+) -> tuple[Run, Recording]:
     """Track a recording.
 
     Args:
-        source: The recording, or what was prepared of it.
+        source: The recording, cleaned or not.
         model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), ``lagrangian``
             (the same, moved by the forces of its masses), a ``mixture`` of ``eal`` and constant
             velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
@@ -97,7 +97,7 @@ def run_job(
         watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
-        The run, and the prepared recording that it rests on.
+        The run, and the cleaned recording that it rests on.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
@@ -107,20 +107,20 @@ def run_job(
 
 
 def _run_job(
-    source: Recording | Prepared,
+    source: Recording,
     model: Model,
     learned: LearnedModel | None,
     stages: Stages,
     validated: bool,
     seed: int,
     watch: Watch | None,
-) -> tuple[Run, Prepared]:
-    if isinstance(source, Recording) and of_one_camera(source):
+) -> tuple[Run, Recording]:
+    if not source.cleaned and of_one_camera(source):
         with stages.stage("track one camera") as progress:
             one = track_one_camera(source, learned, progress=progress)
         return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
     with stages.stage("read, triangulate, clean"):
-        prepared = source if isinstance(source, Prepared) else prepare(source)
+        prepared = clean(source)
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
         learned = None if learned is None else renamed(learned, prepared.skeleton.renamed(learned.names))
@@ -188,8 +188,8 @@ def _run_job(
 
 
 def _finished(
-    source: Recording | Prepared,
-    prepared: Prepared,
+    source: Recording,
+    prepared: Recording,
     part: Part,
     name: str,
     smoothed: Estimate,
@@ -200,7 +200,7 @@ def _finished(
     own: FittedMotion | None = None,
     scores: Mapping[str, Mapping[str, float | None]] | None = None,
     hidden: int = 0,
-) -> tuple[Run, Prepared]:
+) -> tuple[Run, Recording]:
     """The run of a recording that was tracked: with joints, potentials and a report."""
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
@@ -229,28 +229,34 @@ def _finished(
         spatial_potentials=spatial,
         report=report,
         report_text=readable(report, title=prepared.name),
-        file=source.file if isinstance(source, Recording) else None,
+        file=source.file,
         angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
     return run, prepared
 
 
-def run_of(prepared: Prepared, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
+def run_of(prepared: Recording, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
     """A recording with what was tracked of it: without potentials and a report."""
-    filmed = prepared.filmed
     return Run(
         name=prepared.name,
         skeleton=prepared.skeleton,
-        cameras=() if filmed is None else filmed.cameras,
-        ideal_px=None if filmed is None else replace(filmed.pixels, uv_px=filmed.ideal_px),
-        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
+        cameras=prepared.cameras,
+        ideal_px=_ideal(prepared),
+        y_up=prepared.rows is not None and prepared.rows.coefficients == "lower-left",
         tracked=tracked,
         motion=motion,
         joints=joints,
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         plane=prepared.plane,
     )
+
+
+def _ideal(prepared: Recording) -> PixelTracks | None:
+    if not prepared.cameras:
+        return None
+    cameras = prepared.camera_names
+    return PixelTracks(names=prepared.names, cameras=cameras, t_s=prepared.t_s, uv_px=prepared.ideal_px)
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
@@ -265,7 +271,7 @@ def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldL
     return tuple(at_frames(limb, _frames_of(n_frames, part)) for limb in limbs)
 
 
-def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
+def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Recording, part: Part) -> JointAngles | None:
     """Joint angles over all frames of the recording, where they are the state."""
     found, energies = smoothed.angles, smoothed.energies
     if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
@@ -285,7 +291,7 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, 
     return at_frames(angles, _frames_of(len(prepared.t_s), part))
 
 
-def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
+def whole_frames(prepared: Recording, cutoff_hz: float) -> BodyFrames:
     """Body frames of every frame of the recording; outside the seen part those of its ends."""
     part = seen_part(prepared)
     inner = trunk_frames(prepared, part, cutoff_hz=cutoff_hz)
@@ -293,7 +299,7 @@ def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
-def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
+def _learned_from(learned: LearnedModel, prepared: Recording, part: Part) -> str:
     """Names of the trials that are used, how they were scaled, and which is the recording itself."""
     own = marker_trial(prepared, part)
     factors = {t.name: size_factor(t, own) for t in for_recording(learned, part_names(prepared, part), own)}

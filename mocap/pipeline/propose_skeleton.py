@@ -20,7 +20,7 @@ from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
 from mocap.io.point_names import point_names
 from mocap.measures import JointAxes, Places
 from mocap.pipeline.arrays import as_recording
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.propose_measures import proposed_measures
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
@@ -73,8 +73,8 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
 
     Bones are the shortest connections among markers that keep their distance (a minimum spanning forest, in which a
     varying distance counts as a longer one). Bodies are those that the files state, with the axes of their joints, and
-    other markers that all keep their distances (``find_bodies``), with
-    a joint of their own where such a connection leads from one to another. The trunk grows from the most central marker
+    other markers that all keep their distances (``find_bodies``), with a joint of their own where such a connection
+    leads from one to another. The trunk grows from the most central marker
     by its nearest ones, as long as all keep their distances. Other joints are where two bones meet and bend, the parent
     on the side of the trunk. Limbs that beat are strokes, those whose tips stand still in each cycle feet. Write its
     ``text`` to a file, correct it, and read the recording with it.
@@ -88,7 +88,7 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
     Raises:
         MocapError: it shows too little, or there are not as many names as points.
     """
-    prepared = prepare(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
+    prepared = clean(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
     part = seen_part(prepared)
     given, renamed = part_names(prepared, part), {}
     if names is not None:
@@ -98,7 +98,7 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
     aliases = {a: b for a, b in zip(given, new, strict=True) if a != b}
     stated = {
         body: {aliases.get(name, name): at for name, at in own.items() if name in given}
-        for body, own in recording.contents.bodies.items()
+        for body, own in recording.bodies.items()
     }
     return _proposal(new, marker_trial(prepared, part), aliases, stated)
 
@@ -121,7 +121,7 @@ def _proposal(
     taken = {marker for own in stated.values() for marker in own}
     found = [[names.index(marker) for marker in own] for own in stated.values()]
     more = [members for members in find_bodies(trial) if not any(names[m] in taken for m in members)]
-    bodies = [*stated, *body_names(names, more)]
+    bodies = [*stated, *(f"{name}_2" if name in stated else name for name in body_names(names, more))]
     found += more
     body = np.full(len(names), -1)
     for number, members in enumerate(found):

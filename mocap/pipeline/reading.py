@@ -24,6 +24,7 @@ from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
 from mocap.pipeline.recording import Recording
+from mocap.pipeline.variables import dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
 from mocap.skeleton import Skeleton, read_skeleton
 from mocap.stated import check_rate, check_stated
@@ -97,29 +98,25 @@ def read(
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
     contents, findings = complete(_whole(files, rig, hints or Hints()), where=files[0].name, fps=fps, unit=unit)
     known, names = animal(skeleton, contents.names, bodies=contents.bodies)
-    contents = contents.renamed(names)
-    contents, cameras, told = _with_cameras(contents, files[0], rig, lenses, unit)
-    if contents.pixels is not None and (cameras or crops):
-        contents, counted = counted_from_one(contents, [path for path in (rig, lenses) if path is not None])
-        contents, cropped = in_whole_picture(contents, cameras, files, crops, pixel_origin=origin)
-        told = (*told, *readings(counted), *readings(cropped))
-    stored = None
-    if contents.points is None and cameras and (path := stored_file(files[0], points)) is not None:
-        stored = read_file(path)
+    contents, cameras, told = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
+    contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
     named = (*files, rig, lenses, points, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
     return Recording(
         name=recording_name(files[0]),
-        contents=contents,
+        data=dataset_of(contents),
         skeleton=known,
         cameras=cameras,
         calibration=None if rig is None else rig.name,
         findings=findings,
-        told=told,
+        told=(*told, *further),
+        unusual=contents.findings,
+        bodies=contents.bodies,
         file=files[0],
         inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
-        stored=stored,
+        stored=_stored(contents, cameras, files[0], points),
         unit=unit,
         pixel_origin=origin,
+        usual_origin=contents.pixel_origin,
         calibration_origin=calibration_origin,
         image_height_px=image_height_px,
         pixel_sd=pixel_sd,
@@ -127,6 +124,42 @@ def read(
         fit_lens=fit_lens,
         mm_per_px=mm_per_px,
     )
+
+
+def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None, hints: Hints) -> FileContents:
+    """Pixels of cropped films in the whole picture, to be converted; findings say what was added.
+
+    Raises:
+        FormatError: a file cannot be read, or offsets do not belong to the films.
+    """
+    contents, _ = complete(_whole(files, None, hints), where=files[0].name, fps=fps or 1.0, unit=None)
+    contents, cameras, told = _with_cameras(contents, files[0], None, None, None)
+    contents, further = _in_whole_picture(contents, cameras, files, (), crops, None)
+    return replace(contents, findings=(*contents.findings, *map(str, (*told, *further))))
+
+
+def _in_whole_picture(
+    contents: FileContents,
+    cameras: tuple[Camera, ...],
+    files: Sequence[Path],
+    rig: Sequence[Path | None],
+    crops: Sequence[Path],
+    corner: PixelCorner | None,
+) -> tuple[FileContents, tuple[Finding, ...]]:
+    """Pixels counted as the calibration counts them, with crop offsets added, and what was decided."""
+    if contents.pixels is None or not (cameras or crops):
+        return contents, ()
+    contents, counted = counted_from_one(contents, [path for path in rig if path is not None])
+    contents, cropped = in_whole_picture(contents, cameras, files, crops, pixel_origin=corner)
+    return contents, (*readings(counted), *readings(cropped))
+
+
+def _stored(contents: FileContents, cameras: Sequence[Camera], tracks: Path, given: Path | None) -> FileContents | None:
+    """Positions that are compared with those of the pixels: of the same file, or of the one beside it."""
+    if contents.points is not None:
+        return contents if contents.pixels is not None else None
+    path = stored_file(tracks, given) if cameras else None
+    return None if path is None else read_file(path)
 
 
 def _path(argument: str, given: object) -> Path:

@@ -17,7 +17,7 @@ from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
 from mocap.pipeline import sentences
 from mocap.pipeline.moved import MOVED, moved_report
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.run import JointPotential
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
@@ -28,7 +28,7 @@ QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
 
 def make_report(
-    prepared: Prepared,
+    prepared: Recording,
     part: Part,
     tracked: TrackedMotion,
     potentials: Mapping[str, JointPotential],
@@ -56,7 +56,7 @@ def make_report(
         "fps": float(1 / prepared.dt_s),
         "tracked_frames": [part.frames.start + 1, part.frames.stop],
         "markers": list(prepared.names),
-        "cameras": [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras],
+        "cameras": [] if not prepared.cameras else [c.name for c in prepared.cameras],
         "skeleton": prepared.skeleton.name,
         "model": {
             "name": tracked.model,
@@ -143,23 +143,23 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _gated(prepared: Prepared, tracked: TrackedMotion) -> int:
+def _gated(prepared: Recording, tracked: TrackedMotion) -> int:
     """Single-camera observations that the filter rejected."""
     return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(prepared.uv_px) else 0
 
 
-def _moved_far(prepared: Prepared, tracked: TrackedMotion) -> int:
+def _moved_far(prepared: Recording, tracked: TrackedMotion) -> int:
     """Samples that the track lies too far from to be called measured."""
     return int(cast(int, moved_report(prepared, tracked.markers)["beyond_3_sd"]))
 
 
-def _repeatability_m(prepared: Prepared, tracked: TrackedMotion) -> Array:
+def _repeatability_m(prepared: Recording, tracked: TrackedMotion) -> Array:
     """(T, M) standard deviation of a coordinate without errors that last."""
     cov = tracked.markers.cov_m2 - lasting_cov(prepared)
     return np.sqrt(np.maximum(np.trace(cov, axis1=-2, axis2=-1) / 3, 0.0))
 
 
-def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
+def _rejected_samples(prepared: Recording) -> list[dict[str, object]]:
     return [
         {"frame": int(t) + 1, "marker": prepared.names[m], "reason": reason}
         for reason, mask in prepared.rejected.items()
@@ -167,11 +167,11 @@ def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
     ]
 
 
-def _noise(prepared: Prepared) -> dict[str, object]:
+def _noise(prepared: Recording) -> dict[str, object]:
     """Noise of each camera and its degrees of freedom, and the noise of each marker relative to a typical one."""
-    if prepared.filmed is None or prepared.noise is None:
+    if not prepared.cameras or prepared.noise is None:
         return {"sd_px": {}, "dof": {}, "marker_scale": {}}
-    cameras = [camera.name for camera in prepared.filmed.cameras]
+    cameras = [camera.name for camera in prepared.cameras]
     return {
         "sd_px": dict(zip(cameras, map(_number, prepared.camera_sd_px), strict=True)),
         "dof": dict(zip(cameras, map(_number, prepared.noise.dof), strict=True)),
@@ -179,9 +179,9 @@ def _noise(prepared: Prepared) -> dict[str, object]:
     }
 
 
-def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
+def _bad_cameras(prepared: Recording) -> list[dict[str, object]]:
     """Runs of frames, from 1, in which a camera had clearly larger errors than usual."""
-    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    cameras = [] if not prepared.cameras else [c.name for c in prepared.cameras]
     return [
         {
             "camera": cameras[bad.camera],
@@ -195,9 +195,9 @@ def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
     ]
 
 
-def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
+def _exchanged(prepared: Recording) -> list[dict[str, object]]:
     """Runs of identity switches, frames from 1; without a camera the names were swapped in all cameras."""
-    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    cameras = [] if not prepared.cameras else [c.name for c in prepared.cameras]
     return [
         {
             "markers": [prepared.names[swap.a], prepared.names[swap.b]],

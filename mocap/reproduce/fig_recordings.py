@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Z95
 from eal.midpoint import simulate_midpoint
-from mocap.filters.lagrangian import substeps, theorem_3
+from mocap.reproduce.joint_filter import substeps, theorem_3
 from mocap.reproduce.record import Figure, Verdict, judged
 from mocap.reproduce.recordings import Tracked, planar, spherical, wrist
 

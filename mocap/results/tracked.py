@@ -47,12 +47,10 @@ from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
-from mocap.text import file_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from mocap.pipeline.limb_mechanics import LimbMechanics
     from mocap.plots.notebook import Plots
     from mocap.rerun.viewer import Viewer
     from mocap.results.scaled_osim import Factor
@@ -341,31 +339,6 @@ class Tracked:
         if not len(self.moments):
             raise MocapError(f"{self.name}: no joint moment can be known: " + "; ".join(self.moments.notes))
         write_kinematics(self.moments, folder, stem="moments")
-
-    def limb_mechanics(self) -> "list[LimbMechanics]":
-        """Each limb (its longest chain of rigid bones) tracked once more by its own Lagrangian; minutes.
-
-        L = v^T M(q) v / 2 - V_z(q)/eps^2 of rods, masses as the skeleton states them: the paper's model, whose energy
-        and bound (Theorem 3) are those of the tracked limb (docs/explanation/joints.md). Limbs that cannot be followed
-        are left out.
-
-        Raises:
-            MocapError: there are no cameras, or no limb is seen whole often enough.
-        """
-        from mocap.pipeline.limb_mechanics import filmed_run, limb_mechanics
-
-        return limb_mechanics(filmed_run(self.run))
-
-    def write_limb_mechanics(self, folder: Path) -> "list[LimbMechanics]":
-        """Write ``mechanics.csv`` and a figure of each limb, ``mechanics_<marker>.png``; returns those limbs."""
-        from mocap.plots.mechanics import draw_mechanics
-        from mocap.results.mechanics import FILE, write_mechanics
-
-        limbs = self.limb_mechanics()
-        write_mechanics(limbs, self.run.tracked.markers.t_s, folder / FILE)
-        for limb, name in zip(limbs, file_names(limb.markers[-1] for limb in limbs), strict=True):
-            draw_mechanics(limb).savefig(folder / f"mechanics_{name}.png", dpi=200)
-        return limbs
 
     def export_kinematics(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the kinematics for another program, by the end of the name: .xlsx, .mat, .mot, .sto, .bvh.

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mocap.filters.bodies import THICK, Bodies, cloud, rod
+from mocap.filters.anatomy import masses_of
+from mocap.filters.bodies import THICK, Bodies, cloud, rod, rod_masses
 from mocap.filters.tree import Tree, left_jacobian, turning_on
 from scipy.spatial.transform import Rotation
 
@@ -148,3 +149,18 @@ def test_what_is_no_body_is_refused():
         replace(bodies, mass_kg=np.array([1.0, 0.0, 1.0, 1.0]))
     with pytest.raises(ValueError, match="3 segments must have shape"):
         replace(bodies, centre_m=np.zeros((3, 3)))
+
+
+def test_masses_are_those_stated_spread_over_the_bones_between():
+    """An arm of 30 g over 0.3 and 0.2 m: 18 and 12 g; the finger gets the least density; one bone keeps its centre."""
+    names = ["s", "e", "w", "t"]
+    bones = [(0, 1), (1, 2), (2, 3)]
+    lengths = np.array([0.3, 0.2, 0.1])
+    mass, centre, stated = rod_masses(bones, lengths, masses_of(names, [("s", "w", 0.03, 0.5)]))
+    assert stated
+    np.testing.assert_allclose(mass, [0.018, 0.012, 0.006])
+    _, centre, _ = rod_masses(bones, lengths, masses_of(names, [("e", "s", 0.001, 0.4)]))
+    np.testing.assert_allclose(centre, [0.6, 0.5, 0.5])
+    mass, _, stated = rod_masses(bones, lengths, [])
+    assert not stated
+    assert mass.sum() == pytest.approx(1.0)

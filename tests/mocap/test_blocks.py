@@ -13,7 +13,8 @@ from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, over_blocks
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
-from mocap.pipeline.long import LongRecording, long_points
+from mocap.pipeline.long import LongRecording, long_recording
+from mocap.pipeline.recording import of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.results.long_result import load_range, track_in_blocks
 from mocap.skeleton import Joint, Skeleton
@@ -39,7 +40,7 @@ def bat() -> LongRecording:
     tracks = MarkerTracks(names=names, t_s=film.truth.t_s, xyz_m=xyz, cov_m2=cov, status=status)
     joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
     skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8], joints=(joint,))
-    return long_points(tracks, skeleton, name="bat")
+    return long_recording(of_points(tracks, skeleton, name="bat"))
 
 
 @pytest.mark.parametrize("size", [200, 341])
@@ -100,7 +101,7 @@ def test_tables_hold_every_frame(bat, folder):
     """The long table is one that mocap reads, the kinematics have a row a frame, and both are the track."""
     known = learn_once(bat, model="constant_velocity")
     whole, _, _ = track_block(bat, known, range(T))
-    points = mocap.read(folder / "markers.parquet").contents.points
+    points = mocap.read(folder / "markers.parquet").points
     np.testing.assert_allclose(points.xyz_m, whole.tracked.markers.xyz_m, atol=1e-9)
     np.testing.assert_array_equal(points.status, whole.tracked.markers.status)
     table = pd.read_parquet(folder / "kinematics.parquet")
@@ -185,7 +186,7 @@ def test_findings_of_stretches_tell_the_frames_of_the_recording():
     xyz[350:, 8] += 0.5
     tracks = marker_tracks(names, film.truth.t_s, xyz)
     skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8])
-    found = long_points(tracks, skeleton, name="bat").prepared(slice(200, 450)).findings
+    found = long_recording(of_points(tracks, skeleton, name="bat")).cleaned(slice(200, 450)).findings
     said = " ".join(map(str, found))
     assert "from frame 261 to 280" in said
     assert "between frames 350 and 351" in said

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mocap.datasets.pendulum_film import make_pendulum_film
-from mocap.filters.lagrangian import JointTrack
 
 from eal import GaussianKernel, fit_potential
 from eal.lagrangian import PenalisedModel
 from eal.systems import planar_pendulum, spherical_pendulum
 from mocap.reproduce import fig_recordings, recordings
+from mocap.reproduce.joint_filter import JointTrack
 from mocap.reproduce.recordings import Seen, Tracked
 
 

@@ -88,7 +88,7 @@ def test_bodies_of_qualisys(tmp_path, made, numbered):
     assert np.isnan(read(files[1]).tables["transforms"][5, 0]).all()
     found = mocap.read(files)
     assert found.skeleton.bodies == MEMBERS
-    shown = np.array([found.contents.bodies["trunk"][name] for name in MEMBERS["trunk"]])
+    shown = np.array([found.bodies["trunk"][name] for name in MEMBERS["trunk"]])
     np.testing.assert_allclose(shown, places[4:], atol=1e-4)
     proposed = mocap.propose_skeleton(found).skeleton
     assert proposed.bodies == MEMBERS
@@ -154,7 +154,7 @@ def test_bodies_of_xmalab(tmp_path, made):
     assert found.skeleton.bodies == MEMBERS
     for body, part in (("head", slice(0, 4)), ("trunk", slice(4, 9))):
         expected = places[part] if body == "trunk" else (places[part] - 0.01 * within[:3, 3]) @ within[:3, :3]
-        np.testing.assert_allclose([*found.contents.bodies[body].values()], expected, atol=1e-4)
+        np.testing.assert_allclose([*found.bodies[body].values()], expected, atol=1e-4)
     acs.rename(tmp_path / "Cranium_acs_tm.csv")
     with pytest.raises(FormatError, match=r"rename it after its rigid body \(head_acs_tm\.csv, trunk_acs_tm\.csv\)"):
         mocap.read([points, rigid, tmp_path / "Cranium_acs_tm.csv"], fps=100, unit="cm")
@@ -178,8 +178,9 @@ def test_the_axes_of_a_macaque(tmp_path):
     recording = mocap.read(files, fps=250, unit="cm")
     (tmp_path / "jaw.toml").write_text(mocap.propose_skeleton(recording).text)
     skeleton = read_skeleton(tmp_path / "jaw.toml")
-    points = recording.contents.points
-    motion = moving(points.xyz_m, points.t_s, points.names, 1e-6)
+    data = recording.data
+    names = data["keypoint"].values.tolist()
+    motion = moving(data["position"].values, data["time"].values, names, 1e-6)
     found = {one.name: one.value for one in joint_quantities(motion, skeleton, skeleton.body_joints[0])[0]}
     relative = np.linalg.inv(truth[0]) @ truth[1]
     turned = np.array([found[f"Skull_Jaw_rotation_{axis}_deg"] for axis in "zyx"])

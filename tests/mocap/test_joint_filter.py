@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from mocap.datasets.pendulums import GRAVITY_M_S2, pendulum_motion
-from mocap.filters.lagrangian import JointSights, learned_noise, substeps, theorem_3, track_joint
 
 from eal import GaussianKernel, fit_potential
 from eal.integrators import integrate_adaptive
@@ -12,6 +11,7 @@ from eal.midpoint import midpoint_step, simulate_midpoint
 from eal.radius import valley_covariance
 from eal.systems import planar_pendulum
 from mocap.cameras.camera import project, stacked
+from mocap.reproduce.joint_filter import JointSights, learned_noise, substeps, theorem_3, track_joint
 from tests.mocap.rigs import ring
 
 SYSTEM = planar_pendulum()

@@ -13,8 +13,6 @@ from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
-from mocap.filters.ensemble import default_points
-from mocap.filters.unscented import UnscentedKalmanFilter
 from numpy.typing import NDArray
 
 from eal import bounds
@@ -24,6 +22,8 @@ from eal.lagrangian import PenalisedModel
 from eal.midpoint import midpoint_step
 from eal.over_time import OverTime, Time
 from eal.threads import one_blas_thread
+from mocap.filters.ensemble import default_points
+from mocap.filters.unscented import UnscentedKalmanFilter
 
 Array = NDArray[Any]
 """Of any type of number: this file stands between libraries that name theirs."""
@@ -145,7 +145,6 @@ def track_joint(
     power_w: float,
     start_sd: tuple[float, float],
     valley: Callable[[Array], Array] | None = None,
-    density: Array | None = None,
 ) -> JointTrack:
     """Filter and smooth a joint with its own mechanics.
 
@@ -162,9 +161,6 @@ def track_joint(
         start_sd: Standard deviations of q0 and v0.
         valley: (T, d) joint coordinates to the covariance (T, d, d) of V_z's own valley there, which is added to that
             of q: a V_z that is off takes the state along; None: V_z is exact.
-
-        density: (d, d) what takes the place of M^-1 in the noise: power_w times this is the covariance of the
-            accelerations a second, learned of each joint; power_w is then a number.
 
     Returns:
         The track.
@@ -208,7 +204,7 @@ def track_joint(
                 total += _condition(filtered, sights, frame, look)
             means.append(filtered.x)
             covs.append(filtered.P)
-            noises.append(_noise(model, filtered.x[:d], power_w, dt, density))
+            noises.append(_noise(model, filtered.x[:d], power_w, dt))
         smooth, cov, _ = filtered.rts_smoother(np.array(means), np.array(covs), Qs=np.array(noises))
     q, v = np.asarray(smooth[:, :d], dtype=np.float64), np.asarray(smooth[:, d:], dtype=np.float64)
     if valley is not None:
@@ -232,8 +228,8 @@ def substeps(model: PenalisedModel, q: Array, dt_s: float) -> int:
     return int(np.clip(np.ceil(omega * dt_s / LONGEST), 1, FINEST))
 
 
-def _noise(model: PenalisedModel, q: Array, power_w: float, dt_s: float, density: Array | None) -> Array:
-    inverse = np.linalg.inv(model.system.mass(q)) if density is None else density
+def _noise(model: PenalisedModel, q: Array, power_w: float, dt_s: float) -> Array:
+    inverse = np.linalg.inv(model.system.mass(q))
     return np.kron(power_w * np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]]), inverse)
 
 
@@ -269,7 +265,6 @@ def learned_noise(
     powers_w: Array,
     strengths_j: Array,
     start_sd: tuple[float, float],
-    density: Array | None = None,
 ) -> tuple[PenalisedModel, float]:
     """The 1/eps^2 and the power of the force noise under which the pixels are most likely.
 
@@ -283,7 +278,6 @@ def learned_noise(
         powers_w: Powers to choose from.
         strengths_j: Values of 1/eps^2 to choose from.
         start_sd: As of ``track_joint``.
-        density: As of ``track_joint``.
 
     Returns:
         The model with that 1/eps^2, and the power.
@@ -293,7 +287,7 @@ def learned_noise(
     def likelihood(strength: float, power: float) -> float:
         try:
             held = replace(model, strength=strength)
-            track = track_joint(held, sights, q0, v0, power_w=power, start_sd=start_sd, density=density)
+            track = track_joint(held, sights, q0, v0, power_w=power, start_sd=start_sd)
             return track.log_likelihood if np.isfinite(track.log_likelihood) else -np.inf
         except (IntegrationError, np.linalg.LinAlgError):
             return -np.inf

@@ -113,6 +113,7 @@ SLOW = {
     "mocap/test_unstated_unit.py": 3,
     "mocap/web/test_web_server.py": 60,
     "test_installed.py": 70,
+    "test_plugins.py": 12,
 }
 """Files that take more than three seconds of processor time, with roughly how many; ``make quick`` leaves them out.
 

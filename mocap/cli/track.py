@@ -199,7 +199,7 @@ def in_blocks(
     from mocap.io.output import result_folder
     from mocap.results.long_result import write_in_blocks
 
-    if model in ("eal", "articulated", "lagrangian"):
+    if learned is None and model not in ("auto", "mixture", "constant_velocity"):
         raise MocapError(
             f"--model {model}: blocks are tracked with auto, mixture, constant_velocity, or a learned model"
         )

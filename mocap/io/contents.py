@@ -44,7 +44,7 @@ class FileContents:
         tables: Other arrays: ``residual_px`` (T, M) and ``residual_m`` (T, M) of points, ``interval`` (T, M, 3) half
             widths in the unit of the points, ``offset_frames`` (T, C), ``transforms`` (T, M, 4, 4) world from body.
         bodies: Rigid bodies that the file states, in the unit of the points.
-        findings: Sentences on what is unusual, or not in the file.
+        findings: Sentences on what is unusual; ``remarks`` adds what the file does not state.
         assumed: Those of them that tell how the file was read where it leaves that open; a report begins with them.
     """
 
@@ -88,6 +88,14 @@ class FileContents:
         if not tables:
             return np.zeros(shape, dtype=bool)
         return ~np.isnan(tables[0].reshape(*shape, -1)).any(axis=-1)  # type: ignore[return-value]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is unusual, and what the files do not state."""
+        unsaid = ("the frame rate of the cameras is not stated",) if self.fps is None and len(self.frames) else ()
+        if self.unit is None and (self.points is not None or self.cameras):
+            unsaid += ("the unit of lengths is not stated",)
+        return (*self.findings, *unsaid)
 
     def grid(self) -> tuple[list[str], list[str], list[int]]:
         """Individuals (``id_0`` where none is told), body parts, and each marker's place in individuals x parts."""

@@ -148,7 +148,7 @@ def _recording(
         calibration="`cameras`" if cameras else None,
         findings=findings,
         told=told,
-        unusual=contents.findings,
+        unusual=contents.remarks,
         usual_origin=contents.pixel_origin,
         unit=unit,
     )

@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
 from mocap.filters.model import LearnedModel, for_recording, renamed
 from mocap.filters.models.base import FittedMotion
+from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate, HeldLimb
@@ -53,11 +53,10 @@ from mocap.records import JointTracks, PixelTracks, TrackedMotion
 from mocap.side_by_side import begin
 from mocap.stages import Stages
 
-_JOINTED = ("articulated", "lagrangian")
-Model = Literal["auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity"]
 Watch = Callable[[Recording, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
-MODELS: tuple[Model, ...] = get_args(Model)
+MODELS = ("auto", "mixture", *NAMED)
+"""What ``model`` may be called."""
 JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
 
@@ -76,7 +75,7 @@ def existing_model(model: object) -> Path:
 def run_job(
     source: Recording,
     *,
-    model: Model = "auto",
+    model: str = "auto",
     learned: LearnedModel | None = None,
     stages: Stages | None = None,
     validated: bool = True,
@@ -87,9 +86,8 @@ def run_job(
 
     Args:
         source: The recording, cleaned or not.
-        model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), ``lagrangian``
-            (the same, moved by the forces of its masses), a ``mixture`` of ``eal`` and constant
-            velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
+        model: Of ``mocap.filters.models.registry.NAMED``; a ``mixture`` of ``eal`` and constant velocity, or
+            (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         validated: Whether to hide samples and measure how they are filled.
@@ -108,7 +106,7 @@ def run_job(
 
 def _run_job(
     source: Recording,
-    model: Model,
+    model: str,
     learned: LearnedModel | None,
     stages: Stages,
     validated: bool,
@@ -124,9 +122,9 @@ def _run_job(
         part = seen_part(prepared)
         reason = why_no_pose(prepared, part)
         learned = None if learned is None else renamed(learned, prepared.skeleton.renamed(learned.names))
-    if model in ("eal", "mixture", "articulated", "lagrangian") and reason is not None:
+    if reason is not None and (model == "mixture" or (model in NAMED and NAMED[model].posed)):
         raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
-    posed = reason is None and model != "constant_velocity"
+    posed = reason is None and (model not in NAMED or NAMED[model].posed)
     if (posed or learned is not None) and worth_checking(prepared):
         with stages.stage("check points of two rays"):
             prepared = without_contradicted(prepared, part, learned)
@@ -134,20 +132,14 @@ def _run_job(
     asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
     if watch is not None:
         with stages.stage("filter live"):
-            alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
+            alone = model if model in NAMED else "eal" if posed else "constant_velocity"
             watch(prepared, part, learn_motion(prepared, part, alone).motion)
-    mixing = learned is None and posed and model not in ("eal", *_JOINTED)
+    mixing = learned is None and posed and model not in NAMED
     hidden = hide_samples(prepared, part, np.random.default_rng([seed, 1])) if validated else None
     filling = None
     if hidden is not None and hidden.count:
-        methods = {
-            "mixture": mixing,
-            "eal": model != "constant_velocity",
-            "articulated": model in _JOINTED,
-            "lagrangian": model == "lagrangian",
-            "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
-        }
-        wanted = [name for name, whether in methods.items() if whether]
+        wanted = {model, *NAMED[model].beside} if model in NAMED else {"eal"} | ({"mixture"} if mixing else set())
+        wanted |= {"constant_velocity"} if model == "auto" or reason is not None else set()
         filling = begin(partial(fill_hidden, prepared, hidden, methods=wanted, learned=learned))
     mixed = None
     if learned is not None:
@@ -168,8 +160,8 @@ def _run_job(
         name, smoothed, own = "mixture" if learned is None else "learned", mixed.markers, None
     else:
         with stages.stage("learn"):
-            own = learn_motion(prepared, part, "eal" if chosen == "mixture" else chosen)
-        name = own.motion.name
+            name = "eal" if chosen == "mixture" else chosen
+            own = learn_motion(prepared, part, name)
         with stages.stage("track") as progress:
             smoothed = track(prepared, part, own, asked=asked, progress=progress)
     return _finished(
@@ -310,9 +302,7 @@ def _learned_from(learned: LearnedModel, prepared: Recording, part: Part) -> str
     return f"learned from {', '.join(used) or 'no other'}{scaled}{left_out}"
 
 
-def _choose(
-    model: Model, reason: str | None, scores: dict
-) -> tuple[Literal["mixture", "eal", "articulated", "lagrangian", "constant_velocity"], str]:
+def _choose(model: str, reason: str | None, scores: dict) -> tuple[str, str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"

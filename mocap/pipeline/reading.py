@@ -109,7 +109,7 @@ def read(
         calibration=None if rig is None else rig.name,
         findings=findings,
         told=(*told, *further),
-        unusual=contents.findings,
+        unusual=contents.remarks,
         bodies=contents.bodies,
         file=files[0],
         inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
@@ -209,8 +209,7 @@ def complete(
             raise NoRateError(f"{where}: the frame rate is not in the file: give `fps`")
         check_rate(contents.fps, where)
     else:
-        unsaid = "the file does not state the frame rate"
-        contents = replace(contents.with_rate(fps), findings=tuple(f for f in contents.findings if f != unsaid))
+        contents = contents.with_rate(fps)
     contents, left_out = every_frame(contents)
     return contents, (*told, *readings((*contents.assumed, *left_out)))
 

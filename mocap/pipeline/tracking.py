@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +25,9 @@ from mocap.filters.model import (
     track_with,
     trials_for,
 )
-from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings
 from mocap.filters.models.base import FittedMotion, TrialSet, shares
-from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.registry import NAMED
 from mocap.filters.moving import asked_of
 from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
@@ -46,10 +44,6 @@ from mocap.side_by_side import call_all
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
-Alone = Literal["constant_velocity", "eal", "articulated", "lagrangian"]
-ALONE: tuple[Alone, ...] = ("constant_velocity", "eal", "articulated", "lagrangian")
-"""Models that are filtered by themselves."""
-_OF_POSES = ("eal", "mixture", "articulated", "lagrangian")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,7 +99,7 @@ def _visible(prepared: Recording, part: Part, hidden: Mask | None, markers: NDAr
 def learn_motion(
     prepared: Recording,
     part: Part,
-    name: Alone,
+    name: str,
     *,
     settings: PoseSettings | None = None,
     hidden: Mask | None = None,
@@ -119,13 +113,7 @@ def learn_motion(
     anatomy = anatomy_of(
         names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses, bodies=skeleton.bodies.values()
     )
-    models = {
-        "eal": settings or PoseSettings(),
-        "articulated": ArticulatedSettings(),
-        "lagrangian": ArticulatedSettings(pose=LAGRANGIAN, mechanics="lagrangian"),
-        "constant_velocity": MarkerSettings(),
-    }
-    return models[name].fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
+    return (settings or NAMED[name].settings).fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
 
 
 def part_names(prepared: Recording, part: Part) -> list[str]:
@@ -346,8 +334,8 @@ def fill_hidden(
         alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
         models = models_alone(PoseSettings(), alone)
         found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
-    for name in ALONE:
-        if name in methods and (posed or name not in _OF_POSES) and not (name == "eal" and "mixture" in found):
+    for name, one in NAMED.items():
+        if name in methods and (posed or not one.posed) and not (name == "eal" and "mixture" in found):
             model = learn_motion(prepared, part, name, hidden=hidden.mask)
             found[name] = track(prepared, part, model, hidden=hidden.mask, progress=steps["rest"])
     if learned is not None:
@@ -387,7 +375,7 @@ def score_filled(
             estimates["eal"] = one.found[-1]
         if mixture is not None:
             estimates[name] = one.mixed(mixture).markers
-    for name in (*ALONE, "mixture", "learned"):
+    for name in (*NAMED, "mixture", "learned"):
         if name in estimates:
             cov = estimates[name].cov_m2 + _jitter(prepared, part)
             scores[name] = compared(estimates[name].xyz_m, cov, truth, where).as_json()

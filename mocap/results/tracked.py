@@ -25,7 +25,6 @@ from mocap.measures import JointAxes
 from mocap.pipeline.arrays import as_recording
 from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
-from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
@@ -454,7 +453,7 @@ class Tracked:
 def track(
     recording: Recording,
     *,
-    model: ModelName | Model | str | PathLike[str] = "auto",
+    model: Model | str | PathLike[str] = "auto",
     validate: bool = True,
     seed: int = 0,
     progress: Tell = silent,
@@ -476,7 +475,7 @@ def track(
         MocapError: what makes it impossible, with what to do.
     """
     recording = as_recording(recording, "track")
-    name: ModelName = "auto"
+    name = "auto"
     if isinstance(model, str) and model in MODELS:
         name, model = model, None  # type: ignore[assignment]
     elif not isinstance(model, Model):

@@ -1,7 +1,5 @@
 """A recording is one Dataset with declared variables, cleaned by one verb, which ``track`` takes as it is."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mocap.datasets import make_bat
@@ -32,14 +30,6 @@ def declared(recording):
         assert found.dims == told.dims
         assert found.attrs.get("units", "") == told.unit
         assert not found.values.flags.writeable
-
-
-def test_the_page_is_the_schema():
-    """Each variable has its row in the reference, and no row is of another."""
-    page = (Path(__file__).parents[2] / "docs" / "reference" / "record.md").read_text(encoding="utf-8")
-    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| `")]
-    told = [[f"`{n}`", ", ".join(v.dims), v.unit or "-", f"`{v.since}`", v.meaning] for n, v in VARIABLES.items()]
-    assert rows == told
 
 
 def test_each_step_adds_the_variables_that_are_declared(bat):

@@ -1,6 +1,5 @@
 """Qualisys Track Manager: its text export (.tsv) and its MATLAB export (.mat). Both hold millimetres."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -33,10 +32,11 @@ def read_tsv(path: Path) -> FileContents:
         FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
     """
     lines = read_lines(path)
-    head, start = _head(lines)
+    head = _head(lines)
     for key in ("NO_OF_FRAMES", "NO_OF_MARKERS", "FREQUENCY", "MARKER_NAMES"):
         if not head.get(key):
             raise FormatError(f"{path.name}: no line {key}; expected a 3D text export of Qualisys Track Manager (.tsv)")
+    start = len(head)
     titles = lines[start].removesuffix("\t").split("\t") if start < len(lines) else []
     start += titles[:1] == ["Frame"]
     names, fps = head["MARKER_NAMES"], rate(path, head["FREQUENCY"][0])
@@ -78,15 +78,15 @@ def read_tsv(path: Path) -> FileContents:
     )
 
 
-def _head(lines: Sequence[str]) -> tuple[dict[str, list[str]], int]:
-    """Entries of the head by their keys, which are in capitals, and the number of lines that it takes."""
+def _head(lines: Sequence[str]) -> dict[str, list[str]]:
+    """Entries of the head by their keys, a line each; titles that do not begin with Frame count as one."""
     head: dict[str, list[str]] = {}
     for line in lines:
         key, *values = line.rstrip("\t").split("\t")
-        if not re.fullmatch("[A-Z][A-Z0-9_]+", key.strip()):
+        if key == "Frame" or not key[:1].isalpha():
             break
         head[key.strip()] = values
-    return head, len(head)
+    return head
 
 
 def read_6d(path: Path) -> FileContents:
@@ -98,7 +98,8 @@ def read_6d(path: Path) -> FileContents:
         FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
     """
     lines = read_lines(path)
-    head, start = _head(lines)
+    start = next((i for i, line in enumerate(lines[:40]) if "Rot[0]" in line), len(lines))
+    head = _head(lines[:start])
     names = [name for name in head.get("BODY_NAMES", []) if name]
     titles = [title.strip() for title in lines[start].split("\t")] if start < len(lines) else []
     first = [i for i, title in enumerate(titles) if title.split(" ")[-1] == "X"]

@@ -4,6 +4,7 @@
 ``save`` and ``load``; ``learn`` a model from several recordings. What is heavy is imported when it is first used.
 """
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -89,8 +90,14 @@ def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'mocap' has no attribute {name!r}")
     from importlib import import_module
+    from inspect import isfunction
 
-    found = globals()[name] = getattr(import_module(_PLACES[name]), name)
+    from mocap.calls import with_advice
+
+    found = getattr(import_module(_PLACES[name]), name)
+    if isfunction(found) and not hasattr(found, "__wrapped__"):  # `processes` is a context manager
+        found = with_advice(found, {one: partial(__getattr__, one) for one in _PLACES})
+    globals()[name] = found
     return found
 
 

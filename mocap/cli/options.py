@@ -86,7 +86,7 @@ Jobs = Annotated[
 PANELS = {
     "Files": {"tracks": "FILE", "fps": "HZ", "unit": "UNIT"},
     "Cameras": {"calibration": "FILE", "profile": "FILE", "fit_lens": "", "video": "FILE"},
-    "Animal": {"skeleton": "TOML", "model": "NAME|FILE"},
+    "Animal": {"skeleton": "FILE", "model": "NAME|FILE"},
     "Output": {"out": "PATH", "force": "", "verbose": ""},
     "Expert": {
         "format_name": "NAME",

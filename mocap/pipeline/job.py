@@ -14,7 +14,7 @@ from eal.over_time import at_frames
 from mocap.errors import MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
-from mocap.filters.model import LearnedModel, for_recording, renamed
+from mocap.filters.model import LearnedModel, MixedTrack, for_recording, renamed
 from mocap.filters.models.base import FittedMotion
 from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.articulated import ArticulatedMotion
@@ -33,6 +33,7 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.tracking import (
+    HiddenSamples,
     Part,
     fill_hidden,
     hide_samples,
@@ -50,7 +51,7 @@ from mocap.pipeline.tracking import (
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
 from mocap.records import JointTracks, PixelTracks, TrackedMotion
-from mocap.side_by_side import begin
+from mocap.side_by_side import Begun, begin
 from mocap.stages import Stages
 
 Watch = Callable[[Recording, Part, MotionModel], None]
@@ -100,83 +101,92 @@ def run_job(
     Raises:
         MocapError: what makes it impossible, with what to do.
     """
+    stages = stages or Stages()
     with threadpool_limits(1):  # at these sizes two BLAS threads only wait for each other
-        return _run_job(source, model, learned, stages or Stages(), validated, seed, watch)
+        if not source.cleaned and of_one_camera(source):
+            return _one_camera(source, learned, stages)
+        recording, part, reason, learned = _prepared(source, model, learned, stages)
+        posed = reason is None and (model not in NAMED or NAMED[model].posed)
+        if (posed or learned is not None) and worth_checking(recording):
+            with stages.stage("check points of two rays"):
+                recording = without_contradicted(recording, part, learned)
+                part = seen_part(recording)
+        asked = asked_for(recording.names, recording.skeleton, n_frames=len(recording.t_s))
+        if watch is not None:
+            with stages.stage("filter live"):
+                alone = model if model in NAMED else "eal" if posed else "constant_velocity"
+                watch(recording, part, learn_motion(recording, part, alone).motion)
+        mixing = learned is None and posed and model not in NAMED
+        hidden = hide_samples(recording, part, np.random.default_rng([seed, 1])) if validated else None
+        filling = _filling(recording, hidden, model, reason, learned, mixing=mixing)
+        mixed = _mixed(recording, part, learned, asked, stages, mixing=mixing)
+        scores = {}
+        if hidden is not None and filling is not None:
+            with stages.stage("validate on hidden samples") as progress:
+                mixture = None if mixed is None else mixed.mixture
+                scores = score_filled(recording, hidden, filling.result(progress), mixture)
+        name, why = _choose(model, reason, scores)
+        if learned is not None:
+            name, why = "learned", _learned_from(learned, recording, part)
+        smoothed, own = None if mixed is None or name in NAMED else mixed.markers, None
+        if smoothed is None:
+            name = "eal" if name == "mixture" else name
+            with stages.stage("learn"):
+                own = learn_motion(recording, part, name)
+            with stages.stage("track") as progress:
+                smoothed = track(recording, part, own, asked=asked, progress=progress)
+        told = {"why": why, "scores": scores, "hidden": 0 if hidden is None else hidden.count}
+        return _finished(source, recording, part, name, smoothed, asked, stages=stages, own=own, **told)
 
 
-def _run_job(
-    source: Recording,
-    model: str,
-    learned: LearnedModel | None,
-    stages: Stages,
-    validated: bool,
-    seed: int,
-    watch: Watch | None,
-) -> tuple[Run, Recording]:
-    if not source.cleaned and of_one_camera(source):
-        with stages.stage("track one camera") as progress:
-            one = track_one_camera(source, learned, progress=progress)
-        return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
+def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Run, Recording]:
+    with stages.stage("track one camera") as progress:
+        one = track_one_camera(source, learned, progress=progress)
+    return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
+
+
+def _prepared(
+    source: Recording, model: str, learned: LearnedModel | None, stages: Stages
+) -> tuple[Recording, Part, str | None, LearnedModel | None]:
+    """The recording cleaned, its seen part, why no pose can be learned of it, and the model with its names."""
     with stages.stage("read, triangulate, clean"):
-        prepared = clean(source)
-        part = seen_part(prepared)
-        reason = why_no_pose(prepared, part)
-        learned = None if learned is None else renamed(learned, prepared.skeleton.renamed(learned.names))
+        recording = clean(source)
+        part = seen_part(recording)
+        reason = why_no_pose(recording, part)
+        learned = None if learned is None else renamed(learned, recording.skeleton.renamed(learned.names))
     if reason is not None and (model == "mixture" or (model in NAMED and NAMED[model].posed)):
-        raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
-    posed = reason is None and (model not in NAMED or NAMED[model].posed)
-    if (posed or learned is not None) and worth_checking(prepared):
-        with stages.stage("check points of two rays"):
-            prepared = without_contradicted(prepared, part, learned)
-            part = seen_part(prepared)
-    asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
-    if watch is not None:
-        with stages.stage("filter live"):
-            alone = model if model in NAMED else "eal" if posed else "constant_velocity"
-            watch(prepared, part, learn_motion(prepared, part, alone).motion)
-    mixing = learned is None and posed and model not in NAMED
-    hidden = hide_samples(prepared, part, np.random.default_rng([seed, 1])) if validated else None
-    filling = None
-    if hidden is not None and hidden.count:
-        wanted = {model, *NAMED[model].beside} if model in NAMED else {"eal"} | ({"mixture"} if mixing else set())
-        wanted |= {"constant_velocity"} if model == "auto" or reason is not None else set()
-        filling = begin(partial(fill_hidden, prepared, hidden, methods=wanted, learned=learned))
-    mixed = None
+        raise MocapError(f"{recording.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
+    return recording, part, reason, learned
+
+
+def _filling(
+    recording: Recording,
+    hidden: HiddenSamples | None,
+    model: str,
+    reason: str | None,
+    learned: LearnedModel | None,
+    *,
+    mixing: bool,
+) -> Begun | None:
+    """Hidden samples being filled, beside what follows, by the model and those that it is compared with."""
+    if hidden is None or not hidden.count:
+        return None
+    wanted = {model, *NAMED[model].beside} if model in NAMED else {"eal"} | ({"mixture"} if mixing else set())
+    wanted |= {"constant_velocity"} if model == "auto" or reason is not None else set()
+    return begin(partial(fill_hidden, recording, hidden, methods=wanted, learned=learned))
+
+
+def _mixed(
+    recording: Recording, part: Part, learned: LearnedModel | None, asked: Asked, stages: Stages, *, mixing: bool
+) -> MixedTrack | None:
+    """The recording tracked by several models together; None where one alone is asked for."""
     if learned is not None:
         with stages.stage("track") as progress:
-            mixed = track_learned(prepared, part, learned, asked=asked, progress=progress)
-    elif mixing:
-        with stages.stage("track with a mixture of models") as progress:
-            mixed = track_mixed(prepared, part, asked=asked, progress=progress)
-    scores = {}
-    if hidden is not None and filling is not None:
-        with stages.stage("validate on hidden samples") as progress:
-            mixture = None if mixed is None else mixed.mixture
-            scores = score_filled(prepared, hidden, filling.result(progress), mixture)
-    chosen, why = _choose(model, reason, scores)
-    if learned is not None:
-        why = _learned_from(learned, prepared, part)
-    if mixed is not None and (learned is not None or chosen == "mixture"):
-        name, smoothed, own = "mixture" if learned is None else "learned", mixed.markers, None
-    else:
-        with stages.stage("learn"):
-            name = "eal" if chosen == "mixture" else chosen
-            own = learn_motion(prepared, part, name)
-        with stages.stage("track") as progress:
-            smoothed = track(prepared, part, own, asked=asked, progress=progress)
-    return _finished(
-        source,
-        prepared,
-        part,
-        name,
-        smoothed,
-        asked,
-        why=why,
-        stages=stages,
-        own=own,
-        scores=scores,
-        hidden=0 if hidden is None else hidden.count,
-    )
+            return track_learned(recording, part, learned, asked=asked, progress=progress)
+    if not mixing:
+        return None
+    with stages.stage("track with a mixture of models") as progress:
+        return track_mixed(recording, part, asked=asked, progress=progress)
 
 
 def _finished(

@@ -26,7 +26,7 @@ from mocap.io.unstated_unit import in_metres
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.variables import dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
-from mocap.skeleton import Skeleton, read_skeleton
+from mocap.skeleton import Skeleton, is_model, read_skeleton
 from mocap.stated import check_rate, check_stated
 from mocap.text import as_text
 
@@ -171,6 +171,7 @@ def _path(argument: str, given: object) -> Path:
     if isinstance(given, str | PathLike):
         return Path(given)
     how = ": mocap.from_arrays and mocap.from_pixels take numbers in memory" if argument == "tracks" else ""
+    how = " or a mocap.Skeleton(markers=[...], ...)" if argument == "skeleton" else how
     raise MocapError(f"`{argument}` is {type(given).__name__}, expected a file{how}")
 
 
@@ -268,7 +269,12 @@ def animal(
     except ValueError as error:
         where = f"skeleton {skeleton.name!r}" if isinstance(given, Skeleton) else given
         raise SkeletonError(f"{where}: after renaming by its aliases, {error}") from None
-    return skeleton.for_markers(renamed, source="the recording"), renamed
+    try:
+        return skeleton.for_markers(renamed, source="the recording"), renamed
+    except SkeletonError as error:
+        if isinstance(given, Skeleton) or not is_model(Path(given)):
+            raise
+        raise SkeletonError(f"{error}: first mocap skeleton {given} > {Path(given).stem}.toml, which can") from None
 
 
 def _with_cameras(

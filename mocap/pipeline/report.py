@@ -50,6 +50,7 @@ def make_report(
     total = origin.size
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
+    late = prepared.late_frames
     report = {
         "name": prepared.name,
         "frames": n_frames,
@@ -57,6 +58,7 @@ def make_report(
         "tracked_frames": [part.frames.start + 1, part.frames.stop],
         "markers": list(prepared.names),
         "cameras": [] if not prepared.cameras else [c.name for c in prepared.cameras],
+        "late_frames": None if late is None else [float(one) for one in late],
         "skeleton": prepared.skeleton.name,
         "model": {
             "name": tracked.model,
@@ -66,7 +68,8 @@ def make_report(
             "weight": WEIGHT,
         },
         "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
-        "filled": int(np.isin(origin, [Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED]).sum()),
+        "filled": int(np.isin(origin, [Status.SMOOTHED, Status.INTERPOLATED]).sum()),
+        "extrapolated": int((origin == Status.PREDICTED).sum()),
         "sd_mm": {
             "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.MEASURED]),
             "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.SMOOTHED]),
@@ -297,8 +300,8 @@ def readable(report: Mapping, *, title: str) -> str:
         "| samples of the tracked frames | share |",
         "|---|---|",
         f"| seen{'' if film else ' in 3D'} and accepted | {within['measured']:.1%} |",
-        f"| filled inside gaps (smoothed) | {within['smoothed']:.1%} |",
-        f"| before the first or after the last sighting (predicted) | {within['predicted']:.1%} |",
+        f"| filled, inside gaps | {within['smoothed']:.1%} |",
+        f"| extrapolated, before the first or after the last observation | {within['predicted']:.1%} |",
         f"| rejected | {within['rejected']:.1%} |",
         f"| left empty | {max(1 - sum(within.values()), 0.0):.1%} |",
         "",

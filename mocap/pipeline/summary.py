@@ -104,6 +104,11 @@ def error_lines(report: Mapping) -> list[str]:
         lines.append(f"{found.coverage:.1f} % of their 95 % intervals contain the value (95 % expected)")
     if found.half_width is not None:
         lines.append(f"± {two_digits(found.half_width)} {unit} is the median 95 % interval of a filled coordinate")
+    if report.get("extrapolated"):
+        lines.append(
+            f"{report['extrapolated']} points before a marker's first or after its last observation are extrapolated: "
+            "no later data constrain them"
+        )
     if found.wrong_by is not None:
         lines.append(f"intervals are too {found.wrong_by}: errors are {found.z:.2f} times the stated sd (1 is right)")
     if found.others:

@@ -1,6 +1,7 @@
 """Track a recording; its markers, joints and potentials as objects for a notebook."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -30,6 +31,7 @@ from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
 from mocap.plots.page import tracked_html
+from mocap.progress import Tell, bars, silent
 from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
@@ -54,13 +56,8 @@ if TYPE_CHECKING:
     from mocap.rerun.viewer import Viewer
     from mocap.results.scaled_osim import Factor
 
-Tell = Callable[[str, float], None]
 LIMB = "limb"
 """Frame of reference of a plot: the plane of the limb, its joint at the origin."""
-
-
-def silent(_stage: str, _share: float) -> None:
-    """Tell nobody."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -456,7 +453,7 @@ def track(
     model: Model | str | PathLike[str] = "auto",
     validate: bool = True,
     seed: int = 0,
-    progress: Tell = silent,
+    progress: Tell | None = None,
     watch: Watch | None = None,
 ) -> Tracked:
     """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
@@ -468,7 +465,8 @@ def track(
             ``auto``: the mixture, unless constant velocity fills hidden samples of the recording better.
         validate: Whether to hide samples and measure how they are filled.
         seed: Which samples are hidden.
-        progress: Called with the name of a stage and the share of it that is done.
+        progress: Called with the name of a stage and the share of it that is done; None: bars, where errors go to a
+            terminal.
         watch: Called before all is smoothed, to filter for somebody who watches; not with a learned model.
 
     Raises:
@@ -481,8 +479,11 @@ def track(
     elif not isinstance(model, Model):
         model = load_model(existing_model(model))
     learned = model.learned if isinstance(model, Model) else None
-    stages = Stages(tell=progress)
-    run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch)
+    with bars() if progress is None else nullcontext(progress) as tell:
+        stages = Stages(tell=tell)
+        run, _ = run_job(
+            recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch
+        )
     return Tracked(run)
 
 

@@ -160,10 +160,24 @@ class Skeleton:
                     f"skeleton {self.name!r}: {where} uses marker {marker!r}, which is not in its markers"
                 )
         self._check_bodies()
-        named = {j.name for j in (*self.joints, *self.body_joints)}
-        for joint in self.measures.axes:
-            if joint not in named:
-                raise SkeletonError(f"skeleton {self.name!r}: measures.axes names {joint!r}, which is no joint of it")
+        for name, axes in self.measures.axes.items():
+            where = f"skeleton {self.name!r}: measures.axes.{name}"
+            joint = next((j for j in (*self.joints, *self.body_joints) if j.name == name), None)
+            if joint is None:
+                raise SkeletonError(f"skeleton {self.name!r}: measures.axes names {name!r}, which is no joint of it")
+            if isinstance(joint, BodyJoint):
+                for body, part in ((joint.parent, axes.parent), (joint.child, axes.child)):
+                    used = [m for line in part for m in line] if isinstance(part, tuple) else list(part or ())
+                    odd = next((marker for marker in used if marker not in self.bodies[body]), None)
+                    if odd is not None:
+                        raise SkeletonError(f"{where} uses marker {odd!r} for {body!r}, which has no such marker")
+                    if isinstance(part, Mapping) and len(part) < 3:
+                        raise SkeletonError(f"{where} places {len(part)} markers of {body!r}: axes need 3 at least")
+            elif not (isinstance(axes.parent, tuple) and isinstance(axes.child, tuple)) or axes.helical:
+                raise SkeletonError(
+                    f"{where}: axes of a joint of three markers are directions between markers, parent and child; "
+                    "places, functional and helical are of joints between bodies"
+                )
 
     def _check_bodies(self) -> None:
         first: dict[str, str] = {}

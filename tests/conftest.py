@@ -58,6 +58,7 @@ SLOW = {
     "mocap/digitising/test_page.py": 15,
     "mocap/digitising/test_texture.py": 12,
     "mocap/joint_design/test_design_joint.py": 55,
+    "mocap/kinematics/test_functional.py": 25,
     "mocap/kinematics/test_moments.py": 8,
     "mocap/rerun/test_view_compare.py": 16,
     "mocap/rerun/test_view_ends.py": 25,

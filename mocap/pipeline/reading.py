@@ -1,7 +1,7 @@
 """From files to a recording: everything that they hold, or leave open, is decided here."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -20,6 +20,7 @@ from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table
 from mocap.io.registry import read as read_file
+from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
 from mocap.pipeline.recording import Recording
@@ -58,7 +59,7 @@ def read(
 
     Args:
         tracks: Pixels or positions; a project of DLTdv8 holds its calibration too. Several files: the views of one
-            trial, a camera each.
+            trial, a camera each, or positions with XMALab's (or QTM's) rigid bodies and coordinate systems in them.
         calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
         fps: Frames a second, where the files do not hold it (or hold another).
         unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
@@ -96,7 +97,7 @@ def read(
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
     contents, findings = complete(_whole(files, rig, hints or Hints()), where=files[0].name, fps=fps, unit=unit)
-    known, names = animal(skeleton, contents.names)
+    known, names = animal(skeleton, contents.names, bodies=contents.bodies)
     contents, cameras, told = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
     contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
     named = (*files, rig, lenses, points, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
@@ -109,6 +110,7 @@ def read(
         findings=findings,
         told=(*told, *further),
         unusual=contents.remarks,
+        bodies=contents.bodies,
         file=files[0],
         inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
         stored=_stored(contents, cameras, files[0], points),
@@ -218,6 +220,9 @@ def _whole(files: Sequence[Path], rig: Path | None, hints: Hints) -> FileContent
     found = [read_file(path, hints) for path in files]
     if len(found) == 1:
         return found[0]
+    bodies = [f for f in found if "transforms" in f.tables]
+    if bodies and len(bodies) == len(found) - 1:
+        return with_bodies(next(f for f in found if f not in bodies), bodies)
     other = next((f for f in found if f.pixels is None and not f.cameras and not f.lenses), None)
     if other is not None:
         raise FormatError(
@@ -246,14 +251,17 @@ def calibration_of(path: Path) -> FileContents:
         raise
 
 
-def animal(given: PathText | Skeleton | None, names: Sequence[str]) -> tuple[Skeleton, tuple[str, ...]]:
-    """The skeleton, and the file's marker names in its terms; where none is given a skeleton of markers only.
+def animal(
+    given: PathText | Skeleton | None, names: Sequence[str], *, bodies: Mapping[str, Iterable[str]] | None = None
+) -> tuple[Skeleton, tuple[str, ...]]:
+    """The skeleton, and the file's marker names in its terms; where none is given one of markers and the file's bodies.
 
     Raises:
         SkeletonError: the skeleton cannot be read, or uses markers that the recording lacks.
     """
     if given is None:
-        return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
+        stated = {body: tuple(own) for body, own in (bodies or {}).items()}
+        return Skeleton(name="markers only", markers=tuple(names), bodies=stated), tuple(names)
     skeleton = given if isinstance(given, Skeleton) else read_skeleton(_path("skeleton", given))
     renamed = skeleton.renamed(names)
     try:

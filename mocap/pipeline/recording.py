@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
 from typing import get_args
@@ -23,7 +23,7 @@ from mocap.cleaning.swaps import Swap, exchanged_samples
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.findings import Finding
-from mocap.io.contents import FileContents
+from mocap.io.contents import Bodies, FileContents
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
@@ -54,6 +54,7 @@ class Recording:
             cleaned all findings, those that ask for something to be done (``alarm``) worst first.
         told: How the calibration and the pixels were read.
         unusual: What is unusual of the file, or not in it.
+        bodies: Rigid bodies that the file states, with the places of their markers in their axes, in metres.
         file: The file of the tracks; None: they were never in one.
         inputs: All files that the user named.
         stored: Positions of a file that are compared with those of the pixels; None: there are none.
@@ -92,6 +93,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     told: tuple[Finding, ...] = ()
     unusual: tuple[str, ...] = ()
+    bodies: Bodies = field(default_factory=dict)
     file: Path | None = None
     inputs: tuple[Path, ...] = ()
     stored: FileContents | None = None

@@ -22,7 +22,9 @@ from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, foot
 from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
+from mocap.measures import JointAxes
 from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
@@ -40,7 +42,7 @@ from mocap.results.osim import FILE as OSIM_FILE
 from mocap.results.osim import write_osim
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.rigid_bodies import FILE as BODIES_FILE
-from mocap.results.rigid_bodies import write_rigid_bodies
+from mocap.results.rigid_bodies import write_axes, write_rigid_bodies
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
@@ -185,12 +187,19 @@ class Tracked:
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
-    def potential(self, joint: str) -> JointPotential:
-        """The empirical potential of a joint, with ``value``, ``gradient``, ``hessian`` and ``plot``.
+    def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential:
+        """The empirical potential of a joint, with ``value``, ``gradient`` and ``plot``.
+
+        Args:
+            joint: Its name; of a joint between bodies V_z is on its rotation.
+            translations: Of a joint between bodies: on all its six coordinates.
 
         Raises:
             MocapError: there is none of that name, or too few samples were measured.
         """
+        if joint in {one.name for one in self.run.skeleton.body_joints}:
+            axes = self.run.skeleton.measures.axes.get(joint, JointAxes())
+            return body_potential(self.kinematics, joint, axes.sequence, translations=translations)
         found = self.run.potentials.get(joint)
         if found is None:
             known = ", ".join(self.run.potentials) or "none: give a skeleton with joints"
@@ -269,6 +278,7 @@ class Tracked:
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self.kinematics, self._cycles, folder)
+            write_axes(self.run.motion, self.run.skeleton, folder)
             refused = []
             for kind in exports:
                 try:

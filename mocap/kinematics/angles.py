@@ -34,11 +34,6 @@ def flexion(x: Array) -> Array:
     return np.arctan2(length(cross(a, b)), np.einsum("...i,...i->...", a, b))
 
 
-def included(x: Array) -> Array:
-    """The angle that three markers include at the second, rad: pi where they lie in line."""
-    return np.pi - flexion(x)
-
-
 def segment_frame(long_axis: Array, left: Array) -> Array:
     """(T, 3, 3) axes of a segment as columns: x along it, z = x cross left made a unit vector, y = z cross x.
 

@@ -156,7 +156,6 @@ def _film(recording: Recording, first: int) -> Recording:
         bias_px=bias.sd_px,
         stated_over_shown=ratio,
         noise=noise,
-        likelihoods=likely,
         bad_cameras=health.bad,
         swaps=swaps,
         stale=stale,

@@ -142,7 +142,7 @@ def run_job(
 def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Run, Recording]:
     with stages.stage("track one camera") as progress:
         one = track_one_camera(source, learned, progress=progress)
-    return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
+    return _finished(source, one.recording, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
 
 
 def _prepared(
@@ -191,7 +191,7 @@ def _mixed(
 
 def _finished(
     source: Recording,
-    prepared: Recording,
+    recording: Recording,
     part: Part,
     name: str,
     smoothed: Estimate,
@@ -204,18 +204,18 @@ def _finished(
     hidden: int = 0,
 ) -> tuple[Run, Recording]:
     """The run of a recording that was tracked: with joints, potentials and a report."""
-    tracked = tracked_motion(prepared, part, name, smoothed)
+    tracked = tracked_motion(recording, part, name, smoothed)
     with stages.stage("joints and potentials"):
-        axes = whole_frames(prepared, JOINT_HZ)
-        joints = joint_tracks(tracked.markers, prepared.skeleton, axes)
-        known = np.isfinite(prepared.xyz_m[..., 0])
+        axes = whole_frames(recording, JOINT_HZ)
+        joints = joint_tracks(tracked.markers, recording.skeleton, axes)
+        known = np.isfinite(recording.xyz_m[..., 0])
         seen_m = np.where(known[..., None], tracked.markers.xyz_m, np.nan)
-        build = {"trunk": prepared.skeleton.trunk, "bones": prepared.skeleton.rigid}
-        joined = articulation(prepared.names, seen_m, tracked.markers.sd_m, axes.rotation, **build)
-        potentials = joint_potentials(joints[FRAME], tracked.markers, prepared.skeleton)
-        spatial = joint_potentials(joints[SPACE], tracked.markers, prepared.skeleton)
+        build = {"trunk": recording.skeleton.trunk, "bones": recording.skeleton.rigid}
+        joined = articulation(recording.names, seen_m, tracked.markers.sd_m, axes.rotation, **build)
+        potentials = joint_potentials(joints[FRAME], tracked.markers, recording.skeleton)
+        spatial = joint_potentials(joints[SPACE], tracked.markers, recording.skeleton)
     report = make_report(
-        prepared,
+        recording,
         part,
         tracked,
         potentials,
@@ -226,39 +226,39 @@ def _finished(
         articulated=joined,
     )
     run = replace(
-        run_of(prepared, tracked, motion_of(tracked.markers, part.frames, smoothed.rates, asked), joints),
+        run_of(recording, tracked, motion_of(tracked.markers, part.frames, smoothed.rates, asked), joints),
         potentials=potentials,
         spatial_potentials=spatial,
         report=report,
-        report_text=readable(report, title=prepared.name),
+        report_text=readable(report, title=recording.name),
         file=source.file,
-        angles=_angles(smoothed, own, prepared, part),
-        limbs=_held(smoothed.held, len(prepared.t_s), part),
+        angles=_angles(smoothed, own, recording, part),
+        limbs=_held(smoothed.held, len(recording.t_s), part),
     )
-    return run, prepared
+    return run, recording
 
 
-def run_of(prepared: Recording, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
+def run_of(recording: Recording, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
     """A recording with what was tracked of it: without potentials and a report."""
     return Run(
-        name=prepared.name,
-        skeleton=prepared.skeleton,
-        cameras=prepared.cameras,
-        ideal_px=_ideal(prepared),
-        y_up=prepared.rows is not None and prepared.rows.coefficients == "lower-left",
+        name=recording.name,
+        skeleton=recording.skeleton,
+        cameras=recording.cameras,
+        ideal_px=_ideal(recording),
+        y_up=recording.rows is not None and recording.rows.coefficients == "lower-left",
         tracked=tracked,
         motion=motion,
         joints=joints,
-        repaired=np.any(list(prepared.repaired.values()), axis=0),
-        plane=prepared.plane,
+        repaired=np.any(list(recording.repaired.values()), axis=0),
+        plane=recording.plane,
     )
 
 
-def _ideal(prepared: Recording) -> PixelTracks | None:
-    if not prepared.cameras:
+def _ideal(recording: Recording) -> PixelTracks | None:
+    if not recording.cameras:
         return None
-    cameras = prepared.camera_names
-    return PixelTracks(names=prepared.names, cameras=cameras, t_s=prepared.t_s, uv_px=prepared.ideal_px)
+    cameras = recording.camera_names
+    return PixelTracks(names=recording.names, cameras=cameras, t_s=recording.t_s, uv_px=recording.ideal_px)
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
@@ -273,12 +273,12 @@ def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldL
     return tuple(at_frames(limb, _frames_of(n_frames, part)) for limb in limbs)
 
 
-def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Recording, part: Part) -> JointAngles | None:
+def _angles(smoothed: Estimate, model: FittedMotion | None, recording: Recording, part: Part) -> JointAngles | None:
     """Joint angles over all frames of the recording, where they are the state."""
     found, energies = smoothed.angles, smoothed.energies
     if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
         return None
-    motion, names = model.motion, part_names(prepared, part)
+    motion, names = model.motion, part_names(recording, part)
     ends = [(names[a], names[b]) for a, b in motion.ends]
     freedoms = np.bincount(motion.tree.joint, minlength=len(ends)).tolist()
     angles = JointAngles(
@@ -290,21 +290,21 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Recording,
         length_sd_m=motion.length_sd_m,
         energies=np.zeros((found.shape[1], 0)) if energies is None else energies,
     )
-    return at_frames(angles, _frames_of(len(prepared.t_s), part))
+    return at_frames(angles, _frames_of(len(recording.t_s), part))
 
 
-def whole_frames(prepared: Recording, cutoff_hz: float) -> BodyFrames:
+def whole_frames(recording: Recording, cutoff_hz: float) -> BodyFrames:
     """Body frames of every frame of the recording; outside the seen part those of its ends."""
-    part = seen_part(prepared)
-    inner = trunk_frames(prepared, part, cutoff_hz=cutoff_hz)
-    index = np.clip(np.arange(len(prepared.t_s)) - part.frames.start, 0, len(inner.rotation) - 1)
+    part = seen_part(recording)
+    inner = trunk_frames(recording, part, cutoff_hz=cutoff_hz)
+    index = np.clip(np.arange(len(recording.t_s)) - part.frames.start, 0, len(inner.rotation) - 1)
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
-def _learned_from(learned: LearnedModel, prepared: Recording, part: Part) -> str:
+def _learned_from(learned: LearnedModel, recording: Recording, part: Part) -> str:
     """Names of the trials that are used, how they were scaled, and which is the recording itself."""
-    own = marker_trial(prepared, part)
-    factors = {t.name: size_factor(t, own) for t in for_recording(learned, part_names(prepared, part), own)}
+    own = marker_trial(recording, part)
+    factors = {t.name: size_factor(t, own) for t in for_recording(learned, part_names(recording, part), own)}
     used = [name if factor == 1 else f"{name} (x {factor:.3g})" for name, factor in factors.items()]
     itself = [trial.name for trial in learned.trials if trial.name not in factors]
     scaled = "; scaled to this animal's size" if any(factor != 1 for factor in factors.values()) else ""

@@ -28,22 +28,22 @@ class Moved:
     far: NDArray[np.bool_]
 
 
-def moved(prepared: Recording, xyz_m: Array, cov_m2: Array) -> Moved:
+def moved(recording: Recording, xyz_m: Array, cov_m2: Array) -> Moved:
     """How far (T, M, 3) positions with their (T, M, 3, 3) covariance are from the measured ones.
 
     The distance of a measurement from its estimate has at most the covariance of both together; its deviation here is
     the root mean square over the three coordinates.
     """
-    distance = np.linalg.norm(xyz_m - prepared.xyz_m, axis=-1)
-    total = np.trace(cov_m2 + prepared.cov_m2, axis1=-2, axis2=-1) / 3
+    distance = np.linalg.norm(xyz_m - recording.xyz_m, axis=-1)
+    total = np.trace(cov_m2 + recording.cov_m2, axis1=-2, axis2=-1) / 3
     with np.errstate(invalid="ignore"):
         return Moved(distance_m=distance, far=distance > FAR * np.sqrt(total))
 
 
-def moved_report(prepared: Recording, markers: MarkerTracks) -> dict[str, object]:
+def moved_report(recording: Recording, markers: MarkerTracks) -> dict[str, object]:
     """Median, 90 % and largest distance in mm of all that was measured and believed, and where the largest is."""
-    found = moved(prepared, markers.xyz_m, markers.cov_m2)
-    rejected = np.any(list(prepared.rejected.values()), axis=0)
+    found = moved(recording, markers.xyz_m, markers.cov_m2)
+    rejected = np.any(list(recording.rejected.values()), axis=0)
     far = found.far & (markers.status == Status.REJECTED) & ~rejected
     known = ((markers.status == Status.MEASURED) | far) & np.isfinite(found.distance_m)
     if not known.any():

@@ -31,14 +31,14 @@ class OneCamera:
     """A recording of one camera, tracked.
 
     Attributes:
-        prepared: The recording; its points are those that were found where a camera saw the marker.
+        recording: The recording; its points are those that were found where a camera saw the marker.
         part: Frames and markers that were tracked.
         estimate: What was found.
         asked: Points whose velocities it has.
         why: How the model was made.
     """
 
-    prepared: Recording
+    recording: Recording
     part: Part
     estimate: Estimate
     asked: Asked
@@ -130,7 +130,7 @@ def track_one_camera(
         f"{prior.size_sd:.1%} (standard deviation)"
     )
     return OneCamera(
-        prepared=_cleaned(film, part, found, noise),
+        recording=_cleaned(film, part, found, noise),
         part=part,
         estimate=found.estimate,
         asked=asked,

@@ -18,7 +18,6 @@ from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, scaled, stacked
 from mocap.cleaning.camera_health import BadTime
 from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
-from mocap.cleaning.likelihoods import LikelihoodNoise
 from mocap.cleaning.swaps import Swap, exchanged_samples
 from mocap.errors import CalibrationError, FormatError, MocapError
 from mocap.filters.observations import Observations, PixelObservations, PositionObservations
@@ -77,8 +76,6 @@ class Recording:
             pixel; 1: nothing is stated.
         noise: Relative scales of cameras and markers, and degrees of freedom of cameras, by which rays were weighed;
             None without cameras.
-        likelihoods: What the likelihoods of clicks were found to be worth; contained in ``ray_sd_px``. None: there are
-            none, or nothing can be learned of them.
         bad_cameras: Runs of frames in which a camera was bad; contained in ``ray_sd_px``.
         swaps: Runs of frames in which two markers bore each other's names; undone.
         stale: Stored positions that do not follow from the pixels; None where there was no file to compare.
@@ -114,7 +111,6 @@ class Recording:
     bias_px: float = 0.0
     stated_over_shown: float = 1.0
     noise: ClickNoise | None = None
-    likelihoods: LikelihoodNoise | None = None
     bad_cameras: tuple[BadTime, ...] = ()
     swaps: tuple[Swap, ...] = ()
     stale: tuple[audit.StalePoint, ...] | None = None

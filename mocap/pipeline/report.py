@@ -28,7 +28,7 @@ QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
 
 def make_report(
-    prepared: Recording,
+    recording: Recording,
     part: Part,
     tracked: TrackedMotion,
     potentials: Mapping[str, JointPotential],
@@ -43,23 +43,23 @@ def make_report(
 
     Of one film without a scale, keys that name millimetres name pixels.
     """
-    found = [*prepared.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
-    if not potentials and prepared.plane is None and (prepared.skeleton.joints or not prepared.skeleton.body_joints):
-        found.append(sentences.no_joints(prepared.skeleton))
+    found = [*recording.findings, *sentences.too_narrow(_consistency(tracked)["nis_per_row"])]
+    if not potentials and recording.plane is None and (recording.skeleton.joints or not recording.skeleton.body_joints):
+        found.append(sentences.no_joints(recording.skeleton))
     origin = tracked.markers.status
     total = origin.size
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
-    late = prepared.late_frames
+    late = recording.late_frames
     report = {
-        "name": prepared.name,
+        "name": recording.name,
         "frames": n_frames,
-        "fps": float(1 / prepared.dt_s),
+        "fps": float(1 / recording.dt_s),
         "tracked_frames": [part.frames.start + 1, part.frames.stop],
-        "markers": list(prepared.names),
-        "cameras": [] if not prepared.cameras else [c.name for c in prepared.cameras],
+        "markers": list(recording.names),
+        "cameras": [] if not recording.cameras else [c.name for c in recording.cameras],
         "late_frames": None if late is None else [float(one) for one in late],
-        "skeleton": prepared.skeleton.name,
+        "skeleton": recording.skeleton.name,
         "model": {
             "name": tracked.model,
             "why": why_model,
@@ -67,25 +67,25 @@ def make_report(
             "lambda": LAM,
             "weight": WEIGHT,
         },
-        "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
+        "samples": {"total": total, "seen": float(np.mean(np.isfinite(recording.xyz_m[..., 0]))), **share},
         "filled": int(np.isin(origin, [Status.SMOOTHED, Status.INTERPOLATED]).sum()),
         "extrapolated": int((origin == Status.PREDICTED).sum()),
         "sd_mm": {
             "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.MEASURED]),
             "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.SMOOTHED]),
-            "repeatability": _quantiles(1e3 * _repeatability_m(prepared, tracked)[origin == Status.MEASURED]),
+            "repeatability": _quantiles(1e3 * _repeatability_m(recording, tracked)[origin == Status.MEASURED]),
         },
-        "moved": moved_report(prepared, tracked.markers),
-        "residual_px": _quantiles(prepared.residual_px),
-        "residual_px_by_camera": residuals_by_camera(prepared),
-        "pixel_noise_px": {"jitter": _number(prepared.jitter_px), "slow": prepared.bias_px},
-        "cameras_and_markers": _noise(prepared),
+        "moved": moved_report(recording, tracked.markers),
+        "residual_px": _quantiles(recording.residual_px),
+        "residual_px_by_camera": residuals_by_camera(recording),
+        "pixel_noise_px": {"jitter": _number(recording.jitter_px), "slow": recording.bias_px},
+        "cameras_and_markers": _noise(recording),
         "rejected": {
             "counts": {
-                **{reason: int(mask.sum()) for reason, mask in prepared.rejected.items()},
-                "moved": _moved_far(prepared, tracked),
-                "rays": int(prepared.rays_rejected.sum()),
-                "gated_rays": _gated(prepared, tracked),
+                **{reason: int(mask.sum()) for reason, mask in recording.rejected.items()},
+                "moved": _moved_far(recording, tracked),
+                "rays": int(recording.rays_rejected.sum()),
+                "gated_rays": _gated(recording, tracked),
             },
             "reasons": {
                 **REASONS,
@@ -93,16 +93,16 @@ def make_report(
                 **MOVED,
                 "rays": "single-camera observations left out of a point that the other cameras still determine",
             },
-            "samples": _rejected_samples(prepared),
+            "samples": _rejected_samples(recording),
         },
-        "bad_cameras": _bad_cameras(prepared),
+        "bad_cameras": _bad_cameras(recording),
         "repaired": {
-            "counts": {reason: int(mask.sum()) for reason, mask in prepared.repaired.items()},
+            "counts": {reason: int(mask.sum()) for reason, mask in recording.repaired.items()},
             "reasons": REPAIRS,
-            "runs": _exchanged(prepared),
+            "runs": _exchanged(recording),
         },
-        "audit": [finding.as_json() for finding in prepared.audited],
-        "stale_points": None if prepared.stale is None else [vars(s) for s in prepared.stale],
+        "audit": [finding.as_json() for finding in recording.audited],
+        "stale_points": None if recording.stale is None else [vars(s) for s in recording.stale],
         "innovation": _consistency(tracked),
         "log_likelihood": float(tracked.log_likelihood.sum()),
         "validation": {"hidden_samples": hidden, "methods": {k: dict(v) for k, v in validation.items()}},
@@ -111,16 +111,16 @@ def make_report(
             "joints": [_articulation(joint) for joint in articulated],
             "undetermined": undetermined(articulated),
         },
-        "length_m": _number(length(prepared.xyz_m)),
+        "length_m": _number(length(recording.xyz_m)),
         "assumed_unit": next((f.text for f in found if f.kind == UNIT), None),
         "wrong": list(dict.fromkeys(f.text for f in alarms(found))),
         "findings": [f.text for f in found],
         "seconds": {**{k: round(v, 3) for k, v in seconds.items()}, "total": round(sum(seconds.values()), 3)},
     }
-    if prepared.plane is None:
+    if recording.plane is None:
         return report
-    plane = {"unit": prepared.plane.unit, "mm_per_px": prepared.plane.mm_per_px}
-    return {**_in(prepared.plane.length, report), "plane": plane}
+    plane = {"unit": recording.plane.unit, "mm_per_px": recording.plane.mm_per_px}
+    return {**_in(recording.plane.length, report), "plane": plane}
 
 
 def _in(unit: str, value: Any) -> Any:
@@ -146,45 +146,45 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _gated(prepared: Recording, tracked: TrackedMotion) -> int:
+def _gated(recording: Recording, tracked: TrackedMotion) -> int:
     """Single-camera observations that the filter rejected."""
-    return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(prepared.uv_px) else 0
+    return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(recording.uv_px) else 0
 
 
-def _moved_far(prepared: Recording, tracked: TrackedMotion) -> int:
+def _moved_far(recording: Recording, tracked: TrackedMotion) -> int:
     """Samples that the track lies too far from to be called measured."""
-    return int(cast(int, moved_report(prepared, tracked.markers)["beyond_3_sd"]))
+    return int(cast(int, moved_report(recording, tracked.markers)["beyond_3_sd"]))
 
 
-def _repeatability_m(prepared: Recording, tracked: TrackedMotion) -> Array:
+def _repeatability_m(recording: Recording, tracked: TrackedMotion) -> Array:
     """(T, M) standard deviation of a coordinate without errors that last."""
-    cov = tracked.markers.cov_m2 - lasting_cov(prepared)
+    cov = tracked.markers.cov_m2 - lasting_cov(recording)
     return np.sqrt(np.maximum(np.trace(cov, axis1=-2, axis2=-1) / 3, 0.0))
 
 
-def _rejected_samples(prepared: Recording) -> list[dict[str, object]]:
+def _rejected_samples(recording: Recording) -> list[dict[str, object]]:
     return [
-        {"frame": int(t) + 1, "marker": prepared.names[m], "reason": reason}
-        for reason, mask in prepared.rejected.items()
+        {"frame": int(t) + 1, "marker": recording.names[m], "reason": reason}
+        for reason, mask in recording.rejected.items()
         for t, m in np.argwhere(mask)
     ]
 
 
-def _noise(prepared: Recording) -> dict[str, object]:
+def _noise(recording: Recording) -> dict[str, object]:
     """Noise of each camera and its degrees of freedom, and the noise of each marker relative to a typical one."""
-    if not prepared.cameras or prepared.noise is None:
+    if not recording.cameras or recording.noise is None:
         return {"sd_px": {}, "dof": {}, "marker_scale": {}}
-    cameras = [camera.name for camera in prepared.cameras]
+    cameras = [camera.name for camera in recording.cameras]
     return {
-        "sd_px": dict(zip(cameras, map(_number, prepared.camera_sd_px), strict=True)),
-        "dof": dict(zip(cameras, map(_number, prepared.noise.dof), strict=True)),
-        "marker_scale": dict(zip(prepared.names, map(_number, prepared.noise.marker), strict=True)),
+        "sd_px": dict(zip(cameras, map(_number, recording.camera_sd_px), strict=True)),
+        "dof": dict(zip(cameras, map(_number, recording.noise.dof), strict=True)),
+        "marker_scale": dict(zip(recording.names, map(_number, recording.noise.marker), strict=True)),
     }
 
 
-def _bad_cameras(prepared: Recording) -> list[dict[str, object]]:
+def _bad_cameras(recording: Recording) -> list[dict[str, object]]:
     """Runs of frames, from 1, in which a camera had clearly larger errors than usual."""
-    cameras = [] if not prepared.cameras else [c.name for c in prepared.cameras]
+    cameras = [] if not recording.cameras else [c.name for c in recording.cameras]
     return [
         {
             "camera": cameras[bad.camera],
@@ -194,21 +194,21 @@ def _bad_cameras(prepared: Recording) -> list[dict[str, object]]:
             "offset_px": bad.offset_px.tolist(),
             "moved": bad.moved,
         }
-        for bad in prepared.bad_cameras
+        for bad in recording.bad_cameras
     ]
 
 
-def _exchanged(prepared: Recording) -> list[dict[str, object]]:
+def _exchanged(recording: Recording) -> list[dict[str, object]]:
     """Runs of identity switches, frames from 1; without a camera the names were swapped in all cameras."""
-    cameras = [] if not prepared.cameras else [c.name for c in prepared.cameras]
+    cameras = [] if not recording.cameras else [c.name for c in recording.cameras]
     return [
         {
-            "markers": [prepared.names[swap.a], prepared.names[swap.b]],
+            "markers": [recording.names[swap.a], recording.names[swap.b]],
             "camera": None if swap.camera is None else cameras[swap.camera],
             "frames": (swap.frames + 1).tolist(),
             "log_likelihood_gain": round(swap.gain, 1),
         }
-        for swap in prepared.swaps
+        for swap in recording.swaps
     ]
 
 

@@ -11,22 +11,22 @@ from mocap.pipeline.recording import Recording
 MOST_ROWS = 60
 
 
-def residuals_by_camera(prepared: Recording) -> dict[str, dict[str, float | None]]:
+def residuals_by_camera(recording: Recording) -> dict[str, dict[str, float | None]]:
     """Median distance in pixels from clicks to where their triangulated points project, by camera and by marker.
 
     Args:
-        prepared: A recording; without cameras the result is empty.
+        recording: A recording; without cameras the result is empty.
 
     Returns:
         For each camera its markers, and under ``all`` all of them; None where no believed point is seen.
     """
-    if not prepared.cameras:
+    if not recording.cameras:
         return {}
-    seen_at = project(prepared.matrices, prepared.xyz_m)
-    off = np.linalg.norm(seen_at - prepared.ideal_px, axis=-1)
+    seen_at = project(recording.matrices, recording.xyz_m)
+    off = np.linalg.norm(seen_at - recording.ideal_px, axis=-1)
     found = {}
-    for camera, errors in zip(prepared.cameras, off, strict=True):
-        columns = {name: errors[:, m] for m, name in enumerate(prepared.names)}
+    for camera, errors in zip(recording.cameras, off, strict=True):
+        columns = {name: errors[:, m] for m, name in enumerate(recording.names)}
         found[camera.name] = {
             name: float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else None
             for name, values in {"all": errors.ravel(), **columns}.items()

@@ -1,4 +1,4 @@
-"""Learn motion models from a prepared recording, track with them, and measure on hidden samples how they fill gaps."""
+"""Learn motion models from a recording that was cleaned, track with them, and measure how they fill hidden samples."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
@@ -59,20 +59,20 @@ class Part:
     markers: NDArray[np.int64]
 
 
-def seen_part(prepared: Recording) -> Part:
+def seen_part(recording: Recording) -> Part:
     """Frames and markers that are seen often enough to be tracked."""
-    seen = np.isfinite(prepared.xyz_m[..., 0])
+    seen = np.isfinite(recording.xyz_m[..., 0])
     frames = np.flatnonzero(seen.any(axis=1))
     return Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=np.flatnonzero(seen.any(axis=0)))
 
 
-def why_no_pose(prepared: Recording, part: Part) -> str | None:
+def why_no_pose(recording: Recording, part: Part) -> str | None:
     """Why a whole-pose model cannot be learned from this recording; None where it can."""
-    seen = np.isfinite(prepared.xyz_m[part.frames][:, part.markers, 0])
+    seen = np.isfinite(recording.xyz_m[part.frames][:, part.markers, 0])
     if seen.shape[1] < 4:
         return f"only {seen.shape[1]} markers are seen: a pose needs at least 4"
-    spread = np.nanstd(prepared.xyz_m[part.frames][:, part.markers], axis=0)
-    noise = np.sqrt(np.nanmedian(np.trace(prepared.cov_m2, axis1=-2, axis2=-1)) / 3) / prepared.stated_over_shown
+    spread = np.nanstd(recording.xyz_m[part.frames][:, part.markers], axis=0)
+    noise = np.sqrt(np.nanmedian(np.trace(recording.cov_m2, axis1=-2, axis2=-1)) / 3) / recording.stated_over_shown
     if float(np.nanmax(spread)) < 3 * noise:
         return "no marker moves by more than its noise"
     together = int((seen.mean(axis=1) >= TOGETHER).sum())
@@ -81,23 +81,23 @@ def why_no_pose(prepared: Recording, part: Part) -> str | None:
     return None
 
 
-def trunk_frames(prepared: Recording, part: Part, *, cutoff_hz: float, hidden: Mask | None = None) -> BodyFrames:
+def trunk_frames(recording: Recording, part: Part, *, cutoff_hz: float, hidden: Mask | None = None) -> BodyFrames:
     """Body frames of the tracked frames, from the skeleton's trunk, or from all markers if it names none."""
-    wanted = [prepared.names.index(m) for m in prepared.skeleton.trunk] or list(part.markers)
-    xyz = _visible(prepared, part, hidden, np.array(wanted))
+    wanted = [recording.names.index(m) for m in recording.skeleton.trunk] or list(part.markers)
+    xyz = _visible(recording, part, hidden, np.array(wanted))
     if not np.isfinite(xyz).any():
-        xyz = _visible(prepared, part, hidden, part.markers)
-    return body_frames(xyz, dt_s=prepared.dt_s, cutoff_hz=cutoff_hz)
+        xyz = _visible(recording, part, hidden, part.markers)
+    return body_frames(xyz, dt_s=recording.dt_s, cutoff_hz=cutoff_hz)
 
 
-def _visible(prepared: Recording, part: Part, hidden: Mask | None, markers: NDArray[np.int64]) -> Array:
-    keep = np.ones(prepared.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
-    xyz = np.where(keep[..., None], prepared.xyz_m, np.nan)
+def _visible(recording: Recording, part: Part, hidden: Mask | None, markers: NDArray[np.int64]) -> Array:
+    keep = np.ones(recording.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
+    xyz = np.where(keep[..., None], recording.xyz_m, np.nan)
     return xyz[part.frames][:, markers]
 
 
 def learn_motion(
-    prepared: Recording,
+    recording: Recording,
     part: Part,
     name: str,
     *,
@@ -108,44 +108,44 @@ def learn_motion(
 
     Settings are those of the pose model; None: the usual ones.
     """
-    names = part_names(prepared, part)
-    skeleton = prepared.skeleton
+    names = part_names(recording, part)
+    skeleton = recording.skeleton
     anatomy = anatomy_of(
         names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses, bodies=skeleton.bodies.values()
     )
-    return (settings or NAMED[name].settings).fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
+    return (settings or NAMED[name].settings).fit(TrialSet([marker_trial(recording, part, hidden=hidden)], anatomy))
 
 
-def part_names(prepared: Recording, part: Part) -> list[str]:
+def part_names(recording: Recording, part: Part) -> list[str]:
     """Names of the tracked markers."""
-    return [prepared.names[int(m)] for m in part.markers]
+    return [recording.names[int(m)] for m in part.markers]
 
 
-def marker_trial(prepared: Recording, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
+def marker_trial(recording: Recording, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
     """The seen part as models learn from it: with the noise that it shows, whatever is stated."""
-    cov = prepared.cov_m2[part.frames][:, part.markers]
+    cov = recording.cov_m2[part.frames][:, part.markers]
     return MarkerTrial(
-        name=prepared.name,
-        t_s=prepared.t_s[part.frames],
-        xyz_m=_visible(prepared, part, hidden, part.markers),
-        sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3) / prepared.stated_over_shown,
+        name=recording.name,
+        t_s=recording.t_s[part.frames],
+        xyz_m=_visible(recording, part, hidden, part.markers),
+        sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3) / recording.stated_over_shown,
     )
 
 
 def track_mixed(
-    prepared: Recording,
+    recording: Recording,
     part: Part,
     *,
     asked: Asked | None = None,
     progress: Progress | None = None,
 ) -> MixedTrack | None:
     """Filter and smooth the seen part with a mixture that learns from it alone; None where it cannot."""
-    names, skeleton = part_names(prepared, part), prepared.skeleton
+    names, skeleton = part_names(recording, part), recording.skeleton
     return track_alone(
         names,
         skeleton.trunk,
-        marker_trial(prepared, part),
-        prepared.observations(part.frames, part.markers),
+        marker_trial(recording, part),
+        recording.observations(part.frames, part.markers),
         PoseSettings(),
         bones=skeleton.rigid,
         bodies=[*skeleton.bodies.values()],
@@ -156,7 +156,7 @@ def track_mixed(
 
 
 def track_learned(
-    prepared: Recording,
+    recording: Recording,
     part: Part,
     learned: LearnedModel,
     *,
@@ -164,13 +164,13 @@ def track_learned(
     progress: Progress | None = None,
 ) -> MixedTrack:
     """Filter and smooth the seen part with a model that was learned from other trials."""
-    names = part_names(prepared, part)
+    names = part_names(recording, part)
     points = None if asked is None else asked_of(names, asked)
-    observations = prepared.observations(part.frames, part.markers)
+    observations = recording.observations(part.frames, part.markers)
     return track_with(
         learned,
         names,
-        marker_trial(prepared, part),
+        marker_trial(recording, part),
         observations,
         asked=points,
         progress=progress,
@@ -179,7 +179,7 @@ def track_learned(
 
 
 def track(
-    prepared: Recording,
+    recording: Recording,
     part: Part,
     model: FittedMotion,
     *,
@@ -188,22 +188,22 @@ def track(
     progress: Progress | None = None,
 ) -> Estimate:
     """Filter and smooth the seen part."""
-    points = None if asked is None else asked_of(part_names(prepared, part), asked)
-    observations = prepared.observations(part.frames, part.markers, hidden=hidden)
+    points = None if asked is None else asked_of(part_names(recording, part), asked)
+    observations = recording.observations(part.frames, part.markers, hidden=hidden)
     return model.fill(observations, asked=points, progress=progress)
 
 
-def tracked_motion(prepared: Recording, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:
+def tracked_motion(recording: Recording, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:
     """The smoothed part in the frames and markers of the recording, every sample with its origin.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
     twentieth of the extent of all motion.
     """
-    n_frames, n_markers = prepared.xyz_m.shape[:2]
-    n_cameras = prepared.uv_px.shape[0]
+    n_frames, n_markers = recording.xyz_m.shape[:2]
+    n_cameras = recording.uv_px.shape[0]
     inside = np.ix_(np.arange(n_frames)[part.frames], part.markers)
     xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
-    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + lasting_cov(prepared)[inside]
+    xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2 + lasting_cov(recording)[inside]
     used = np.zeros((n_cameras, n_frames, n_markers), dtype=bool)
     innovation = np.full((n_cameras, n_frames, n_markers, 2), np.nan)
     believed = np.zeros((n_frames, n_markers), dtype=bool)
@@ -212,15 +212,15 @@ def tracked_motion(prepared: Recording, part: Part, name: str, smoothed: Estimat
         camera, marker = seen.where[rays, 0], part.markers[seen.where[rays, 1]]
         ok, whole, missed = seen.weight[rays] > 0, camera == WHOLE, seen.innovation[rays]
         used[camera[ok & ~whole], frame, marker[ok & ~whole]] = True
-        used[:, frame, marker[ok & whole]] |= np.isfinite(prepared.uv_px[:, frame][:, marker[ok & whole], 0])
+        used[:, frame, marker[ok & whole]] |= np.isfinite(recording.uv_px[:, frame][:, marker[ok & whole], 0])
         innovation[camera[~whole], frame, marker[~whole]] = missed[~whole, :2]
         believed[frame, marker[ok & whole]] = True
     believed |= used.sum(axis=0) >= 2
-    origin = _origins(prepared, believed, np.isfinite(xyz[..., 0]))
-    origin[moved(prepared, xyz, cov).far & (origin == Status.MEASURED)] = Status.REJECTED
-    cov += jump_cov(prepared, xyz, origin)
+    origin = _origins(recording, believed, np.isfinite(xyz[..., 0]))
+    origin[moved(recording, xyz, cov).far & (origin == Status.MEASURED)] = Status.REJECTED
+    cov += jump_cov(recording, xyz, origin)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3)
-    extent = float(np.linalg.norm(np.nanmax(prepared.xyz_m, axis=(0, 1)) - np.nanmin(prepared.xyz_m, axis=(0, 1))))
+    extent = float(np.linalg.norm(np.nanmax(recording.xyz_m, axis=(0, 1)) - np.nanmin(recording.xyz_m, axis=(0, 1))))
     vague = (origin == Status.PREDICTED) & ~(sd < 0.05 * extent)
     xyz[vague], cov[vague], origin[vague] = np.nan, np.nan, Status.MISSING
     outside = np.full(n_frames, np.nan)
@@ -229,11 +229,11 @@ def tracked_motion(prepared: Recording, part: Part, name: str, smoothed: Estimat
     rows_used[part.frames] = [seen.n_rows for seen in smoothed.observed]
     likelihood[part.frames] = smoothed.log_likelihood
     reprojected = np.zeros((0, n_frames, n_markers, 2))
-    if prepared.cameras:
-        reprojected = project(prepared.matrices, xyz)
+    if recording.cameras:
+        reprojected = project(recording.matrices, xyz)
     return TrackedMotion(
         model=name,
-        markers=MarkerTracks(names=prepared.names, t_s=prepared.t_s, xyz_m=xyz, cov_m2=cov, status=origin),
+        markers=MarkerTracks(names=recording.names, t_s=recording.t_s, xyz_m=xyz, cov_m2=cov, status=origin),
         reprojected_px=reprojected,
         innovation_px=innovation,
         used=used,
@@ -243,7 +243,7 @@ def tracked_motion(prepared: Recording, part: Part, name: str, smoothed: Estimat
     )
 
 
-def _origins(prepared: Recording, believed: Mask, estimated: Mask) -> NDArray[np.int8]:
+def _origins(recording: Recording, believed: Mask, estimated: Mask) -> NDArray[np.int8]:
     """(T, M) origin of each sample; between a marker's first and last sighting what is not measured is smoothed."""
     index = np.arange(len(believed))[:, None]
     ever = believed.any(axis=0)
@@ -251,25 +251,25 @@ def _origins(prepared: Recording, believed: Mask, estimated: Mask) -> NDArray[np
     last = np.where(ever, len(believed) - 1 - np.argmax(believed[::-1], axis=0), -1)
     between = (index > first) & (index < last)
     origin = np.where(between, Status.SMOOTHED, Status.PREDICTED).astype(np.int8)
-    refused = np.any(list(prepared.rejected.values()), axis=0) | (np.isfinite(prepared.xyz_m[..., 0]) & ~believed)
+    refused = np.any(list(recording.rejected.values()), axis=0) | (np.isfinite(recording.xyz_m[..., 0]) & ~believed)
     origin[refused] = Status.REJECTED
     origin[believed] = Status.MEASURED
     origin[~estimated & (origin != Status.REJECTED)] = Status.MISSING
     return origin
 
 
-def lasting_cov(prepared: Recording) -> Array:
+def lasting_cov(recording: Recording) -> Array:
     """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
     (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
     seen, that of the sample of median variance.
     """
-    if not prepared.cameras:
-        return np.zeros_like(prepared.cov_m2)
-    usual = prepared.jitter_px * (np.ones(len(prepared.names)) if prepared.noise is None else prepared.noise.marker)
-    cov = prepared.cov_m2 * lasting_share(prepared.persistent_px, usual, removed_px=prepared.bias_px)[:, None, None]
-    return filled(cov) if prepared.lens_cov_m2 is None else filled(cov) + filled(prepared.lens_cov_m2)
+    if not recording.cameras:
+        return np.zeros_like(recording.cov_m2)
+    usual = recording.jitter_px * (np.ones(len(recording.names)) if recording.noise is None else recording.noise.marker)
+    cov = recording.cov_m2 * lasting_share(recording.persistent_px, usual, removed_px=recording.bias_px)[:, None, None]
+    return filled(cov) if recording.lens_cov_m2 is None else filled(cov) + filled(recording.lens_cov_m2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -290,15 +290,17 @@ class HiddenSamples:
         return int(self.mask.sum())
 
 
-def hide_samples(prepared: Recording, part: Part, rng: np.random.Generator, *, most_frames: int = 300) -> HiddenSamples:
+def hide_samples(
+    recording: Recording, part: Part, rng: np.random.Generator, *, most_frames: int = 300
+) -> HiddenSamples:
     """Hide samples in gaps like the recording's own, in at most so many frames: to see how these are filled."""
-    trial = marker_trial(prepared, part)
+    trial = marker_trial(recording, part)
     own = hide_own(trial, rng)
     if not own.gaps:
         own = hide_neighbours(trial, rng)
     inside = excerpt(own.mask, most_frames)
     window = slice(part.frames.start + inside.start, part.frames.start + inside.stop)
-    seen = np.isfinite(prepared.xyz_m[..., 0])
+    seen = np.isfinite(recording.xyz_m[..., 0])
     hidden = np.zeros_like(seen)
     hidden[np.ix_(np.arange(len(seen))[window], part.markers)] = own.mask[inside]
     left = np.asarray((seen & ~hidden)[window].any(axis=0))
@@ -307,7 +309,7 @@ def hide_samples(prepared: Recording, part: Part, rng: np.random.Generator, *, m
 
 
 def fill_hidden(
-    prepared: Recording,
+    recording: Recording,
     hidden: HiddenSamples,
     *,
     methods: Collection[str],
@@ -317,7 +319,7 @@ def fill_hidden(
     """Fill hidden samples by models that are learned without them.
 
     Args:
-        prepared: The recording.
+        recording: The recording.
         hidden: What is hidden.
         methods: Models to fill with: ``mixture`` (its members), ``eal``, ``articulated``, ``lagrangian``,
             ``constant_velocity``; those that need a pose only where one can be learned.
@@ -325,10 +327,10 @@ def fill_hidden(
         progress: Called with the share done.
     """
     part, found = hidden.part, dict[str, Estimate | Members]()
-    posed = why_no_pose(prepared, part) is None
-    names, skeleton = part_names(prepared, part), prepared.skeleton
-    own = marker_trial(prepared, part, hidden=hidden.mask)
-    seen = prepared.observations(part.frames, part.markers, hidden=hidden.mask)
+    posed = why_no_pose(recording, part) is None
+    names, skeleton = part_names(recording, part), recording.skeleton
+    own = marker_trial(recording, part, hidden=hidden.mask)
+    seen = recording.observations(part.frames, part.markers, hidden=hidden.mask)
     steps = dict(zip(("mixture", "rest", "learned"), shares(progress, 3), strict=True))
     if "mixture" in methods and posed:
         alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
@@ -336,8 +338,8 @@ def fill_hidden(
         found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
     for name, one in NAMED.items():
         if name in methods and (posed or not one.posed) and not (name == "eal" and "mixture" in found):
-            model = learn_motion(prepared, part, name, hidden=hidden.mask)
-            found[name] = track(prepared, part, model, hidden=hidden.mask, progress=steps["rest"])
+            model = learn_motion(recording, part, name, hidden=hidden.mask)
+            found[name] = track(recording, part, model, hidden=hidden.mask, progress=steps["rest"])
     if learned is not None:
         trials = trials_for(learned, names, own)
         models = models_of(learned, trials)
@@ -346,7 +348,7 @@ def fill_hidden(
 
 
 def score_filled(
-    prepared: Recording, hidden: HiddenSamples, filled: Mapping[str, Estimate | Members], mixture: Mixture | None
+    recording: Recording, hidden: HiddenSamples, filled: Mapping[str, Estimate | Members], mixture: Mixture | None
 ) -> dict[str, dict[str, float | None]]:
     """How well hidden samples were filled, by method, ``linear`` and ``cubic`` interpolation among them.
 
@@ -354,16 +356,16 @@ def score_filled(
     other gaps, in which some of the same samples were hidden.
 
     Args:
-        prepared: The recording.
+        recording: The recording.
         hidden: What was hidden.
         filled: How it was filled (``fill_hidden``).
         mixture: How members of a mixture are mixed; None: they are not scored.
     """
     part = hidden.part
-    truth, where = prepared.xyz_m[part.frames][:, part.markers], hidden.mask[part.frames][:, part.markers]
-    left = _visible(prepared, part, hidden.mask, part.markers)
+    truth, where = recording.xyz_m[part.frames][:, part.markers], hidden.mask[part.frames][:, part.markers]
+    left = _visible(recording, part, hidden.mask, part.markers)
     scores = {
-        name: compared(interpolated(left, prepared.t_s[part.frames], kind=name), None, truth, where).as_json()
+        name: compared(interpolated(left, recording.t_s[part.frames], kind=name), None, truth, where).as_json()
         for name in ("linear", "cubic")
     }
     estimates: dict[str, Estimate] = {}
@@ -377,11 +379,11 @@ def score_filled(
             estimates[name] = one.mixed(mixture).markers
     for name in (*NAMED, "mixture", "learned"):
         if name in estimates:
-            cov = estimates[name].cov_m2 + _jitter(prepared, part)
+            cov = estimates[name].cov_m2 + _jitter(recording, part)
             scores[name] = compared(estimates[name].xyz_m, cov, truth, where).as_json()
     return scores
 
 
-def _jitter(prepared: Recording, part: Part) -> Array:
+def _jitter(recording: Recording, part: Part) -> Array:
     """The measurement's own covariance, which a comparison with measured samples contains."""
-    return np.nan_to_num(prepared.cov_m2[part.frames][:, part.markers])
+    return np.nan_to_num(recording.cov_m2[part.frames][:, part.markers])

@@ -66,20 +66,20 @@ class Disagreement:
     cameras: tuple[int, int]
 
 
-def disagreements(prepared: Recording, wrong: Mask | None = None) -> list[Disagreement]:
+def disagreements(recording: Recording, wrong: Mask | None = None) -> list[Disagreement]:
     """Runs of frames in which two cameras alone, of three or more, see a marker and often do not meet.
 
     Those, too, in which one of both is wrong about another marker in half of the frames.
 
     Args:
-        prepared: The recording.
+        recording: The recording.
         wrong: (C, T, M) rays that are known to be wrong; None: none are.
     """
-    rays = np.isfinite(prepared.uv_px[..., 0])
+    rays = np.isfinite(recording.uv_px[..., 0])
     if len(rays) < 3:
         return []
     pair = np.asarray(rays.sum(axis=0) == 2)
-    apart = pair & np.isnan(prepared.xyz_m[..., 0])
+    apart = pair & np.isnan(recording.xyz_m[..., 0])
     doubted = np.zeros(rays.shape[:2], dtype=bool) if wrong is None else np.asarray(wrong.any(axis=2))
     found = []
     for marker in np.flatnonzero((apart | (pair & np.asarray(doubted.any(axis=0))[:, None])).sum(axis=0) > 1).tolist():
@@ -95,34 +95,34 @@ def disagreements(prepared: Recording, wrong: Mask | None = None) -> list[Disagr
     return found
 
 
-def unconfirmed(prepared: Recording) -> Mask:
+def unconfirmed(recording: Recording) -> Mask:
     """(T, M) points of two rays, in recordings of three cameras or more."""
-    rays = np.isfinite(prepared.uv_px[..., 0])
-    return np.isfinite(prepared.xyz_m[..., 0]) & (rays.sum(axis=0) == 2) & (len(rays) > 2)
+    rays = np.isfinite(recording.uv_px[..., 0])
+    return np.isfinite(recording.xyz_m[..., 0]) & (rays.sum(axis=0) == 2) & (len(rays) > 2)
 
 
-def worth_checking(prepared: Recording) -> bool:
+def worth_checking(recording: Recording) -> bool:
     """Whether two cameras disagree about a marker, or enough points are of two rays."""
-    return bool(disagreements(prepared)) or _many(prepared)
+    return bool(disagreements(recording)) or _many(recording)
 
 
-def _many(prepared: Recording) -> bool:
-    return bool(unconfirmed(prepared).sum() > LEAST * np.isfinite(prepared.xyz_m[..., 0]).sum())
+def _many(recording: Recording) -> bool:
+    return bool(unconfirmed(recording).sum() > LEAST * np.isfinite(recording.xyz_m[..., 0]).sum())
 
 
-def without_contradicted(prepared: Recording, part: Part, learned: LearnedModel | None = None) -> Recording:
+def without_contradicted(recording: Recording, part: Part, learned: LearnedModel | None = None) -> Recording:
     """The recording without what the pose filter contradicts where two cameras alone see a marker.
 
     First rays of cameras that are wrong for a run of frames, then single points, then rays again, where points were.
 
     Args:
-        prepared: The recording.
+        recording: The recording.
         part: Its seen part.
         learned: A model of other trials; None: one is learned from this one.
     """
-    pose = _pose(prepared, part, learned)
-    checked = _without_wrong_rays(prepared, part, pose, learned)
-    if disagreements(prepared) and not _many(prepared):
+    pose = _pose(recording, part, learned)
+    checked = _without_wrong_rays(recording, part, pose, learned)
+    if disagreements(recording) and not _many(recording):
         return checked  # few points of two rays are not worth the pass
     further = _without_wrong_points(checked, part, pose, learned)
     if further is not checked:
@@ -131,7 +131,7 @@ def without_contradicted(prepared: Recording, part: Part, learned: LearnedModel 
 
 
 def _without_wrong_points(
-    prepared: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None
+    recording: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None
 ) -> Recording:
     """The recording without points of two rays that the pose filter contradicts; one of their rays may be right.
 
@@ -140,20 +140,20 @@ def _without_wrong_points(
     regression, which would take the points themselves for true. A filter that never saw such a pose is wrong and sure:
     runs of points that go on from where others have the marker, and lead to where they have it, are believed.
     """
-    asked = unconfirmed(prepared)
-    asked &= np.isfinite(prepared.xyz_m[..., 0]).sum(axis=0) >= LEFT * asked.sum(axis=0)
-    doubted = prepared.having(position=np.where(asked[..., None], np.nan, prepared.xyz_m))
+    asked = unconfirmed(recording)
+    asked &= np.isfinite(recording.xyz_m[..., 0]).sum(axis=0) >= LEFT * asked.sum(axis=0)
+    doubted = recording.having(position=np.where(asked[..., None], np.nan, recording.xyz_m))
     if not asked.any() or not _can_expect(doubted, part, learned):
-        return prepared
+        return recording
     xyz, cov = _expected(doubted, part, pose, learned)
-    far = asked & (_distance(xyz - prepared.xyz_m, cov + prepared.cov_m2, where=asked) > FAR)
+    far = asked & (_distance(xyz - recording.xyz_m, cov + recording.cov_m2, where=asked) > FAR)
     if far.any():
-        away_m = np.where(far, np.linalg.norm(xyz - prepared.xyz_m, axis=-1), np.nan)
-        far &= ~continuing(prepared, part, asked, away_m)
-    return _without(prepared, far) if far.any() else prepared
+        away_m = np.where(far, np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.nan)
+        far &= ~continuing(recording, part, asked, away_m)
+    return _without(recording, far) if far.any() else recording
 
 
-def continuing(prepared: Recording, part: Part, asked: Mask, away_m: Array) -> Mask:
+def continuing(recording: Recording, part: Part, asked: Mask, away_m: Array) -> Mask:
     """(T, M) True for contradicted points of runs, among those that are asked about, that continue a marker's motion.
 
     Somebody who takes one marker for another jumps to it. Each marker is followed with neither ray in such frames; at
@@ -161,19 +161,19 @@ def continuing(prepared: Recording, part: Part, asked: Mask, away_m: Array) -> M
     point is believed where the marker by itself is expected less than half as far away as the pose filter expects it.
 
     Args:
-        prepared: The recording.
+        recording: The recording.
         part: Its seen part.
         asked: (T, M) points that are asked about.
         away_m: (T, M) how far contradicted ones are from where the pose filter expects them; NaN elsewhere.
     """
-    names, skeleton = part_names(prepared, part), prepared.skeleton
+    names, skeleton = part_names(recording, part), recording.skeleton
     own = TrialSet(
-        [marker_trial(prepared, part, hidden=asked)],
+        [marker_trial(recording, part, hidden=asked)],
         anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()),
     )
-    xyz, _ = _whole(prepared, part, track(prepared, part, EACH_MARKER.fit(own), hidden=asked))
-    known = np.isfinite(prepared.xyz_m[..., 0])
-    miss_m, out = np.linalg.norm(xyz - prepared.xyz_m, axis=-1), np.zeros_like(asked)
+    xyz, _ = _whole(recording, part, track(recording, part, EACH_MARKER.fit(own), hidden=asked))
+    known = np.isfinite(recording.xyz_m[..., 0])
+    miss_m, out = np.linalg.norm(xyz - recording.xyz_m, axis=-1), np.zeros_like(asked)
     for marker in np.flatnonzero(np.isfinite(away_m).any(axis=0)).tolist():
         frames, others = np.flatnonzero(asked[:, marker]), known[:, marker] & ~asked[:, marker]
         for run in np.split(frames, np.flatnonzero(np.diff(frames) > PAUSE + 1) + 1):
@@ -185,12 +185,14 @@ def continuing(prepared: Recording, part: Part, asked: Mask, away_m: Array) -> M
     return out
 
 
-def _without_wrong_rays(prepared: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None) -> Recording:
+def _without_wrong_rays(
+    recording: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None
+) -> Recording:
     """The recording without the rays of cameras that are wrong for a run of frames, and the points that they made.
 
     The filter is given neither ray of such a run, and has not learned from their points.
     """
-    checked, wrong = prepared, np.zeros(prepared.uv_px.shape[:3], dtype=bool)
+    checked, wrong = recording, np.zeros(recording.uv_px.shape[:3], dtype=bool)
     for _ in range(ROUNDS):
         runs, hidden = disagreements(checked, wrong), np.zeros(wrong.shape[1:], dtype=bool)
         for run in runs:
@@ -207,31 +209,31 @@ def _without_wrong_rays(prepared: Recording, part: Part, pose: PoseSettings, lea
             position=np.where(np.asarray(more.any(axis=0))[..., None], np.nan, checked.xyz_m),
         )
     if not wrong.any():
-        return prepared
-    points = wrong.any(axis=0) & np.isfinite(prepared.xyz_m[..., 0])
-    kept = _without(prepared, points) if points.any() else prepared
-    kept = kept.having(believed=checked.uv_px, ray_rejected=prepared.rays_rejected | wrong)
+        return recording
+    points = wrong.any(axis=0) & np.isfinite(recording.xyz_m[..., 0])
+    kept = _without(recording, points) if points.any() else recording
+    kept = kept.having(believed=checked.uv_px, ray_rejected=recording.rays_rejected | wrong)
     return replace(kept, findings=(*kept.findings, sentences.wrong_rays(wrong)))
 
 
-def _without(prepared: Recording, far: Mask) -> Recording:
+def _without(recording: Recording, far: Mask) -> Recording:
     """The recording without points (T, M) that are contradicted, and a finding that says so."""
-    before = prepared.rejected.get("contradicted", np.zeros_like(far))
-    kept = prepared.having(
-        position=np.where(far[..., None], np.nan, prepared.xyz_m),
-        covariance=np.where(far[..., None, None], np.nan, prepared.cov_m2),
-        rejected={**prepared.rejected, "contradicted": before | far},
+    before = recording.rejected.get("contradicted", np.zeros_like(far))
+    kept = recording.having(
+        position=np.where(far[..., None], np.nan, recording.xyz_m),
+        covariance=np.where(far[..., None, None], np.nan, recording.cov_m2),
+        rejected={**recording.rejected, "contradicted": before | far},
     )
-    return replace(kept, findings=(*prepared.findings, *sentences.rejected("contradicted", far)))
+    return replace(kept, findings=(*recording.findings, *sentences.rejected("contradicted", far)))
 
 
-def _can_expect(prepared: Recording, part: Part, learned: LearnedModel | None) -> bool:
+def _can_expect(recording: Recording, part: Part, learned: LearnedModel | None) -> bool:
     """Whether a pose filter can be had: of other trials, or of what is left of this recording."""
-    return learned is not None or why_no_pose(prepared, part) is None
+    return learned is not None or why_no_pose(recording, part) is None
 
 
 def _expected(
-    prepared: Recording,
+    recording: Recording,
     part: Part,
     pose: PoseSettings,
     learned: LearnedModel | None,
@@ -239,70 +241,70 @@ def _expected(
     hidden: Mask | None = None,
 ) -> tuple[Array, Array]:
     """Where the pose filter expects markers: (T, M, 3) and its (T, M, 3, 3) covariance; NaN where it says nothing."""
-    return _whole(prepared, part, track(prepared, part, pose.fit(_trials(prepared, part, learned)), hidden=hidden))
+    return _whole(recording, part, track(recording, part, pose.fit(_trials(recording, part, learned)), hidden=hidden))
 
 
-def _whole(prepared: Recording, part: Part, smoothed: Estimate) -> tuple[Array, Array]:
+def _whole(recording: Recording, part: Part, smoothed: Estimate) -> tuple[Array, Array]:
     """What was smoothed in the frames and markers of the recording, as ``_expected`` has it."""
-    inside = np.ix_(np.arange(len(prepared.t_s))[part.frames], part.markers)
-    xyz, cov = np.full_like(prepared.xyz_m, np.nan), np.full_like(prepared.cov_m2, np.nan)
+    inside = np.ix_(np.arange(len(recording.t_s))[part.frames], part.markers)
+    xyz, cov = np.full_like(recording.xyz_m, np.nan), np.full_like(recording.cov_m2, np.nan)
     xyz[inside], cov[inside] = smoothed.xyz_m, smoothed.cov_m2
     return xyz, cov
 
 
-def _wrong_rays(prepared: Recording, runs: Sequence[Disagreement], xyz_m: Array, cov_m2: Array) -> Mask:
+def _wrong_rays(recording: Recording, runs: Sequence[Disagreement], xyz_m: Array, cov_m2: Array) -> Mask:
     """(C, T, M) rays of the camera of each run that is wrong, where one of both surely is and the other one fits.
 
     They are those from the first to the last frame that shows it.
 
     Args:
-        prepared: The recording.
+        recording: The recording.
         runs: Where two cameras disagree.
         xyz_m: (T, M, 3) where the filter expects markers that neither camera shows it; NaN: nowhere.
         cov_m2: (T, M, 3, 3) covariance of that.
     """
-    wrong = np.zeros(prepared.uv_px.shape[:3], dtype=bool)
+    wrong = np.zeros(recording.uv_px.shape[:3], dtype=bool)
     for run in runs:
         known = run.frames[np.isfinite(xyz_m[run.frames, run.marker, 0])]
         if not len(known):
             continue
-        away = np.array([_ray_distances(prepared, c, known, run.marker, xyz_m, cov_m2) for c in run.cameras])
+        away = np.array([_ray_distances(recording, c, known, run.marker, xyz_m, cov_m2) for c in run.cameras])
         bad = int(np.argmax(away.mean(axis=1)))
         kept = float(away[1 - bad].mean())
         more = (away[bad] - away[1 - bad]) / max(1.0, kept / 2)  # of two rows: the filter may be surer than it should
         if more.mean() < SURE or kept > FAR**2:
             continue
-        shows = np.flatnonzero((more >= SURE) | np.isnan(prepared.xyz_m[known, run.marker, 0]))
+        shows = np.flatnonzero((more >= SURE) | np.isnan(recording.xyz_m[known, run.marker, 0]))
         wrong[run.cameras[bad], known[shows[0] : shows[-1] + 1], run.marker] = True
     return wrong
 
 
 def _ray_distances(
-    prepared: Recording, camera: int, frames: NDArray[np.int64], marker: int, xyz_m: Array, cov_m2: Array
+    recording: Recording, camera: int, frames: NDArray[np.int64], marker: int, xyz_m: Array, cov_m2: Array
 ) -> Array:
     """(n,) squared Mahalanobis distances of a camera's rays from where a marker is expected."""
     which, cameras = np.arange(len(frames)), np.full(len(frames), camera)
     pixel, slope, bend = linearised_pixels(
-        prepared.matrices, xyz_m[frames, marker], cov_m2[frames, marker], cameras, which
+        recording.matrices, xyz_m[frames, marker], cov_m2[frames, marker], cameras, which
     )
-    miss = prepared.uv_px[camera, frames, marker] - pixel
-    noise = prepared.ray_sd_px[camera, frames, marker, None] ** 2 + bend
+    miss = recording.uv_px[camera, frames, marker] - pixel
+    noise = recording.ray_sd_px[camera, frames, marker, None] ** 2 + bend
     cov = slope @ cov_m2[frames, marker] @ np.swapaxes(slope, 1, 2) + noise[..., None] * np.eye(2)
     return np.einsum("gi,gi->g", miss, np.linalg.solve(cov, miss[..., None])[..., 0])
 
 
-def _pose(prepared: Recording, part: Part, learned: LearnedModel | None) -> PoseSettings:
+def _pose(recording: Recording, part: Part, learned: LearnedModel | None) -> PoseSettings:
     """The pose model without a regression, and with the process noise that all passes share, looked for once."""
     known = None if learned is None else learned.models[-1]
     pose = replace(known if isinstance(known, PoseSettings) else PoseSettings(), regression=0.0)
-    if pose.process_noise or not _can_expect(prepared, part, learned):
+    if pose.process_noise or not _can_expect(recording, part, learned):
         return pose
-    return pose.tuned(_trials(prepared, part, learned))
+    return pose.tuned(_trials(recording, part, learned))
 
 
-def _trials(prepared: Recording, part: Part, learned: LearnedModel | None) -> TrialSet:
+def _trials(recording: Recording, part: Part, learned: LearnedModel | None) -> TrialSet:
     """What is left of the recording, and other trials."""
-    names, skeleton, own = part_names(prepared, part), prepared.skeleton, marker_trial(prepared, part)
+    names, skeleton, own = part_names(recording, part), recording.skeleton, marker_trial(recording, part)
     if learned is not None:
         return trials_for(learned, names, own)
     return TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))

@@ -94,10 +94,10 @@ def test_accelerations_are_changes_of_velocities_with_what_neighbours_share_take
 
 
 def test_angles_of_a_limb_of_known_pose():
-    """Straight: 180 degrees and flexion 0; a right angle: 90 and 90."""
+    """Straight: flexion 0; a right angle: 90."""
     straight = np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0.0]]])
     bent = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0.0]]])
-    assert np.degrees(angles.included(straight))[0] == pytest.approx(180)
+    assert np.degrees(angles.flexion(straight))[0] == pytest.approx(0)
     assert np.degrees(angles.flexion(bent))[0] == pytest.approx(90)
     square = np.array([[[0, 0, 0], [2, 0, 0], [2, 0, 2], [0, 0, 2.0]]])
     assert angles.area(square)[0] == pytest.approx(4)

@@ -106,7 +106,7 @@ SLOW = {
     "mocap/test_strangers_formats.py": 11,
     "mocap/test_swap_states.py": 4,
     "mocap/test_swapped_names.py": 16,
-    "mocap/test_tampered_records.py": 90,
+    "mocap/test_tampered_records.py": 50,
     "mocap/test_trouble.py": 9,
     "mocap/test_two_rays.py": 60,
     "mocap/test_unstated_unit.py": 3,

@@ -9,9 +9,6 @@ import pytest
 
 from benchmarks.attack.records import KINDS, as_text, judged, sound, tampered
 from mocap.digitising.clicks import read_unseen, write_unseen
-from mocap.io import head
-from mocap.io.bounds import most_bytes
-from mocap.io.hdf5_process import names
 from mocap.results import stored
 
 FEW = ("missing", "NaN")
@@ -21,17 +18,13 @@ SHOWN = ("result, report", "batch record", "model, header", "potential, settings
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory) -> Iterator[Path]:
-    """A sound record of each kind, as the program writes it.
-
-    No tampering damages HDF5 itself, so that no process of its own has to walk through each file.
-    """
+def folder(tmp_path_factory, hdf5_here) -> Iterator[Path]:  # noqa: ARG001 - no tampering damages HDF5 itself
+    """A sound record of each kind, as the program writes it."""
     path = tmp_path_factory.mktemp("records")
     sound(path)
     with pytest.MonkeyPatch.context() as patch:
         for reader in ("read_netcdf", "load_potential"):
             patch.setattr(stored, reader, once(getattr(stored, reader)))
-        patch.setattr(head, "read_apart", lambda file, *_, **__: names(str(file), most_bytes(file)))
         yield path
 
 

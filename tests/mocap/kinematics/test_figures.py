@@ -16,7 +16,6 @@ from mocap.records import Status
 from mocap.results.tracked import Tracked
 from tests.mocap.rerun.flapping import make_run
 
-
 INK = True
 """These tests look at what is drawn (tests/mocap/conftest.py)."""
 

@@ -18,7 +18,6 @@ from mocap.pipeline.job import run_job
 from mocap.pipeline.prepare import prepare_pixels
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
-from tests.mocap.recordings import with_markers
 from tests.mocap.test_library import documented_names
 from tests.real_data import real
 
@@ -140,9 +139,7 @@ def assert_each_joint_has_a_potential(run):
 
 def test_pixels_without_any_noise_are_tracked():
     """Simulated cameras: a wrist that no camera shows for 20 frames is found to 3 mm, and is nowhere known exactly."""
-    arm = ("shoulder_l", "elbow_l", "wrist_l", "d3_mcp_l", "d3_tip_l", "d5_tip_l")
-    markers = ("sternum", "back", "pelvis", "tail", *arm)
-    bat = with_markers(make_bat(seed=4, n_frames=100, n_cameras=4, digitiser=PERFECT), markers)
+    bat = make_bat(seed=4, n_frames=100, n_cameras=4, digitiser=PERFECT)
     wrist, hidden = bat.truth.names.index("wrist_l"), slice(40, 60)
     uv = np.array(bat.pixels.uv_px)
     uv[:, hidden, wrist] = np.nan

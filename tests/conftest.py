@@ -20,6 +20,7 @@ settings.load_profile("project")
 
 SLOW = {
     "benchmarks/gaps/test_gap_ours.py": 30,
+    "benchmarks/gaps/test_gap_protocol.py": 4,
     "benchmarks/gaps/test_gap_rays.py": 2,
     "benchmarks/gaps/test_gap_run.py": 9,
     "benchmarks/gaps/test_gap_sets.py": 11,
@@ -28,8 +29,11 @@ SLOW = {
     "benchmarks/test_kinematics_peers.py": 20,
     "datasets/test_calibration_pictures.py": 6,
     "datasets/test_catalogue.py": 4,
+    "datasets/test_disturbances.py": 4,
     "datasets/test_interior_gaps.py": 2,
+    "datasets/test_movies.py": 4,
     "datasets/test_twin_motion.py": 3,
+    "datasets/test_twin_rigs.py": 3,
     "eal/joint_design/test_design_truss.py": 60,
     "eal/joint_design/test_snap_through.py": 15,
     "eal/joint_design/test_truss_equilibrium.py": 20,
@@ -37,6 +41,7 @@ SLOW = {
     "eal/test_integrators.py": 10,
     "eal/test_comparison.py": 10,
     "eal/test_deconvolved.py": 8,
+    "eal/test_radius.py": 4,
     "eal/test_reproduce.py": 85,
     "eal/test_systems.py": 3,
     "filters/test_animal.py": 10,
@@ -122,6 +127,7 @@ SLOW = {
     "mocap/test_unstated_unit.py": 3,
     "mocap/web/test_web_server.py": 60,
     "test_installed.py": 50,
+    "test_time_limit.py": 6,
 }
 """Files that take more than three seconds of processor time, with roughly how many; ``make quick`` leaves them out.
 

@@ -41,12 +41,12 @@ from mocap.cameras.camera import project, stacked
 from mocap.joints import joint_tracks
 from mocap.measures import Measures
 from mocap.pipeline.blocks import BLOCK
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
 from mocap.pipeline.long import LongRecording, long_tracks
 from mocap.pipeline.many import learn_joints
-from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_pixels, prepare_tracks
-from mocap.pipeline.recording import film_of
+from mocap.pipeline.recording import Recording, of_pixels, of_points
 from mocap.records import MarkerTracks, PixelTracks, Status
 from mocap.results.long_result import write_in_blocks
 from mocap.skeleton import Skeleton
@@ -138,17 +138,12 @@ def rays(n_frames: int, *, seed: int = 0) -> LongRecording:
         uv = np.concatenate([chunk(k) for k in _chunks(frames)], axis=1)[:, _inside(frames)]
         return PixelTracks(names=MARKERS, cameras=tuple(c.name for c in cameras), t_s=t_s[frames], uv_px=uv)
 
-    def prepared(frames: slice) -> Prepared:
-        filmed = film_of(pixels(frames), cameras, name="bat")
-        return prepare_filmed(filmed, bat_skeleton(), name="bat", first=frames.start)
-
     return LongRecording(
         name="bat",
         skeleton=bat_skeleton(),
         names=MARKERS,
         t_s=t_s,
-        seen=lambda frames: pixels(frames).seen.sum(axis=0) >= 2,
-        prepared=prepared,
+        part=lambda frames: of_pixels(pixels(frames), cameras, bat_skeleton(), name="bat"),
     )
 
 
@@ -218,14 +213,14 @@ def markers_case(kind: str, count: int, n_frames: int, model: str) -> dict[str, 
             if kind == "points":
                 noisy = xyz + SD_M * rng.standard_normal(xyz.shape)
                 noisy[_lost(rng, xyz.shape[:2])] = np.nan
-                prepared = prepare_tracks(_as_tracks(skeleton.markers, t_s, noisy), skeleton, name="bat")
+                prepared = clean(of_points(_as_tracks(skeleton.markers, t_s, noisy), skeleton, name="bat"))
             else:
                 cameras = tuple(replace(camera, lens=None) for camera in tunnel_cameras(8))
                 uv = project(stacked(cameras), xyz)
                 uv += SD_PX * rng.standard_normal(uv.shape)
                 uv[rng.random(uv.shape[:3]) < 0.14] = np.nan
                 pixels = PixelTracks(names=skeleton.markers, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=uv)
-                prepared = prepare_pixels(pixels, cameras, skeleton, name="bat")
+                prepared = clean(of_pixels(pixels, cameras, skeleton, name="bat"))
         run, _ = run_job(prepared, model=model, validated=False, stages=stages)  # type: ignore[arg-type]
     error = np.linalg.norm(run.tracked.markers.xyz_m - xyz, axis=-1)
     filled = run.tracked.markers.status == Status.SMOOTHED
@@ -247,14 +242,14 @@ def trials_case(count: int, n_frames: int) -> dict[str, object]:
     t_s = frame_times(n_frames, FPS)
     spent = 0.0
 
-    def prepared() -> Iterator[Prepared]:
+    def prepared() -> Iterator[Recording]:
         nonlocal spent
         for seed in range(count):
             began = time.process_time()
             rng = np.random.default_rng(seed)
             xyz = bat_motion(seed)(t_s).xyz_m + SD_M * rng.standard_normal((n_frames, len(MARKERS), 3))
             xyz[_lost(rng, xyz.shape[:2])] = np.nan
-            one = prepare_tracks(_as_tracks(MARKERS, t_s, xyz), bat_skeleton(), name=f"{seed}")
+            one = clean(of_points(_as_tracks(MARKERS, t_s, xyz), bat_skeleton(), name=f"{seed}"))
             spent += time.process_time() - began
             yield one
 

@@ -13,7 +13,7 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.score import compared
 
 from mocap.pipeline.demo import Animal, measured_demo
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
 from mocap.stages import Stages
 
@@ -31,7 +31,7 @@ def measure(animal: Animal, seed: int) -> dict[str, dict[str, float | None]]:
     return scores
 
 
-def controls(prepared: Prepared, truth_m: np.ndarray) -> dict[str, dict[str, float | None]]:
+def controls(prepared: Recording, truth_m: np.ndarray) -> dict[str, dict[str, float | None]]:
     """The EAL pose model alone, and it without its potential, inside gaps."""
     part = seen_part(prepared)
     seen, out = np.isfinite(prepared.xyz_m[..., 0]), {}

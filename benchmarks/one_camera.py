@@ -37,10 +37,9 @@ from scipy.special import logsumexp, softmax
 
 from eal.arrays import Z95, Array
 from mocap.io.dvproject import read_project
-from mocap.pipeline.prepare import prepare_filmed
-from mocap.pipeline.recording import film_of
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.recording import of_pixels, with_ideal_pixels
 from mocap.pipeline.tracking import marker_trial, seen_part
-from mocap.skeleton import Skeleton
 
 POINTS = (
     *("t3L", "wstL", "t5L", "elbL", "shdL", "ankL", "nl", "str"),
@@ -83,16 +82,16 @@ def flight(path: Path) -> Flight:
     project = read_project(path, fps=FPS)
     pixels = replace(project.pixels, names=POINTS, uv_px=project.pixels.uv_px[:, :, : len(POINTS)])
     lens = project.cameras[0].lens is None
-    filmed = film_of(pixels, project.cameras, name=path.stem, fit_lens=lens)
-    prepared = prepare_filmed(filmed, Skeleton(name="markers only", markers=pixels.names), name=path.parent.name)
+    film = with_ideal_pixels(of_pixels(pixels, project.cameras, name=path.parent.name, fit_lens=lens))
+    prepared = clean(film)
     part = replace(seen_part(prepared), markers=np.arange(len(POINTS)))
     day = re.search(r"\d+ ?[A-Z][a-z]{2,8} ?\d{4}", path.stem)
     return Flight(
         bat=path.parent.parent.name,
         day="" if day is None else re.sub(r"([A-Z][a-z]{2})[a-z]*", r"\1", day[0]),
         trial=replace(marker_trial(prepared, part), name=path.parent.name),
-        matrices=filmed.matrices,
-        uv_px=filmed.ideal_px[:, part.frames],
+        matrices=film.matrices,
+        uv_px=film.ideal_px[:, part.frames],
     )
 
 

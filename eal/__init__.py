@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from eal.autodiff import system_from_energies
+    from eal.choice import Choice, choose
     from eal.comparison import Comparison, compare
-    from eal.composite import CoordinateKernel, ProductKernel, SumKernel
+    from eal.composite import CoordinateKernel, LinearKernel, ProductKernel, SumKernel
     from eal.constraints import constrained_acceleration
     from eal.integrators import integrate_adaptive, simulate
     from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from eal.spectral import Projection, SpectralFilter, Tail, Tikhonov
 
 __all__ = [
+    "Choice",
     "Comparison",
     "CoordinateKernel",
     "EmpiricalPotential",
@@ -23,6 +25,7 @@ __all__ = [
     "Kernel",
     "LagrangianSystem",
     "LaplaceKernel",
+    "LinearKernel",
     "Matern32Kernel",
     "Matern52Kernel",
     "PenalisedModel",
@@ -33,6 +36,7 @@ __all__ = [
     "SumKernel",
     "Tail",
     "Tikhonov",
+    "choose",
     "compare",
     "constrained_acceleration",
     "fit_potential",
@@ -44,6 +48,7 @@ __all__ = [
 ]
 
 _PLACES = {
+    "Choice": "eal.choice",
     "Comparison": "eal.comparison",
     "CoordinateKernel": "eal.composite",
     "EmpiricalPotential": "eal.potential",
@@ -51,6 +56,7 @@ _PLACES = {
     "Kernel": "eal.kernels",
     "LagrangianSystem": "eal.lagrangian",
     "LaplaceKernel": "eal.kernels",
+    "LinearKernel": "eal.composite",
     "Matern32Kernel": "eal.kernels",
     "Matern52Kernel": "eal.kernels",
     "PenalisedModel": "eal.lagrangian",
@@ -61,6 +67,7 @@ _PLACES = {
     "SumKernel": "eal.composite",
     "Tail": "eal.spectral",
     "Tikhonov": "eal.spectral",
+    "choose": "eal.choice",
     "compare": "eal.comparison",
     "constrained_acceleration": "eal.constraints",
     "fit_potential": "eal.potential",

@@ -5,6 +5,7 @@ import os
 import tempfile
 import zipfile
 import zlib
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,9 +14,10 @@ import numpy as np
 from eal import npz
 from eal.arrays import Array
 from eal.checks import checked_labels, checked_lambda, checked_samples, checked_weights
-from eal.composite import CoordinateKernel, ProductKernel, SumKernel
+from eal.composite import CoordinateKernel, LinearKernel, ProductKernel, SumKernel
 from eal.fitting import Method
 from eal.kernels import GaussianKernel, Kernel, LaplaceKernel, Matern32Kernel, Matern52Kernel, Radial
+from eal.plugins import offered
 from eal.rotations import RotationKernel
 from eal.spectral import FILTERS, Scaling
 
@@ -116,6 +118,12 @@ def _checked(arrays: dict[str, Array], settings: dict[str, Any]) -> dict[str, An
     }
 
 
+@cache
+def _radial() -> dict[str, type[Radial]]:
+    """Radial kernels by name, with those of other packages (entry points ``eal.kernels``)."""
+    return _RADIAL | {one.__name__: one for one in offered("eal.kernels", type).values()}
+
+
 def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
     """A kernel as JSON types.
 
@@ -123,7 +131,7 @@ def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
         TypeError: not a kernel of this package.
     """
     kind = {"kind": type(kernel).__name__}
-    if isinstance(kernel, Radial) and kind["kind"] in _RADIAL:
+    if isinstance(kernel, Radial) and kind["kind"] in _radial():
         return kind | {"beta": kernel.beta}
     if isinstance(kernel, SumKernel):
         return kind | {"parts": [kernel_to_dict(k) for k in kernel.parts], "shares": list(kernel.shares)}
@@ -132,6 +140,8 @@ def kernel_to_dict(kernel: Kernel) -> dict[str, Any]:
     if isinstance(kernel, CoordinateKernel):
         scales = ["inf" if np.isinf(s) else s for s in kernel.scales]
         return kind | {"kernel": kernel_to_dict(kernel.kernel), "scales": scales, "periods": list(kernel.periods)}
+    if isinstance(kernel, LinearKernel):
+        return kind | {"kernel": kernel_to_dict(kernel.kernel), "matrix": [list(row) for row in kernel.matrix]}
     if isinstance(kernel, RotationKernel):
         joints = {"freedoms": list(kernel.freedoms), "scales": list(kernel.scales)}
         return kind | {"kernel": kernel_to_dict(kernel.kernel)} | joints
@@ -145,8 +155,8 @@ def kernel_from_dict(stored: dict[str, Any]) -> Kernel:
         ArchiveError: unknown kind.
     """
     kind = stored["kind"]
-    if kind in _RADIAL:
-        return _RADIAL[kind](stored["beta"])
+    if kind in _radial():
+        return _radial()[kind](stored["beta"])
     if kind == "SumKernel":
         return SumKernel(tuple(map(kernel_from_dict, stored["parts"])), tuple(stored["shares"]))
     if kind == "ProductKernel":
@@ -154,6 +164,8 @@ def kernel_from_dict(stored: dict[str, Any]) -> Kernel:
     if kind == "CoordinateKernel":
         scales = tuple(float(s) for s in stored["scales"])
         return CoordinateKernel(kernel_from_dict(stored["kernel"]), scales, tuple(stored["periods"]))
+    if kind == "LinearKernel":
+        return LinearKernel(kernel_from_dict(stored["kernel"]), tuple(map(tuple, stored["matrix"])))
     if kind == "RotationKernel":
         return RotationKernel(kernel_from_dict(stored["kernel"]), tuple(stored["freedoms"]), tuple(stored["scales"]))
     raise ArchiveError(f"unknown kernel {kind!r}: written by a newer version")

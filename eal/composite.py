@@ -1,4 +1,4 @@
-"""Kernels made of kernels: sums, products, scaled and periodic coordinates."""
+"""Kernels made of kernels: sums, products, other metrics, scaled and periodic coordinates."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -146,6 +146,40 @@ class FeatureKernel(Kernel):
         hessian = self._pull_back(q, half.transpose(0, 2, 1))
         self._bend(q, self.kernel.weighted_gradient(x, y, w), hessian)
         return hessian
+
+
+@final
+@dataclass(frozen=True)
+class LinearKernel(FeatureKernel):
+    """K on coordinates A q: another metric.
+
+    Attributes:
+        kernel: Kernel on A q.
+        matrix: (d, d) rows of A.
+    """
+
+    matrix: tuple[tuple[float, ...], ...]
+
+    def __post_init__(self) -> None:
+        """Check that A has an inverse."""
+        rows = tuple(tuple(float(x) for x in row) for row in self.matrix)
+        if any(len(row) != len(rows) for row in rows) or not np.linalg.matrix_rank(np.array(rows)) == len(rows) > 0:
+            raise ValueError(f"matrix must be square and have an inverse, but is {self.matrix!r}")
+        object.__setattr__(self, "matrix", rows)
+
+    def _features(self, q: Array) -> Array:
+        return q @ np.array(self.matrix).T
+
+    def _pull_back(self, q: Array, gradients: Array) -> Array:  # noqa: ARG002
+        return gradients @ np.array(self.matrix)
+
+    def _bend(self, q: Array, gradients: Array, hessian: Array) -> None:
+        """None: lines."""
+
+    @property
+    def curvature(self) -> float:
+        """Along the direction that A stretches most, see Kernel."""
+        return self.kernel.curvature * float(np.linalg.norm(np.array(self.matrix), 2)) ** 2
 
 
 @final

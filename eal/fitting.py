@@ -125,7 +125,7 @@ def deconvolved(
     Args:
         kernel: The Gaussian kernel.
         z: (N, d) samples.
-        covariances: (N, d, d) of their noise.
+        covariances: (N, d, d) of their noise; each that differs costs a product of matrices.
         weights: (N,).
         lam: As in ``solve``.
         spectral_filter: See there.
@@ -135,7 +135,9 @@ def deconvolved(
     Raises:
         ValueError: noise as wide as the kernel itself, 1 / sqrt(4 beta), in some direction.
     """
-    left, vectors = np.linalg.eigh(np.eye(z.shape[1]) - 4.0 * kernel.beta * covariances)
+    kinds, member = np.unique(covariances, axis=0, return_inverse=True)
+    left, vectors = np.linalg.eigh(np.eye(z.shape[1]) - 4.0 * kernel.beta * kinds)
+    member = member.reshape(-1)  # NumPy 2.0 alone gave it further axes
     if left.min() <= 0.0:
         worst = np.sqrt((1.0 - left.min()) / (4.0 * kernel.beta))
         raise ValueError(
@@ -145,16 +147,13 @@ def deconvolved(
     tolerance = max(lam * (0.5 * accuracy) ** 2, 1e-9)  # rounding of products is divided by it
     factor = pivoted_cholesky(kernel, z, tolerance=tolerance, max_rank=max_rank)
     p, m = z[factor.pivots], len(factor.pivots)
-    upper = np.triu_indices(m)
-    middle, apart = 0.5 * (p[upper[0]] + p[upper[1]]), kernel.gram(p, p)[upper] ** 0.5  # exp(-beta |p - q|^2 / 2)
-    sharp = vectors / np.sqrt(left)[:, None, :]
-    sizes = weights / (weights.sum() * np.sqrt(left.prod(axis=1)))
-    mean = np.zeros(len(middle))
-    for one, root, size in zip(z, sharp, sizes, strict=True):
-        mean += size * np.exp(-2.0 * kernel.beta * (((one - middle) @ root) ** 2).sum(axis=1))
     products = np.zeros((m, m))
-    products[upper] = mean * apart
-    products = products + np.triu(products, 1).T
+    for level in range(len(kinds)):  # exp(-2 beta |z - m|_C^2) = K_C(z, p) K_C(z, q) exp(beta |p - q|_C^2 / 2)
+        sharp, own = vectors[level] / np.sqrt(left[level]), member == level
+        near = kernel.gram(z[own] @ sharp, p @ sharp) * np.sqrt(weights[own] / np.sqrt(left[level].prod()))[:, None]
+        apart = kernel.log_gram(p @ sharp, p @ sharp) - kernel.log_gram(p, p)
+        products += near.T @ near * np.exp(np.minimum(-0.5 * apart, 300.0))  # beyond it the product is 0
+    products /= weights.sum()
     half = solve_triangular(factor.corner, products, lower=True)
     sigma, axes = np.linalg.eigh(solve_triangular(factor.corner, half.T, lower=True))
     sigma, axes = np.maximum(sigma[::-1], 0.0), axes[:, ::-1]

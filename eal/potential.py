@@ -14,12 +14,15 @@ from scipy.spatial.distance import pdist
 from eal import archive, evaluation, fitting
 from eal.arrays import Array, points, positive, read_only, short_repr
 from eal.checks import checked_covariances, checked_labels, checked_lambda, checked_samples, checked_weights
+from eal.composite import LinearKernel
 from eal.findings import findings_of
 from eal.fitting import Root
 from eal.kernels import GaussianKernel, Kernel
 from eal.spectral import Projection, Scaling, SpectralFilter, Tail, effective_lambda
 from eal.threads import one_blas_thread
 
+USUAL_WIDTH = 4.0
+"""Beta times the median squared distance, where nothing is known of a potential's use; ``eal.choose`` looks for it."""
 SMALL = 2000
 """Samples up to which a fit stays on one BLAS thread."""
 
@@ -229,7 +232,8 @@ def fit_potential(
         weights: (N,) positive weights, 2 being the same as a repeated sample; None: all 1.
         covariances: (N, d, d) or (d, d) known covariance of the samples' noise, with the Gaussian kernel: V of what the
             samples would be without it, so that noise does not widen the valley (``eal.fitting.deconvolved``). It
-            takes more samples, or a larger lambda. None: samples are taken as they are.
+            takes more samples, or a larger lambda. Not for what a smoother estimates, which varies less than the truth
+            (docs/experiments/known_noise.md). None: samples are taken as they are.
         method: ``auto``, ``exact`` or ``cholesky``, see ``eal.fitting.solve``.
         accuracy: Wanted bound on the error in V of the pivoted Cholesky factor; rounding may leave more.
         max_rank: Most centres.
@@ -255,9 +259,13 @@ def fit_potential(
             found = fitting.solve(kernel, z, w, sigma_lambda, spectral_filter, method=method, **limits)
         else:
             noise = checked_covariances(covariances, z.shape)
-            if not isinstance(kernel, GaussianKernel):
+            linear = isinstance(kernel, LinearKernel)
+            inner, a = (kernel.kernel, np.array(kernel.matrix)) if linear else (kernel, np.eye(z.shape[1]))
+            if not isinstance(inner, GaussianKernel):
                 raise ValueError(f"covariances need a GaussianKernel, but the kernel is {kernel}")
-            found = fitting.deconvolved(kernel, z, noise, w, sigma_lambda, spectral_filter, **limits)
+            noise = a @ noise @ a.T
+            found = fitting.deconvolved(inner, z @ a.T, noise, w, sigma_lambda, spectral_filter, **limits)
+            found = replace(found, centres=np.linalg.solve(a, found.centres.T).T)
     potential = EmpiricalPotential(
         kernel=kernel,
         lam=float(lam),
@@ -277,11 +285,11 @@ def fit_potential(
     return replace(potential, findings=sentences)
 
 
-def usual_kernel(samples: ArrayLike, *, width: float = 4.0, most: int = 500) -> GaussianKernel:
+def usual_kernel(samples: ArrayLike, *, width: float = USUAL_WIDTH, most: int = 500) -> GaussianKernel:
     """The Gaussian kernel exp(-width |x - y|^2 / m), m the median squared distance of the samples.
 
-    Blind to the unit of the coordinates. Joint potentials of animals are learned with it (width 4, lambda 1e-3), and
-    look as the paper's figures 7 and 8 do.
+    Blind to the unit of the coordinates. With width 4 and lambda 1e-3 potentials of joints look as the paper's figures
+    7 and 8 do; ``eal.choose`` finds those under which samples left out are likeliest.
 
     Args:
         samples: (N, d) configurations, in coordinates of like magnitudes.

@@ -74,6 +74,8 @@ class Motion:
     def __post_init__(self) -> None:
         """Freeze and check."""
         count, steps = len(self.names), len(self.t_s)
+        own = np.asarray(self.own)  # where two cameras hardly see depth, a smoother's products round at 1e-6 of it
+        object.__setattr__(self, "own", 0.5 * (own + np.swapaxes(own, -1, -2)))
         for name, shape, kind in (
             ("t_s", (steps,), np.float64),
             ("xyz_m", (steps, count, 3), np.float64),

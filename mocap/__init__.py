@@ -4,6 +4,7 @@
 ``save`` and ``load``; ``learn`` a model from several recordings. What is heavy is imported when it is first used.
 """
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from mocap.findings import Finding
     from mocap.io.format import Hints
     from mocap.pipeline.arrays import from_arrays, from_pixels
+    from mocap.pipeline.cleaning import clean
     from mocap.pipeline.learning import Model, learn, load_model
     from mocap.pipeline.propose_skeleton import propose_skeleton
     from mocap.pipeline.reading import read
@@ -36,6 +38,7 @@ __all__ = [
     "Skeleton",
     "Tracked",
     "batch",
+    "clean",
     "compare_joints",
     "digitise",
     "from_arrays",
@@ -64,6 +67,7 @@ _PLACES = {
     "Skeleton": "mocap.skeleton",
     "Tracked": "mocap.results.tracked",
     "batch": "mocap.batches.run",
+    "clean": "mocap.pipeline.cleaning",
     "compare_joints": "mocap.results.joint_comparison",
     "digitise": "mocap.digitising.digitised",
     "from_arrays": "mocap.pipeline.arrays",
@@ -86,8 +90,14 @@ def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'mocap' has no attribute {name!r}")
     from importlib import import_module
+    from inspect import isfunction
 
-    found = globals()[name] = getattr(import_module(_PLACES[name]), name)
+    from mocap.calls import with_advice
+
+    found = getattr(import_module(_PLACES[name]), name)
+    if isfunction(found) and not hasattr(found, "__wrapped__"):  # `processes` is a context manager
+        found = with_advice(found, {one: partial(__getattr__, one) for one in _PLACES})
+    globals()[name] = found
     return found
 
 

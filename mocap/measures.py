@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 from mocap.errors import SkeletonError
@@ -20,17 +21,49 @@ Line = tuple[str, str]
 """A direction: from one marker to another."""
 
 
+Places = Mapping[str, tuple[float, float, float]]
+"""Axes of a body: where three markers of it and more are in them, in metres."""
+SEQUENCE = "zyx"
+"""Axes that a joint turns about where no others are stated: of the parent, between, of the child."""
+SEQUENCES = tuple(map("".join, (s for s in product("xyz", repeat=3) if s[0] != s[1] != s[2])))
+FUNCTIONAL = ("ball", "hinge")
+"""What the motion of a joint between bodies shows: its centre; its axis, too."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class JointAxes:
-    """Axes of the two segments of a joint: a long axis and a second direction of each.
+    """Axes of the two segments of a joint, and the sequence in which it turns about them.
 
     Attributes:
-        parent: Long axis of the parent segment, from proximal to distal, and a direction to its left.
+        parent: Of the parent segment a long axis, from proximal to distal, and a direction to its left; of a body also
+            the places of its markers. None, of bodies: axes of both that coincide in the mean pose.
         child: The same of the child segment.
+        sequence: Axes that it turns about (``SEQUENCES``).
+        functional: One of ``FUNCTIONAL``: the joint's centre, or its axis as z, are found from its motion; None: not.
+        helical: Whether helical axes are wanted of a joint between bodies.
     """
 
-    parent: tuple[Line, Line]
-    child: tuple[Line, Line]
+    parent: tuple[Line, Line] | Places | None = None
+    child: tuple[Line, Line] | Places | None = None
+    sequence: str = SEQUENCE
+    functional: str | None = None
+    helical: bool = False
+
+    def __post_init__(self) -> None:
+        """Check what does not depend on the joint."""
+        if self.sequence not in SEQUENCES:
+            raise SkeletonError(f"measures.axes: sequence must be one of {', '.join(SEQUENCES)}, not {self.sequence!r}")
+        if self.functional not in (None, *FUNCTIONAL):
+            raise SkeletonError(f"measures.axes: functional must be ball or hinge, not {self.functional!r}")
+        if (self.parent is None) != (self.child is None) or (self.functional and self.parent is not None):
+            raise SkeletonError(
+                "measures.axes: state both parent and child, or neither; none where axes are functional"
+            )
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """Directions between markers."""
+        return tuple(line for part in (self.parent, self.child) if isinstance(part, tuple) for line in part)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +138,7 @@ class Measures:
         lines += [("forward", self.forward)] if self.forward else []
         lines += [("left", self.left)] if self.left else []
         for name, axes in self.axes.items():
-            lines += [(f"axes of {name}", line) for line in (*axes.parent, *axes.child)]
+            lines += [(f"axes of {name}", line) for line in axes.lines]
         lines += [(f"segment {k}", (s.start, s.end)) for k, s in self.segments.items()]
         for what, line in lines:
             yield from ((what, marker) for marker in line)
@@ -167,7 +200,7 @@ def measures_lines(measures: Measures, quoted: Callable[[object], str]) -> list[
     if measures.axes:
         lines += ["", "[measures.axes]"]
         for name, axes in measures.axes.items():
-            lines.append(f"{quoted(name)} = {{ parent = {quoted(axes.parent)}, child = {quoted(axes.child)} }}")
+            lines.append(f"{quoted(name)} = {{ {', '.join(_axes_entries(axes, quoted))} }}")
     if measures.segments:
         lines += ["", "[measures.segments]"]
         for name, part in measures.segments.items():
@@ -190,17 +223,50 @@ def _line(key: str, entry: Any) -> Line:
     return several[0], several[1]
 
 
-def _axes(key: str, entry: Any) -> JointAxes:
-    if not isinstance(entry, Mapping) or set(entry) != {"parent", "child"}:
-        raise ValueError(
-            f"measures.{key} is {{ parent = [long axis, left], child = [long axis, left] }}, not {entry!r}"
-        )
-    found = []
+def _axes_entries(axes: JointAxes, quoted: Callable[[object], str]) -> Iterator[str]:
     for part in ("parent", "child"):
-        if not isinstance(entry[part], list) or len(entry[part]) != 2:
-            raise ValueError(f'measures.{key}.{part} is two directions [["a", "b"], ["c", "d"]], not {entry[part]!r}')
-        found.append((_line(f"{key}.{part}", entry[part][0]), _line(f"{key}.{part}", entry[part][1])))
-    return JointAxes(parent=found[0], child=found[1])
+        value = getattr(axes, part)
+        if isinstance(value, tuple):
+            yield f"{part} = {quoted(value)}"
+        elif value is not None:
+            places = (f"{quoted(name)} = {[round(float(x), 9) for x in at]}" for name, at in value.items())
+            yield f"{part} = {{ {', '.join(places)} }}"
+    if axes.sequence != SEQUENCE or (axes.parent is None and not axes.functional):
+        yield f"sequence = {quoted(axes.sequence)}"
+    if axes.functional:
+        yield f"functional = {quoted(axes.functional)}"
+    if axes.helical:
+        yield "helical = true"
+
+
+_AXES: Schema = {
+    "sequence": Entry(kind="s", needed=False),
+    "functional": Entry(kind="s", needed=False),
+    "helical": Entry(kind="b", needed=False),
+}
+
+
+def _axes(key: str, entry: Any) -> JointAxes:
+    if not isinstance(entry, Mapping) or not entry or not set(entry) <= {"parent", "child", *_AXES}:
+        raise ValueError(
+            f"measures.{key} is {{ parent = [long axis, left], child = [long axis, left] }}, with sequence, functional "
+            f"or helical if need be, not {entry!r}"
+        )
+    rest = checked(f"measures.{key}", {k: v for k, v in entry.items() if k in _AXES}, _AXES, again="correct it")
+    parts = {part: _axes_of(f"{key}.{part}", entry[part]) for part in ("parent", "child") if part in entry}
+    return JointAxes(**parts, **{k: v[()] for k, v in rest.items()})
+
+
+def _axes_of(key: str, entry: Any) -> tuple[Line, Line] | Places:
+    if isinstance(entry, Mapping):
+        found = checked(f"measures.{key}", entry, dict.fromkeys(entry, Entry(shape=(3,))), again="correct it")
+        return {str(name): (float(x), float(y), float(z)) for name, (x, y, z) in found.items()}
+    if not isinstance(entry, list | tuple) or len(entry) != 2:
+        raise ValueError(
+            f'measures.{key} is two directions [["a", "b"], ["c", "d"]], or places of markers '
+            f"{{ a = [0.01, 0.0, 0.0], ... }} in metres, not {entry!r}"
+        )
+    return _line(key, entry[0]), _line(key, entry[1])
 
 
 _SEGMENT: Schema = {"mass_g": Entry(least=POSITIVE), "centre": Entry(needed=False)}

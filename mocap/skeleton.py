@@ -160,10 +160,24 @@ class Skeleton:
                     f"skeleton {self.name!r}: {where} uses marker {marker!r}, which is not in its markers"
                 )
         self._check_bodies()
-        named = {j.name for j in (*self.joints, *self.body_joints)}
-        for joint in self.measures.axes:
-            if joint not in named:
-                raise SkeletonError(f"skeleton {self.name!r}: measures.axes names {joint!r}, which is no joint of it")
+        for name, axes in self.measures.axes.items():
+            where = f"skeleton {self.name!r}: measures.axes.{name}"
+            joint = next((j for j in (*self.joints, *self.body_joints) if j.name == name), None)
+            if joint is None:
+                raise SkeletonError(f"skeleton {self.name!r}: measures.axes names {name!r}, which is no joint of it")
+            if isinstance(joint, BodyJoint):
+                for body, part in ((joint.parent, axes.parent), (joint.child, axes.child)):
+                    used = [m for line in part for m in line] if isinstance(part, tuple) else list(part or ())
+                    odd = next((marker for marker in used if marker not in self.bodies[body]), None)
+                    if odd is not None:
+                        raise SkeletonError(f"{where} uses marker {odd!r} for {body!r}, which has no such marker")
+                    if isinstance(part, Mapping) and len(part) < 3:
+                        raise SkeletonError(f"{where} places {len(part)} markers of {body!r}: axes need 3 at least")
+            elif not (isinstance(axes.parent, tuple) and isinstance(axes.child, tuple)) or axes.helical:
+                raise SkeletonError(
+                    f"{where}: axes of a joint of three markers are directions between markers, parent and child; "
+                    "places, functional and helical are of joints between bodies"
+                )
 
     def _check_bodies(self) -> None:
         first: dict[str, str] = {}
@@ -225,7 +239,7 @@ _KEYS = {"name", "markers", "bones", "bodies", "joints", "trunk", "aliases", "ma
 
 
 def read_skeleton(path: Path) -> Skeleton:
-    """Read a skeleton.
+    """Read a skeleton, or a model as one (``.osim``, ``.bioMod``, ``.urdf``, MJCF's ``.xml``; ``model_skeleton``).
 
     ``markers = ["a", "b", ...]``; ``bones = [["a", "b"], ...]``, a third entry ``"soft"`` for one whose length changes;
     ``trunk = [...]``; ``max_speed_m_s = 20.0``; a table ``[joints]`` with ``elbow = ["shoulder", "elbow", "wrist"]``;
@@ -234,7 +248,10 @@ def read_skeleton(path: Path) -> Skeleton:
 
     Raises:
         SkeletonError: the file cannot be read as that.
+        MissingPackageError: a library that reads the model is not installed.
     """
+    if is_model(path):
+        return read_model(path)[0]
     try:
         text, _ = decoded(path, regular_bytes(path))  # > of PowerShell writes UTF-16, that of cmd Windows-1252
     except (OSError, FormatError) as error:
@@ -261,6 +278,30 @@ def read_skeleton(path: Path) -> Skeleton:
         )
     except (TypeError, ValueError, AttributeError, FormatError, SkeletonError) as error:
         raise SkeletonError(f"{path}: {error}") from None
+
+
+def is_model(path: Path) -> bool:
+    """Whether a file is a model of another program, by the end of its name."""
+    return path.suffix.lower() in (".osim", ".biomod", ".urdf", ".xml", ".mjcf")
+
+
+def read_model(path: Path) -> tuple[Skeleton, str]:
+    """A model as a skeleton, and as a skeleton file that says what was not taken.
+
+    Raises:
+        SkeletonError: the file cannot be read as that.
+        MissingPackageError: a library that reads the model is not installed.
+    """
+    from mocap.skeleton_models import model_skeleton  # which loads scipy.spatial
+
+    try:
+        parts, comments = model_skeleton(path)
+        skeleton = Skeleton(**parts)
+    except (OSError, FormatError) as error:
+        raise SkeletonError(str(error)) from None
+    except SkeletonError as error:
+        raise SkeletonError(f"{path}: {error}") from None
+    return skeleton, skeleton_text(skeleton, comments=comments)
 
 
 def _named(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:

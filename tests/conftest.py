@@ -40,6 +40,7 @@ SLOW = {
     "eal/test_errata.py": 27,
     "eal/test_integrators.py": 10,
     "eal/test_comparison.py": 10,
+    "eal/test_choice.py": 8,
     "eal/test_deconvolved.py": 8,
     "eal/test_radius.py": 4,
     "eal/test_reproduce.py": 85,
@@ -72,6 +73,7 @@ SLOW = {
     "mocap/digitising/test_page.py": 15,
     "mocap/digitising/test_texture.py": 12,
     "mocap/joint_design/test_design_joint.py": 55,
+    "mocap/kinematics/test_functional.py": 25,
     "mocap/kinematics/test_moments.py": 8,
     "mocap/rerun/test_view_compare.py": 16,
     "mocap/rerun/test_view_ends.py": 25,
@@ -127,6 +129,7 @@ SLOW = {
     "mocap/test_unstated_unit.py": 3,
     "mocap/web/test_web_server.py": 60,
     "test_installed.py": 50,
+    "test_plugins.py": 12,
     "test_time_limit.py": 6,
 }
 """Files that take more than three seconds of processor time, with roughly how many; ``make quick`` leaves them out.

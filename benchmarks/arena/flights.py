@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import mocap
 from eal.arrays import Array
 from mocap.cameras.triangulate import linear
-from mocap.pipeline.recording import Filmed, Recording, load_filmed
+from mocap.pipeline.recording import Recording, with_ideal_pixels
 
 FOLDER = "bat_arena_two_digitisers"
 FPS = 800.0
@@ -35,7 +35,7 @@ class Flight:
 
     name: str
     recording: Recording
-    filmed: Filmed
+    filmed: Recording
     likelihood: Array
     people: tuple[Recording, Recording]
     people_px: Array
@@ -74,16 +74,16 @@ def _flight(folder: Path, views: Path) -> Flight:
     }
     by_camera = sorted(views.glob("*.csv"), key=lambda path: path.name[path.name.index("Cam") :])
     recording = mocap.read(by_camera, **rig)
-    filmed = load_filmed(recording, iterations=None)
+    filmed = with_ideal_pixels(recording, find_unit=False)
     people = tuple(
         mocap.read(next((folder / f"validation_files_{n}").glob(f"{views.name}_*.mat")), **rig) for n in (1, 2)
     )
-    clicks = [load_filmed(person, iterations=None) for person in people]
+    clicks = [with_ideal_pixels(person, find_unit=False) for person in people]
     people_px = np.full((2, *filmed.ideal_px.shape), np.nan)
     for person, found in enumerate(clicks):
-        row = np.rint(found.pixels.t_s * FPS).astype(np.int64)
+        row = np.rint(found.t_s * FPS).astype(np.int64)
         people_px[person][:, row] = found.ideal_px
-    score = recording.contents.score
+    score = recording.score
     return Flight(
         name=views.name,
         recording=recording,

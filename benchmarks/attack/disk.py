@@ -124,8 +124,8 @@ def tracking(files: Path) -> list[Case]:
     from mocap.datasets.lizards import make_lizard
     from mocap.filters.model import learn_model
 
+    from mocap.pipeline.cleaning import clean
     from mocap.pipeline.job import run_job
-    from mocap.pipeline.prepare import prepare
     from mocap.pipeline.tracking import marker_trial, part_names, seen_part
     from mocap.reproduce.fig_penalty import figure_14a
 
@@ -133,7 +133,7 @@ def tracking(files: Path) -> list[Case]:
     paths = write_recording(twin, files / "twin")
     source = mocap.read(paths["pixels"], calibration=paths["coefficients"], skeleton=paths["skeleton"], fps=twin.fps)
     run, figure = run_job(source, model="constant_velocity", validated=False), figure_14a(quick=True)
-    prepared = prepare(source)
+    prepared = clean(source)
     part = seen_part(prepared)
     trial = marker_trial(prepared, part)
     learned = learn_model(part_names(prepared, part), (), [trial], np.random.default_rng(0))

@@ -35,7 +35,7 @@ from mocap.errors import FormatError, MocapError
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.io.format import Hints
 from mocap.io.registry import read, write
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 
 SECONDS = 60.0
 """A file of these sizes that takes longer hangs; readers that start a process give up after 20 s."""
@@ -237,7 +237,7 @@ def judge(seed: Seed, case: int, folder: Path, *, track: bool = False) -> Outcom
         if "report this" in found.get("error", "") or any("came to no end" in f for f in found["findings"]):
             return outcome("traceback", changed, found["findings"][-1])
         if track or rng.integers(PREPARED) == 0:
-            prepare(mocap.read(path, fps=recording.fps or 100.0))
+            clean(mocap.read(path, fps=recording.fps or 100.0))
     except MocapError:
         pass
     except Exception as error:

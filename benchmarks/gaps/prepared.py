@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.gaps.method import Film, Trial
-from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
-from mocap.pipeline.recording import film_of
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.recording import Recording, of_pixels, of_points
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton
 
@@ -23,23 +23,17 @@ def tracks_of(trial: Trial) -> MarkerTracks:
     return MarkerTracks(names=trial.names, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, status=origin)
 
 
-def prepared_film(film: Film, skeleton: Skeleton, *, name: str) -> Prepared:
+def prepared_film(film: Film, skeleton: Skeleton, *, name: str) -> Recording:
     """Pixels as the product prepares them where the user states the corner that rows are counted from."""
-    filmed = film_of(
-        film.pixels,
-        film.cameras,
-        name=name,
-        pixel_origin=film.pixel_origin,
-        calibration_origin=film.calibration_origin,
-    )
-    return prepare_filmed(filmed, skeleton, name=name)
+    stated = {"pixel_origin": film.pixel_origin, "calibration_origin": film.calibration_origin}
+    return clean(of_pixels(film.pixels, film.cameras, skeleton, name=name, **stated))
 
 
 @lru_cache(maxsize=64)
-def recording(trial: Trial) -> Prepared:
+def recording(trial: Trial) -> Recording:
     """A trial as the product prepares it: from pixels if it has a film, cleaned, with trunk and bones."""
     bones = tuple(Bone(a=a, b=b) for a, b in trial.bones)
     skeleton = Skeleton(name="markers, trunk, bones", markers=trial.names, trunk=trial.trunk, bones=bones)
     if trial.film is not None:
         return prepared_film(trial.film, skeleton, name=trial.name)
-    return prepare_tracks(tracks_of(trial), skeleton, name=trial.name)
+    return clean(of_points(tracks_of(trial), skeleton, name=trial.name))

@@ -58,7 +58,8 @@ from mocap.io.c3d import read_c3d
 from mocap.io.dvproject import read_project
 from mocap.io.qualisys import read_mat, read_tsv
 from mocap.io.vicon import read_csv
-from mocap.pipeline.prepare import prepare_pixels
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.recording import of_pixels
 from mocap.records import Status
 from mocap.skeleton import Skeleton
 
@@ -94,11 +95,10 @@ def _flight(flight: str) -> Take:
         uv_px=project.pixels.uv_px[:, part],
     )
     skeleton = Skeleton(name="markers only", markers=WIND_TUNNEL_POINTS)
-    found = prepare_pixels(pixels, project.cameras, skeleton, name=flight)
-    rows = found.filmed.pixel_origin  # type: ignore[union-attr]  # pixels were prepared
-    own = Film(
-        pixels=pixels, cameras=found.filmed.cameras, pixel_origin=rows.pixels, calibration_origin=rows.coefficients
-    )
+    found = clean(of_pixels(pixels, project.cameras, skeleton, name=flight))
+    rows = found.rows
+    assert rows is not None  # it was decided
+    own = Film(pixels=pixels, cameras=found.cameras, pixel_origin=rows.pixels, calibration_origin=rows.coefficients)
     return Take(flight, pixels.t_s, found.xyz_m, film=own)
 
 

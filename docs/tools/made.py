@@ -1,10 +1,11 @@
 """Pages of the reference that are made from the program's own code."""
 
-from docs.tools import columns, commands, formats, licences
+from docs.tools import columns, commands, formats, licences, record
 
 PAGES = {
     "reference/commands.md": commands.page,
     "reference/formats.md": formats.page,
+    "reference/record.md": record.page,
     "reference/files.md": columns.page,
     "reference/licences.md": licences.page,
 }

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from mocap.batches.known import Options, key_of
@@ -11,8 +12,8 @@ from mocap.cameras.origin import OriginError
 from mocap.documents import from_json, regular_bytes
 from mocap.errors import FormatError, MocapError
 from mocap.io.output import result_file
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.learning import Model, learn_from
-from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.schema import Entry, checked
 
@@ -67,17 +68,15 @@ def learn_model(trials: Sequence[Trial], out: Path, seed: int) -> None:
         file.with_name(OF).write_text(text + "\n", encoding="utf-8")
 
 
-def _sources(trials: Sequence[Trial], used: list[str], left_out: dict[str, str]) -> Iterator[Recording | Prepared]:
+def _sources(trials: Sequence[Trial], used: list[str], left_out: dict[str, str]) -> Iterator[Recording]:
     """Those that can be read, one after the other; their names are added to ``used``, reasons to ``left_out``."""
     for trial in trials:
         try:
             recording = trial.recording().without_needless_calibration()
-            try:
-                source: Recording | Prepared = prepare(recording)
-            except OriginError:  # the others may tell which corner pixels are counted from
-                source = recording
+            with suppress(OriginError):  # the others may tell which corner pixels are counted from
+                recording = clean(recording)
             used.append(trial.name)
         except MocapError as error:
             left_out[trial.name] = " ".join(str(error).split())
             continue
-        yield source
+        yield recording

@@ -1,9 +1,11 @@
 """One trial of a batch: tracked as ``mocap track`` does, its result and how it went written into its folder."""
 
+import json
 from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +14,15 @@ from mocap.batches.trial import Trial
 from mocap.errors import MocapError, OutputError
 from mocap.io.describe import gaps
 from mocap.io.output import result_folder
+from mocap.pipeline.blocks import LONG
 from mocap.pipeline.learning import Model, load_model
+from mocap.pipeline.long import long_recording
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
+from mocap.progress import Tell, silent
 from mocap.records import Status
-from mocap.results.tracked import Tell, Tracked, silent, track
+from mocap.results.long_result import write_in_blocks
+from mocap.results.tracked import Tracked, track
 
 
 def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = False, progress: Tell = silent) -> Record:
@@ -45,6 +52,8 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
     try:
         recording = trial.recording()
         model = options.model if isinstance(options.model, str) else _model(options.model)
+        if len(recording.t_s) > LONG and model not in ("eal", "articulated", "lagrangian"):
+            return _in_blocks(trial, recording, model, options, key, out, progress)
         tracked = track(recording, model=model, validate=options.validate, seed=options.seed, progress=progress)
     except OutputError:
         raise
@@ -54,6 +63,41 @@ def track_trial(trial: Trial, options: Options, out: Path, *, again: bool = Fals
     record = Record(trial=trial.name, status="done", row=figures(tracked, trial), key=key)
     with result_folder(out / trial.name, "track", replace=True, inputs=recording.inputs) as stage:
         tracked.write(stage, progress=progress, pictures=options.pictures)
+        write_record(record, stage)
+    return record
+
+
+def _in_blocks(
+    trial: Trial, recording: Recording, model: str | Model, options: Options, key: str, out: Path, progress: Tell
+) -> Record:
+    """A long recording, block by block as ``mocap track`` does; without a sum of gaps, residuals, held-out errors."""
+    learned = None if isinstance(model, str) else model.learned
+    with result_folder(out / trial.name, "track", replace=True, inputs=recording.inputs) as stage:
+        report: dict[str, Any] = write_in_blocks(
+            long_recording(recording),
+            stage,
+            model=model if isinstance(model, str) else "auto",  # type: ignore[arg-type]
+            learned=learned,
+            seed=options.seed,
+            progress=progress,
+        )
+        report = {name: value for name, value in report.items() if not name.startswith("seconds")}  # as _timeless
+        (stage / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False), encoding="utf-8")
+        share, total = report["samples"], report["samples"]["total"]
+        row = stated_of(trial) | {
+            "frames": int(report["frames"]),
+            "fps": _rounded(report["fps"]),
+            "markers": len(report["markers"]),
+            "cameras": len(report["cameras"]),
+            "measured_percent": _rounded(100 * share["measured"]),
+            "filled": round(total * share["smoothed"]),
+            "extrapolated": round(total * share["predicted"]),
+            "rejected": round(total * share["rejected"]),
+            "model": str(report["model"]["name"]),
+            "warnings": len(report["wrong"]),
+            "warning": " | ".join(" ".join(text.split()) for text in report["wrong"]),
+        }
+        record = Record(trial=trial.name, status="done", row=row, key=key)
         write_record(record, stage)
     return record
 
@@ -104,6 +148,7 @@ def figures(tracked: Tracked, trial: Trial) -> dict[str, object]:
         "gaps": int(missing["count"]),
         "longest_gap_frames": int(missing["longest_frames"]),
         "filled": int(report["filled"]),  # type: ignore[call-overload]
+        "extrapolated": int(report["extrapolated"]),  # type: ignore[call-overload]
         "rejected": int((markers.status == Status.REJECTED).sum()),
         "residual_px": _rounded(report["residual_px"]["50%"]),  # type: ignore[index]
         "model": str(model),

@@ -42,16 +42,17 @@ def _told(trial: Trial, errors: dict[str, str]) -> dict[str, object]:
         errors[trial.name] = trial.skip
         return {"note": "not tracked"}
     try:
-        found = trial.recording().contents
+        found = trial.recording()
     except MocapError as error:
         errors[trial.name] = " ".join(str(error).split())
         return {"note": errors[trial.name]}
     if not found.seen.any():
         errors[trial.name] = "no marker is ever seen"
         return {"note": errors[trial.name]}
+    unit = found.data.attrs.get("space_unit")
     return {
-        "frames": len(found.frames),
+        "frames": len(found.t_s),
         "markers": len(found.names),
-        "cameras": len(found.camera_names) if found.pixels is not None else 0,
-        "note": f"{found.format}, {found.fps:g} frames a second" + (f", {found.unit}" if found.unit else ""),
+        "cameras": len(found.camera_names),
+        "note": f"{found.format}, {found.fps:g} frames a second" + (f", {unit}" if unit else ""),
     }

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from threading import Lock
 from time import monotonic
-from typing import Any, get_args
+from typing import Any
 
 import pandas as pd
 
@@ -33,7 +33,7 @@ from mocap.batches.summary import (
 )
 from mocap.batches.trial import Trial, some
 from mocap.errors import FormatError, MocapError, OutputError
-from mocap.pipeline.job import Model as ModelName
+from mocap.pipeline.job import MODELS
 from mocap.results.tracked import Tracked, load
 from mocap.text import as_text
 
@@ -413,13 +413,12 @@ def _model(model: str | PathLike[str]) -> str | Path:
     Raises:
         MocapError: it is neither.
     """
-    if model in get_args(ModelName):
+    if model in MODELS:
         return str(model)
     path = Path(model)
     if not path.is_file():
         raise MocapError(
-            f"`model` {as_text(str(model))}: give {', '.join(get_args(ModelName))}, {LEARN}, or a file that "
-            "mocap learn wrote"
+            f"`model` {as_text(str(model))}: give {', '.join(MODELS)}, {LEARN}, or a file that mocap learn wrote"
         )
     return path.absolute()
 

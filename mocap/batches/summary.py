@@ -34,6 +34,7 @@ FIGURES = (
     "gaps",
     "longest_gap_frames",
     "filled",
+    "extrapolated",
     "rejected",
     "residual_px",
     "model",

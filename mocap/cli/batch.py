@@ -133,15 +133,17 @@ def _watching() -> Iterator[Callable[["Progress"], None]]:
 
 
 class _Lines:
-    """A line every so often, as for a log."""
+    """A line every so often, as for a log: what has ended, and what workers do; none twice."""
 
     def __init__(self) -> None:
-        self.said = monotonic()
+        self.at_s, self.said = monotonic(), ""
 
     def __call__(self, progress: "Progress") -> None:
-        if monotonic() - self.said >= EVERY_S:
-            self.said = monotonic()
-            say(_line(progress))
+        doing = [visible(does) for _, does in sorted(progress.workers.items())]
+        line = "; ".join([_line(progress), *doing])
+        if monotonic() - self.at_s >= EVERY_S and line != self.said:
+            self.at_s, self.said = monotonic(), line
+            say(line)
 
 
 def _line(progress: "Progress") -> str:

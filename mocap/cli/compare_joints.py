@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from mocap.cli.console import program, say, show, typed
+from mocap.cli.console import program, say, show_text, typed
 from mocap.cli.options import AsJson, Force
 
 
@@ -45,6 +45,6 @@ def compare_joints(
     if as_json:
         print(json.dumps(joint_comparison.report(found)))  # noqa: T201
         return
-    show(joint_comparison.readable(found, (runs_a, runs_b)))
+    show_text(joint_comparison.readable(found, (runs_a, runs_b)))
     if out is not None:
         say("", f"Wrote {out}/: report, figure, recording.rrd", f"Look at it: {typed(program(), 'view', out)}")

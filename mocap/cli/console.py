@@ -13,10 +13,10 @@ from pathlib import Path
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
 from rich.markdown import Markdown
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 
 from mocap.cli.words import option_names, with_options
+from mocap.progress import bars
 from mocap.text import visible
 
 
@@ -94,15 +94,7 @@ def progress() -> Iterator[Callable[[str, float], None]]:
     if not errors.is_terminal:
         yield _Lines(say)
         return
-    columns = (TextColumn("{task.description:28}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(compact=True), console=errors, transient=True) as bars:
-        tasks: dict[str, TaskID] = {}
-
-        def tell(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(visible(stage), total=1.0)
-            bars.update(tasks[stage], completed=share)
-
+    with bars(errors) as tell:
         yield tell
 
 

@@ -1,7 +1,6 @@
 """``mocap convert``."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -45,10 +44,9 @@ def convert(
 
     whole = None
     if crop:
-        import mocap
+        from mocap.pipeline.reading import uncropped
 
-        read = mocap.read(files, crop=crop, fps=fps or 1.0, hints=stated.hints())
-        whole = replace(read.contents, findings=(*read.contents.findings, *map(str, read.told)))
+        whole = uncropped(files, crop, fps=fps, hints=stated.hints())
     with result_file(out, replace=force, inputs=[*files, *(crop or [])], tell=say) as file:
         done = convert_files(
             files, file, hints=stated.hints(), to=to, fps=fps, unit=unit, filled=filled, contents=whole

@@ -7,7 +7,16 @@ from typing import Annotated, Any
 import typer
 
 from mocap.cli.console import show_text
-from mocap.cli.options import AsJson, CalibrationOrigin, FileOptions, Fps, ImageHeight, PixelOriginOption, Unit
+from mocap.cli.options import (
+    AsJson,
+    Calibration,
+    CalibrationOrigin,
+    FileOptions,
+    Fps,
+    ImageHeight,
+    PixelOriginOption,
+    Unit,
+)
 from mocap.cli.records import with_records
 
 
@@ -18,6 +27,7 @@ def info(
         typer.Argument(help="Files of any format; files that belong together are also checked against each other."),
     ],
     stated: FileOptions,
+    calibration: Calibration = None,
     fps: Fps = None,
     unit: Unit = None,
     origin: PixelOriginOption = None,
@@ -30,6 +40,7 @@ def info(
     from mocap.cameras.origin import StatedOrigin
 
     corners = StatedOrigin(origin=origin, calibration_origin=calibration_origin, image_height_px=image_height)
+    files = files if calibration is None else [*files, calibration]
     found: list[dict[str, Any]] = inspect(files, stated.hints(), fps=fps, unit=unit, stated=corners)
     if as_json:
         print(json.dumps(found[0] if len(found) == 1 else found, allow_nan=False))  # noqa: T201

@@ -18,7 +18,10 @@ PixelOrigin = Literal["upper-left", "lower-left"]
 Tracks = Annotated[Path, typer.Argument(help="2D or 3D coordinates in any supported format.")]
 Views = Annotated[
     list[Path],
-    typer.Argument(help="2D or 3D coordinates in any supported format, or one 2D file per camera."),
+    typer.Argument(
+        help="2D or 3D coordinates in any supported format, or one 2D file per camera; after 3D ones XMALab's or "
+        "Qualisys' rigid bodies."
+    ),
 ]
 Crop = Annotated[
     list[Path] | None,
@@ -83,7 +86,7 @@ Jobs = Annotated[
 PANELS = {
     "Files": {"tracks": "FILE", "fps": "HZ", "unit": "UNIT"},
     "Cameras": {"calibration": "FILE", "profile": "FILE", "fit_lens": "", "video": "FILE"},
-    "Animal": {"skeleton": "TOML", "model": "NAME|FILE"},
+    "Animal": {"skeleton": "FILE", "model": "NAME|FILE"},
     "Output": {"out": "PATH", "force": "", "verbose": ""},
     "Expert": {
         "format_name": "NAME",

@@ -27,19 +27,27 @@ def skeleton(
 ) -> None:
     """Propose a skeleton from a recording: its markers, bones, rigid bodies, trunk and joints, in a file to correct.
 
-    mocap skeleton trial.csv > bat.toml; then: mocap track trial.csv --skeleton bat.toml.
+    mocap skeleton trial.csv > bat.toml; then: mocap track trial.csv --skeleton bat.toml. Of a model (.osim, .bioMod,
+    .urdf, MJCF's .xml) it writes the skeleton that the model describes.
     """
-    import mocap
     from mocap.errors import NoRateError
     from mocap.io.output import result_file
+    from mocap.pipeline.propose_skeleton import Proposal, propose_skeleton
+    from mocap.skeleton import is_model, read_model
 
-    try:
-        recording = stated.read(tracks)
-    except NoRateError:
-        recording = replace(stated, fps=100.0).read(tracks)  # any: distances, angles and cycles do not depend on it
-    found = mocap.propose_skeleton(recording, names=names)
+    inputs, findings = tuple(tracks), ()
+    if len(tracks) == 1 and is_model(tracks[0]):
+        model, text = read_model(tracks[0])
+        found = Proposal(skeleton=model, text=text)
+    else:
+        try:
+            recording = stated.read(tracks)
+        except NoRateError:
+            recording = replace(stated, fps=100.0).read(tracks)  # any: distances, angles, cycles do not depend on it
+        found = propose_skeleton(recording, names=names)
+        inputs, findings = recording.inputs, recording.findings
     if out is not None:
-        with result_file(out, replace=force, inputs=recording.inputs, tell=say) as file:
+        with result_file(out, replace=force, inputs=inputs, tell=say) as file:
             file.write_text(found.text, encoding="utf-8", newline="")
     counts = {
         "markers": len(found.skeleton.markers),
@@ -56,9 +64,10 @@ def skeleton(
         sys.stdout.flush()
     bodies = f"{counts['bodies']} rigid bodies, " if counts["bodies"] else ""
     trunk = f"a trunk of {counts['trunk']} markers" if counts["trunk"] else "no trunk"
+    still = ["no limb moves in cycles: cycles.csv stays empty unless [measures] names one"]
     say(
-        *map(str, recording.findings),
+        *map(str, findings),
         f"proposed: {counts['markers']} markers, {counts['bones']} bones, {bodies}{counts['joints']} joints, {trunk}; "
         "check and correct it",
-        *([] if counts["cycles"] else ["no limb moves in cycles: cycles.csv stays empty unless [measures] names one"]),
+        *([] if counts["cycles"] or is_model(tracks[0]) else still),
     )

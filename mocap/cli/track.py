@@ -157,7 +157,7 @@ def block_size(recording: "Recording", asked: int | None) -> int:
 
     if asked is not None:
         return asked
-    frames = len(recording.contents.frames)
+    frames = len(recording.t_s)
     if frames <= LONG:
         return 0
     say(f"{recording.name}: {frames} frames are tracked in blocks of {BLOCK} (--blocks 0: the whole at once)")
@@ -199,7 +199,7 @@ def in_blocks(
     from mocap.io.output import result_folder
     from mocap.results.long_result import write_in_blocks
 
-    if model in ("eal", "articulated", "lagrangian"):
+    if learned is None and model not in ("auto", "mixture", "constant_velocity"):
         raise MocapError(
             f"--model {model}: blocks are tracked with auto, mixture, constant_velocity, or a learned model"
         )

@@ -154,7 +154,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     if lacking or not names:
         raise FormatError(f"{path.name}: no column {(lacking or ['<name>_error'])[0]}; expected Anipose's pose-3d")
     table = values[:, [where[f"{name}_{f}"] for name in names for f in _FIELDS]].reshape(len(values), -1, 6)
-    xyz, findings = table[..., :3].copy(), ["the unit of lengths is that of the calibration board, not in the file"]
+    xyz, findings = table[..., :3].copy(), list[str]()
     if _FRAME[0] in where:
         frame = values[:, [where[title] for title in _FRAME]]
         rotation, centre = frame[:, :9].reshape(-1, 3, 3), frame[:, 9:]
@@ -167,7 +167,6 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         )
     filled = table[..., 3] == PLACEHOLDER
     seen = np.isfinite(xyz).all(axis=-1)
-    findings.append("the file does not state the frame rate")
     if filled.any():
         findings.append(f"{filled.sum()} samples have the error {PLACEHOLDER:g}: they were filled by Anipose's filter")
     frames = values[:, where["fnum"]] if "fnum" in where else np.arange(len(values), dtype=np.float64)
@@ -208,7 +207,6 @@ FORMATS = (
             path,
             "anipose-calibration",
             read_calibration(path),
-            findings=("the unit of lengths is that of the calibration board, which the file does not state",),
         ),
         write=lambda path, recording: write_calibration(path, recording.cameras),
         holds=frozenset({"cameras"}),

@@ -15,7 +15,6 @@ from mocap.io.head import Head
 PIXEL = re.compile(r"(?P<name>.+)_cam_(?P<camera>\d+)_(?P<axis>[xy])")
 POINT = re.compile(r"(?P<name>.+)_(?P<axis>[xyz])")
 _ENDS = ("_x_lower", "_x_upper", "_y_lower", "_y_upper", "_z_lower", "_z_upper")
-_NO_RATE = "the file does not state the frame rate"
 
 
 def _pixels(path: Path, _hints: Hints) -> FileContents:
@@ -46,7 +45,6 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
         cameras=[f"cam{camera}" for camera in cameras],
         uv_px=np.moveaxis(uv, 1, 0),
         pixel_origin="lower-left",
-        findings=(_NO_RATE,),
     )
 
 
@@ -58,7 +56,6 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         names=names,
         xyz=xyz,
         unit=None,
-        findings=(_NO_RATE, "the unit of lengths is that of the calibration, which the file does not state"),
     )
 
 
@@ -98,7 +95,6 @@ def _intervals(path: Path, _hints: Hints) -> FileContents:
         frames=1 + np.arange(len(ends)),
         tables={"interval": np.abs(ends[..., 1::2] - ends[..., ::2]) / 2},
         findings=(
-            _NO_RATE,
             "with three or more cameras Argus may have shifted the pixels in time before it computed these points: "
             "triangulate them again",
         ),

@@ -57,8 +57,8 @@ def read_c3d(path: Path) -> FileContents:
     findings += renamed
     said = (head.words("POINT:UNITS") or [""])[0].strip().lower()
     unit = unit_of(said)
-    if unit is None:
-        findings.append(f"the unit of lengths is {said!r}" if said else "the unit of lengths is not in the file")
+    if unit is None and said:
+        findings.append(f"POINT:UNITS is {said!r}, which is no unit of lengths")
     fps, told = _rate(head)
     findings += told
     start = _long_number(head, "TRIAL:ACTUAL_START_FIELD")

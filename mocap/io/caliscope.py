@@ -52,7 +52,7 @@ def _rate(path: Path, table: pd.DataFrame) -> tuple[float | None, list[str]]:
         times: Any = table.groupby("sync_index")["frame_time"].mean().dropna()  # type: ignore[union-attr]
         if len(times) > 1 and np.ptp(times.to_numpy()) > 0:
             return rate_of_times(path, np.interp(np.arange(times.index[0], times.index[-1] + 1), times.index, times))
-    return None, ["the file does not state the frame rate"]
+    return None, []
 
 
 def _pixels(path: Path, _hints: Hints) -> FileContents:
@@ -94,7 +94,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         frames=frame_numbers(path, frames),
         first=int(frames[0]),
         fps=fps,
-        findings=(_NAMES, "the unit of lengths is that of the calibration board, not in the file", *told),
+        findings=(_NAMES, *told),
     )
 
 

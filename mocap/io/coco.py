@@ -15,8 +15,6 @@ from mocap.io.format import Format, Hints
 from mocap.io.head import Head
 from mocap.io.lines import one_line
 
-_NO_RATE = "the file does not state the frame rate"
-
 
 def _is_coco(head: Head) -> bool:
     text = "".join(head.lines).lstrip()
@@ -113,7 +111,6 @@ def _recording(
         pixel_origin="upper-left",
         animals=() if single else tuple((label[animal], name) for animal, name in markers),
         score=None if np.isnan(score).all() else score,
-        findings=(_NO_RATE,),
     )
 
 

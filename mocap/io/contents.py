@@ -16,6 +16,8 @@ from mocap.io.optical import metres, rate
 from mocap.records import MarkerTracks, PixelTracks, Status, marker_tracks
 from mocap.text import file_names
 
+Bodies = Mapping[str, Mapping[str, Array]]
+"""Places (3,) of a body's markers in its axes, by its name and theirs; NaN where only the markers are stated."""
 FILLED = (Status.INTERPOLATED, Status.PREDICTED, Status.SMOOTHED, Status.REJECTED)
 """Origins of samples whose value was not measured."""
 
@@ -41,7 +43,8 @@ class FileContents:
         score: (C, T, M) confidence of pixels or (T, M) of points, between 0 and 1; None: there is none.
         tables: Other arrays: ``residual_px`` (T, M) and ``residual_m`` (T, M) of points, ``interval`` (T, M, 3) half
             widths in the unit of the points, ``offset_frames`` (T, C), ``transforms`` (T, M, 4, 4) world from body.
-        findings: Sentences on what is unusual, or not in the file.
+        bodies: Rigid bodies that the file states, in the unit of the points.
+        findings: Sentences on what is unusual; ``remarks`` adds what the file does not state.
         assumed: Those of them that tell how the file was read where it leaves that open; a report begins with them.
     """
 
@@ -60,6 +63,7 @@ class FileContents:
     animals: tuple[tuple[str, str], ...] = ()
     score: Array | None = None
     tables: Mapping[str, Array] = field(default_factory=dict)
+    bodies: Bodies = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
 
@@ -85,6 +89,14 @@ class FileContents:
             return np.zeros(shape, dtype=bool)
         return ~np.isnan(tables[0].reshape(*shape, -1)).any(axis=-1)  # type: ignore[return-value]
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What is unusual, and what the files do not state."""
+        unsaid = ("the frame rate of the cameras is not stated",) if self.fps is None and len(self.frames) else ()
+        if self.unit is None and (self.points is not None or self.cameras):
+            unsaid += ("the unit of lengths is not stated",)
+        return (*self.findings, *unsaid)
+
     def grid(self) -> tuple[list[str], list[str], list[int]]:
         """Individuals (``id_0`` where none is told), body parts, and each marker's place in individuals x parts."""
         pairs = list(self.animals) or [("id_0", name) for name in self.names]
@@ -106,7 +118,9 @@ class FileContents:
         """With other names of the markers, in their order."""
         pixels = None if self.pixels is None else replace(self.pixels, names=tuple(names))
         points = None if self.points is None else replace(self.points, names=tuple(names))
-        return replace(self, names=tuple(names), pixels=pixels, points=points)
+        called = dict(zip(self.names, names, strict=True))
+        bodies = {body: {called[name]: at for name, at in own.items()} for body, own in self.bodies.items()}
+        return replace(self, names=tuple(names), pixels=pixels, points=points, bodies=bodies)
 
     def with_rate(self, fps: float) -> "FileContents":
         """Times in seconds, where the file does not hold the rate; a rate that it holds is replaced.
@@ -136,7 +150,9 @@ class FileContents:
         if points is not None:
             points = replace(points, xyz_m=points.xyz_m * scale, cov_m2=points.cov_m2 * scale**2)
         tables |= {name: tables[name] * scale for name in ("interval", "residual_m") if name in tables}
-        return replace(self, unit=unit, points=points, tables=tables, cameras=scaled(self.cameras, scale))
+        bodies = {body: {name: at * scale for name, at in own.items()} for body, own in self.bodies.items()}
+        cameras = scaled(self.cameras, scale)
+        return replace(self, unit=unit, points=points, tables=tables, cameras=cameras, bodies=bodies)
 
 
 def camera_files(path: Path, recording: FileContents) -> list[Path]:

@@ -51,5 +51,5 @@ def convert_files(
         "format": format.name,
         "written": [path.name for path in format.files(out, recording)],
         "remarks": remarks,
-        "findings": list(recording.findings),
+        "findings": list(recording.remarks),
     }

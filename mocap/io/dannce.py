@@ -13,11 +13,6 @@ from mocap.io.head import Head
 from mocap.io.lines import frame_numbers
 from mocap.io.matlab import variables
 
-_UNSTATED: tuple[str, ...] = (
-    "the file does not state the frame rate",
-    "the unit of lengths is that of the calibration, not in the file",
-)
-
 
 def _numbers(path: Path, value: Any, what: str) -> Array:
     try:
@@ -35,7 +30,7 @@ def _recording(
         FormatError: frames are no increasing whole numbers, or not as many as the rows.
     """
     count, animals, points = xyz.shape[:3]
-    findings = list(_UNSTATED)
+    findings = list[str]()
     if names is None or len(names) != points:
         names = [f"point{m + 1}" for m in range(points)]
         findings.append("names of points are not in the file: they are numbered in the order of the skeleton")

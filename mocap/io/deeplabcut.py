@@ -83,15 +83,12 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
     single = len({individual for individual, _ in animals}) == 1
     names = [part if single else f"{individual}_{part}" for individual, part in animals]
     low = np.isfinite(score) & (score < 0.6)
-    findings = ["the file does not state the frame rate"]
-    if low.any():
-        findings.append(f"{low.sum()} samples have a likelihood below 0.6")
+    findings = [f"{low.sum()} samples have a likelihood below 0.6"] if low.any() else []
     scored = not np.isnan(score).all()
     whose = tuple(animals) if animals[0][0] else ()
     numbered = frame_numbers(path, frames)
     try:
         if axes == "xyz":
-            findings.append("the unit of lengths is that of the calibration board, not in the file")
             return point_recording(
                 path, format, names=names, xyz=places, unit=None,
                 frames=numbered, first=0, animals=whose, score=score[0] if scored else None, findings=tuple(findings),

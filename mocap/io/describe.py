@@ -27,7 +27,7 @@ def summary(recording: FileContents) -> dict[str, Any]:
         "fps": recording.fps,
         "units": _units(recording),
         "missing": _missing(seen) if sampled else None,
-        "findings": list(recording.findings),
+        "findings": list(recording.remarks),
         "names": list(recording.names),
         "camera_names": list(recording.camera_names),
         "first_frame": int(recording.frames[0]) if len(recording.frames) else None,

@@ -20,8 +20,6 @@ from mocap.records import Status
 
 PIXEL = re.compile(r"(?P<name>.+)_cam\d+_[XYUV]")
 POINT = re.compile(r"(?P<name>.+)_([XYZ]|sd)")
-_NO_UNIT = "the unit of lengths is that of the calibration, which the file does not state"
-_NO_RATE = "the file does not state the frame rate"
 
 
 def names_of(head: Head, pattern: re.Pattern[str]) -> set[str]:
@@ -61,7 +59,7 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
         pixels=pixels,
         camera_names=pixels.cameras,
         pixel_origin=origin,
-        findings=(_NO_RATE, unknown) if origin is None else (_NO_RATE,),
+        findings=(unknown,) if origin is None else (),
     )
 
 
@@ -72,7 +70,7 @@ def _is_points(head: Head) -> bool:
 
 def _points(path: Path, _hints: Hints) -> FileContents:
     points = read_points(path, fps=1.0)
-    findings = (_NO_RATE, _NO_UNIT)
+    findings = ()
     if all(name.endswith("filt") for name in points.names):
         names = tuple(name.removesuffix("filt") for name in points.names)
         points = replace(points, names=names, status=np.where(points.seen, Status.SMOOTHED, Status.MISSING))
@@ -109,7 +107,6 @@ def table_recording(path: Path, format: str, table: str, suffixes: tuple[str, ..
         names=tuple(names),
         frames=1 + np.arange(len(values)),
         tables={table: values[..., 0] if len(suffixes) == 1 else values},
-        findings=(_NO_RATE,),
     )
 
 
@@ -133,7 +130,6 @@ def offset_recording(path: Path, format: str, pattern: str) -> FileContents:
         camera_names=tuple(f"cam{match[1]}" for match in numbers if match),
         tables={"offset_frames": values},
         findings=(
-            _NO_RATE,
             "the offsets of all cameras are 0"
             if not offsets.any()
             else f"cameras are offset by {offsets.min():g} to {offsets.max():g} frames",
@@ -156,7 +152,7 @@ def _is_coefficients(head: Head) -> bool:
 
 
 def _coefficients(path: Path, _hints: Hints) -> FileContents:
-    return calibration_recording(path, "dltdv-coefficients", read_coefficients(path), findings=(_NO_UNIT,))
+    return calibration_recording(path, "dltdv-coefficients", read_coefficients(path))
 
 
 def calibration_recording(
@@ -177,9 +173,9 @@ def _project(path: Path, _hints: Hints) -> FileContents:
     project = read_project(path, fps=1.0)
     try:
         told = read_project(path).fps
-        findings = [f"the project states {told:g} frames a second, which may be the playback rate", _NO_UNIT]
+        findings = [f"the project states {told:g} frames a second, which may be the playback rate"]
     except FormatError:
-        told, findings = None, ["the project states no frame rate", _NO_UNIT]
+        told, findings = None, []
     if not project.cameras:
         findings.append("the project has no DLT coefficients")
     if project.offset_frames.any():

@@ -125,7 +125,6 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
 
     kind, table = _kind(head(path)), read_sparse(path)
     maker = "argus" if argus else "dltdv"
-    findings = ["the file does not state the frame rate"]
     if kind == "xypts":
         count, told = _cameras(path, table.shape[1], hints)
         uv = table.reshape(len(table), -1, count, 2)
@@ -136,7 +135,7 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
             cameras=[f"cam{c + 1}" for c in range(count)],
             uv_px=np.transpose(uv, (2, 0, 1, 3)),
             pixel_origin="lower-left" if argus else None,
-            findings=(*findings, *told),
+            findings=tuple(told),
         )
     if kind == "offsets":
         return FileContents(
@@ -145,7 +144,6 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
             frames=1 + np.arange(len(table)),
             camera_names=tuple(f"cam{c + 1}" for c in range(table.shape[1])),
             tables={"offset_frames": np.nan_to_num(table)},
-            findings=tuple(findings),
         )
     if kind in ("xyzpts", "xyzci") and table.shape[1] % 3:
         raise FormatError(f"{path.name}: {table.shape[1]} columns are not X, Y, Z of points: export it again")
@@ -157,7 +155,6 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
             names=_names(path, kind, xyz.shape[1]),
             xyz=xyz,
             unit=None,
-            findings=(*findings, "the unit of lengths is not in the file"),
         )
     values = table.reshape(len(table), -1, 3) if kind == "xyzci" else table
     return FileContents(
@@ -166,7 +163,6 @@ def _read(path: Path, hints: Hints, *, argus: bool) -> FileContents:
         names=tuple(_names(path, kind or "", values.shape[1])),
         frames=1 + np.arange(len(values)),
         tables={"interval" if kind == "xyzci" else "residual_px": values},
-        findings=tuple(findings),
     )
 
 

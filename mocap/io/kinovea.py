@@ -39,7 +39,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         "there: the file does not state which"
     ]
     counts = bool((steps == 1).all())
-    fps, told = (None, ["the column Time counts frames: the file does not state the frame rate"])
+    fps, told = None, ["the column Time counts frames"]
     if not counts:
         fps, told = rate_of_times(path, times / 1000)
         told = ["times were read as milliseconds, as Kinovea writes them", *told]

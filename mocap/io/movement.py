@@ -79,7 +79,7 @@ def _recording(path: Path, data: Any) -> FileContents:
     told = attributes.get("fps")
     fps = float(told) if told is not None and float(told) > 0 else (None if in_frames else fps)
     if fps is None:
-        findings = ["the file does not state the frame rate"]
+        findings = []
     if not np.isfinite(times).all():
         raise FormatError(f"{path.name}: a time is not finite: save it again")
     frames = np.round(times if in_frames else times * (fps or 1.0))

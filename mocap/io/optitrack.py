@@ -1,7 +1,7 @@
 """OptiTrack Motive: markers in its CSV export of tracking data (format versions 1.2 and later)."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,8 @@ def read_csv(path: Path) -> FileContents:
     """Read the line ``Format Version,...``, rows of types, names and IDs, and ``Frame,Time (Seconds),X,Y,Z,...``.
 
     Where there are markers, bodies and the places that Motive fits their markers to are left out; where there are
-    none, these are read. Rotations and errors are not read. An empty cell was not seen. The file does not tell filled
-    samples from measured ones.
+    none, these are read. Markers that are named after a rigid body are its markers. Rotations and errors are not read.
+    An empty cell was not seen. The file does not tell filled samples from measured ones.
 
     Raises:
         FormatError: the header is another, a row is cut, or a cell is no number; the message names the line.
@@ -57,6 +57,8 @@ def read_csv(path: Path) -> FileContents:
         raise FormatError(f"{path.name}: no frames after the header: {_SHOW}")
     values = numbers(path, lines[start + 1 :], separator=",", columns=len(axes), first_line=start + 2)
     known, renamed = told_apart([names[c] for c in columns[::3]])
+    named = dict.fromkeys(names[c] for c in range(2, len(axes)) if types[c].lower() == "rigid body")
+    of_body = {body: {m: np.full(3, np.nan) for m in known if _is_of(m, body, named)} for body in named}
     bodies = () if columns == kinds[0] else ("no markers: positions of rigid bodies or bones, as Motive fitted them",)
     fps = rate(path, stated.get("Export Frame Rate", stated.get("Capture Frame Rate", "")))
     frames = frame_numbers(path, values[:, 0], first_line=start + 2)
@@ -69,12 +71,19 @@ def read_csv(path: Path) -> FileContents:
         frames=frames,
         first=0,
         fps=fps,
+        bodies={body: own for body, own in of_body.items() if len(own) >= 3},
         findings=(
             *renamed,
             *bodies,
             "y points up, as Motive counts; this format does not distinguish filled from measured samples",
         ),
     )
+
+
+def _is_of(marker: str, body: str, bodies: Iterable[str]) -> bool:
+    """Whether a marker is named after a body (``box:Marker1``, ``box_1``), and after no other of a longer name."""
+    after = [one for one in bodies if marker.startswith(one) and not marker[len(one) :][:1].isalnum()]
+    return bool(after) and marker not in after and max(after, key=len) == body
 
 
 def _cells(line: str) -> list[str]:

@@ -170,8 +170,6 @@ def _mapped(
             raise FormatError(f"{path.name}: a time is missing in the column {columns['time'][0]!r}")
         fps, told = rate_of_times(path, times)
         findings += told
-    else:
-        findings.append("the file does not state the frame rate")
     first = 1 if frames is None else int(frames[0])
     if sizes == {2}:
         uv = np.where(np.isnan(table).any(axis=-1, keepdims=True), np.nan, table)[None]
@@ -185,7 +183,7 @@ def _mapped(
         )  # fmt: skip
     return point_recording(
         path, "csv", names=list(markers), xyz=table, unit=unit, frames=frames, first=first, fps=fps, t_s=times,
-        findings=(*findings, *([] if unit else ["the unit of lengths is not in the file"])), assumed=(findings[0],),
+        findings=tuple(findings), assumed=(findings[0],),
     )  # fmt: skip
 
 

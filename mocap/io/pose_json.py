@@ -172,9 +172,8 @@ def read_folder(path: Path) -> FileContents:
     for c, found in enumerate(tracks.values()):
         for number, person in found.items():
             uv[c, np.searchsorted(numbers, number)] = person
-    told = ["the frame rate is not in the files"]
-    if most > 1:
-        told.append(f"up to {most} people in a frame: one is followed, from the one seen best in the first frame")
+    crowd = f"up to {most} people in a frame: one is followed, from the one seen best in the first frame"
+    told = [crowd] if most > 1 else []
     return pixel_recording(
         path,
         "pose-json",

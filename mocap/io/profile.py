@@ -234,8 +234,6 @@ FORMATS = (
         name="argus-sba-profile",
         title="bundle-adjusted cameras of Argus (sba-profile, one line of 17 numbers for each camera)",
         knows=_knows((17,)),
-        read=lambda path, _: calibration_recording(
-            path, "argus-sba-profile", read_sba_profile(path), findings=("the unit of lengths is not in the file",)
-        ),
+        read=lambda path, _: calibration_recording(path, "argus-sba-profile", read_sba_profile(path)),
     ),
 )

@@ -1,5 +1,6 @@
 """Qualisys Track Manager: its text export (.tsv) and its MATLAB export (.mat). Both hold millimetres."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,12 +8,13 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.contents import FileContents, point_recording
+from mocap.io.contents import Bodies, FileContents, point_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
 from mocap.io.lines import frame_numbers, numbers, points, read_lines
 from mocap.io.matlab import variables
 from mocap.io.optical import rate
+from mocap.io.rigid import fixed_markers
 from mocap.records import Status
 
 _ORIGIN = np.array([Status.MISSING, Status.MEASURED, Status.INTERPOLATED, Status.INTERPOLATED, Status.INTERPOLATED])
@@ -30,12 +32,7 @@ def read_tsv(path: Path) -> FileContents:
         FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
     """
     lines = read_lines(path)
-    head: dict[str, list[str]] = {}
-    for line in lines:
-        key, *values = line.rstrip("\t").split("\t")
-        if key == "Frame" or not key[:1].isalpha():
-            break
-        head[key.strip()] = values
+    head = _head(lines)
     for key in ("NO_OF_FRAMES", "NO_OF_MARKERS", "FREQUENCY", "MARKER_NAMES"):
         if not head.get(key):
             raise FormatError(f"{path.name}: no line {key}; expected a 3D text export of Qualisys Track Manager (.tsv)")
@@ -81,6 +78,68 @@ def read_tsv(path: Path) -> FileContents:
     )
 
 
+def _head(lines: Sequence[str]) -> dict[str, list[str]]:
+    """Entries of the head by their keys, a line each; titles that do not begin with Frame count as one."""
+    head: dict[str, list[str]] = {}
+    for line in lines:
+        key, *values = line.rstrip("\t").split("\t")
+        if key == "Frame" or not key[:1].isalpha():
+            break
+        head[key.strip()] = values
+    return head
+
+
+def read_6d(path: Path) -> FileContents:
+    """Read a 6D text export: of each body X, Y, Z, three angles, a residual, and its rotation, column by column.
+
+    A body without a pose in a frame has zeros or empty cells there.
+
+    Raises:
+        FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
+    """
+    lines = read_lines(path)
+    start = next((i for i, line in enumerate(lines[:40]) if "Rot[0]" in line), len(lines))
+    head = _head(lines[:start])
+    names = [name for name in head.get("BODY_NAMES", []) if name]
+    titles = [title.strip() for title in lines[start].split("\t")] if start < len(lines) else []
+    first = [i for i, title in enumerate(titles) if title.split(" ")[-1] == "X"]
+    turn = [i for i, title in enumerate(titles) if title.endswith("Rot[0]")]
+    if not names or len(first) != len(names) or len(turn) != len(names):
+        raise FormatError(
+            f"{path.name}: BODY_NAMES has {len(names)} bodies, the titles have {len(first)} of X and {len(turn)} of "
+            "Rot[0]: export it again from Qualisys Track Manager with column headers"
+        )
+    rows = [line for line in lines[start + 1 :] if line.strip()]
+    if not rows:
+        raise FormatError(f"{path.name}: no frames after the header: export it again")
+    while titles and not titles[-1]:
+        titles.pop()
+    cut = ["\t".join(cell.strip() for cell in row.split("\t")[: len(titles)]) for row in rows]
+    values = numbers(path, cut, separator="\t", columns=len(titles), first_line=start + 2)
+    places = np.stack([values[:, i : i + 3] for i in first], axis=1)
+    turns = np.stack([values[:, i : i + 9] for i in turn], axis=1)
+    frames = frame_numbers(path, values[:, 0], first_line=start + 2) if titles[0] == "Frame" else None
+    return FileContents(
+        format="qualisys-6d",
+        paths=(path,),
+        names=tuple(names),
+        frames=1 + np.arange(len(values)) if frames is None else frames,
+        fps=rate(path, head.get("FREQUENCY", [""])[0]),
+        unit="mm",
+        tables={"transforms": _transforms(places, turns)},
+    )
+
+
+def _transforms(places_mm: Array, turns: Array) -> Array:
+    """(T, B, 4, 4) world from body in metres, of positions (T, B, 3) and rotations (T, B, 9), column by column."""
+    out = np.zeros((*turns.shape[:2], 4, 4))
+    out[..., :3, :3] = np.swapaxes(turns.reshape(*turns.shape[:2], 3, 3), 2, 3)
+    out[..., :3, 3], out[..., 3, 3] = 1e-3 * places_mm, 1.0
+    whole = np.isfinite(out).all(axis=(2, 3)) & (np.abs(turns).max(axis=-1) > 0)
+    out[~whole] = np.nan
+    return out
+
+
 def read_mat(path: Path) -> FileContents:
     """Read the labelled trajectories of a MATLAB export.
 
@@ -112,6 +171,7 @@ def read_mat(path: Path) -> FileContents:
     origin = np.where(np.isnan(xyz[..., 0]), Status.MISSING, _ORIGIN[kind])
     xyz[origin == Status.MISSING] = np.nan
     unnamed = _count(measurement["Trajectories"].get("Unidentified"))
+    bodies = _bodies(path, measurement.get("RigidBodies"), names, 1e-3 * xyz)
     return point_recording(
         path,
         "qualisys-mat",
@@ -121,8 +181,25 @@ def read_mat(path: Path) -> FileContents:
         frames=start + np.arange(frames),
         fps=rate(path, measurement.get("FrameRate")),
         status=origin,
+        bodies=bodies,
         findings=(f"{unnamed} trajectories without a label were left out",) if unnamed else (),
     )
+
+
+def _bodies(path: Path, group: Any, names: Sequence[str], xyz_m: Array) -> Bodies:
+    """Bodies of the struct RigidBodies, whose arrays are bodies x 3 (9) x frames; none where there is none."""
+    if not isinstance(group, dict) or not _count({"Count": group.get("Bodies", 0)}):
+        return {}
+    try:
+        bodies = [str(name) for name in np.atleast_1d(group["Name"])]
+        shape = len(bodies), -1, len(xyz_m)
+        places, turns = (
+            np.transpose(np.asarray(group[key], dtype=np.float64).reshape(shape), (2, 0, 1))
+            for key in ("Positions", "Rotations")
+        )
+        return fixed_markers(names, xyz_m, bodies, _transforms(places, turns))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(f"{path.name}: RigidBodies is not as Qualisys Track Manager exports it ({error})") from None
 
 
 def _count(group: Any) -> int:
@@ -154,6 +231,10 @@ def _kinds(path: Path, labelled: dict[str, Any], data: Array) -> np.ndarray:
     return kind.T
 
 
+def _of_bodies(line: str) -> bool:
+    return line.startswith("BODY_NAMES\t")
+
+
 def _has_trajectories(head: Head) -> bool:
     """Whether a MATLAB file has one struct, with trajectories in it; whatever its variable is called."""
     if not head.mat or head.mat & {"easyWandData", "camud"}:
@@ -162,6 +243,12 @@ def _has_trajectories(head: Head) -> bool:
 
 
 FORMATS = (
+    Format(
+        name="qualisys-6d",
+        title="6DOF bodies of Qualisys Track Manager (TSV)",
+        knows=lambda head: head.first.startswith("NO_OF_FRAMES\t") and any(map(_of_bodies, head.lines[:20])),
+        read=lambda path, _: read_6d(path),
+    ),
     Format(
         name="qualisys-tsv",
         title="3D text export of Qualisys Track Manager (TSV)",

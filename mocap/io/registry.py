@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eal.plugins import offered
 from mocap.errors import FormatError
 from mocap.io import (
     anipose,
@@ -74,6 +75,7 @@ FORMATS: tuple[Format, ...] = (
     *xmalab.FORMATS,
     *argus.FORMATS,
     *dltdv_set.FORMATS,
+    *offered("mocap.formats", Format).values(),
     *plain.FORMATS,
 )
 """In the order in which they are asked: where two know a file, the first is right."""

@@ -15,8 +15,6 @@ from mocap.io.format import Format, Hints
 from mocap.io.lines import one_line
 from mocap.io.optical import metres
 
-_NO_RATE = "the file does not state the frame rate"
-
 
 def _read(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
     """Datasets of the root, as far as they are there.
@@ -89,7 +87,6 @@ def _analysis(path: Path, _hints: Hints) -> FileContents:
         pixel_origin="upper-left",
         animals=tuple((i, n) for i in individuals for n in parts),
         score=score,
-        findings=(_NO_RATE,),
     )
 
 
@@ -114,11 +111,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
         unit=None,
         first=0,
         animals=tuple((f"track{i + 1}", n) for i in range(animals) for n in parts),
-        findings=(
-            _NO_RATE,
-            "the unit of lengths is that of the calibration board, not in the file",
-            "names of points are not in the file: they are numbered in the order of the SLEAP skeleton",
-        ),
+        findings=("names of points are not in the file: they are numbered in the order of the SLEAP skeleton",),
     )
 
 
@@ -176,7 +169,7 @@ def _labels(path: Path, _hints: Hints) -> FileContents:
         pixel_origin="upper-left",
         animals=tuple((a, n) for a in animals for n in parts),
         score=None if np.isnan(score).all() else score.reshape(*score.shape[:2], -1),
-        findings=(_NO_RATE, *told),
+        findings=tuple(told),
     )
 
 

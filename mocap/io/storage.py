@@ -53,10 +53,9 @@ def _read(path: Path, _hints: Hints) -> FileContents:
         findings.append(f"nRows is {stated}, but there are {len(values)} rows")
     if vectors:
         unit = said.get("Units", "").lower() or None
-        told = [] if unit else ["the unit of lengths is not in the file"]
         return point_recording(
             path, "opensim-storage", names=names, xyz=points(values[:, 1:], unit_m=1.0), unit=unit, fps=fps,
-            t_s=values[:, 0], findings=(*findings, *told),
+            t_s=values[:, 0], findings=tuple(findings),
         )  # fmt: skip
     angles = {"yes": "angles are in degrees", "no": "angles are in radians"}.get(said.get("inDegrees", "").lower())
     return FileContents(

@@ -87,7 +87,6 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
         times = table["t_s"].to_numpy(dtype=np.float64)[::size]
         told, findings = rate_of_times(path, times)
         fps = fps or told
-    findings += ["the file does not state the frame rate"] if fps is None else []
     score = None if "score" not in table else table["score"].to_numpy(dtype=np.float64).reshape(values.shape[:3])
     if filmed:
         if (words["seen"] != np.where(np.isnan(values).any(axis=-1).ravel(), "no", "yes")).any():
@@ -118,7 +117,7 @@ def _recording(path: Path, format: str, table: pd.DataFrame, fps: float | None) 
         t_s=times,
         status=origin,
         score=None if score is None else score[..., 0],
-        findings=(*findings, *(() if _AXES[axes] else ("the unit of lengths is not in the file",))),
+        findings=tuple(findings),
     )
     sd = next((c for c in ("sd_m", "sd") if c in table), None)
     if sd is None:

@@ -36,7 +36,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     words = table[[f"{name}_origin" for name in names]].fillna("").to_numpy(dtype=str)
     origin = codes(path, words)
     check_origins(path, xyz, origin)
-    fps, findings, times = None, ["the file does not state the frame rate"], None
+    fps, findings, times = None, [], None
     if "t_s" in header:
         times = table["t_s"].to_numpy()
         if np.isnan(times).any():

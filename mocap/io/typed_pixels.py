@@ -76,7 +76,7 @@ def _read(path: Path, _hints: Hints) -> FileContents:
     frame = next((values[:, c] for c, title in enumerate(plain) if is_frame(title)), None)
     time = next((values[:, c] * s for c, title in enumerate(plain) if (s := seconds_of(title))), None)
     frames = None if frame is None else frame_numbers(path, frame, first_line=2)
-    fps, told = (None, ["the file does not state the frame rate"]) if time is None else rate_of_times(path, time)
+    fps, told = (None, []) if time is None else rate_of_times(path, time)
     first = next(iter(where))
     title = header[where[first]]
     said = f"titles were typed: {title!r} is read as marker {first[0]!r}, camera {first[1]}, {'xy'[first[2]]}"

@@ -23,7 +23,6 @@ _OFFSETS = re.compile(r"(?:cam\d+_offset)+")
 BODY_ENTRIES = ("R11", "R12", "R13", "01", "R21", "R22", "R23", "02", "R31", "R32", "R33", "03", "TX", "TY", "TZ", "1")
 _ACS = ("rxx", "rxy", "rxz", "rx0", "ryx", "ryy", "ryz", "ry0", "rzx", "rzy", "rzz", "rz0", "tx", "ty", "tz", "t1")
 """A coordinate system that XROMM's Maya tools export (``*_acs_tm.csv``): the same 16 numbers under other titles."""
-_NO_RATE = "the file does not state the frame rate"
 _FIRST = ("_R11", ".rxx")
 _NO_PIXELS = (
     "the file states neither where pixels are counted from (0 or 1, upper or lower left) nor whether they "
@@ -43,7 +42,7 @@ def _pixels(path: Path, _hints: Hints) -> FileContents:
         names, cameras, uv = pixels.names, pixels.cameras, pixels.uv_px
     else:
         names, cameras, uv = _with_offsets(path, lines, glued)
-    return pixel_recording(path, "xmalab-2d", names=names, cameras=cameras, uv_px=uv, findings=(_NO_RATE, _NO_PIXELS))
+    return pixel_recording(path, "xmalab-2d", names=names, cameras=cameras, uv_px=uv, findings=(_NO_PIXELS,))
 
 
 def _with_offsets(path: Path, lines: list[str], glued: re.Match[str]) -> tuple[list[str], list[str], Array]:
@@ -85,7 +84,7 @@ def _points(path: Path, _hints: Hints) -> FileContents:
     frames, header, values = _frames(path, header, values)
     names, xyz = xyz_columns(path, header, values, ends=("_X", "_Y", "_Z"))
     names, hertz = _cut_off(names)
-    findings = [_NO_RATE, "the unit of lengths is not in the file"]
+    findings = list[str]()
     if hertz is not None:
         findings.append(f"points were low-pass filtered at {hertz} Hz by XMALab")
     if frames is None and hertz is None:
@@ -131,7 +130,7 @@ def _bodies(path: Path, _hints: Hints) -> FileContents:
     matrices[np.asarray(lost)] = np.nan
     rotations = matrices[..., :3, :3]
     off = np.nanmax(np.abs(rotations @ np.swapaxes(rotations, 2, 3) - np.eye(3)), initial=0.0)
-    findings = [_NO_RATE, "the unit of lengths is not in the file"]
+    findings = list[str]()
     if entries == layouts[1]:
         findings.append("poses of an anatomical coordinate system, as Maya exports it")
         still = bool((np.ptp(matrices.reshape(len(matrices), -1), axis=0) == 0).all()) and len(matrices) > 1

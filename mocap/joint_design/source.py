@@ -142,6 +142,7 @@ def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, p
     wanted = _joint(model.names, joint, skeleton, path)
     bones = Skeleton(name="joint", markers=model.names, joints=(wanted,))
     q, origin, t = [], [], []
+    owner = np.repeat(np.arange(len(model.trials)), [len(trial.t_s) for trial in model.trials])
     for trial in model.trials:
         markers = marker_tracks(model.names, trial.t_s, trial.xyz_m)
         still = BodyFrames(
@@ -152,7 +153,8 @@ def _from_model(model: LearnedModel, joint: str | None, skeleton: Path | None, p
         t.append(trial.t_s - trial.t_s[0] + (t[-1][-1] + model.dt_s if t else 0.0))
     t_s, q_m = np.concatenate(t), np.concatenate(q)
     tracks = JointTracks(names=(wanted.name,), frame=FRAME, t_s=t_s, q_m=q_m, sd_m=np.full(q_m.shape[:2], np.nan))
-    found = joint_potentials(tracks, marker_tracks(model.names, t_s, np.concatenate(origin)), bones)
+    markers = marker_tracks(model.names, t_s, np.concatenate(origin))
+    found = joint_potentials(tracks, markers, bones, trials=owner.tolist())
     if wanted.name not in found:
         raise MocapError(f"{path}: {wanted.name} has too few frames in which its three markers were measured")
     one = found[wanted.name]

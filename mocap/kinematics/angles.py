@@ -6,6 +6,7 @@ import numpy as np
 
 from eal.arrays import Array
 from eal.vectors import cross
+from mocap.measures import SEQUENCE
 
 
 def _last(*parts: Array) -> Array:
@@ -53,25 +54,32 @@ def frames_of_four(x: Array) -> Array:
     return segment_frame(x[:, 1] - x[:, 0], x[:, 3] - x[:, 2])
 
 
-def cardan(rotation: Array) -> tuple[Array, Array, Array]:
-    """Angles (rad) about z, then the turned y, then the twice turned x: R = Rz(a) Ry(b) Rx(c).
+def euler(rotation: Array, sequence: str = SEQUENCE) -> tuple[Array, Array, Array]:
+    """Angles (rad) about the first axis of a sequence, the turned second, and the twice turned third.
 
-    The joint coordinate system of Grood & Suntay (1983), as the International Society of Biomechanics recommends (Wu et
-    al. 2002, 2005) with the axes named otherwise: a about an axis of the parent, c about the long axis of the child, b
-    about the axis normal to both.
+    Of "zyx" R = Rz(a) Ry(b) Rx(c): the joint coordinate system of Grood & Suntay (1983), as the International Society
+    of Biomechanics recommends (Wu et al. 2002, 2005) with the axes named otherwise: a about an axis of the parent, c
+    about the long axis of the child, b about the axis normal to both. Of "yxy" first and third axis are the same, and
+    b is between 0 and pi.
     """
-    a = np.arctan2(rotation[:, 1, 0], rotation[:, 0, 0])
-    b = np.arctan2(-rotation[:, 2, 0], np.hypot(rotation[:, 0, 0], rotation[:, 1, 0]))
-    c = np.arctan2(rotation[:, 2, 1], rotation[:, 2, 2])
-    return a, b, c
+    i, j, k = ("xyz".index(axis) for axis in sequence)
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    if i == k:
+        k = 3 - i - j
+        a = np.arctan2(rotation[:, j, i], -sign * rotation[:, k, i])
+        b = np.arctan2(np.hypot(rotation[:, i, j], rotation[:, i, k]), rotation[:, i, i])
+        return a, b, np.arctan2(rotation[:, i, j], sign * rotation[:, i, k])
+    a = np.arctan2(-sign * rotation[:, j, k], rotation[:, k, k])
+    b = np.arctan2(sign * rotation[:, i, k], np.hypot(rotation[:, i, i], rotation[:, i, j]))
+    return a, b, np.arctan2(-sign * rotation[:, i, j], rotation[:, i, i])
 
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 """Reflects points. Any plane does: angles between frames of points do not depend on it."""
 
 
-def joint_angle(which: int, *, mirrored: bool = False) -> Callable[[Array], Array]:
-    """One of the three angles of a joint of eight points: four of the parent's frame, four of the child's.
+def joint_angle(which: int, *, mirrored: bool = False, sequence: str = SEQUENCE) -> Callable[[Array], Array]:
+    """One of the three angles (``euler``) of a joint of eight points: four of the parent's frame, four of the child's.
 
     Mirrored ones are those of the same joint of the mirror image (Wu et al. 2005): of a right joint as a left one.
     """
@@ -79,9 +87,15 @@ def joint_angle(which: int, *, mirrored: bool = False) -> Callable[[Array], Arra
     def angle(x: Array) -> Array:
         x = x * MIRROR if mirrored else x
         parent, child = frames_of_four(x[:, :4]), frames_of_four(x[:, 4:])
-        return cardan(np.einsum("tji,tjk->tik", parent, child))[which]
+        return euler(np.einsum("tji,tjk->tik", parent, child), sequence)[which]
 
     return angle
+
+
+def turns(sequence: str) -> tuple[str, str, str]:
+    """What the three angles of a sequence are called: z, y, x; y, x, y2 where an axis comes twice."""
+    first, second, third = sequence
+    return first, second, third if third != first else f"{third}2"
 
 
 def level_axes(up: Array) -> Array:

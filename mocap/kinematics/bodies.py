@@ -1,57 +1,24 @@
 """Joints between rigid bodies: six coordinates, their rates and standard deviations."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from eal.arrays import Array
-from eal.vectors import skew
-from mocap.filters.body_axes import aligned, nearest_rotation, trunk_shape
+from eal.vectors import cross, skew
+from mocap.errors import MocapError
+from mocap.filters.body_axes import nearest_rotation
 from mocap.filters.velocities import Motion
 from mocap.kinematics import angles
-from mocap.kinematics.delta import Naming, Points, with_rates
+from mocap.kinematics.delta import Naming, Points, of_motion, with_rates
+from mocap.kinematics.functional import frames_of, functional_joint
+from mocap.kinematics.pose import Pose, pose_of
 from mocap.kinematics.records import Quantity
-from mocap.measures import Line
+from mocap.measures import JointAxes, Line, Places
 from mocap.sides import RIGHT, side_of
 from mocap.skeleton import BodyJoint, Skeleton
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """A rigid body over time, fitted to its markers by least squares (Kabsch 1976).
-
-    Attributes:
-        points: Its K markers.
-        place_m: (K, 3) their mean places in its axes, those of the world as it lies on average, from their centre.
-        rotation: (T, 3, 3) its axes in the world.
-        position_m: (T, 3) its centre.
-        slip_m2: Mean variance of a marker's place that its covariance does not explain: skin, or a bead's image.
-    """
-
-    points: Points
-    place_m: Array
-    rotation: Array
-    position_m: Array
-    slip_m2: float
-
-
-def pose_of(motion: Motion, markers: Sequence[str]) -> Pose:
-    """The pose of a body in every frame that has three of its markers."""
-    points = Points.of(motion, markers)
-    seen = np.isfinite(points.x[..., 0])
-    place = trunk_shape(points.x)
-    place -= place.mean(axis=0)
-    rotation, position, known = aligned(np.where(seen[..., None], points.x, 0.0), seen, place)
-    rotation[~known], position[~known] = np.nan, np.nan
-    mean = nearest_rotation(rotation[known].sum(axis=0, keepdims=True))[0] if known.any() else np.eye(3)
-    rotation, place = rotation @ mean.T, place @ mean.T
-    left = points.x - position[:, None] - place @ np.swapaxes(rotation, 1, 2)
-    free = 3 * place.shape[0] / (3 * place.shape[0] - 6)
-    size = 6 * place.shape[0]
-    stated = np.diagonal(points.cov, axis1=1, axis2=2).reshape(-1, size // 6, 6)[..., :3]
-    slip = free * np.nanmean(left**2) - np.nanmean(stated) if known.any() else 0.0
-    return Pose(points, place, rotation, position, max(float(slip), 0.0))
 
 
 def axes_points(pose: Pose, origin_m: Array, axes: Array) -> tuple[Array, Array, Array, Array]:
@@ -106,38 +73,140 @@ def _frame(x: Array) -> Array:
     return angles.segment_frame(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
 
-def _along(axis: int, x: Array) -> Array:
-    """(T,) where the second body's origin is along an axis of the first, from the origin of that."""
-    return np.einsum("ti,ti->t", _frame(x[:, :4])[..., axis], x[:, 4] - x[:, 0])
+def _relative(x: Array) -> Array:
+    """(T, 3, 3) axes of the second body in those of the first."""
+    return np.einsum("tji,tjk->tik", _frame(x[:, :4]), _frame(x[:, 4:]))
 
 
-def _about(which: int, x: Array) -> Array:
-    """(T,) angle of ``cardan`` of the second body in the first."""
-    return angles.cardan(np.einsum("tji,tjk->tik", _frame(x[:, :4]), _frame(x[:, 4:])))[which]
+def _shift(x: Array) -> Array:
+    """(T, 3) from the first body's origin to the second's, along the axes of the first."""
+    return np.einsum("tji,tj->ti", _frame(x[:, :4]), x[:, 4] - x[:, 0])
 
 
-def joint_frames(parent: Pose, child: Pose, stated: Sequence[tuple[Line, Line]] | None) -> list[tuple[Array, Array]]:
-    """Origin (3,) and axes (3, 3) of both bodies: stated by markers, or those that coincide in the mean pose."""
-    if stated is None:
+def _spin(x: Array, v: Array) -> Array:
+    """(T, 3) angular velocity of a body of four points: half the sum of its axes cross their velocities."""
+    axes, rates = x[:, 1:] - x[:, :1], v[:, 1:] - v[:, :1]
+    return 0.5 * np.sum(cross(axes, rates), axis=1) / np.sum(axes[:, :1] ** 2, axis=-1)
+
+
+def _spins(x: Array, v: Array) -> Array:
+    """(T, 3) angular velocity of the second body against the first, along the axes of the first."""
+    return np.einsum("tji,tj->ti", _frame(x[:, :4]), _spin(x[:, 4:], v[:, 4:]) - _spin(x[:, :4], v[:, :4]))
+
+
+def helical(x: Array) -> tuple[Array, Array, Array, Array]:
+    """The finite helical axis that leads from axes which coincide to those of two bodies of four points each.
+
+    A body that goes from the other's pose to its own turns by an angle about the axis and shifts along it (Woltring et
+    al. 1985).
+
+    Returns:
+        (T,) angle in rad, (T,) shift in m, (T, 3) direction, and (T, 3) the point of the axis that is nearest to the
+        first body's origin, both along its axes.
+    """
+    turned, way = _relative(x), _shift(x)
+    double = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
+    sine = angles.length(double)
+    angle = np.arctan2(sine, np.einsum("tii->t", turned) - 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = double / sine[:, None]
+        shift = np.einsum("ti,ti->t", along, way)
+        across = way - shift[:, None] * along
+        point = 0.5 * (across + cross(along, way) / np.tan(0.5 * angle)[:, None])
+    return angle, shift, along, point
+
+
+@dataclass(frozen=True, eq=False)
+class JointFrames:
+    """Axes in which a joint between two bodies is measured.
+
+    Attributes:
+        frames: Origin (3,) and axes (3, 3) in the axes of the parent, and in those of the child.
+        what: What they are, in words.
+        note: What a reader must know of them.
+    """
+
+    frames: tuple[tuple[Array, Array], tuple[Array, Array]]
+    what: str
+    note: str | None = None
+
+
+def joint_frames(parent: Pose, child: Pose, axes: JointAxes) -> JointFrames:
+    """Axes of both bodies: stated by markers or their places, of a functional joint, or of the mean pose.
+
+    Raises:
+        MocapError: a functional joint does not show its axes.
+    """
+    if axes.functional is not None:
+        found = functional_joint(parent, child, axes.functional)
+        known = np.isfinite(parent.rotation).all(axis=(1, 2)) & np.isfinite(child.rotation).all(axis=(1, 2))
+        both = np.swapaxes(parent.rotation[known], 1, 2) @ child.rotation[known]
+        first, second = frames_of(found, nearest_rotation(both.sum(axis=0, keepdims=True))[0])
+        note = f"centre known to {1e3 * np.sqrt(np.mean(found.centre_sd_m**2)):.2g} mm"
+        if axes.functional == "hinge":
+            note += f", axis to {np.sqrt(np.mean(found.axis_sd_deg**2)):.2g} degrees"
+        note = f"functional {axes.functional}, {note} (standard deviations of a coordinate, and in each direction)"
+        return JointFrames((first, second), f"axes of a functional {axes.functional}", note)
+    if axes.parent is None or axes.child is None:
         way = np.einsum("tji,tj->ti", parent.rotation, child.position_m - parent.position_m)
-        return [(np.nanmean(way, axis=0), np.eye(3)), (np.zeros(3), np.eye(3))]
-    out = []
-    for pose, (long, second) in zip((parent, child), stated, strict=True):
-        place = dict(zip(pose.points.names, pose.place_m, strict=True))
-        ends = [np.array([place[b] - place[a]]) for a, b in (long, second)]
-        out.append((place[long[0]], angles.segment_frame(*ends)[0]))
-    return out
+        mean = "axes that coincide in the mean pose, the world's as the parent lies"
+        return JointFrames(((np.nanmean(way, axis=0), np.eye(3)), (np.zeros(3), np.eye(3))), mean)
+    (first, off), (second, off_too) = (
+        _stated(pose, part) for pose, part in ((parent, axes.parent), (child, axes.child))
+    )
+    worst = 1e3 * max(off, off_too)
+    return JointFrames(
+        (first, second), "stated axes", f"markers fit the stated places to {worst:.2g} mm" if worst else None
+    )
 
 
-def joint_quantities(motion: Motion, skeleton: Skeleton, joint: BodyJoint) -> Iterator[Quantity]:
+def _stated(pose: Pose, part: tuple[Line, Line] | Places) -> tuple[tuple[Array, Array], float]:
+    """Origin and axes of one body, and by how much (m, rms) its markers miss the places that state them."""
+    own = dict(zip(pose.points.names, pose.place_m, strict=True))
+    if isinstance(part, tuple):
+        ends = [np.array([own[b] - own[a]]) for a, b in part]
+        return (own[part[0][0]], angles.segment_frame(*ends)[0]), 0.0
+    here, there = np.array([own[name] for name in part]), np.array(list(part.values()))
+    middle, centre = here.mean(axis=0), there.mean(axis=0)
+    turn = Rotation.align_vectors(here - middle, there - centre)[0]
+    left = here - middle - turn.apply(there - centre)
+    return (middle - turn.apply(centre), turn.as_matrix()), float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def with_places(motion: Motion, skeleton: Skeleton) -> Skeleton:
+    """The skeleton with the axes of all joints between bodies as places of markers, for other recordings of the animal.
+
+    Raises:
+        MocapError: a functional joint does not show its axes.
+    """
+    axes = dict(skeleton.measures.axes)
+    for joint in skeleton.body_joints:
+        before = axes.get(joint.name, JointAxes())
+        poses = [pose_of(motion, skeleton.bodies[name]) for name in (joint.parent, joint.child)]
+        found = joint_frames(poses[0], poses[1], before)
+        parts = [
+            {
+                name: tuple(map(float, at))
+                for name, at in zip(pose.points.names, (pose.place_m - origin) @ turn, strict=True)
+            }
+            for pose, (origin, turn) in zip(poses, found.frames, strict=True)
+        ]
+        axes[joint.name] = replace(before, parent=parts[0], child=parts[1], functional=None)
+    return replace(skeleton, measures=replace(skeleton.measures, axes=axes))
+
+
+def joint_quantities(motion: Motion, skeleton: Skeleton, joint: BodyJoint) -> tuple[list[Quantity], list[str]]:
     """Three angles and three translations of a joint between bodies, with their rates and accelerations.
 
-    Angles are about z of the parent, y between, x of the child (``angles.cardan``); translations are those of the
-    child's origin along the parent's axes. Of a right joint with stated axes all are those of its mirror image.
+    Angles are those of ``angles.euler`` in the joint's sequence, from the parent to the child; translations those of
+    the child's origin, and angular velocities those of the child against the parent, along the parent's axes. Of a
+    right joint whose axes are stated by lines between markers all are those of its mirror image.
+
+    Returns:
+        The quantities, and notes on the axes; no quantities where a functional joint does not show them.
     """
-    axes = skeleton.measures.axes.get(joint.name)
-    stated = None if axes is None else [axes.parent, axes.child]
-    if stated is not None and side_of(joint.name) == RIGHT:
+    axes = skeleton.measures.axes.get(joint.name, JointAxes())
+    if axes.lines and side_of(joint.name) == RIGHT:
         flip = np.tile(angles.MIRROR, 2)
         motion = replace(
             motion,
@@ -147,16 +216,41 @@ def joint_quantities(motion: Motion, skeleton: Skeleton, joint: BodyJoint) -> It
             cross=motion.cross * np.outer(flip, flip),
         )
     parent, child = (pose_of(motion, skeleton.bodies[name]) for name in (joint.parent, joint.child))
-    points = joint_points(motion, parent, child, joint_frames(parent, child, stated))
-    mean = "axes that coincide in the mean pose, the world's as the parent lies"
-    which = mean if stated is None else "stated axes"
-    for number, axis in enumerate("zyx"):
-        what = f"rotation of {joint.child} on {joint.parent} about {axis}, in the sequence z, y, x; {which}"
-        naming = Naming(name=f"{joint.name}_rotation_{axis}", unit="deg", what=what, kind="joint")
-        value, *rates = with_rates(points, lambda x, n=number: _about(n, x), naming)
-        yield replace(value, value=angles.near_the_mean(value.value))
-        yield from rates
-    for number, axis in enumerate("xyz"):
-        what = f"translation of {joint.child} on {joint.parent} along {axis}; {which}"
-        naming = Naming(name=f"{joint.name}_translation_{axis}", unit="m", what=what, kind="joint")
-        yield from with_rates(points, lambda x, n=number: _along(n, x), naming)
+    try:
+        found = joint_frames(parent, child, axes)
+    except MocapError as error:
+        return [], [f"{joint.name}: {error}"]
+    points = joint_points(motion, parent, child, found.frames)
+    who, out = f"of {joint.child} on {joint.parent}", list[Quantity]()
+
+    def named(what: str, unit: str, words: str) -> Naming:
+        return Naming(name=f"{joint.name}_{what}", unit=unit, what=f"{words}; {found.what}", kind="joint")
+
+    for number, one in enumerate(angles.turns(axes.sequence)):
+        what = f"rotation {who} about {one[0]}, in the sequence {', '.join(axes.sequence)}"
+        value, *rates = with_rates(
+            points,
+            lambda x, n=number: angles.euler(_relative(x), axes.sequence)[n],
+            named(f"rotation_{one}", "deg", what),
+        )
+        out += [replace(value, value=angles.near_the_mean(value.value)), *rates]
+    for number, one in enumerate("xyz"):
+        what = named(f"translation_{one}", "m", f"translation {who} along {one}")
+        out += with_rates(points, lambda x, n=number: _shift(x)[:, n], what)
+        what = named(f"angular_velocity_{one}", "deg_s", f"angular velocity {who} along {one} of {joint.parent}")
+        out.append(of_motion(points, lambda x, v, n=number: _spins(x, v)[:, n], what))
+    if axes.helical:
+        out += _helical(points, named, who)
+    return out, [] if found.note is None else [f"{joint.name}: {found.note}"]
+
+
+def _helical(points: Points, named: Callable[[str, str, str], Naming], who: str) -> Iterator[Quantity]:
+    """Angle, shift, direction and point of the finite helical axis from coinciding axes to each frame's."""
+    for number, (name, unit, what) in enumerate((("angle", "deg", "angle"), ("shift", "m", "shift"))):
+        naming = named(f"helical_{name}", unit, f"{what} {who} about and along its helical axis")
+        yield from with_rates(points, lambda x, n=number: helical(x)[n], naming, rates=False)
+    for number, one in enumerate("xyz"):
+        naming = named(f"helical_direction_{one}", "1", f"{one} of the helical axis {who}")
+        yield from with_rates(points, lambda x, n=number: helical(x)[2][:, n], naming, rates=False)
+        naming = named(f"helical_point_{one}", "m", f"{one} of the point of that axis nearest to the parent's origin")
+        yield from with_rates(points, lambda x, n=number: helical(x)[3][:, n], naming, rates=False)

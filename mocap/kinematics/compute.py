@@ -24,7 +24,7 @@ from mocap.kinematics.delta import (
 from mocap.kinematics.points import BODY, MASS, asked_for
 from mocap.kinematics.records import Kinematics, Quantity
 from mocap.kinematics.stroke import stroke_quantities
-from mocap.measures import AXES, Line
+from mocap.measures import AXES, SEQUENCE, JointAxes
 from mocap.sides import LEFT, RIGHT, TRUNK, side_of
 from mocap.skeleton import Joint, Skeleton
 
@@ -45,9 +45,10 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
     if BODY not in motion.names:
         motion = with_means(motion, asked_for(motion.names, skeleton, n_frames=len(motion.t_s)))
     up = np.array(AXES[skeleton.measures.up])
-    found = list(_joints(motion, skeleton))
+    found, notes = list(_joints(motion, skeleton)), list[str]()
     for joint in skeleton.body_joints:
-        found += joint_quantities(motion, skeleton, joint)
+        six, said = joint_quantities(motion, skeleton, joint)
+        found, notes = found + six, notes + said
     found += _body(motion, skeleton, up)
     if MASS in motion.names:
         found += point_quantities(motion, MASS, kind="mass")
@@ -62,7 +63,7 @@ def kinematics(motion: Motion, skeleton: Skeleton, *, recording: str = "") -> Ki
             used.add(one.name)
             unique.append(one)
     return Kinematics(
-        recording=recording, t_s=motion.t_s, quantities=tuple(unique), notes=tuple(_notes(motion, skeleton))
+        recording=recording, t_s=motion.t_s, quantities=tuple(unique), notes=(*_notes(motion, skeleton), *notes)
     )
 
 
@@ -103,27 +104,31 @@ def _joints(motion: Motion, skeleton: Skeleton) -> Iterator[Quantity]:
         if axes is None:
             yield from (flexion, *rates)
         else:
-            yield from _three_angles(motion, joint, axes.parent, axes.child)
+            yield from _three_angles(motion, joint, axes)
 
 
-def _three_angles(
-    motion: Motion, joint: Joint, parent: tuple[Line, Line], child: tuple[Line, Line]
-) -> Iterator[Quantity]:
+def _three_angles(motion: Motion, joint: Joint, axes: JointAxes) -> Iterator[Quantity]:
     """Flexion, abduction and rotation about stated axes; of a right joint in frames that are a left one's mirror image.
 
     A line from one side of the animal to the other leads to the side of the joint, whichever way it is stated.
     """
     side = next((one for one in map(side_of, (joint.name, joint.centre)) if one != TRUNK), TRUNK)
-    lines = [(b, a) if _crosses(a, b) and side_of(a) == side else (a, b) for a, b in (*parent, *child)]
+    lines = [(b, a) if _crosses(a, b) and side_of(a) == side else (a, b) for a, b in axes.lines]
     points = Points.of(motion, [marker for line in lines for marker in line])
     about = (
         ("flexion", "in the parent's plane of flexion, about its axis normal to its long axis and second direction"),
         ("abduction", "out of the parent's plane of flexion"),
         ("rotation", "of the child about its long axis"),
     )
+    if axes.sequence != SEQUENCE:
+        about = tuple(
+            (f"rotation_{one}", f"about {one[0]}, in the sequence {', '.join(axes.sequence)}")
+            for one in angles.turns(axes.sequence)
+        )
     for which, (name, what) in enumerate(about):
         naming = Naming(name=f"{joint.name}_{name}", unit="deg", what=f"{name} of {joint.name}: {what}", kind="joint")
-        value, *rates = with_rates(points, angles.joint_angle(which, mirrored=side == RIGHT), naming)
+        angle = angles.joint_angle(which, mirrored=side == RIGHT, sequence=axes.sequence)
+        value, *rates = with_rates(points, angle, naming)
         yield replace(value, value=angles.near_the_mean(value.value))
         yield from rates
 

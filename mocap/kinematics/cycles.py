@@ -113,7 +113,7 @@ def why_none(skeleton: Skeleton) -> str:
     measures = skeleton.measures
     limbs = [*measures.strokes, *measures.feet, *(["the chain"] if measures.chain else [])]
     if not limbs:
-        return "cycles.csv is empty: the skeleton has no strokes, feet or chain; mocap skeleton proposes [measures]"
+        return "cycles.csv is empty: the skeleton names no strokes, feet or chain under [measures]"
     return f"cycles.csv is empty: no whole cycle of {', '.join(limbs)} was seen"
 
 

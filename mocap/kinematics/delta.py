@@ -174,6 +174,23 @@ def of_velocity(points: Points, function: Function, naming: Naming) -> Quantity:
         return made(points, naming, function(points.v), quadratic(g, points.cov[:, moving][:, :, moving]), points.rests)
 
 
+def of_motion(points: Points, function: Callable[[Array, Array], Array], naming: Naming) -> Quantity:
+    """A function of the positions and velocities of points, twice (T, k, 3) to (T,), linear in the velocities."""
+    x, v, k = points.x, points.v, points.x.shape[1]
+    speed = max(float(np.nanmax(np.abs(v), initial=0.0)), 1e-9)
+    size = extent(x)
+    order = np.arange(6 * k).reshape(k, 2, 3).swapaxes(0, 1).ravel()
+
+    def of_both(both: Array) -> Array:
+        return function(both[:, :k], both[:, k:] * (speed / size))
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        g = slopes(of_both, np.concatenate([x, v * (size / speed)], axis=1), STEP * size, angle=False)
+        g[:, 3 * k :] *= size / speed
+        sd = quadratic(g, points.cov[:, order][:, :, order])
+    return made(points, naming, function(x, v), sd, points.rests)
+
+
 def with_rates(points: Points, function: Function, naming: Naming, *, rates: bool = True) -> list[Quantity]:
     """A quantity f(x) of positions, its rate f' v, and the rate of that.
 

@@ -54,7 +54,7 @@ def measured_sets(skeleton: Skeleton) -> list[tuple[str, ...]]:
     body = tuple(marker for line in trunk_lines for marker in line)
     sets += [body] + [(*body, *line) for line in measures.strokes.values()]
     for axes in measures.axes.values():
-        sets.append(tuple(marker for line in (*axes.parent, *axes.child) for marker in line))
+        sets.append(tuple(marker for line in axes.lines for marker in line))
     return sets
 
 

@@ -21,6 +21,7 @@ from mocap.io.optical import metres, rate_of_times
 from mocap.io.plausible import plausible
 from mocap.pipeline.reading import animal, calibration_of, check_rig, complete
 from mocap.pipeline.recording import Recording
+from mocap.pipeline.variables import dataset_of
 from mocap.skeleton import Skeleton
 
 TIMES = ("t_s", "time", "time_s")
@@ -141,12 +142,14 @@ def _recording(
     known, names = animal(skeleton, contents.names)
     return Recording(
         name=name,
-        contents=contents.renamed(names),
+        data=dataset_of(contents.renamed(names)),
         skeleton=known,
         cameras=cameras,
         calibration="`cameras`" if cameras else None,
         findings=findings,
         told=told,
+        unusual=contents.remarks,
+        usual_origin=contents.pixel_origin,
         unit=unit,
     )
 

@@ -31,7 +31,7 @@ from mocap.kinematics.points import asked_for
 from mocap.pipeline.job import JOINT_HZ, run_of, whole_frames
 from mocap.pipeline.long import LongRecording, Mask
 from mocap.pipeline.moving import motion_of
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import Run
 from mocap.pipeline.tracking import (
     Part,
@@ -118,7 +118,7 @@ def learn_once(
     length = min(EXCERPT, recording.n_frames)
     starts = np.linspace(0, recording.n_frames - length, count).astype(int)
     stretches = [slice(int(s), int(s) + length) for s in starts]
-    shown = [recording.prepared(frames) for frames in stretches if recording.seen(frames).any()]
+    shown = [recording.cleaned(frames) for frames in stretches if recording.seen(frames).any()]
     shown = [one for one in shown if np.isfinite(one.xyz_m[..., 0]).any()]
     if not shown:
         raise MocapError(f"{recording.name}: no marker is seen in the stretches that are learned from")
@@ -204,7 +204,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
     asked = asked_for(recording.names, recording.skeleton, n_frames=window.stop - window.start)
     if not recording.seen(window).any():
         return _nothing(recording, window, known, asked), own, ()
-    prepared = recording.prepared(window)
+    prepared = recording.cleaned(window)
     if not np.isfinite(prepared.xyz_m[..., 0]).any():
         return _nothing(recording, window, known, asked), own, prepared.findings
     part, learned = seen_part(prepared), known.learned
@@ -222,7 +222,7 @@ def track_block(recording: LongRecording, known: Known, core: range) -> tuple[Ru
     return run_of(prepared, tracked, motion, joints), own, prepared.findings
 
 
-def _steady(prepared: Prepared, part: Part, known: Known, asked: Asked) -> Estimate:
+def _steady(prepared: Recording, part: Part, known: Known, asked: Asked) -> Estimate:
     """By constant velocity with what is known."""
     xyz = prepared.xyz_m[part.frames][:, part.markers]
     first = xyz[np.isfinite(xyz[..., 0]).argmax(axis=0), np.arange(xyz.shape[1])]

@@ -26,7 +26,7 @@ from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, read
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import CalibrationReport, number, table
-from mocap.pipeline.recording import Recording, load_filmed
+from mocap.pipeline.recording import Recording, with_ideal_pixels
 from mocap.records import PixelTracks
 
 UNITS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -301,9 +301,8 @@ def from_tracks(
     Raises:
         MocapError: whatever makes that impossible.
     """
-    filmed = load_filmed(source, iterations=3)
-    names = filmed.pixels.names
-    found = refine_cameras(filmed.cameras, filmed.ideal_px, bones=[_bone(b, names) for b in bones], focal=focal)
+    film, names = with_ideal_pixels(source, iterations=3, find_unit=False), source.names
+    found = refine_cameras(film.cameras, film.ideal_px, bones=[_bone(b, names) for b in bones], focal=focal)
     rows = [
         [c.name, f"{1e3 * m:.1f}", f"{np.degrees(a):.3f}", f"{f:.4f}"]
         for c, m, a, f in zip(found.cameras, found.moved_m, found.turned_rad, found.f_ratio, strict=True)

@@ -13,8 +13,8 @@ from mocap.filters.hide import interior_gaps
 from mocap.filters.interpolate import by_chains, by_poses, interpolated
 from mocap.filters.score import compared
 from mocap.pipeline.job import run_job
-from mocap.pipeline.prepare import Prepared
 from mocap.pipeline.reading import read
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
@@ -30,7 +30,7 @@ def run_demo(animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | N
 
 def measured_demo(
     animal: Animal, *, stages: Stages, seed: int = 0, n_frames: int | None = None
-) -> tuple[Run, Prepared, Array]:
+) -> tuple[Run, Recording, Array]:
     """Make the recording, write it as DLTdv files, run the main job on those files, and compare with the truth.
 
     The report's ``gaps`` holds the error inside the recording's own gaps for the tracker and for what people use today,

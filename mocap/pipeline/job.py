@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,9 @@ from eal.over_time import at_frames
 from mocap.errors import MocapError
 from mocap.filters.body_axes import BodyFrames
 from mocap.filters.joint_types import articulation
-from mocap.filters.model import LearnedModel, for_recording, renamed
+from mocap.filters.model import LearnedModel, MixedTrack, for_recording, renamed
 from mocap.filters.models.base import FittedMotion
+from mocap.filters.models.registry import NAMED
 from mocap.filters.motion.articulated import ArticulatedMotion
 from mocap.filters.motion.base import MotionModel
 from mocap.filters.records import Estimate, HeldLimb
@@ -25,14 +25,15 @@ from mocap.filters.velocities import Asked, Motion
 from mocap.joint_angles import JointAngles, angle_names
 from mocap.joints import joint_tracks
 from mocap.kinematics.points import asked_for
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.moving import motion_of
 from mocap.pipeline.one_camera import NAME, of_one_camera, track_one_camera
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
-from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.run import Run
 from mocap.pipeline.tracking import (
+    HiddenSamples,
     Part,
     fill_hidden,
     hide_samples,
@@ -49,15 +50,14 @@ from mocap.pipeline.tracking import (
     why_no_pose,
 )
 from mocap.pipeline.two_rays import without_contradicted, worth_checking
-from mocap.records import JointTracks, TrackedMotion
-from mocap.side_by_side import begin
+from mocap.records import JointTracks, PixelTracks, TrackedMotion
+from mocap.side_by_side import Begun, begin
 from mocap.stages import Stages
 
-_JOINTED = ("articulated", "lagrangian")
-Model = Literal["auto", "mixture", "eal", "articulated", "lagrangian", "constant_velocity"]
-Watch = Callable[[Prepared, Part, MotionModel], None]
+Watch = Callable[[Recording, Part, MotionModel], None]
 """Filters a recording for somebody who watches."""
-MODELS: tuple[Model, ...] = get_args(Model)
+MODELS = ("auto", "mixture", *NAMED)
+"""What ``model`` may be called."""
 JOINT_HZ = 30.0
 """Body frames of joint coordinates follow the trunk up to this frequency."""
 
@@ -74,22 +74,21 @@ def existing_model(model: object) -> Path:
 
 
 def run_job(
-    source: Recording | Prepared,
+    source: Recording,
     *,
-    model: Model = "auto",
+    model: str = "auto",
     learned: LearnedModel | None = None,
     stages: Stages | None = None,
     validated: bool = True,
     seed: int = 0,
     watch: Watch | None = None,
-) -> tuple[Run, Prepared]:
+) -> tuple[Run, Recording]:
     """Track a recording.
 
     Args:
-        source: The recording, or what was prepared of it.
-        model: ``constant_velocity``, ``eal``, ``articulated`` (the animal as segments and joints), ``lagrangian``
-            (the same, moved by the forces of its masses), a ``mixture`` of ``eal`` and constant
-            velocity, or (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
+        source: The recording, cleaned or not.
+        model: Of ``mocap.filters.models.registry.NAMED``; a ``mixture`` of ``eal`` and constant velocity, or
+            (``auto``) the mixture, unless constant velocity fills hidden samples of this recording better.
         learned: A model of other trials to track with, in place of these.
         stages: Timer and progress.
         validated: Whether to hide samples and measure how they are filled.
@@ -97,99 +96,102 @@ def run_job(
         watch: Filters for somebody who watches, before all is smoothed; not with ``learned``.
 
     Returns:
-        The run, and the prepared recording that it rests on.
+        The run, and the cleaned recording that it rests on.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
     """
+    stages = stages or Stages()
     with threadpool_limits(1):  # at these sizes two BLAS threads only wait for each other
-        return _run_job(source, model, learned, stages or Stages(), validated, seed, watch)
+        if not source.cleaned and of_one_camera(source):
+            return _one_camera(source, learned, stages)
+        recording, part, reason, learned = _prepared(source, model, learned, stages)
+        posed = reason is None and (model not in NAMED or NAMED[model].posed)
+        if (posed or learned is not None) and worth_checking(recording):
+            with stages.stage("check points of two rays"):
+                recording = without_contradicted(recording, part, learned)
+                part = seen_part(recording)
+        asked = asked_for(recording.names, recording.skeleton, n_frames=len(recording.t_s))
+        if watch is not None:
+            with stages.stage("filter live"):
+                alone = model if model in NAMED else "eal" if posed else "constant_velocity"
+                watch(recording, part, learn_motion(recording, part, alone).motion)
+        mixing = learned is None and posed and model not in NAMED
+        hidden = hide_samples(recording, part, np.random.default_rng([seed, 1])) if validated else None
+        filling = _filling(recording, hidden, model, reason, learned, mixing=mixing)
+        mixed = _mixed(recording, part, learned, asked, stages, mixing=mixing)
+        scores = {}
+        if hidden is not None and filling is not None:
+            with stages.stage("validate on hidden samples") as progress:
+                mixture = None if mixed is None else mixed.mixture
+                scores = score_filled(recording, hidden, filling.result(progress), mixture)
+        name, why = _choose(model, reason, scores)
+        if learned is not None:
+            name, why = "learned", _learned_from(learned, recording, part)
+        smoothed, own = None if mixed is None or name in NAMED else mixed.markers, None
+        if smoothed is None:
+            name = "eal" if name == "mixture" else name
+            with stages.stage("learn"):
+                own = learn_motion(recording, part, name)
+            with stages.stage("track") as progress:
+                smoothed = track(recording, part, own, asked=asked, progress=progress)
+        told = {"why": why, "scores": scores, "hidden": 0 if hidden is None else hidden.count}
+        return _finished(source, recording, part, name, smoothed, asked, stages=stages, own=own, **told)
 
 
-def _run_job(
-    source: Recording | Prepared,
-    model: Model,
-    learned: LearnedModel | None,
-    stages: Stages,
-    validated: bool,
-    seed: int,
-    watch: Watch | None,
-) -> tuple[Run, Prepared]:
-    if isinstance(source, Recording) and of_one_camera(source):
-        with stages.stage("track one camera") as progress:
-            one = track_one_camera(source, learned, progress=progress)
-        return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
+def _one_camera(source: Recording, learned: LearnedModel | None, stages: Stages) -> tuple[Run, Recording]:
+    with stages.stage("track one camera") as progress:
+        one = track_one_camera(source, learned, progress=progress)
+    return _finished(source, one.prepared, one.part, NAME, one.estimate, one.asked, why=one.why, stages=stages)
+
+
+def _prepared(
+    source: Recording, model: str, learned: LearnedModel | None, stages: Stages
+) -> tuple[Recording, Part, str | None, LearnedModel | None]:
+    """The recording cleaned, its seen part, why no pose can be learned of it, and the model with its names."""
     with stages.stage("read, triangulate, clean"):
-        prepared = source if isinstance(source, Prepared) else prepare(source)
-        part = seen_part(prepared)
-        reason = why_no_pose(prepared, part)
-        learned = None if learned is None else renamed(learned, prepared.skeleton.renamed(learned.names))
-    if model in ("eal", "mixture", "articulated", "lagrangian") and reason is not None:
-        raise MocapError(f"{prepared.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
-    posed = reason is None and model != "constant_velocity"
-    if (posed or learned is not None) and worth_checking(prepared):
-        with stages.stage("check points of two rays"):
-            prepared = without_contradicted(prepared, part, learned)
-            part = seen_part(prepared)
-    asked = asked_for(prepared.names, prepared.skeleton, n_frames=len(prepared.t_s))
-    if watch is not None:
-        with stages.stage("filter live"):
-            alone = model if model in _JOINTED else "eal" if posed else "constant_velocity"
-            watch(prepared, part, learn_motion(prepared, part, alone).motion)
-    mixing = learned is None and posed and model not in ("eal", *_JOINTED)
-    hidden = hide_samples(prepared, part, np.random.default_rng([seed, 1])) if validated else None
-    filling = None
-    if hidden is not None and hidden.count:
-        methods = {
-            "mixture": mixing,
-            "eal": model != "constant_velocity",
-            "articulated": model in _JOINTED,
-            "lagrangian": model == "lagrangian",
-            "constant_velocity": model in ("auto", "constant_velocity") or reason is not None,
-        }
-        wanted = [name for name, whether in methods.items() if whether]
-        filling = begin(partial(fill_hidden, prepared, hidden, methods=wanted, learned=learned))
-    mixed = None
+        recording = clean(source)
+        part = seen_part(recording)
+        reason = why_no_pose(recording, part)
+        learned = None if learned is None else renamed(learned, recording.skeleton.renamed(learned.names))
+    if reason is not None and (model == "mixture" or (model in NAMED and NAMED[model].posed)):
+        raise MocapError(f"{recording.name}: no EAL model can be learned: {reason}; use `model` constant_velocity")
+    return recording, part, reason, learned
+
+
+def _filling(
+    recording: Recording,
+    hidden: HiddenSamples | None,
+    model: str,
+    reason: str | None,
+    learned: LearnedModel | None,
+    *,
+    mixing: bool,
+) -> Begun | None:
+    """Hidden samples being filled, beside what follows, by the model and those that it is compared with."""
+    if hidden is None or not hidden.count:
+        return None
+    wanted = {model, *NAMED[model].beside} if model in NAMED else {"eal"} | ({"mixture"} if mixing else set())
+    wanted |= {"constant_velocity"} if model == "auto" or reason is not None else set()
+    return begin(partial(fill_hidden, recording, hidden, methods=wanted, learned=learned))
+
+
+def _mixed(
+    recording: Recording, part: Part, learned: LearnedModel | None, asked: Asked, stages: Stages, *, mixing: bool
+) -> MixedTrack | None:
+    """The recording tracked by several models together; None where one alone is asked for."""
     if learned is not None:
         with stages.stage("track") as progress:
-            mixed = track_learned(prepared, part, learned, asked=asked, progress=progress)
-    elif mixing:
-        with stages.stage("track with a mixture of models") as progress:
-            mixed = track_mixed(prepared, part, asked=asked, progress=progress)
-    scores = {}
-    if hidden is not None and filling is not None:
-        with stages.stage("validate on hidden samples") as progress:
-            mixture = None if mixed is None else mixed.mixture
-            scores = score_filled(prepared, hidden, filling.result(progress), mixture)
-    chosen, why = _choose(model, reason, scores)
-    if learned is not None:
-        why = _learned_from(learned, prepared, part)
-    if mixed is not None and (learned is not None or chosen == "mixture"):
-        name, smoothed, own = "mixture" if learned is None else "learned", mixed.markers, None
-    else:
-        with stages.stage("learn"):
-            own = learn_motion(prepared, part, "eal" if chosen == "mixture" else chosen)
-        name = own.motion.name
-        with stages.stage("track") as progress:
-            smoothed = track(prepared, part, own, asked=asked, progress=progress)
-    return _finished(
-        source,
-        prepared,
-        part,
-        name,
-        smoothed,
-        asked,
-        why=why,
-        stages=stages,
-        own=own,
-        scores=scores,
-        hidden=0 if hidden is None else hidden.count,
-    )
+            return track_learned(recording, part, learned, asked=asked, progress=progress)
+    if not mixing:
+        return None
+    with stages.stage("track with a mixture of models") as progress:
+        return track_mixed(recording, part, asked=asked, progress=progress)
 
 
 def _finished(
-    source: Recording | Prepared,
-    prepared: Prepared,
+    source: Recording,
+    prepared: Recording,
     part: Part,
     name: str,
     smoothed: Estimate,
@@ -200,7 +202,7 @@ def _finished(
     own: FittedMotion | None = None,
     scores: Mapping[str, Mapping[str, float | None]] | None = None,
     hidden: int = 0,
-) -> tuple[Run, Prepared]:
+) -> tuple[Run, Recording]:
     """The run of a recording that was tracked: with joints, potentials and a report."""
     tracked = tracked_motion(prepared, part, name, smoothed)
     with stages.stage("joints and potentials"):
@@ -229,28 +231,34 @@ def _finished(
         spatial_potentials=spatial,
         report=report,
         report_text=readable(report, title=prepared.name),
-        file=source.file if isinstance(source, Recording) else None,
+        file=source.file,
         angles=_angles(smoothed, own, prepared, part),
         limbs=_held(smoothed.held, len(prepared.t_s), part),
     )
     return run, prepared
 
 
-def run_of(prepared: Prepared, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
+def run_of(prepared: Recording, tracked: TrackedMotion, motion: Motion, joints: Mapping[str, JointTracks]) -> Run:
     """A recording with what was tracked of it: without potentials and a report."""
-    filmed = prepared.filmed
     return Run(
         name=prepared.name,
         skeleton=prepared.skeleton,
-        cameras=() if filmed is None else filmed.cameras,
-        ideal_px=None if filmed is None else replace(filmed.pixels, uv_px=filmed.ideal_px),
-        y_up=filmed is not None and filmed.pixel_origin.coefficients == "lower-left",
+        cameras=prepared.cameras,
+        ideal_px=_ideal(prepared),
+        y_up=prepared.rows is not None and prepared.rows.coefficients == "lower-left",
         tracked=tracked,
         motion=motion,
         joints=joints,
         repaired=np.any(list(prepared.repaired.values()), axis=0),
         plane=prepared.plane,
     )
+
+
+def _ideal(prepared: Recording) -> PixelTracks | None:
+    if not prepared.cameras:
+        return None
+    cameras = prepared.camera_names
+    return PixelTracks(names=prepared.names, cameras=cameras, t_s=prepared.t_s, uv_px=prepared.ideal_px)
 
 
 def _frames_of(n_frames: int, part: Part) -> NDArray[np.int64]:
@@ -265,7 +273,7 @@ def _held(limbs: tuple[HeldLimb, ...], n_frames: int, part: Part) -> tuple[HeldL
     return tuple(at_frames(limb, _frames_of(n_frames, part)) for limb in limbs)
 
 
-def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, part: Part) -> JointAngles | None:
+def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Recording, part: Part) -> JointAngles | None:
     """Joint angles over all frames of the recording, where they are the state."""
     found, energies = smoothed.angles, smoothed.energies
     if found is None or model is None or not isinstance(model.motion, ArticulatedMotion):
@@ -285,7 +293,7 @@ def _angles(smoothed: Estimate, model: FittedMotion | None, prepared: Prepared, 
     return at_frames(angles, _frames_of(len(prepared.t_s), part))
 
 
-def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
+def whole_frames(prepared: Recording, cutoff_hz: float) -> BodyFrames:
     """Body frames of every frame of the recording; outside the seen part those of its ends."""
     part = seen_part(prepared)
     inner = trunk_frames(prepared, part, cutoff_hz=cutoff_hz)
@@ -293,7 +301,7 @@ def whole_frames(prepared: Prepared, cutoff_hz: float) -> BodyFrames:
     return BodyFrames(rotation=inner.rotation[index], position_m=inner.position_m[index])
 
 
-def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
+def _learned_from(learned: LearnedModel, prepared: Recording, part: Part) -> str:
     """Names of the trials that are used, how they were scaled, and which is the recording itself."""
     own = marker_trial(prepared, part)
     factors = {t.name: size_factor(t, own) for t in for_recording(learned, part_names(prepared, part), own)}
@@ -304,9 +312,7 @@ def _learned_from(learned: LearnedModel, prepared: Prepared, part: Part) -> str:
     return f"learned from {', '.join(used) or 'no other'}{scaled}{left_out}"
 
 
-def _choose(
-    model: Model, reason: str | None, scores: dict
-) -> tuple[Literal["mixture", "eal", "articulated", "lagrangian", "constant_velocity"], str]:
+def _choose(model: str, reason: str | None, scores: dict) -> tuple[str, str]:
     """The model to track with, and why."""
     if model != "auto":
         return model, "as asked"

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.records import Status
 
 
-def jump_cov(prepared: Prepared, xyz_m: Array, origin: NDArray[np.int8]) -> Array:
+def jump_cov(prepared: Recording, xyz_m: Array, origin: NDArray[np.int8]) -> Array:
     """(T, M, 3, 3) covariance of what was filled across a jump, from the last believed sample to the next.
 
     The marker is at one place or at the other, d apart: half of that either way, a covariance of d d^T / 4.

@@ -17,9 +17,9 @@ from mocap.io.output import result_file
 from mocap.io.unstated_unit import UNIT
 from mocap.markdown import plain
 from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.model_file import load_model as read_model
 from mocap.pipeline.model_file import save_model
-from mocap.pipeline.prepare import Prepared, prepare
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.side_by_side import call_all
@@ -119,20 +119,20 @@ def load_model(path: str | PathLike[str]) -> Model:
 
 
 def learn_from(
-    sources: Iterable[Recording | Prepared],
+    sources: Iterable[Recording],
     *,
     seed: int = 0,
     effort: Effort = USUAL_EFFORT,
     models: Sequence[TrajectoryModel] = MODELS,
     tell: Callable[[str], None] = lambda _line: None,
 ) -> LearnedModel:
-    """Prepare recordings as ``track`` does, and learn from all of them, or from some of very many.
+    """Clean recordings as ``track`` does, and learn from all of them, or from some of very many.
 
     They are read one after the other. Of more than ``MOST_FRAMES`` frames, recordings are kept that are drawn by
     chance, so that time and memory do not grow with their number.
 
     Args:
-        sources: Recordings of one frame rate, or what was prepared of them; markers of the same name are the same.
+        sources: Recordings of one frame rate, cleaned or not; markers of the same name are the same.
         seed: Which samples are hidden, to learn weights and intervals.
         effort: How much is hidden.
         models: Motion models; the last is a filter.
@@ -142,7 +142,7 @@ def learn_from(
         MocapError: a recording cannot be read, or they cannot be learned from together.
     """
     some = _Some()
-    for number, one in _prepared(sources, tell):
+    for number, one in _cleaned(sources, tell):
         seen = np.isfinite(one.xyz_m[..., 0])
         tell(f"{one.name}: {seen.any(axis=1).sum()} frames, {seen.sum()} samples")
         some.add(number, _Shown.of(one))
@@ -184,7 +184,7 @@ class _Shown:
     skeleton: Skeleton
 
     @classmethod
-    def of(cls, recording: Prepared) -> "_Shown":
+    def of(cls, recording: Recording) -> "_Shown":
         part = replace(seen_part(recording), markers=np.arange(len(recording.names)))
         return cls(recording.names, best_of(marker_trial(recording, part), LONGEST), recording.skeleton)
 
@@ -221,30 +221,30 @@ class _Some:
         return [self.kept[lot] for lot in sorted(self.kept, key=lambda lot: lot[1])]
 
 
-def _prepared(sources: Iterable[Recording | Prepared], tell: Callable[[str], None]) -> Iterator[tuple[int, Prepared]]:
-    """The recordings, prepared, with their numbers.
+def _cleaned(sources: Iterable[Recording], tell: Callable[[str], None]) -> Iterator[tuple[int, Recording]]:
+    """The recordings, cleaned, with their numbers.
 
     Where one cannot tell which corner its pixels are counted from, the others tell, and it comes last.
 
     Raises:
-        MocapError: a recording cannot be prepared; the message names its file.
+        MocapError: a recording cannot be cleaned; the message names its file.
     """
     doubt: dict[int, tuple[Recording, OriginError]] = {}
     told = set()
     for number, source in enumerate(sources):
-        if isinstance(source, Prepared):
+        if source.cleaned:
             one = source
         else:
             try:
-                one = prepare(source.without_needless_calibration()).in_space("learning")
+                one = clean(source.without_needless_calibration()).in_space("learning")
             except OriginError as error:
                 doubt[number] = source, error
                 continue
             units = [finding for finding in one.findings if finding.kind == UNIT]
             for text in dict.fromkeys(map(str, (*units, *source.findings))):
                 tell(f"{one.name}: {text}")
-        if one.filmed:
-            told.add((one.filmed.pixel_origin.pixels, one.filmed.pixel_origin.coefficients))
+        if one.rows is not None:
+            told.add((one.rows.pixels, one.rows.coefficients))
         yield number, one
     for number, (source, error) in doubt.items():
         if len(told) != 1:
@@ -252,7 +252,7 @@ def _prepared(sources: Iterable[Recording | Prepared], tell: Callable[[str], Non
         (corners,) = told
         fresh = replace(source, pixel_origin=corners[0], calibration_origin=corners[1])
         tell(f"{source.name}: pixel origin {corners[0]}, as in the other recordings of this session")
-        yield number, prepare(fresh.without_needless_calibration()).in_space("learning")
+        yield number, clean(fresh.without_needless_calibration()).in_space("learning")
 
 
 def readable_scores(learned: LearnedModel) -> str:

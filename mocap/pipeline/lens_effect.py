@@ -7,29 +7,29 @@ import numpy as np
 from eal.arrays import Array
 from mocap.calibration.lens_of_tracks import lens_covariance, moved_by_lens
 from mocap.findings import Finding
-from mocap.pipeline.recording import Filmed
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.sentences import lens_left
 
 
-def lens_uncertainty(filmed: Filmed, audited: list[Finding], uv_px: Array) -> tuple[Array | None, list[Finding]]:
+def lens_uncertainty(film: Recording, audited: list[Finding], uv_px: Array) -> tuple[Array | None, list[Finding]]:
     """(T, M, 3, 3) covariance of points, and findings; None where lenses are given, or nothing speaks of one.
 
     Of a lens that was estimated it follows from the covariance of its coefficients. One that the audit sees and nobody
     corrected moves each point by d: it is counted as an error with the covariance d d^T, which no frame averages out.
 
     Args:
-        filmed: Pixels and cameras.
+        film: With ideal pixels.
         audited: Findings, from which those of a lens are removed once it was estimated.
         uv_px: (C, T, M, 2) believed ideal pixels.
     """
-    if filmed.lens is not None:
+    if film.lens is not None:
         audited[:] = [f for f in audited if not (f.kind == "distortion" and f.alarm)]
-        bent = np.stack([_bent(filmed, c, uv) for c, uv in enumerate(uv_px)])
-        return lens_covariance(filmed.cameras, filmed.lens, bent), []
+        bent = np.stack([_bent(film, c, uv) for c, uv in enumerate(uv_px)])
+        return lens_covariance(film.cameras, film.lens, bent), []
     seen = [f for f in audited if f.kind == "distortion" and f.alarm and "k1" in f.numbers]
     if not seen:
         return None, []
-    moved = moved_by_lens(filmed.cameras, uv_px, float(seen[0].numbers["k1"]))
+    moved = moved_by_lens(film.cameras, uv_px, float(seen[0].numbers["k1"]))
     far = 1e3 * np.linalg.norm(moved, axis=-1)
     far = far[np.isfinite(far)]
     if not len(far):
@@ -37,10 +37,10 @@ def lens_uncertainty(filmed: Filmed, audited: list[Finding], uv_px: Array) -> tu
     return moved[..., :, None] * moved[..., None, :], [lens_left(far)]
 
 
-def _bent(filmed: Filmed, camera: int, uv_px: Array) -> Array:
+def _bent(film: Recording, camera: int, uv_px: Array) -> Array:
     """Pixels before the estimated lens was taken out."""
-    assert filmed.lens is not None
-    lens = replace(filmed.lens.lenses[camera], k=(float(filmed.lens.k1[camera]), 0.0, 0.0))
+    assert film.lens is not None
+    lens = replace(film.lens.lenses[camera], k=(float(film.lens.k1[camera]), 0.0, 0.0))
     return lens.distort(uv_px)
 
 

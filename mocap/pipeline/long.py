@@ -2,19 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.over_time import at_frames
+from mocap.errors import FormatError
 from mocap.findings import Finding
 from mocap.io.parquet_range import ParquetPoints
-from mocap.pipeline.prepare import Prepared, prepare_filmed, prepare_tracks
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import animal
-from mocap.pipeline.recording import Filmed, Recording, load_in_unit, load_points
+from mocap.pipeline.recording import Recording, of_points, with_ideal_pixels
 from mocap.pipeline.sentences import pixel_origin
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
@@ -32,8 +31,7 @@ class LongRecording:
         skeleton: Its skeleton.
         names: The M markers, named as in the skeleton.
         t_s: (T,) times.
-        seen: Frames to (n, M) True where a position, or two rays, are given; nothing is cleaned.
-        prepared: Frames to what is prepared of them (``mocap.pipeline.prepare``), its findings with their numbers here.
+        part: Frames to the recording of them, not cleaned.
         findings: On how the file was read.
     """
 
@@ -41,8 +39,7 @@ class LongRecording:
     skeleton: Skeleton
     names: tuple[str, ...]
     t_s: Array
-    seen: Callable[[slice], Mask]
-    prepared: Callable[[slice], Prepared]
+    part: Callable[[slice], Recording]
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -55,60 +52,38 @@ class LongRecording:
         """Time step."""
         return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
 
+    def seen(self, frames: slice) -> Mask:
+        """(n, M) True where a position, or two rays, are given; nothing is cleaned."""
+        part = self.part(frames)
+        seen = part.seen
+        return seen if not part.cameras else seen.sum(axis=0) >= 2
 
-def long_points(
-    tracks: MarkerTracks, skeleton: Skeleton, *, name: str, findings: Sequence[Finding] = ()
-) -> LongRecording:
-    """Positions that are in memory, or mapped into it from a file.
+    def cleaned(self, frames: slice) -> Recording:
+        """What ``mocap.clean`` makes of some frames, its findings with their numbers here."""
+        return clean(self.part(frames), first=frames.start)
 
-    Args:
-        tracks: Positions, named as the skeleton names them.
-        skeleton: What is known of the animal.
-        name: Of the recording.
-        findings: On how they were read.
+
+def long_recording(source: Recording) -> LongRecording:
+    """A recording that is in memory, to be tracked in blocks; where pixels are counted from is decided on all of it.
+
+    Raises:
+        MocapError: pixels and calibration do not belong together, or nothing is seen.
     """
-    stretch = partial(at_frames, tracks)
-    return long_tracks(stretch, skeleton, name=name, t_s=tracks.t_s, names=tracks.names, findings=findings)
-
-
-def long_pixels(
-    filmed: Filmed,
-    skeleton: Skeleton,
-    *,
-    name: str,
-    pixel_sd: float | None = None,
-    likelihood: Array | None = None,
-    findings: Sequence[Finding] = (),
-) -> LongRecording:
-    """Pixels of calibrated cameras that are in memory; where they are counted from was decided on all of them.
-
-    Args:
-        filmed: Pixels, named as the skeleton names them, and cameras.
-        skeleton: What is known of the animal.
-        name: Of the recording.
-        pixel_sd: Standard deviation of a pixel that the user states; None: estimated in each stretch.
-        likelihood: (C, T, M) likelihoods of clicks; None: there are none.
-        findings: On how they were read.
-    """
-
-    def part(frames: slice) -> Prepared:
-        return prepare_filmed(
-            at_frames(filmed, frames),
-            skeleton,
-            first=frames.start,
-            name=name,
-            pixel_sd=pixel_sd,
-            likelihood=None if likelihood is None else likelihood[:, frames],
-        )
-
+    findings = source.findings
+    if source.filmed:
+        source = with_ideal_pixels(source)
+        assert source.rows is not None  # it was decided
+        findings = (*source.told, *findings, pixel_origin(source.rows))
+    elif not source.seen.any():
+        raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
+    bare = replace(source, findings=(), stored=None)
     return LongRecording(
-        name=name,
-        skeleton=skeleton,
-        names=filmed.pixels.names,
-        t_s=filmed.pixels.t_s,
-        seen=lambda frames: np.isfinite(filmed.ideal_px[:, frames, :, 0]).sum(axis=0) >= 2,
-        prepared=part,
-        findings=tuple(findings),
+        name=source.name,
+        skeleton=source.skeleton,
+        names=source.names,
+        t_s=source.t_s,
+        part=bare.at,
+        findings=findings,
     )
 
 
@@ -119,36 +94,22 @@ def long_tracks(
     name: str,
     t_s: Array,
     names: Sequence[str],
-    findings: Sequence[Finding] = (),
 ) -> LongRecording:
-    """Positions that are had stretch by stretch, and never all of them; other arguments as in ``long_points``."""
+    """Positions that are had stretch by stretch, and never all of them.
+
+    Args:
+        tracks: Frames to positions, named as the skeleton names them.
+        skeleton: What is known of the animal.
+        name: Of the recording.
+        t_s: (T,) times.
+        names: The M markers.
+    """
     return LongRecording(
         name=name,
         skeleton=skeleton,
         names=tuple(names),
         t_s=t_s,
-        seen=lambda frames: tracks(frames).seen,
-        prepared=lambda frames: prepare_tracks(tracks(frames), skeleton, name=name, first=frames.start),
-        findings=tuple(findings),
-    )
-
-
-def long_recording(source: Recording) -> LongRecording:
-    """A recording, to be tracked in blocks.
-
-    Raises:
-        MocapError: pixels and calibration do not belong together.
-    """
-    if not source.filmed:
-        return long_points(load_points(source), source.skeleton, name=source.name, findings=source.findings)
-    source, filmed = load_in_unit(source, iterations=None)
-    return long_pixels(
-        filmed,
-        source.skeleton,
-        name=source.name,
-        pixel_sd=source.pixel_sd,
-        likelihood=source.contents.score,
-        findings=(*filmed.told, *source.findings, pixel_origin(filmed.pixel_origin)),
+        part=lambda frames: of_points(tracks(frames), skeleton, name=name),
     )
 
 

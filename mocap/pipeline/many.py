@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eal import GaussianKernel, usual_kernel
+from eal import Choice, choose
 from eal.arrays import Array
 from eal.potential import EmpiricalPotential
-from eal.sums import PotentialSums, choose_landmarks, sums_of, total
+from eal.sums import Landmarks, PotentialSums, choose_landmarks, sums_of, total
 from mocap.errors import MocapError
-from mocap.pipeline.potentials import BETA, FEWEST, FRAME, LAMBDA, NAMES
+from mocap.pipeline.potentials import FEWEST, FRAME, NAMES
 from mocap.pipeline.run import JointPotential
 
 SKETCH = 40
@@ -48,7 +48,7 @@ class ManyTrials:
         scale_m: Metres a unit of the potential's coordinates.
         sums: What each trial says, by its name.
         sketch_m: (n, d) some samples of all trials, in metres.
-        lam: Spectral filtering parameter.
+        choice: Metric, kernel and lambda under which trials left out are likeliest.
     """
 
     joint: str
@@ -56,7 +56,7 @@ class ManyTrials:
     scale_m: float
     sums: Mapping[str, PotentialSums]
     sketch_m: Array
-    lam: float
+    choice: Choice
 
     def potential(self, without: Sequence[str] = ()) -> JointPotential:
         """V_z of all trials, or of all but some.
@@ -70,12 +70,17 @@ class ManyTrials:
         found = self._fitted(total(part for name, part in self.sums.items() if name not in without))
         shown = self.sketch_m[:: max(1, len(self.sketch_m) // SHOWN)]
         return JointPotential(
-            joint=self.joint, frame=self.frame, samples_m=shown, potential=found, scale_m=self.scale_m
+            joint=self.joint,
+            frame=self.frame,
+            samples_m=shown,
+            potential=found,
+            scale_m=self.scale_m,
+            choice=self.choice,
         )
 
     def _fitted(self, sums: PotentialSums) -> EmpiricalPotential:
         names = NAMES[: self.sketch_m.shape[1]]
-        return sums.potential(lam=self.lam, names=names, units=(f"{self.scale_m:.6g} m",) * len(names))
+        return sums.potential(lam=self.choice.lam, names=names, units=(f"{self.scale_m:.6g} m",) * len(names))
 
     def left_out(self, animals: Mapping[str, Hashable] | None = None) -> list[LeftOut]:
         """Each trial, or all trials of each animal, by the potential of the others: from the sums alone.
@@ -112,54 +117,48 @@ class ManyTrials:
             scale_m=self.scale_m,
             sums={**self.sums, name: sums_of(marks, samples_m / self.scale_m)},
             sketch_m=self.sketch_m,
-            lam=self.lam,
+            choice=self.choice,
         )
 
 
-def learn_joints(
-    names: Sequence[str],
-    trial: Callable[[str], Mapping[str, Array]],
-    *,
-    lam: float = LAMBDA,
-) -> dict[str, ManyTrials]:
+def learn_joints(names: Sequence[str], trial: Callable[[str], Mapping[str, Array]]) -> dict[str, ManyTrials]:
     """Learn the potential of each joint from all samples of many trials.
 
-    First round: some samples of each trial, which give scale and kernel. Second: the pivots of each trial, whose
-    kernels span those of all its samples; landmarks are the pivots of all pivots. Third: sums over all samples of each
-    trial. A trial is asked for three times, and forgotten each time; what is kept of it is a matrix.
+    First round: some samples of each trial, which give scale, kernel and lambda: those under which a trial is likeliest
+    by the others. Second: the pivots of each trial, whose kernels span those of all its samples; landmarks are the
+    pivots of all pivots. Third: sums over all samples of each trial. A trial is asked for three times, and forgotten
+    each time; what is kept of it is a matrix.
 
     Args:
         names: Of the trials.
         trial: Name to samples of each joint, (N, d) in metres (``joint_samples``).
-        lam: Spectral filtering parameter.
 
     Raises:
         MocapError: no joint has samples enough.
     """
     sketches: dict[str, list[Array]] = {}
+    owners: dict[str, list[str]] = {}
     for name in names:
         for joint, samples in trial(name).items():
             few = samples[np.linspace(0, len(samples) - 1, min(len(samples), SKETCH)).astype(int)]
             sketches.setdefault(joint, []).append(few)
+            owners.setdefault(joint, []).extend([name] * len(few))
     scales: dict[str, float] = {}
-    kernels: dict[str, GaussianKernel] = {}
+    chosen: dict[str, Choice] = {}
     whole = {joint: np.concatenate(parts) for joint, parts in sketches.items()}
     for joint, sketch in whole.items():
         if len(sketch) >= FEWEST:
             scales[joint] = max(float(np.sqrt(sketch.var(axis=0).sum())), 1e-9)
-            kernels[joint] = usual_kernel(sketch / scales[joint], width=BETA)
-    if not kernels:
+            several = len(set(owners[joint])) > 1
+            chosen[joint] = choose(sketch / scales[joint], trials=owners[joint] if several else None)
+    if not chosen:
         raise MocapError(f"no joint was measured in {FEWEST} frames of these trials")
-    pivots: dict[str, list[Array]] = {joint: [] for joint in kernels}
+    pivots: dict[str, list[Array]] = {joint: [] for joint in chosen}
     for name in names:
         for joint, samples in trial(name).items():
-            if joint in kernels and len(samples):
-                own = choose_landmarks(kernels[joint], samples / scales[joint], lam=lam, max_rank=LANDMARKS)
-                pivots[joint].append(own.centres)
-    marks = {
-        joint: choose_landmarks(kernels[joint], np.concatenate(parts), lam=lam, max_rank=LANDMARKS)
-        for joint, parts in pivots.items()
-    }
+            if joint in chosen and len(samples):
+                pivots[joint].append(_landmarks(chosen[joint], samples / scales[joint]).centres)
+    marks = {joint: _landmarks(chosen[joint], np.concatenate(parts)) for joint, parts in pivots.items()}
     sums: dict[str, dict[str, PotentialSums]] = {joint: {} for joint in marks}
     for name in names:
         for joint, samples in trial(name).items():
@@ -167,7 +166,16 @@ def learn_joints(
                 sums[joint][name] = sums_of(marks[joint], samples / scales[joint])
     return {
         joint: ManyTrials(
-            joint=joint, frame=FRAME, scale_m=scales[joint], sums=sums[joint], sketch_m=whole[joint], lam=lam
+            joint=joint,
+            frame=FRAME,
+            scale_m=scales[joint],
+            sums=sums[joint],
+            sketch_m=whole[joint],
+            choice=chosen[joint],
         )
         for joint in marks
     }
+
+
+def _landmarks(chosen: Choice, samples: Array) -> Landmarks:
+    return choose_landmarks(chosen.kernel, samples, lam=chosen.lam, max_rank=LANDMARKS)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eal.arrays import Array
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.records import MarkerTracks, Status
 
 FAR = 3.0
@@ -28,7 +28,7 @@ class Moved:
     far: NDArray[np.bool_]
 
 
-def moved(prepared: Prepared, xyz_m: Array, cov_m2: Array) -> Moved:
+def moved(prepared: Recording, xyz_m: Array, cov_m2: Array) -> Moved:
     """How far (T, M, 3) positions with their (T, M, 3, 3) covariance are from the measured ones.
 
     The distance of a measurement from its estimate has at most the covariance of both together; its deviation here is
@@ -40,7 +40,7 @@ def moved(prepared: Prepared, xyz_m: Array, cov_m2: Array) -> Moved:
         return Moved(distance_m=distance, far=distance > FAR * np.sqrt(total))
 
 
-def moved_report(prepared: Prepared, markers: MarkerTracks) -> dict[str, object]:
+def moved_report(prepared: Recording, markers: MarkerTracks) -> dict[str, object]:
     """Median, 90 % and largest distance in mm of all that was measured and believed, and where the largest is."""
     found = moved(prepared, markers.xyz_m, markers.cov_m2)
     rejected = np.any(list(prepared.rejected.values()), axis=0)

@@ -45,7 +45,8 @@ def motion_of(markers: MarkerTracks, frames: slice, rates: Rates | None, asked: 
         mine = np.einsum("nm,tm->tn", weights**2, np.nan_to_num(np.trace(scale[:, :count], axis1=-2, axis2=-1) / 3))
         means = mine[:, count:] / np.sum(weights[count:] ** 2, axis=1)
         scale[:, count:] = means[..., None, None] * np.eye(3)
-        own[inside] = _carried(scale[inside], rates.own, scale[inside])
+        done = _carried(scale[inside], rates.own, scale[inside])
+        own[inside] = 0.5 * (done + np.swapaxes(done, -1, -2))  # products in single precision are skew by 1e-6
         column = {pair: i for i, pair in enumerate(map(tuple, pairs.tolist()))}
         for i, (a, b) in enumerate(rates.asked.pairs):
             pair, turned = (int(here[a]), int(here[b])), False

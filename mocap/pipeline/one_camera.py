@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap.cameras.camera import stacked
 from mocap.cameras.origin import PixelOrigin, image_heights
 from mocap.cleaning.robust_rays import LEAST_PX
 from mocap.errors import CalibrationError, FormatError
@@ -19,11 +18,9 @@ from mocap.filters.records import Estimate
 from mocap.filters.velocities import Asked
 from mocap.kinematics.points import asked_for
 from mocap.pipeline import sentences
-from mocap.pipeline.prepare import Prepared
-from mocap.pipeline.recording import Filmed, Recording
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import Part
-from mocap.records import PixelTracks
-from mocap.skeleton import Skeleton
+from mocap.records import Status
 
 NAME = "one camera"
 """Of the model, in reports and tables."""
@@ -41,7 +38,7 @@ class OneCamera:
         why: How the model was made.
     """
 
-    prepared: Prepared
+    prepared: Recording
     part: Part
     estimate: Estimate
     asked: Asked
@@ -50,12 +47,12 @@ class OneCamera:
 
 def of_one_camera(source: Recording) -> bool:
     """Whether there are calibrated cameras of which no two see a marker at once."""
-    pixels = source.contents.pixels if source.cameras else None
+    pixels = source.pixels if source.cameras else None
     return pixels is not None and bool(pixels.seen.any()) and not (pixels.seen.sum(axis=0) >= 2).any()
 
 
-def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
-    """Pixels and cameras. Where pixels are counted from is stated or taken as usual: nothing can tell from one camera.
+def undistorted_alone(source: Recording) -> Recording:
+    """With ideal pixels. Where pixels are counted from is stated or taken as usual: nothing can tell from one camera.
 
     Raises:
         CalibrationError: something was to be estimated from rays that meet.
@@ -65,7 +62,7 @@ def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
         if wanted:
             raise CalibrationError(f"`{name}`: needs markers that two cameras see: leave it out, or give a `profile`")
     cameras, told = source.cameras, source.told
-    usual = source.contents.pixel_origin
+    usual = source.usual_origin
     corner = source.pixel_origin or usual or source.calibration_origin or "upper-left"
     calibrated = source.calibration_origin or corner
     height = source.image_height_px or image_heights(cameras)[0]
@@ -80,8 +77,8 @@ def load_alone(source: Recording, pixels: PixelTracks) -> Filmed:
         residual_px=np.nan,
         next_px=np.inf,
     )
-    ideal = decision.ideal(cameras, pixels.uv_px)
-    return Filmed(pixels=pixels, cameras=cameras, pixel_origin=decision, ideal_px=ideal, told=told)
+    ideal = decision.ideal(cameras, source.data["pixels"].values)
+    return replace(source.having(ideal=ideal), rows=decision, told=told)
 
 
 def track_one_camera(
@@ -96,17 +93,15 @@ def track_one_camera(
         CalibrationError: there is no model.
         FilterError: the model knows fewer than four of the markers, or another frame rate.
     """
-    pixels = source.contents.pixels
-    assert pixels is not None  # of_one_camera
     if learned is None:
-        seen = "contains one camera" if len(pixels.cameras) == 1 else "no marker is seen by two cameras at once"
+        seen = "contains one camera" if len(source.camera_names) == 1 else "no marker is seen by two cameras at once"
         raise CalibrationError(
             f"{source.where}: {seen}: 3D points need two or more views, or a model of the animal learned from "
             "recordings with more (mocap learn): give `model`"
         )
-    filmed, skeleton, names = load_alone(source, pixels), source.skeleton, pixels.names
+    film, skeleton, names = undistorted_alone(source), source.skeleton, source.names
     learned = renamed(learned, skeleton.renamed(learned.names))
-    t_s, uv = filmed.pixels.t_s, filmed.ideal_px
+    t_s, uv = film.t_s, film.ideal_px
     empty = MarkerTrial(
         name=source.name, t_s=t_s, xyz_m=np.full((*uv.shape[1:3], 3), np.nan), sd_m=np.full(uv.shape[1:3], np.nan)
     )
@@ -114,7 +109,7 @@ def track_one_camera(
     trials = for_recording(learned, names, empty)
     known = np.any([trial.seen.any(axis=0) for trial in trials], axis=0)
     markers = np.flatnonzero(known)
-    seen = filmed.pixels.seen[:, :, markers].any(axis=(0, 2))
+    seen = film.seen[:, :, markers].any(axis=(0, 2))
     if not seen.any():
         raise FormatError(f"{source.where}: no marker of the model is ever seen")
     frames = np.flatnonzero(seen)
@@ -125,7 +120,7 @@ def track_one_camera(
     prior = learn_prior(trials, trunk)
     shown = uv[:, part.frames][:, :, markers]
     noise = source.pixel_sd or max(float(np.nan_to_num(jitter_px(shown))), LEAST_PX)
-    views = Views(matrices=stacked(filmed.cameras), uv_px=shown, sd_px=np.full(shown.shape[:3], noise))
+    views = Views(matrices=film.matrices, uv_px=shown, sd_px=np.full(shown.shape[:3], noise))
     asked = asked_for(names, skeleton, n_frames=len(t_s))
     found = track_views(prior, views, asked=asked_of(own, asked), progress=progress)
     believed = np.where(found.unlike[:, None, None], np.nan, found.estimate.xyz_m)
@@ -135,7 +130,7 @@ def track_one_camera(
         f"{prior.size_sd:.1%} (standard deviation)"
     )
     return OneCamera(
-        prepared=_prepared(source, filmed, skeleton, part, found, noise),
+        prepared=_cleaned(film, part, found, noise),
         part=part,
         estimate=found.estimate,
         asked=asked,
@@ -143,37 +138,28 @@ def track_one_camera(
     )
 
 
-def _prepared(
-    source: Recording, filmed: Filmed, skeleton: Skeleton, part: Part, found: Found, noise: float
-) -> Prepared:
-    """The recording as others are prepared: with the points that were found where a marker was seen."""
-    n_cameras, n_frames, n_markers, _ = filmed.ideal_px.shape
-    seen = filmed.pixels.seen.any(axis=0)
+def _cleaned(film: Recording, part: Part, found: Found, noise: float) -> Recording:
+    """The recording as others are cleaned: with the points that were found where a marker was seen."""
+    n_cameras, n_frames, n_markers, _ = film.ideal_px.shape
+    seen = film.seen.any(axis=0)
     inside = np.ix_(np.arange(n_frames)[part.frames], part.markers)
     xyz, cov = np.full((n_frames, n_markers, 3), np.nan), np.full((n_frames, n_markers, 3, 3), np.nan)
     residual = np.full((n_frames, n_markers), np.nan)
     xyz[inside], cov[inside], residual[inside] = found.estimate.xyz_m, found.estimate.cov_m2, found.residual_px
     xyz[~seen], cov[~seen], residual[~seen] = np.nan, np.nan, np.nan
     other = found.other if found.other > UNDECIDED else None
-    rays = np.full(filmed.ideal_px.shape[:3], noise)
-    return Prepared(
-        name=source.name,
-        skeleton=skeleton,
-        names=filmed.pixels.names,
-        t_s=filmed.pixels.t_s,
-        xyz_m=xyz,
-        cov_m2=cov,
-        filmed=filmed,
-        uv_px=filmed.ideal_px,
-        ray_sd_px=rays,
-        ray_scale_px=rays,
-        jitter_px=noise,
-        bias_px=0.0,
-        persistent_px=np.zeros(n_markers),
-        residual_px=residual,
-        rejected={},
-        rays_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
-        max_speed_m_s=np.full(n_markers, np.nan),
+    rays = np.full(film.ideal_px.shape[:3], noise)
+    done = film.having(
+        position=xyz,
+        covariance=cov,
+        status=np.where(np.isfinite(xyz[..., 0]), Status.MEASURED, Status.MISSING).astype(np.int8),
+        believed=film.ideal_px,
+        ray_sd=rays,
+        ray_scale=rays,
+        residual=residual,
+        ray_rejected=np.zeros((n_cameras, n_frames, n_markers), dtype=bool),
+        most_speed=np.full(n_markers, np.nan),
         camera_factor=np.ones((n_cameras, n_frames)),
-        findings=(*filmed.told, *source.findings, *sentences.one_camera(other, int(found.unlike.sum()))),
     )
+    told = sentences.one_camera(other, int(found.unlike.sum()))
+    return replace(done, cleaned=True, jitter_px=noise, told=(), findings=(*film.told, *film.findings, *told))

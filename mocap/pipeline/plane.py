@@ -16,10 +16,10 @@ LEAST_LIKELIHOOD = 0.6
 
 def in_plane(source: Recording) -> tuple[MarkerTracks, Plane, tuple[Finding, ...]]:
     """The pixels of one film as positions in its picture, in the axes of the file, with third coordinates of 0."""
-    pixels = source.contents.pixels
+    pixels = source.pixels
     assert pixels is not None
     plane = Plane(mm_per_px=source.mm_per_px)
-    uv, likelihood = pixels.uv_px[0], source.contents.score
+    uv, likelihood = pixels.uv_px[0], source.score
     unlikely = np.zeros(pixels.seen.shape[1:], dtype=bool)
     if likelihood is not None and likelihood.shape == pixels.seen.shape:
         unlikely = pixels.seen[0] & (likelihood[0] < LEAST_LIKELIHOOD)

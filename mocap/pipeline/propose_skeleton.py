@@ -18,8 +18,9 @@ from mocap.filters.models.constant_velocity import marker_motion
 from mocap.filters.poses import MarkerTrial
 from mocap.filters.rigid import WOBBLES_DEG, find_bodies, residual_m, wobble_deg
 from mocap.io.point_names import point_names
+from mocap.measures import JointAxes, Places
 from mocap.pipeline.arrays import as_recording
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.propose_measures import proposed_measures
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import marker_trial, part_names, seen_part
@@ -71,8 +72,9 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
     """Propose bones, bodies, trunk and joints of all markers that a recording shows.
 
     Bones are the shortest connections among markers that keep their distance (a minimum spanning forest, in which a
-    varying distance counts as a longer one). Bodies are markers that all keep their distances (``find_bodies``), with
-    a joint of their own where such a connection leads from one to another. The trunk grows from the most central marker
+    varying distance counts as a longer one). Bodies are those that the files state, with the axes of their joints, and
+    other markers that all keep their distances (``find_bodies``), with a joint of their own where such a connection
+    leads from one to another. The trunk grows from the most central marker
     by its nearest ones, as long as all keep their distances. Other joints are where two bones meet and bend, the parent
     on the side of the trunk. Limbs that beat are strokes, those whose tips stand still in each cycle feet. Write its
     ``text`` to a file, correct it, and read the recording with it.
@@ -86,31 +88,55 @@ def propose_skeleton(recording: Recording, *, names: str | PathLike[str] | Seque
     Raises:
         MocapError: it shows too little, or there are not as many names as points.
     """
-    prepared = prepare(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
+    prepared = clean(as_recording(recording, "propose_skeleton")).in_space("a skeleton")
     part = seen_part(prepared)
     given, renamed = part_names(prepared, part), {}
     if names is not None:
         called = point_names(Path(names) if isinstance(names, str | PathLike) else names, len(prepared.names))
         renamed = dict(zip(prepared.names, called, strict=True))
     new = [renamed.get(name, name) for name in given]
-    return _proposal(new, marker_trial(prepared, part), {a: b for a, b in zip(given, new, strict=True) if a != b})
+    aliases = {a: b for a, b in zip(given, new, strict=True) if a != b}
+    stated = {
+        body: {aliases.get(name, name): at for name, at in own.items() if name in given}
+        for body, own in recording.bodies.items()
+    }
+    return _proposal(new, marker_trial(prepared, part), aliases, stated)
 
 
-def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, str]) -> Proposal:
+def _proposal(
+    names: Sequence[str],
+    trial: MarkerTrial,
+    aliases: Mapping[str, str],
+    stated: Mapping[str, Mapping[str, Array]],
+) -> Proposal:
     if len(names) < 2:
         raise MocapError(f"{trial.name}: shows {len(names)} markers; a skeleton needs at least two, and joints three")
     kept = kept_distances(trial)
-    found = find_bodies(trial)
+    stated = {name: own for name, own in stated.items() if len(own) >= 3}
+    places: dict[str, Places] = {
+        body: {name: (float(at[0]), float(at[1]), float(at[2])) for name, at in own.items()}
+        for body, own in stated.items()
+        if np.isfinite(np.array(list(own.values()))).all()
+    }
+    taken = {marker for own in stated.values() for marker in own}
+    found = [[names.index(marker) for marker in own] for own in stated.values()]
+    more = [members for members in find_bodies(trial) if not any(names[m] in taken for m in members)]
+    bodies = [*stated, *(f"{name}_2" if name in stated else name for name in body_names(names, more))]
+    found += more
     body = np.full(len(names), -1)
     for number, members in enumerate(found):
         body[members] = number
     spanning = spanning_bones(kept)
     trunk = trunk_of(trial, kept, spanning)
     joints, stiff = _joints(names, trial, kept, spanning, trunk, body)
-    bodies = body_names(names, found)
     between = body_joints(spanning, body, trunk)
     called = file_names([f"{bodies[a]}_{bodies[b]}" for a, b in between])
     joined = [BodyJoint(name=n, parent=bodies[a], child=bodies[b]) for n, (a, b) in zip(called, between, strict=True)]
+    placed = {
+        one.name: JointAxes(parent=places[one.parent], child=places[one.child])
+        for one in joined
+        if one.parent in places and one.child in places
+    }
     bones = [(a, b) for a, b in spanning if body[a] == body[b] or min(body[a], body[b]) < 0]
     skeleton = Skeleton(
         name=trial.name,
@@ -120,7 +146,7 @@ def _proposal(names: Sequence[str], trial: MarkerTrial, aliases: Mapping[str, st
         bodies={name: [names[m] for m in members] for name, members in zip(bodies, found, strict=True)},
         trunk=tuple(names[m] for m in trunk),
         aliases=dict(aliases),
-        measures=proposed_measures(names, trial, bones, trunk),
+        measures=replace(proposed_measures(names, trial, bones, trunk), axes=placed),
     )
     jointed = _articulated(names, trial, skeleton)
     alone = [names[m] for m in range(len(names)) if not any(m in bone for bone in bones)]

@@ -1,7 +1,7 @@
 """From files to a recording: everything that they hold, or leave open, is decided here."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -20,11 +20,13 @@ from mocap.io.format import Hints
 from mocap.io.profile import with_profile
 from mocap.io.registry import as_table
 from mocap.io.registry import read as read_file
+from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
 from mocap.pipeline.recording import Recording
+from mocap.pipeline.variables import dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
-from mocap.skeleton import Skeleton, read_skeleton
+from mocap.skeleton import Skeleton, is_model, read_skeleton
 from mocap.stated import check_rate, check_stated
 from mocap.text import as_text
 
@@ -57,7 +59,7 @@ def read(
 
     Args:
         tracks: Pixels or positions; a project of DLTdv8 holds its calibration too. Several files: the views of one
-            trial, a camera each.
+            trial, a camera each, or positions with XMALab's (or QTM's) rigid bodies and coordinate systems in them.
         calibration: DLT coefficients, calibration.toml, easyWand, ...; None: ``tracks`` holds it, or positions.
         fps: Frames a second, where the files do not hold it (or hold another).
         unit: Unit of lengths (m, mm, cm, in, ft), where the files do not state it.
@@ -95,30 +97,26 @@ def read(
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
             raise MocapError(f"`{name}` concerns cameras, but no calibration is given: give `calibration`")
     contents, findings = complete(_whole(files, rig, hints or Hints()), where=files[0].name, fps=fps, unit=unit)
-    known, names = animal(skeleton, contents.names)
-    contents = contents.renamed(names)
-    contents, cameras, told = _with_cameras(contents, files[0], rig, lenses, unit)
-    if contents.pixels is not None and (cameras or crops):
-        contents, counted = counted_from_one(contents, [path for path in (rig, lenses) if path is not None])
-        contents, cropped = in_whole_picture(contents, cameras, files, crops, pixel_origin=origin)
-        told = (*told, *readings(counted), *readings(cropped))
-    stored = None
-    if contents.points is None and cameras and (path := stored_file(files[0], points)) is not None:
-        stored = read_file(path)
+    known, names = animal(skeleton, contents.names, bodies=contents.bodies)
+    contents, cameras, told = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
+    contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
     named = (*files, rig, lenses, points, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
     return Recording(
         name=recording_name(files[0]),
-        contents=contents,
+        data=dataset_of(contents),
         skeleton=known,
         cameras=cameras,
         calibration=None if rig is None else rig.name,
         findings=findings,
-        told=told,
+        told=(*told, *further),
+        unusual=contents.remarks,
+        bodies=contents.bodies,
         file=files[0],
         inputs=tuple(path for path in (*named, *(path for path in crops if path.is_file())) if path is not None),
-        stored=stored,
+        stored=_stored(contents, cameras, files[0], points),
         unit=unit,
         pixel_origin=origin,
+        usual_origin=contents.pixel_origin,
         calibration_origin=calibration_origin,
         image_height_px=image_height_px,
         pixel_sd=pixel_sd,
@@ -126,6 +124,42 @@ def read(
         fit_lens=fit_lens,
         mm_per_px=mm_per_px,
     )
+
+
+def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None, hints: Hints) -> FileContents:
+    """Pixels of cropped films in the whole picture, to be converted; findings say what was added.
+
+    Raises:
+        FormatError: a file cannot be read, or offsets do not belong to the films.
+    """
+    contents, _ = complete(_whole(files, None, hints), where=files[0].name, fps=fps or 1.0, unit=None)
+    contents, cameras, told = _with_cameras(contents, files[0], None, None, None)
+    contents, further = _in_whole_picture(contents, cameras, files, (), crops, None)
+    return replace(contents, findings=(*contents.findings, *map(str, (*told, *further))))
+
+
+def _in_whole_picture(
+    contents: FileContents,
+    cameras: tuple[Camera, ...],
+    files: Sequence[Path],
+    rig: Sequence[Path | None],
+    crops: Sequence[Path],
+    corner: PixelCorner | None,
+) -> tuple[FileContents, tuple[Finding, ...]]:
+    """Pixels counted as the calibration counts them, with crop offsets added, and what was decided."""
+    if contents.pixels is None or not (cameras or crops):
+        return contents, ()
+    contents, counted = counted_from_one(contents, [path for path in rig if path is not None])
+    contents, cropped = in_whole_picture(contents, cameras, files, crops, pixel_origin=corner)
+    return contents, (*readings(counted), *readings(cropped))
+
+
+def _stored(contents: FileContents, cameras: Sequence[Camera], tracks: Path, given: Path | None) -> FileContents | None:
+    """Positions that are compared with those of the pixels: of the same file, or of the one beside it."""
+    if contents.points is not None:
+        return contents if contents.pixels is not None else None
+    path = stored_file(tracks, given) if cameras else None
+    return None if path is None else read_file(path)
 
 
 def _path(argument: str, given: object) -> Path:
@@ -137,6 +171,7 @@ def _path(argument: str, given: object) -> Path:
     if isinstance(given, str | PathLike):
         return Path(given)
     how = ": mocap.from_arrays and mocap.from_pixels take numbers in memory" if argument == "tracks" else ""
+    how = " or a mocap.Skeleton(markers=[...], ...)" if argument == "skeleton" else how
     raise MocapError(f"`{argument}` is {type(given).__name__}, expected a file{how}")
 
 
@@ -175,8 +210,7 @@ def complete(
             raise NoRateError(f"{where}: the frame rate is not in the file: give `fps`")
         check_rate(contents.fps, where)
     else:
-        unsaid = "the file does not state the frame rate"
-        contents = replace(contents.with_rate(fps), findings=tuple(f for f in contents.findings if f != unsaid))
+        contents = contents.with_rate(fps)
     contents, left_out = every_frame(contents)
     return contents, (*told, *readings((*contents.assumed, *left_out)))
 
@@ -186,6 +220,9 @@ def _whole(files: Sequence[Path], rig: Path | None, hints: Hints) -> FileContent
     found = [read_file(path, hints) for path in files]
     if len(found) == 1:
         return found[0]
+    bodies = [f for f in found if "transforms" in f.tables]
+    if bodies and len(bodies) == len(found) - 1:
+        return with_bodies(next(f for f in found if f not in bodies), bodies)
     other = next((f for f in found if f.pixels is None and not f.cameras and not f.lenses), None)
     if other is not None:
         raise FormatError(
@@ -214,14 +251,17 @@ def calibration_of(path: Path) -> FileContents:
         raise
 
 
-def animal(given: PathText | Skeleton | None, names: Sequence[str]) -> tuple[Skeleton, tuple[str, ...]]:
-    """The skeleton, and the file's marker names in its terms; where none is given a skeleton of markers only.
+def animal(
+    given: PathText | Skeleton | None, names: Sequence[str], *, bodies: Mapping[str, Iterable[str]] | None = None
+) -> tuple[Skeleton, tuple[str, ...]]:
+    """The skeleton, and the file's marker names in its terms; where none is given one of markers and the file's bodies.
 
     Raises:
         SkeletonError: the skeleton cannot be read, or uses markers that the recording lacks.
     """
     if given is None:
-        return Skeleton(name="markers only", markers=tuple(names)), tuple(names)
+        stated = {body: tuple(own) for body, own in (bodies or {}).items()}
+        return Skeleton(name="markers only", markers=tuple(names), bodies=stated), tuple(names)
     skeleton = given if isinstance(given, Skeleton) else read_skeleton(_path("skeleton", given))
     renamed = skeleton.renamed(names)
     try:
@@ -229,7 +269,12 @@ def animal(given: PathText | Skeleton | None, names: Sequence[str]) -> tuple[Ske
     except ValueError as error:
         where = f"skeleton {skeleton.name!r}" if isinstance(given, Skeleton) else given
         raise SkeletonError(f"{where}: after renaming by its aliases, {error}") from None
-    return skeleton.for_markers(renamed, source="the recording"), renamed
+    try:
+        return skeleton.for_markers(renamed, source="the recording"), renamed
+    except SkeletonError as error:
+        if isinstance(given, Skeleton) or not is_model(Path(given)):
+            raise
+        raise SkeletonError(f"{error}: first mocap skeleton {given} > {Path(given).stem}.toml, which can") from None
 
 
 def _with_cameras(

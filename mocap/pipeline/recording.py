@@ -1,75 +1,124 @@
-"""A recording in memory, and its pixels converted to ideal (undistorted) ones."""
+"""A recording: one Dataset of all that is known of it over time, and what no array can hold."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from html import escape
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import get_args
 
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 from eal.arrays import Array
-from eal.over_time import Time
 from mocap import audit
 from mocap.calibration.lens_of_tracks import TrackLens, lens_of_tracks
 from mocap.cameras import origin, triangulate
 from mocap.cameras.camera import Camera, scaled, stacked
+from mocap.cleaning.camera_health import BadTime
+from mocap.cleaning.click_noise import USUAL_DOF, ClickNoise
+from mocap.cleaning.likelihoods import LikelihoodNoise
+from mocap.cleaning.swaps import Swap, exchanged_samples
 from mocap.errors import CalibrationError, FormatError, MocapError
+from mocap.filters.observations import Observations, PixelObservations, PositionObservations
 from mocap.findings import Finding
-from mocap.io.contents import FileContents
+from mocap.io.contents import Bodies, FileContents
 from mocap.io.optical import UNIT_M
 from mocap.io.unstated_unit import of_cameras
 from mocap.pipeline import sentences
+from mocap.pipeline.run import Plane
+from mocap.pipeline.variables import Values, dataset, with_reasons, with_variables
 from mocap.records import MarkerTracks, PixelTracks
 from mocap.skeleton import Skeleton
 from mocap.stated import check_stated
 
+WIDE = 0.05
+"""A marker vaguer than this share of its distance from the cameras is not projected from sigma points."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Recording:
-    """A recording in memory, and what its user states about it, as ``mocap.read`` and ``mocap.from_arrays`` make it.
+    """A recording, from ``mocap.read`` and ``mocap.from_arrays`` on; ``mocap.clean`` gives the same with more in it.
+
+    What is known at each time is in ``data``, whose variables are declared in ``mocap.pipeline.variables``; properties
+    give them as plain arrays. T frames, M markers, C cameras.
 
     Attributes:
         name: Of the recording.
-        contents: Pixels or positions with every frame from first to last, markers named as in the skeleton.
+        data: Every frame from first to last, markers named as in the skeleton.
         skeleton: What is known of the animal, at least the markers.
         cameras: The C calibrated cameras with their lenses; empty: none are known.
         calibration: What messages call the calibration, where it is given beside the tracks; None: it is not.
-        findings: The first findings: how the files were read where they leave that open, and frames that they leave
-            out.
+        findings: How the files were read where they leave that open, and frames that they leave out; of one that was
+            cleaned all findings, those that ask for something to be done (``alarm``) worst first.
         told: How the calibration and the pixels were read.
+        unusual: What is unusual of the file, or not in it.
+        bodies: Rigid bodies that the file states, with the places of their markers in their axes, in metres.
         file: The file of the tracks; None: they were never in one.
         inputs: All files that the user named.
-        stored: Positions in a file of their own that are compared with those of the pixels; None: there are none.
+        stored: Positions of a file that are compared with those of the pixels; None: there are none.
         unit: Unit of lengths, as the user states it.
-        pixel_origin: Where pixel rows are counted from.
+        pixel_origin: Where pixel rows are counted from, as the user states it.
+        usual_origin: The same, as the program that wrote the file counts them.
         calibration_origin: The same for the coefficients.
         image_height_px: Image height for flips.
         pixel_sd: Standard deviation of a pixel; None: estimated.
         correct_lag: Whether cameras that run late by the audit are read between their frames.
         fit_lens: Whether radial distortion is estimated from the recording and corrected.
         mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions are pixels.
+        cleaned: Whether ``clean`` has made it; all that follows is known only then.
+        rows: Where pixel rows are counted from, as decided; None: not yet.
+        lens: What was estimated of the lenses from the pixels themselves, and taken out; None: nothing.
+        plane: The picture of one film, in which positions are; None: they are in space.
+        jitter_px: Standard deviation of a coordinate of a pixel, from frame to frame; NaN without cameras.
+        bias_px: Standard deviation of the slow ray errors that were removed.
+        stated_over_shown: Factor by which all deviations were multiplied, so that they are what the user states of a
+            pixel; 1: nothing is stated.
+        noise: Relative scales of cameras and markers, and degrees of freedom of cameras, by which rays were weighed;
+            None without cameras.
+        likelihoods: What the likelihoods of clicks were found to be worth; contained in ``ray_sd_px``. None: there are
+            none, or nothing can be learned of them.
+        bad_cameras: Runs of frames in which a camera was bad; contained in ``ray_sd_px``.
+        swaps: Runs of frames in which two markers bore each other's names; undone.
+        stale: Stored positions that do not follow from the pixels; None where there was no file to compare.
+        audited: What pixels and cameras tell of each other, and of faults of the programs that wrote them.
     """
 
     name: str
-    contents: FileContents
+    data: xr.Dataset
     skeleton: Skeleton
     cameras: tuple[Camera, ...] = ()
     calibration: str | None = None
     findings: tuple[Finding, ...] = ()
     told: tuple[Finding, ...] = ()
+    unusual: tuple[str, ...] = ()
+    bodies: Bodies = field(default_factory=dict)
     file: Path | None = None
     inputs: tuple[Path, ...] = ()
     stored: FileContents | None = None
     unit: str | None = None
     pixel_origin: origin.PixelCorner | None = None
+    usual_origin: origin.PixelCorner | None = None
     calibration_origin: origin.PixelCorner | None = None
     image_height_px: float | None = None
     pixel_sd: float | None = None
     correct_lag: bool = False
     fit_lens: bool = False
     mm_per_px: float | None = None
+    cleaned: bool = False
+    rows: origin.PixelOrigin | None = None
+    lens: TrackLens | None = None
+    plane: Plane | None = None
+    jitter_px: float = np.nan
+    bias_px: float = 0.0
+    stated_over_shown: float = 1.0
+    noise: ClickNoise | None = None
+    likelihoods: LikelihoodNoise | None = None
+    bad_cameras: tuple[BadTime, ...] = ()
+    swaps: tuple[Swap, ...] = ()
+    stale: tuple[audit.StalePoint, ...] | None = None
+    audited: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         """Check what is stated."""
@@ -88,42 +137,248 @@ class Recording:
         return self.name if self.file is None else self.file.name
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The M markers."""
+        return tuple(self.data["keypoint"].values.tolist())
+
+    @property
+    def t_s(self) -> Array:
+        """(T,) times in seconds."""
+        return self.data["time"].values
+
+    @property
+    def dt_s(self) -> float:
+        """Time step."""
+        return float(self.t_s[1] - self.t_s[0]) if len(self.t_s) > 1 else 1.0
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second."""
+        return self.data.attrs.get("fps")
+
+    @property
+    def format(self) -> str:
+        """Of the file, in the registry."""
+        return self.data.attrs.get("format", "array")
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """The C cameras of the pixels, calibrated or not."""
+        return tuple(self.data["view"].values.tolist()) if "view" in self.data.coords else ()
+
+    @property
     def filmed(self) -> bool:
         """Whether there are cameras, calibrated or not."""
-        return self.calibration is not None or self.contents.pixels is not None
+        return self.calibration is not None or "pixels" in self.data
 
     @property
     def planar(self) -> bool:
         """Whether this is one film without a calibration."""
-        found = self.contents
-        one = found.pixels is not None and len(found.pixels.cameras) == 1
-        return one and not self.cameras and self.calibration is None
+        return len(self.camera_names) == 1 and not self.cameras and self.calibration is None
+
+    @property
+    def matrices(self) -> Array:
+        """(C, 3, 4) projections."""
+        return stacked(self.cameras)
+
+    @property
+    def pixels(self) -> PixelTracks | None:
+        """Where each camera saw each marker, as in the file; None: there are positions."""
+        if "pixels" not in self.data:
+            return None
+        uv_px = self.data["pixels"].values
+        return PixelTracks(names=self.names, cameras=self.camera_names, t_s=self.t_s, uv_px=uv_px)
+
+    @property
+    def points(self) -> MarkerTracks | None:
+        """Positions of a file, or of the pixels since ``clean``; None: not known yet."""
+        if "position" not in self.data:
+            return None
+        status = self.data["status"].values
+        return MarkerTracks(names=self.names, t_s=self.t_s, xyz_m=self.xyz_m, cov_m2=self.cov_m2, status=status)
+
+    @property
+    def score(self) -> Array | None:
+        """(C, T, M) likelihoods of clicks, or (T, M) confidence of positions; None: there are none."""
+        name = next((name for name in ("likelihood", "confidence") if name in self.data), None)
+        return None if name is None else self.data[name].values
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(C, T, M) True where a camera saw a marker; of positions (T, M)."""
+        return np.isfinite(self.data["pixels" if "pixels" in self.data else "position"].values[..., 0])
+
+    @property
+    def xyz_m(self) -> Array:
+        """(T, M, 3) positions; since ``clean`` of believed samples, corrected for slow ray errors, NaN else."""
+        return self.data["position"].values
+
+    @property
+    def cov_m2(self) -> Array:
+        """(T, M, 3, 3) covariance of positions, since ``clean`` of their jitter."""
+        return self.data["covariance"].values
+
+    @property
+    def ideal_px(self) -> Array:
+        """(C, T, M, 2) undistorted pixels in the convention of the coefficients."""
+        return self.data["ideal"].values
+
+    @property
+    def late_frames(self) -> Array | None:
+        """(C,) offsets that were taken out of ``ideal_px``; None: none was asked to be."""
+        return self.data["late"].values if "late" in self.data else None
+
+    def _of_rays(self, name: str, *shape: int) -> Array:
+        """A variable of cameras; without cameras an empty array."""
+        sizes = self.data.sizes
+        return self.data[name].values if name in self.data else np.zeros((0, sizes["time"], sizes["keypoint"], *shape))
+
+    @property
+    def uv_px(self) -> Array:
+        """(C, T, M, 2) believed ideal pixels, corrected; C = 0 without cameras.
+
+        Where a sample has two and no position, they do not meet: one of them may be right.
+        """
+        return self._of_rays("believed", 2)
+
+    @property
+    def ray_sd_px(self) -> Array:
+        """(C, T, M) deviation of a coordinate of each corrected pixel, weighed by how the rays of its marker meet."""
+        return self._of_rays("ray_sd")
+
+    @property
+    def ray_scale_px(self) -> Array:
+        """(C, T, M) scale of Student's t that its error follows before anything is known of the others."""
+        return self._of_rays("ray_scale")
+
+    @property
+    def rays_rejected(self) -> NDArray[np.bool_]:
+        """(C, T, M) rays that miss."""
+        return self._of_rays("ray_rejected").astype(bool)
+
+    @property
+    def residual_px(self) -> Array:
+        """(T, M) residuals of triangulation before correction; NaN without cameras."""
+        return self.data["residual"].values if "residual" in self.data else np.full(self.xyz_m.shape[:2], np.nan)
+
+    @property
+    def persistent_px(self) -> Array:
+        """(M,) standard deviation of a pixel coordinate of errors that no filter averages out."""
+        return self.data["persistent"].values if "persistent" in self.data else np.zeros(self.data.sizes["keypoint"])
+
+    @property
+    def max_speed_m_s(self) -> Array:
+        """(M,) speed limits that jumps were judged by."""
+        return self.data["most_speed"].values
+
+    @property
+    def camera_factor(self) -> Array:
+        """(C, T) 1 or more: how much worse a camera is than in its good time (``mocap.cleaning.camera_health``)."""
+        return self.data["camera_factor"].values
+
+    @property
+    def lens_cov_m2(self) -> Array | None:
+        """(T, M, 3, 3) covariance of positions from a lens that was estimated or is not corrected; None: known."""
+        return self.data["lens_covariance"].values if "lens_covariance" in self.data else None
+
+    @property
+    def rejected(self) -> dict[str, NDArray[np.bool_]]:
+        """(T, M) masks by reason."""
+        if "rejected" not in self.data:
+            return {}
+        return dict(zip(self.data["reason"].values.tolist(), self.data["rejected"].values, strict=True))
+
+    @property
+    def repaired(self) -> dict[str, NDArray[np.bool_]]:
+        """(T, M) samples whose name was corrected, by the keys of ``mocap.cleaning.swaps.REPAIRS``."""
+        n_frames, n_markers = self.xyz_m.shape[:2]
+        return exchanged_samples((n_frames, n_markers), self.swaps)
+
+    @property
+    def camera_sd_px(self) -> Array:
+        """(C,) standard deviation of a coordinate that informs as much as the mean ray of each camera; NaN: no ray."""
+        seen = np.isfinite(self.uv_px[..., 0])
+        total = np.where(seen, 1 / self.ray_sd_px**2, 0.0).sum(axis=(1, 2))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(total > 0, np.sqrt(seen.sum(axis=(1, 2)) / total), np.nan)
+
+    def having(self, *, rejected: Mapping[str, NDArray[np.bool_]] | None = None, **values: Values) -> "Recording":
+        """The same with some variables, new or in place of others (``mocap.pipeline.variables``).
+
+        Args:
+            rejected: Masks (T, M) by reason, in place of all others; None: as they are.
+            **values: Arrays by the names of their variables.
+        """
+        data = with_variables(self.data, values)
+        return replace(self, data=data if rejected is None else with_reasons(data, rejected))
+
+    def at(self, frames: slice) -> "Recording":
+        """Some of its frames."""
+        return replace(self, data=self.data.isel(time=frames))
+
+    def in_space(self, what: str) -> "Recording":
+        """The same, refused where it is of one film.
+
+        Raises:
+            MocapError: positions are in the plane of a picture.
+        """
+        if self.plane is not None:
+            raise MocapError(f"{self.name}: one film without a calibration: {what} needs positions in space")
+        return self
+
+    def observations(
+        self, frames: slice, markers: NDArray[np.int64], *, hidden: NDArray[np.bool_] | None = None
+    ) -> Observations:
+        """Rows for a tracker, of a recording that was cleaned.
+
+        Args:
+            frames: Frames to track.
+            markers: Markers to track.
+            hidden: (T, M) samples to leave out.
+        """
+        keep = np.ones(self.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
+        keep = keep[frames][:, markers]
+        xyz = np.where(keep[..., None], self.xyz_m[frames][:, markers], np.nan)
+        cov = self.cov_m2[frames][:, markers]
+        if not self.cameras:
+            return PositionObservations(xyz_m=xyz, sd_m=np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 3))
+        uv = np.where(keep[None, ..., None], self.uv_px[:, frames][:, :, markers], np.nan)
+        middle = np.nanmedian(self.xyz_m.reshape(-1, 3), axis=0)
+        depth = np.median(np.abs(self.matrices[:, 2, :3] @ middle + self.matrices[:, 2, 3]))
+        return PixelObservations(
+            matrices=self.matrices,
+            uv_px=uv,
+            sd_px=self.ray_scale_px[:, frames][:, :, markers],
+            dof=np.full(len(uv), USUAL_DOF) if self.noise is None else self.noise.dof,
+            xyz_m=xyz,
+            cov_m2=cov,
+            wide_m=WIDE * float(depth),
+        )
 
     def without_needless_calibration(self) -> "Recording":
         """The same, without the calibration where it holds positions and no pixels."""
-        return self if self.contents.pixels is not None else replace(self, calibration=None, cameras=())
+        return self if "pixels" in self.data else replace(self, calibration=None, cameras=())
 
     def in_unit(self, unit: str) -> "Recording":
-        """The same with lengths, which nobody states the unit of, in this one."""
-        contents = self.contents.with_unit(unit)
-        return replace(self, unit=unit, contents=contents, cameras=scaled(self.cameras, UNIT_M[unit]))
+        """The same with cameras in this unit, which nobody states."""
+        return replace(self, unit=unit, cameras=scaled(self.cameras, UNIT_M[unit]))
 
     def summary(self) -> dict[str, str]:
         """What it holds, as a table of words: frames, markers, cameras, the share seen, what is unusual."""
-        found = self.contents
-        n_frames, seen = len(found.frames), found.seen
-        rate = found.fps or 0.0
+        n_frames, rate = len(self.t_s), self.fps or 0.0
         there = {
-            "file": f"{self.where} ({found.format})",
+            "file": f"{self.where} ({self.format})",
             "frames": f"{n_frames} ({n_frames / rate:.4g} s at {rate:g} a second)" if rate else str(n_frames),
-            "markers": f"{len(found.names)}: {', '.join(found.names)}",
-            "cameras": f"{len(found.pixels.cameras)}" if found.pixels is not None else "none: positions",
-            "seen": f"{100 * seen.mean():.1f} % of samples" if seen.size else "nothing",
-            "unit": self.unit or found.unit or "not stated",
+            "markers": f"{len(self.names)}: {', '.join(self.names)}",
+            "cameras": f"{len(self.camera_names)}" if "pixels" in self.data else "none: positions",
+            "seen": f"{100 * self.seen.mean():.1f} % of samples" if self.seen.size else "nothing",
+            "unit": self.unit or self.data.attrs.get("space_unit") or "not stated",
         }
         there |= {} if self.calibration is None else {"calibration": self.calibration}
         there |= {"skeleton": self.skeleton.name} if self.skeleton.bones or self.skeleton.joints else {}
-        findings = (*self.findings, *self.told, *found.findings)
+        if self.cleaned:
+            there |= {"believed": f"{100 * np.isfinite(self.xyz_m[..., 0]).mean():.1f} % of positions"}
+        findings = (*self.findings, *self.told, *self.unusual)
         return there | ({"findings": "; ".join(map(str, findings))} if findings else {})
 
     def __repr__(self) -> str:
@@ -137,180 +392,114 @@ class Recording:
         return f"<table><caption>{escape(self.name)}</caption>{''.join(cells)}</table>"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Filmed:
-    """Pixels with their cameras.
-
-    Attributes:
-        pixels: As recorded, markers named as in the skeleton.
-        cameras: The C cameras.
-        pixel_origin: Decision on where rows are counted from.
-        ideal_px: (C, T, M, 2) undistorted pixels in the convention of the coefficients.
-        late_frames: (C,) offsets that were taken out of ``ideal_px``; None: none was asked to be.
-        told: How the calibration and the profile were read, where their text leaves that open.
-        lens: What was estimated of the lenses from the pixels themselves and taken out of ``ideal_px``; None: nothing.
-    """
-
-    pixels: PixelTracks
-    cameras: tuple[Camera, ...]
-    pixel_origin: origin.PixelOrigin
-    ideal_px: Annotated[Array, Time(1)]
-    late_frames: Array | None = None
-    told: tuple[Finding, ...] = ()
-    lens: TrackLens | None = None
-
-    @property
-    def matrices(self) -> Array:
-        """(C, 3, 4) projections."""
-        return stacked(self.cameras)
+def of_points(tracks: MarkerTracks, skeleton: Skeleton, *, name: str) -> Recording:
+    """A recording of positions in metres that are in memory, named as the skeleton names them."""
+    data = dataset(tracks.names, tracks.t_s, points=tracks, space_unit="m")
+    return Recording(name=name, data=data, skeleton=skeleton)
 
 
-def load_points(source: Recording) -> MarkerTracks:
-    """The positions of a recording without cameras.
-
-    Raises:
-        FormatError: it holds none, or none is ever seen.
-    """
-    points = source.contents.points
-    if points is None:
-        raise FormatError(
-            f"{source.where}: contains no tracks ({source.contents.format}): give a file of pixels or positions"
-        )
-    if not points.seen.any():
-        raise FormatError(f"{source.where}: no marker is ever seen: there is nothing to track")
-    return points
-
-
-def load_filmed(source: Recording, *, iterations: int | None) -> Filmed:
-    """Decide the pixel origin, undistort.
-
-    Args:
-        source: A recording with cameras.
-        iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
-
-    Raises:
-        FormatError: it contains no pixels.
-        CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
-    """
-    pixels = source.contents.pixels
-    if pixels is None:
-        raise FormatError(
-            f"{source.where}: contains positions ({source.contents.format}), not pixels: give the file of pixels "
-            "(2D), or leave the calibration out"
-        )
-    if not source.cameras:
-        project = source.contents.format == "dltdv-project"
-        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
-        raise CalibrationError(f"{source.where}: {what}: calibrate, or give `calibration`")
-    if len(pixels.cameras) < 2:
-        raise CalibrationError(
-            f"{source.where}: contains one camera: 3D points need two or more views in one file, or a model of the "
-            "animal from recordings with more (mocap learn): give `model`"
-        )
-    return film_of(
-        pixels,
-        source.cameras,
-        name=source.where,
-        iterations=iterations,
-        pixel_origin=source.pixel_origin,
-        calibration_origin=source.calibration_origin,
-        image_height_px=source.image_height_px,
-        correct_lag=source.correct_lag,
-        usual_origin=source.contents.pixel_origin,
-        fit_lens=source.fit_lens,
-        told=source.told,
-    )
-
-
-def load_in_unit(source: Recording, *, iterations: int | None) -> tuple[Recording, Filmed]:
-    """As ``load_filmed``, with the unit of a calibration that nobody states: by the animal's length, told first of all.
-
-    Raises:
-        FormatError: no unit makes it an animal.
-    """
-    filmed = load_filmed(source, iterations=iterations)
-    if (source.unit or source.contents.unit) is not None:
-        return source, filmed
-    unit, said = of_cameras(filmed.matrices, filmed.ideal_px, where=source.calibration or source.where)
-    if unit != "m":
-        source = source.in_unit(unit)
-        filmed = load_filmed(source, iterations=iterations)
-    return source, replace(filmed, told=(*said, *filmed.told))
-
-
-def film_of(
+def of_pixels(
     pixels: PixelTracks,
     cameras: Sequence[Camera],
+    skeleton: Skeleton | None = None,
     *,
     name: str,
-    iterations: int | None = None,
-    pixel_origin: origin.PixelCorner | None = None,
-    calibration_origin: origin.PixelCorner | None = None,
-    image_height_px: float | None = None,
-    correct_lag: bool = False,
-    usual_origin: origin.PixelCorner | None = None,
-    fit_lens: bool = False,
-    told: tuple[Finding, ...] = (),
-) -> Filmed:
-    """Pixels and cameras that are in memory: decide the pixel origin, undistort.
+    score: Array | None = None,
+    **stated: object,
+) -> Recording:
+    """A recording of pixels that are in memory.
 
     Args:
-        pixels: As recorded, C cameras.
-        cameras: The C cameras.
-        name: What errors call them.
+        pixels: As digitised, named as the skeleton names them.
+        cameras: Their cameras, in the same order.
+        skeleton: What is known of the animal; None: the markers.
+        name: Of the recording.
+        score: (C, T, M) the clicking program's own likelihood of each click; None: it states none.
+        **stated: Other fields of ``Recording``.
+    """
+    known = Skeleton(name="markers only", markers=pixels.names) if skeleton is None else skeleton
+    data = dataset(pixels.names, pixels.t_s, pixels=pixels, score=score, space_unit="m")
+    return Recording(name=name, data=data, skeleton=known, cameras=tuple(cameras), **stated)  # type: ignore[arg-type]
+
+
+def with_ideal_pixels(recording: Recording, *, iterations: int | None = None, find_unit: bool = True) -> Recording:
+    """Decide where pixels are counted from, and take out lenses and lags.
+
+    Args:
+        recording: With cameras.
         iterations: As in ``BrownLens.undistort``: 3 is what DLTdv does.
-        pixel_origin: As in ``Recording``, as are the three that follow.
-        calibration_origin: See above.
-        image_height_px: See above.
-        correct_lag: See above.
-        usual_origin: Where the program that wrote the file counts pixels from.
-        fit_lens: As in ``Recording``.
-        told: How they were read.
+        find_unit: Whether the unit of a calibration that nobody states is chosen by the animal's length.
 
     Raises:
-        FormatError: nothing is seen.
+        FormatError: it contains no pixels, nothing is seen, or no unit makes it an animal.
         CalibrationError: pixels and coefficients do not belong together, or no sample is seen by two cameras.
     """
+    if recording.rows is not None:
+        return recording
+    found = _undistorted(recording, _pixels_of(recording), iterations)
+    if not find_unit or (recording.unit or recording.data.attrs.get("space_unit")) is not None:
+        return found
+    unit, said = of_cameras(found.matrices, found.ideal_px, where=recording.calibration or recording.where)
+    if unit != "m":
+        recording = recording.in_unit(unit)
+        found = _undistorted(recording, _pixels_of(recording), iterations)
+    return replace(found, told=(*said, *found.told))
+
+
+def _pixels_of(recording: Recording) -> Array:
+    """(C, T, M, 2) pixels of two or more calibrated cameras, of which two see something at once."""
+    where, pixels = recording.where, recording.pixels
+    if pixels is None:
+        raise FormatError(
+            f"{where}: contains positions ({recording.format}), not pixels: give the file of pixels "
+            "(2D), or leave the calibration out"
+        )
+    if not recording.cameras:
+        project = recording.format == "dltdv-project"
+        what = "a project without DLT coefficients" if project else "contains pixels without a calibration"
+        raise CalibrationError(f"{where}: {what}: calibrate, or give `calibration`")
+    if len(pixels.cameras) < 2:
+        raise CalibrationError(
+            f"{where}: contains one camera: 3D points need two or more views in one file, or a model of the "
+            "animal from recordings with more (mocap learn): give `model`"
+        )
     if not pixels.seen.any():
-        raise FormatError(f"{name}: no marker is ever seen: there is nothing to track; digitise first")
+        raise FormatError(f"{where}: no marker is ever seen: there is nothing to track; digitise first")
     if not (pixels.seen.sum(axis=0) >= 2).any():
-        raise CalibrationError(f"{name}: no marker is seen by two cameras at once: no point can be triangulated")
+        raise CalibrationError(f"{where}: no marker is seen by two cameras at once: no point can be triangulated")
+    return pixels.uv_px
+
+
+def _undistorted(recording: Recording, uv_px: Array, iterations: int | None) -> Recording:
+    cameras = recording.cameras
 
     def decided(uv_px: Array) -> origin.PixelOrigin:
         return origin.decide_origin(
             cameras,
             uv_px,
-            origin=pixel_origin,
-            coefficients=calibration_origin,
-            height_px=image_height_px,
-            usual=usual_origin,
+            origin=recording.pixel_origin,
+            coefficients=recording.calibration_origin,
+            height_px=recording.image_height_px,
+            usual=recording.usual_origin,
         )
 
     try:
-        decision = _decided_apart(pixels.uv_px, cameras, decided, correct_lag=correct_lag)
+        rows = _decided_apart(uv_px, cameras, decided, correct_lag=recording.correct_lag)
     except CalibrationError as error:
-        error.args = (f"{name}: {error}",)
+        error.args = (f"{recording.where}: {error}",)
         raise
-    ideal = decision.ideal(cameras, pixels.uv_px, iterations=iterations)
-    lens, late = None, None
-    if fit_lens:
+    ideal, told, lens, late = rows.ideal(cameras, uv_px, iterations=iterations), recording.told, None, None
+    if recording.fit_lens:
         if any(c.lens is not None for c in cameras):
             raise CalibrationError("`fit_lens`: the cameras have lenses already: leave it out, or leave the lenses out")
         lens = lens_of_tracks(cameras, ideal)
         ideal = lens.straight(ideal)
         told += (sentences.estimated_lens(lens),)
-    if correct_lag and (found := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
-        late = audit.late_cameras(found)
+    if recording.correct_lag and (lags := audit.estimate_offsets(stacked(cameras), ideal)) is not None:
+        late = audit.late_cameras(lags)
         ideal = audit.in_step(ideal, late)
-    return Filmed(
-        pixels=pixels,
-        cameras=tuple(cameras),
-        pixel_origin=decision,
-        ideal_px=ideal,
-        late_frames=late,
-        told=told,
-        lens=lens,
-    )
+    found = recording.having(ideal=ideal) if late is None else recording.having(ideal=ideal, late=late)
+    return replace(found, rows=rows, lens=lens, told=told)
 
 
 def _decided_apart(
@@ -337,34 +526,32 @@ def _decided_apart(
         raise
 
 
-def by_pixels(filmed: Filmed, stated_px: float | None, relative: Array | float = 1.0) -> tuple[float, float | None]:
+def by_pixels(recording: Recording, relative: Array | float = 1.0) -> tuple[float, float | None]:
     """What rays show of the pixel noise, and the deviation to reject by: never below that, whatever is stated.
 
     Args:
-        filmed: Pixels and cameras.
-        stated_px: Standard deviation that the user states; None: nothing, and ``triangulate.robust`` finds its own.
+        recording: With ideal pixels; where nobody states a deviation, ``triangulate.robust`` finds its own (None).
         relative: Deviations of rays relative to it, broadcastable to (C, T, M).
     """
-    if stated_px is None:
+    if recording.pixel_sd is None:
         return np.nan, None
-    shown = triangulate.apparent_sd(filmed.matrices, filmed.ideal_px, relative=np.asarray(relative))
-    return shown, max(stated_px, shown)
+    shown = triangulate.apparent_sd(recording.matrices, recording.ideal_px, relative=np.asarray(relative))
+    return shown, max(recording.pixel_sd, shown)
 
 
-def audit_points(source: Recording, filmed: Filmed) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
+def audit_points(recording: Recording) -> tuple[tuple[audit.StalePoint, ...] | None, list[Finding]]:
     """Compare stored points with those that DLTdv's own triangulation gives, before anything is cleaned."""
-    beside, where = source.contents, source.where
-    if beside.points is None:
-        if source.stored is None:
-            return None, []
-        beside, where = source.stored, source.stored.paths[0].name
-    stored = (beside if source.unit is None else beside.with_unit(source.unit)).points
+    beside, pixels = recording.stored, recording.pixels
+    if beside is None or pixels is None or recording.rows is None:
+        return None, []
+    where = beside.paths[0].name
+    stored = (beside if recording.unit is None else beside.with_unit(recording.unit)).points
     if stored is None:
         return None, [sentences.stored_points(f"{where} was not compared: it contains no positions ({beside.format})")]
-    ideal = filmed.pixel_origin.ideal(filmed.cameras, filmed.pixels.uv_px, iterations=3)
+    ideal = recording.rows.ideal(recording.cameras, pixels.uv_px, iterations=3)
     if not stored.seen.any():
         return None, []
-    xyz = triangulate.linear(filmed.matrices, ideal)
+    xyz = triangulate.linear(recording.matrices, ideal)
     elsewhere = audit.other_world(xyz, stored) if xyz.shape == stored.xyz_m.shape else None
     if elsewhere is not None:
         return None, [sentences.stored_points(f"{where}: {elsewhere.text}")]

@@ -17,7 +17,7 @@ from mocap.io.unstated_unit import UNIT, length
 from mocap.markdown import plain
 from mocap.pipeline import sentences
 from mocap.pipeline.moved import MOVED, moved_report
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.run import JointPotential
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
@@ -28,7 +28,7 @@ QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
 
 def make_report(
-    prepared: Prepared,
+    prepared: Recording,
     part: Part,
     tracked: TrackedMotion,
     potentials: Mapping[str, JointPotential],
@@ -50,13 +50,15 @@ def make_report(
     total = origin.size
     share = {o.name.lower(): float(np.mean(origin == o)) for o in Status}
     n_frames = origin.shape[0]
+    late = prepared.late_frames
     report = {
         "name": prepared.name,
         "frames": n_frames,
         "fps": float(1 / prepared.dt_s),
         "tracked_frames": [part.frames.start + 1, part.frames.stop],
         "markers": list(prepared.names),
-        "cameras": [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras],
+        "cameras": [] if not prepared.cameras else [c.name for c in prepared.cameras],
+        "late_frames": None if late is None else [float(one) for one in late],
         "skeleton": prepared.skeleton.name,
         "model": {
             "name": tracked.model,
@@ -66,7 +68,8 @@ def make_report(
             "weight": WEIGHT,
         },
         "samples": {"total": total, "seen": float(np.mean(np.isfinite(prepared.xyz_m[..., 0]))), **share},
-        "filled": int(np.isin(origin, [Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED]).sum()),
+        "filled": int(np.isin(origin, [Status.SMOOTHED, Status.INTERPOLATED]).sum()),
+        "extrapolated": int((origin == Status.PREDICTED).sum()),
         "sd_mm": {
             "measured": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.MEASURED]),
             "filled": _quantiles(1e3 * tracked.markers.sd_m[origin == Status.SMOOTHED]),
@@ -143,23 +146,23 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _gated(prepared: Prepared, tracked: TrackedMotion) -> int:
+def _gated(prepared: Recording, tracked: TrackedMotion) -> int:
     """Single-camera observations that the filter rejected."""
     return int((np.isfinite(tracked.innovation_px[..., 0]) & ~tracked.used).sum()) if len(prepared.uv_px) else 0
 
 
-def _moved_far(prepared: Prepared, tracked: TrackedMotion) -> int:
+def _moved_far(prepared: Recording, tracked: TrackedMotion) -> int:
     """Samples that the track lies too far from to be called measured."""
     return int(cast(int, moved_report(prepared, tracked.markers)["beyond_3_sd"]))
 
 
-def _repeatability_m(prepared: Prepared, tracked: TrackedMotion) -> Array:
+def _repeatability_m(prepared: Recording, tracked: TrackedMotion) -> Array:
     """(T, M) standard deviation of a coordinate without errors that last."""
     cov = tracked.markers.cov_m2 - lasting_cov(prepared)
     return np.sqrt(np.maximum(np.trace(cov, axis1=-2, axis2=-1) / 3, 0.0))
 
 
-def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
+def _rejected_samples(prepared: Recording) -> list[dict[str, object]]:
     return [
         {"frame": int(t) + 1, "marker": prepared.names[m], "reason": reason}
         for reason, mask in prepared.rejected.items()
@@ -167,11 +170,11 @@ def _rejected_samples(prepared: Prepared) -> list[dict[str, object]]:
     ]
 
 
-def _noise(prepared: Prepared) -> dict[str, object]:
+def _noise(prepared: Recording) -> dict[str, object]:
     """Noise of each camera and its degrees of freedom, and the noise of each marker relative to a typical one."""
-    if prepared.filmed is None or prepared.noise is None:
+    if not prepared.cameras or prepared.noise is None:
         return {"sd_px": {}, "dof": {}, "marker_scale": {}}
-    cameras = [camera.name for camera in prepared.filmed.cameras]
+    cameras = [camera.name for camera in prepared.cameras]
     return {
         "sd_px": dict(zip(cameras, map(_number, prepared.camera_sd_px), strict=True)),
         "dof": dict(zip(cameras, map(_number, prepared.noise.dof), strict=True)),
@@ -179,9 +182,9 @@ def _noise(prepared: Prepared) -> dict[str, object]:
     }
 
 
-def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
+def _bad_cameras(prepared: Recording) -> list[dict[str, object]]:
     """Runs of frames, from 1, in which a camera had clearly larger errors than usual."""
-    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    cameras = [] if not prepared.cameras else [c.name for c in prepared.cameras]
     return [
         {
             "camera": cameras[bad.camera],
@@ -195,9 +198,9 @@ def _bad_cameras(prepared: Prepared) -> list[dict[str, object]]:
     ]
 
 
-def _exchanged(prepared: Prepared) -> list[dict[str, object]]:
+def _exchanged(prepared: Recording) -> list[dict[str, object]]:
     """Runs of identity switches, frames from 1; without a camera the names were swapped in all cameras."""
-    cameras = [] if prepared.filmed is None else [c.name for c in prepared.filmed.cameras]
+    cameras = [] if not prepared.cameras else [c.name for c in prepared.cameras]
     return [
         {
             "markers": [prepared.names[swap.a], prepared.names[swap.b]],
@@ -231,6 +234,7 @@ def _joint(potential: JointPotential) -> dict[str, object]:
     return {
         "samples": len(potential.samples_m),
         "lambda": v.lam,
+        **{name: getattr(potential.choice, name, None) for name in ("metric", "width", "weight", "log_likelihood")},
         "effective_rank": v.effective_rank,
         "v_at_samples_median": float(np.median(at_samples)),
         "range_mm": [[float(1e3 * x) for x in (lo, hi)] for lo, hi in zip(*_range(potential.samples_m), strict=True)],
@@ -297,8 +301,8 @@ def readable(report: Mapping, *, title: str) -> str:
         "| samples of the tracked frames | share |",
         "|---|---|",
         f"| seen{'' if film else ' in 3D'} and accepted | {within['measured']:.1%} |",
-        f"| filled inside gaps (smoothed) | {within['smoothed']:.1%} |",
-        f"| before the first or after the last sighting (predicted) | {within['predicted']:.1%} |",
+        f"| filled, inside gaps | {within['smoothed']:.1%} |",
+        f"| extrapolated, before the first or after the last observation | {within['predicted']:.1%} |",
         f"| rejected | {within['rejected']:.1%} |",
         f"| left empty | {max(1 - sum(within.values()), 0.0):.1%} |",
         "",
@@ -361,12 +365,19 @@ def readable(report: Mapping, *, title: str) -> str:
             "",
             "## Joints",
             "",
-            "| joint | samples | independent directions (effective rank of V_z) | V_z at samples (median) |",
-            "|---|---|---|---|",
+            "| joint | samples | independent directions (effective rank of V_z) | V_z at samples (median) | metric "
+            "| kernel: beta x median squared distance | lambda | weight |",
+            "|---|---|---|---|---|---|---|---|",
         ]
         lines += [
-            f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} |"
+            f"| {plain(name)} | {j['samples']} | {j['effective_rank']:.1f} | {j['v_at_samples_median']:.2g} "
+            f"| {j['metric']} | {j['width']:g} | {j['lambda']:g} | {j['weight']:g} |"
             for name, j in report["joints"].items()
+        ]
+        lines += [
+            "",
+            "Metric, kernel, lambda and weight are those under which parts of the recording that were left out are "
+            "likeliest: 1 - V_z over its integral is their density, with the weight (1 - V_z)^weight.",
         ]
     lines += _articulation_lines(report.get("articulation", {"joints": []}))
     if table := residual_lines(report.get("residual_px_by_camera", {})):

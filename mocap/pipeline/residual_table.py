@@ -6,12 +6,12 @@ import numpy as np
 
 from mocap.cameras.camera import project
 from mocap.markdown import plain
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 
 MOST_ROWS = 60
 
 
-def residuals_by_camera(prepared: Prepared) -> dict[str, dict[str, float | None]]:
+def residuals_by_camera(prepared: Recording) -> dict[str, dict[str, float | None]]:
     """Median distance in pixels from clicks to where their triangulated points project, by camera and by marker.
 
     Args:
@@ -20,13 +20,12 @@ def residuals_by_camera(prepared: Prepared) -> dict[str, dict[str, float | None]
     Returns:
         For each camera its markers, and under ``all`` all of them; None where no believed point is seen.
     """
-    filmed = prepared.filmed
-    if filmed is None:
+    if not prepared.cameras:
         return {}
-    seen_at = project(filmed.matrices, prepared.xyz_m)
-    off = np.linalg.norm(seen_at - filmed.ideal_px, axis=-1)
+    seen_at = project(prepared.matrices, prepared.xyz_m)
+    off = np.linalg.norm(seen_at - prepared.ideal_px, axis=-1)
     found = {}
-    for camera, errors in zip(filmed.cameras, off, strict=True):
+    for camera, errors in zip(prepared.cameras, off, strict=True):
         columns = {name: errors[:, m] for m, name in enumerate(prepared.names)}
         found[camera.name] = {
             name: float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else None

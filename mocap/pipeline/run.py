@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eal.arrays import Array, short_repr
+from eal.choice import Choice
 from eal.over_time import OverTime
 from eal.plot import plot_potential
 from eal.potential import EmpiricalPotential
@@ -32,6 +33,7 @@ class JointPotential:
         samples_m: (N, d) coordinates in metres; d = 2 in the planes of a limb, 3 in the body.
         potential: V_z on coordinates divided by ``scale_m``.
         scale_m: Metres a unit of the potential's coordinates.
+        choice: How its kernel and lambda were chosen; None of one that was read back.
     """
 
     joint: str
@@ -39,6 +41,7 @@ class JointPotential:
     samples_m: Array
     potential: EmpiricalPotential
     scale_m: float
+    choice: Choice | None = None
 
     __repr__ = short_repr
 

@@ -4,18 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eal.arrays import Z95
+from mocap.filters.models.registry import NAMED
 from mocap.io.unstated_unit import length_text
 
 METHODS = {
-    "eal": ("pose model", "Kalman smoother of the whole pose with its joint potentials"),
+    **{name: (one.title, one.about) for name, one in NAMED.items()},
     "mixture": ("mixture", "pose model and constant velocity, weighted by each model's predicted variance"),
     "learned": ("learned model", "the model that mocap learn wrote"),
-    "articulated": ("joint angles", "Kalman smoother of joint angles, segments of constant length"),
-    "lagrangian": ("Lagrangian", "joint angles moved by the forces of the animal's masses"),
     "conditional_gaussian": ("conditional Gaussian", "regression on the other markers of the same frame"),
     "principal_components": ("principal components", "the same from a few components of all poses"),
     "chains": ("chains of bones", "directions of bones through splines, lengths constant, outward from the trunk"),
-    "constant_velocity": ("constant velocity", "Kalman smoother of each marker alone"),
     "linear": ("straight lines", "linear interpolation of each coordinate"),
     "cubic": ("cubic splines", "a spline through each coordinate"),
     "triangulation": ("triangulation", "each frame by itself, without a motion model"),
@@ -106,6 +104,11 @@ def error_lines(report: Mapping) -> list[str]:
         lines.append(f"{found.coverage:.1f} % of their 95 % intervals contain the value (95 % expected)")
     if found.half_width is not None:
         lines.append(f"± {two_digits(found.half_width)} {unit} is the median 95 % interval of a filled coordinate")
+    if report.get("extrapolated"):
+        lines.append(
+            f"{report['extrapolated']} points before a marker's first or after its last observation are extrapolated: "
+            "no later data constrain them"
+        )
     if found.wrong_by is not None:
         lines.append(f"intervals are too {found.wrong_by}: errors are {found.z:.2f} times the stated sd (1 is right)")
     if found.others:
@@ -118,7 +121,7 @@ def error_lines(report: Mapping) -> list[str]:
 def better(report: Mapping) -> str | None:
     """A sentence where another model of this program fills the hidden points better than the one that was used."""
     found = expected_error(report)
-    models = () if found is None else [name for name in found.others if name in ("eal", "articulated", "lagrangian")]
+    models = () if found is None else [name for name in found.others if name in NAMED and NAMED[name].posed]
     if found is None or not models or found.others[models[0]] >= found.rmse:
         return None
     best = models[0]

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +25,9 @@ from mocap.filters.model import (
     track_with,
     trials_for,
 )
-from mocap.filters.models.articulated import LAGRANGIAN, ArticulatedSettings
 from mocap.filters.models.base import FittedMotion, TrialSet, shares
-from mocap.filters.models.constant_velocity import MarkerSettings
 from mocap.filters.models.pose import PoseSettings
+from mocap.filters.models.registry import NAMED
 from mocap.filters.moving import asked_of
 from mocap.filters.observations import WHOLE
 from mocap.filters.poses import MarkerTrial
@@ -39,17 +37,13 @@ from mocap.filters.velocities import Asked
 from mocap.pipeline.jumped import jump_cov
 from mocap.pipeline.lens_effect import filled
 from mocap.pipeline.moved import moved
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.sentences import TOGETHER
 from mocap.records import MarkerTracks, Status, TrackedMotion
 from mocap.side_by_side import call_all
 
 Progress = Callable[[float], None]
 Mask = NDArray[np.bool_]
-Alone = Literal["constant_velocity", "eal", "articulated", "lagrangian"]
-ALONE: tuple[Alone, ...] = ("constant_velocity", "eal", "articulated", "lagrangian")
-"""Models that are filtered by themselves."""
-_OF_POSES = ("eal", "mixture", "articulated", "lagrangian")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,14 +59,14 @@ class Part:
     markers: NDArray[np.int64]
 
 
-def seen_part(prepared: Prepared) -> Part:
+def seen_part(prepared: Recording) -> Part:
     """Frames and markers that are seen often enough to be tracked."""
     seen = np.isfinite(prepared.xyz_m[..., 0])
     frames = np.flatnonzero(seen.any(axis=1))
     return Part(frames=slice(int(frames[0]), int(frames[-1]) + 1), markers=np.flatnonzero(seen.any(axis=0)))
 
 
-def why_no_pose(prepared: Prepared, part: Part) -> str | None:
+def why_no_pose(prepared: Recording, part: Part) -> str | None:
     """Why a whole-pose model cannot be learned from this recording; None where it can."""
     seen = np.isfinite(prepared.xyz_m[part.frames][:, part.markers, 0])
     if seen.shape[1] < 4:
@@ -87,7 +81,7 @@ def why_no_pose(prepared: Prepared, part: Part) -> str | None:
     return None
 
 
-def trunk_frames(prepared: Prepared, part: Part, *, cutoff_hz: float, hidden: Mask | None = None) -> BodyFrames:
+def trunk_frames(prepared: Recording, part: Part, *, cutoff_hz: float, hidden: Mask | None = None) -> BodyFrames:
     """Body frames of the tracked frames, from the skeleton's trunk, or from all markers if it names none."""
     wanted = [prepared.names.index(m) for m in prepared.skeleton.trunk] or list(part.markers)
     xyz = _visible(prepared, part, hidden, np.array(wanted))
@@ -96,16 +90,16 @@ def trunk_frames(prepared: Prepared, part: Part, *, cutoff_hz: float, hidden: Ma
     return body_frames(xyz, dt_s=prepared.dt_s, cutoff_hz=cutoff_hz)
 
 
-def _visible(prepared: Prepared, part: Part, hidden: Mask | None, markers: NDArray[np.int64]) -> Array:
+def _visible(prepared: Recording, part: Part, hidden: Mask | None, markers: NDArray[np.int64]) -> Array:
     keep = np.ones(prepared.xyz_m.shape[:2], dtype=bool) if hidden is None else ~hidden
     xyz = np.where(keep[..., None], prepared.xyz_m, np.nan)
     return xyz[part.frames][:, markers]
 
 
 def learn_motion(
-    prepared: Prepared,
+    prepared: Recording,
     part: Part,
-    name: Alone,
+    name: str,
     *,
     settings: PoseSettings | None = None,
     hidden: Mask | None = None,
@@ -119,21 +113,15 @@ def learn_motion(
     anatomy = anatomy_of(
         names, skeleton.trunk, skeleton.rigid, skeleton.measures.masses, bodies=skeleton.bodies.values()
     )
-    models = {
-        "eal": settings or PoseSettings(),
-        "articulated": ArticulatedSettings(),
-        "lagrangian": ArticulatedSettings(pose=LAGRANGIAN, mechanics="lagrangian"),
-        "constant_velocity": MarkerSettings(),
-    }
-    return models[name].fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
+    return (settings or NAMED[name].settings).fit(TrialSet([marker_trial(prepared, part, hidden=hidden)], anatomy))
 
 
-def part_names(prepared: Prepared, part: Part) -> list[str]:
+def part_names(prepared: Recording, part: Part) -> list[str]:
     """Names of the tracked markers."""
     return [prepared.names[int(m)] for m in part.markers]
 
 
-def marker_trial(prepared: Prepared, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
+def marker_trial(prepared: Recording, part: Part, *, hidden: Mask | None = None) -> MarkerTrial:
     """The seen part as models learn from it: with the noise that it shows, whatever is stated."""
     cov = prepared.cov_m2[part.frames][:, part.markers]
     return MarkerTrial(
@@ -145,7 +133,7 @@ def marker_trial(prepared: Prepared, part: Part, *, hidden: Mask | None = None) 
 
 
 def track_mixed(
-    prepared: Prepared,
+    prepared: Recording,
     part: Part,
     *,
     asked: Asked | None = None,
@@ -168,7 +156,7 @@ def track_mixed(
 
 
 def track_learned(
-    prepared: Prepared,
+    prepared: Recording,
     part: Part,
     learned: LearnedModel,
     *,
@@ -191,7 +179,7 @@ def track_learned(
 
 
 def track(
-    prepared: Prepared,
+    prepared: Recording,
     part: Part,
     model: FittedMotion,
     *,
@@ -205,7 +193,7 @@ def track(
     return model.fill(observations, asked=points, progress=progress)
 
 
-def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:
+def tracked_motion(prepared: Recording, part: Part, name: str, smoothed: Estimate) -> TrackedMotion:
     """The smoothed part in the frames and markers of the recording, every sample with its origin.
 
     What a marker does before its first and after its last sighting is kept while its standard deviation stays under a
@@ -241,8 +229,8 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
     rows_used[part.frames] = [seen.n_rows for seen in smoothed.observed]
     likelihood[part.frames] = smoothed.log_likelihood
     reprojected = np.zeros((0, n_frames, n_markers, 2))
-    if prepared.filmed is not None:
-        reprojected = project(prepared.filmed.matrices, xyz)
+    if prepared.cameras:
+        reprojected = project(prepared.matrices, xyz)
     return TrackedMotion(
         model=name,
         markers=MarkerTracks(names=prepared.names, t_s=prepared.t_s, xyz_m=xyz, cov_m2=cov, status=origin),
@@ -255,7 +243,7 @@ def tracked_motion(prepared: Prepared, part: Part, name: str, smoothed: Estimate
     )
 
 
-def _origins(prepared: Prepared, believed: Mask, estimated: Mask) -> NDArray[np.int8]:
+def _origins(prepared: Recording, believed: Mask, estimated: Mask) -> NDArray[np.int8]:
     """(T, M) origin of each sample; between a marker's first and last sighting what is not measured is smoothed."""
     index = np.arange(len(believed))[:, None]
     ever = believed.any(axis=0)
@@ -270,14 +258,14 @@ def _origins(prepared: Prepared, believed: Mask, estimated: Mask) -> NDArray[np.
     return origin
 
 
-def lasting_cov(prepared: Prepared) -> Array:
+def lasting_cov(prepared: Recording) -> Array:
     """(T, M, 3, 3) covariance of a point from ray errors that last, which no filter can average out.
 
     The jitter's covariance scaled to the variance of the lasting errors of each marker and of what all cameras share
     (``mocap.cleaning.persistence``), and that of a lens which was estimated or is not corrected; where a marker is not
     seen, that of the sample of median variance.
     """
-    if prepared.filmed is None:
+    if not prepared.cameras:
         return np.zeros_like(prepared.cov_m2)
     usual = prepared.jitter_px * (np.ones(len(prepared.names)) if prepared.noise is None else prepared.noise.marker)
     cov = prepared.cov_m2 * lasting_share(prepared.persistent_px, usual, removed_px=prepared.bias_px)[:, None, None]
@@ -302,7 +290,7 @@ class HiddenSamples:
         return int(self.mask.sum())
 
 
-def hide_samples(prepared: Prepared, part: Part, rng: np.random.Generator, *, most_frames: int = 300) -> HiddenSamples:
+def hide_samples(prepared: Recording, part: Part, rng: np.random.Generator, *, most_frames: int = 300) -> HiddenSamples:
     """Hide samples in gaps like the recording's own, in at most so many frames: to see how these are filled."""
     trial = marker_trial(prepared, part)
     own = hide_own(trial, rng)
@@ -319,7 +307,7 @@ def hide_samples(prepared: Prepared, part: Part, rng: np.random.Generator, *, mo
 
 
 def fill_hidden(
-    prepared: Prepared,
+    prepared: Recording,
     hidden: HiddenSamples,
     *,
     methods: Collection[str],
@@ -346,8 +334,8 @@ def fill_hidden(
         alone = TrialSet([own], anatomy_of(names, skeleton.trunk, skeleton.rigid, bodies=skeleton.bodies.values()))
         models = models_alone(PoseSettings(), alone)
         found["mixture"] = members(models, alone, seen, progress=steps["mixture"], call_all=call_all)
-    for name in ALONE:
-        if name in methods and (posed or name not in _OF_POSES) and not (name == "eal" and "mixture" in found):
+    for name, one in NAMED.items():
+        if name in methods and (posed or not one.posed) and not (name == "eal" and "mixture" in found):
             model = learn_motion(prepared, part, name, hidden=hidden.mask)
             found[name] = track(prepared, part, model, hidden=hidden.mask, progress=steps["rest"])
     if learned is not None:
@@ -358,7 +346,7 @@ def fill_hidden(
 
 
 def score_filled(
-    prepared: Prepared, hidden: HiddenSamples, filled: Mapping[str, Estimate | Members], mixture: Mixture | None
+    prepared: Recording, hidden: HiddenSamples, filled: Mapping[str, Estimate | Members], mixture: Mixture | None
 ) -> dict[str, dict[str, float | None]]:
     """How well hidden samples were filled, by method, ``linear`` and ``cubic`` interpolation among them.
 
@@ -387,13 +375,13 @@ def score_filled(
             estimates["eal"] = one.found[-1]
         if mixture is not None:
             estimates[name] = one.mixed(mixture).markers
-    for name in (*ALONE, "mixture", "learned"):
+    for name in (*NAMED, "mixture", "learned"):
         if name in estimates:
             cov = estimates[name].cov_m2 + _jitter(prepared, part)
             scores[name] = compared(estimates[name].xyz_m, cov, truth, where).as_json()
     return scores
 
 
-def _jitter(prepared: Prepared, part: Part) -> Array:
+def _jitter(prepared: Recording, part: Part) -> Array:
     """The measurement's own covariance, which a comparison with measured samples contains."""
     return np.nan_to_num(prepared.cov_m2[part.frames][:, part.markers])

@@ -11,7 +11,7 @@ from mocap.cameras import triangulate
 from mocap.errors import MocapError
 from mocap.io import dltdv
 from mocap.pipeline import sentences
-from mocap.pipeline.recording import Recording, audit_points, by_pixels, load_in_unit
+from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
 from mocap.records import marker_tracks
 
 
@@ -66,20 +66,21 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
     """
     if not source.filmed:
         raise MocapError(f"{source.where}: pixels need the calibration of their cameras: give `calibration`")
-    source, filmed = load_in_unit(source, iterations=None if refine else 3)
+    film = with_ideal_pixels(source, iterations=None if refine else 3)
+    assert film.rows is not None  # it was decided
     if refine:
-        shown, gate = by_pixels(filmed, source.pixel_sd)
-        found = triangulate.robust(filmed.matrices, filmed.ideal_px, sd_px=gate)
+        shown, gate = by_pixels(film)
+        found = triangulate.robust(film.matrices, film.ideal_px, sd_px=gate)
         xyz, residual = found.xyz_m, found.residual_px
         cov = found.cov_m2 * ((source.pixel_sd or found.sd_px) / found.sd_px) ** 2
         contradicted = sentences.contradiction(source.pixel_sd, low_px=shown, high_px=shown)
     else:
-        xyz, residual = linear_in_blocks(filmed.matrices, filmed.ideal_px)
+        xyz, residual = linear_in_blocks(film.matrices, film.ideal_px)
         contradicted, cov = [], None
-    tracks = marker_tracks(filmed.pixels.names, filmed.pixels.t_s, xyz, cov_m2=cov)
-    _, findings = audit_points(source, filmed)
+    tracks = marker_tracks(film.names, film.t_s, xyz, cov_m2=cov)
+    _, findings = audit_points(film)
     dltdv.write_points(out, tracks, sd=refine)
-    poor = alarms(fit_findings(filmed.cameras, filmed.ideal_px))
+    poor = alarms(fit_findings(film.cameras, film.ideal_px))
     return TriangulationSummary(
         points=int(tracks.seen.sum()),
         samples=tracks.seen.size,
@@ -87,9 +88,9 @@ def triangulate_file(source: Recording, out: Path, *, refine: bool) -> Triangula
         findings=(
             *poor,
             *contradicted,
-            *source.findings,
-            *filmed.told,
-            sentences.pixel_origin(filmed.pixel_origin),
+            *film.findings,
+            *film.told,
+            sentences.pixel_origin(film.rows),
             *findings,
         ),
     )

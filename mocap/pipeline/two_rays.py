@@ -21,7 +21,7 @@ from mocap.filters.models.pose import PoseSettings
 from mocap.filters.observations import linearised_pixels
 from mocap.filters.records import Estimate
 from mocap.pipeline import sentences
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import Part, marker_trial, part_names, track, why_no_pose
 
 FAR = 6.0
@@ -66,7 +66,7 @@ class Disagreement:
     cameras: tuple[int, int]
 
 
-def disagreements(prepared: Prepared, wrong: Mask | None = None) -> list[Disagreement]:
+def disagreements(prepared: Recording, wrong: Mask | None = None) -> list[Disagreement]:
     """Runs of frames in which two cameras alone, of three or more, see a marker and often do not meet.
 
     Those, too, in which one of both is wrong about another marker in half of the frames.
@@ -95,22 +95,22 @@ def disagreements(prepared: Prepared, wrong: Mask | None = None) -> list[Disagre
     return found
 
 
-def unconfirmed(prepared: Prepared) -> Mask:
+def unconfirmed(prepared: Recording) -> Mask:
     """(T, M) points of two rays, in recordings of three cameras or more."""
     rays = np.isfinite(prepared.uv_px[..., 0])
     return np.isfinite(prepared.xyz_m[..., 0]) & (rays.sum(axis=0) == 2) & (len(rays) > 2)
 
 
-def worth_checking(prepared: Prepared) -> bool:
+def worth_checking(prepared: Recording) -> bool:
     """Whether two cameras disagree about a marker, or enough points are of two rays."""
     return bool(disagreements(prepared)) or _many(prepared)
 
 
-def _many(prepared: Prepared) -> bool:
+def _many(prepared: Recording) -> bool:
     return bool(unconfirmed(prepared).sum() > LEAST * np.isfinite(prepared.xyz_m[..., 0]).sum())
 
 
-def without_contradicted(prepared: Prepared, part: Part, learned: LearnedModel | None = None) -> Prepared:
+def without_contradicted(prepared: Recording, part: Part, learned: LearnedModel | None = None) -> Recording:
     """The recording without what the pose filter contradicts where two cameras alone see a marker.
 
     First rays of cameras that are wrong for a run of frames, then single points, then rays again, where points were.
@@ -130,7 +130,9 @@ def without_contradicted(prepared: Prepared, part: Part, learned: LearnedModel |
     return further
 
 
-def _without_wrong_points(prepared: Prepared, part: Part, pose: PoseSettings, learned: LearnedModel | None) -> Prepared:
+def _without_wrong_points(
+    prepared: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None
+) -> Recording:
     """The recording without points of two rays that the pose filter contradicts; one of their rays may be right.
 
     The filter has not learned from such points, and is given at most one ray of each, the one that is nearer to its
@@ -140,7 +142,7 @@ def _without_wrong_points(prepared: Prepared, part: Part, pose: PoseSettings, le
     """
     asked = unconfirmed(prepared)
     asked &= np.isfinite(prepared.xyz_m[..., 0]).sum(axis=0) >= LEFT * asked.sum(axis=0)
-    doubted = replace(prepared, xyz_m=np.where(asked[..., None], np.nan, prepared.xyz_m))
+    doubted = prepared.having(position=np.where(asked[..., None], np.nan, prepared.xyz_m))
     if not asked.any() or not _can_expect(doubted, part, learned):
         return prepared
     xyz, cov = _expected(doubted, part, pose, learned)
@@ -151,7 +153,7 @@ def _without_wrong_points(prepared: Prepared, part: Part, pose: PoseSettings, le
     return _without(prepared, far) if far.any() else prepared
 
 
-def continuing(prepared: Prepared, part: Part, asked: Mask, away_m: Array) -> Mask:
+def continuing(prepared: Recording, part: Part, asked: Mask, away_m: Array) -> Mask:
     """(T, M) True for contradicted points of runs, among those that are asked about, that continue a marker's motion.
 
     Somebody who takes one marker for another jumps to it. Each marker is followed with neither ray in such frames; at
@@ -183,7 +185,7 @@ def continuing(prepared: Prepared, part: Part, asked: Mask, away_m: Array) -> Ma
     return out
 
 
-def _without_wrong_rays(prepared: Prepared, part: Part, pose: PoseSettings, learned: LearnedModel | None) -> Prepared:
+def _without_wrong_rays(prepared: Recording, part: Part, pose: PoseSettings, learned: LearnedModel | None) -> Recording:
     """The recording without the rays of cameras that are wrong for a run of frames, and the points that they made.
 
     The filter is given neither ray of such a run, and has not learned from their points.
@@ -193,49 +195,43 @@ def _without_wrong_rays(prepared: Prepared, part: Part, pose: PoseSettings, lear
         runs, hidden = disagreements(checked, wrong), np.zeros(wrong.shape[1:], dtype=bool)
         for run in runs:
             hidden[run.frames, run.marker] = True
-        doubted = replace(checked, xyz_m=np.where(hidden[..., None], np.nan, checked.xyz_m))
+        doubted = checked.having(position=np.where(hidden[..., None], np.nan, checked.xyz_m))
         if not runs or not _can_expect(doubted, part, learned):
             break
         more = _wrong_rays(checked, runs, *_expected(doubted, part, pose, learned, hidden=hidden))
         if not more.any():
             break
         wrong |= more
-        checked = replace(
-            checked,
-            uv_px=np.where(more[..., None], np.nan, checked.uv_px),
-            xyz_m=np.where(np.asarray(more.any(axis=0))[..., None], np.nan, checked.xyz_m),
+        checked = checked.having(
+            believed=np.where(more[..., None], np.nan, checked.uv_px),
+            position=np.where(np.asarray(more.any(axis=0))[..., None], np.nan, checked.xyz_m),
         )
     if not wrong.any():
         return prepared
     points = wrong.any(axis=0) & np.isfinite(prepared.xyz_m[..., 0])
     kept = _without(prepared, points) if points.any() else prepared
-    return replace(
-        kept,
-        uv_px=checked.uv_px,
-        rays_rejected=prepared.rays_rejected | wrong,
-        findings=(*kept.findings, sentences.wrong_rays(wrong)),
-    )
+    kept = kept.having(believed=checked.uv_px, ray_rejected=prepared.rays_rejected | wrong)
+    return replace(kept, findings=(*kept.findings, sentences.wrong_rays(wrong)))
 
 
-def _without(prepared: Prepared, far: Mask) -> Prepared:
+def _without(prepared: Recording, far: Mask) -> Recording:
     """The recording without points (T, M) that are contradicted, and a finding that says so."""
     before = prepared.rejected.get("contradicted", np.zeros_like(far))
-    return replace(
-        prepared,
-        xyz_m=np.where(far[..., None], np.nan, prepared.xyz_m),
-        cov_m2=np.where(far[..., None, None], np.nan, prepared.cov_m2),
+    kept = prepared.having(
+        position=np.where(far[..., None], np.nan, prepared.xyz_m),
+        covariance=np.where(far[..., None, None], np.nan, prepared.cov_m2),
         rejected={**prepared.rejected, "contradicted": before | far},
-        findings=(*prepared.findings, *sentences.rejected("contradicted", far)),
     )
+    return replace(kept, findings=(*prepared.findings, *sentences.rejected("contradicted", far)))
 
 
-def _can_expect(prepared: Prepared, part: Part, learned: LearnedModel | None) -> bool:
+def _can_expect(prepared: Recording, part: Part, learned: LearnedModel | None) -> bool:
     """Whether a pose filter can be had: of other trials, or of what is left of this recording."""
     return learned is not None or why_no_pose(prepared, part) is None
 
 
 def _expected(
-    prepared: Prepared,
+    prepared: Recording,
     part: Part,
     pose: PoseSettings,
     learned: LearnedModel | None,
@@ -246,7 +242,7 @@ def _expected(
     return _whole(prepared, part, track(prepared, part, pose.fit(_trials(prepared, part, learned)), hidden=hidden))
 
 
-def _whole(prepared: Prepared, part: Part, smoothed: Estimate) -> tuple[Array, Array]:
+def _whole(prepared: Recording, part: Part, smoothed: Estimate) -> tuple[Array, Array]:
     """What was smoothed in the frames and markers of the recording, as ``_expected`` has it."""
     inside = np.ix_(np.arange(len(prepared.t_s))[part.frames], part.markers)
     xyz, cov = np.full_like(prepared.xyz_m, np.nan), np.full_like(prepared.cov_m2, np.nan)
@@ -254,7 +250,7 @@ def _whole(prepared: Prepared, part: Part, smoothed: Estimate) -> tuple[Array, A
     return xyz, cov
 
 
-def _wrong_rays(prepared: Prepared, runs: Sequence[Disagreement], xyz_m: Array, cov_m2: Array) -> Mask:
+def _wrong_rays(prepared: Recording, runs: Sequence[Disagreement], xyz_m: Array, cov_m2: Array) -> Mask:
     """(C, T, M) rays of the camera of each run that is wrong, where one of both surely is and the other one fits.
 
     They are those from the first to the last frame that shows it.
@@ -282,13 +278,12 @@ def _wrong_rays(prepared: Prepared, runs: Sequence[Disagreement], xyz_m: Array, 
 
 
 def _ray_distances(
-    prepared: Prepared, camera: int, frames: NDArray[np.int64], marker: int, xyz_m: Array, cov_m2: Array
+    prepared: Recording, camera: int, frames: NDArray[np.int64], marker: int, xyz_m: Array, cov_m2: Array
 ) -> Array:
     """(n,) squared Mahalanobis distances of a camera's rays from where a marker is expected."""
-    assert prepared.filmed is not None  # rays are of films
     which, cameras = np.arange(len(frames)), np.full(len(frames), camera)
     pixel, slope, bend = linearised_pixels(
-        prepared.filmed.matrices, xyz_m[frames, marker], cov_m2[frames, marker], cameras, which
+        prepared.matrices, xyz_m[frames, marker], cov_m2[frames, marker], cameras, which
     )
     miss = prepared.uv_px[camera, frames, marker] - pixel
     noise = prepared.ray_sd_px[camera, frames, marker, None] ** 2 + bend
@@ -296,7 +291,7 @@ def _ray_distances(
     return np.einsum("gi,gi->g", miss, np.linalg.solve(cov, miss[..., None])[..., 0])
 
 
-def _pose(prepared: Prepared, part: Part, learned: LearnedModel | None) -> PoseSettings:
+def _pose(prepared: Recording, part: Part, learned: LearnedModel | None) -> PoseSettings:
     """The pose model without a regression, and with the process noise that all passes share, looked for once."""
     known = None if learned is None else learned.models[-1]
     pose = replace(known if isinstance(known, PoseSettings) else PoseSettings(), regression=0.0)
@@ -305,7 +300,7 @@ def _pose(prepared: Prepared, part: Part, learned: LearnedModel | None) -> PoseS
     return pose.tuned(_trials(prepared, part, learned))
 
 
-def _trials(prepared: Prepared, part: Part, learned: LearnedModel | None) -> TrialSet:
+def _trials(prepared: Recording, part: Part, learned: LearnedModel | None) -> TrialSet:
     """What is left of the recording, and other trials."""
     names, skeleton, own = part_names(prepared, part), prepared.skeleton, marker_trial(prepared, part)
     if learned is not None:

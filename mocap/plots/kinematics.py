@@ -290,7 +290,8 @@ def plot_stroke_path(found: Kinematics, name: str, rows: Sequence[Cycle] = (), *
 
 
 def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax: "Axes | None" = None) -> "Axes":
-    """Where each marker was filled, rejected or missing, in frames that show any: a row a marker, each named."""
+    """Where each marker was filled, extrapolated, rejected or missing, in frames that show any: a row each, named."""
+    from matplotlib.colors import to_rgb
     from matplotlib.patches import Patch
 
     ax = new_axes(width_mm=180, height_mm=20 + 3.2 * len(names), left_mm=22) if ax is None else ax
@@ -299,21 +300,25 @@ def plot_gaps(names: Sequence[str], t_s: Array, status: NDArray[np.int8], *, ax:
         part = slice(int(known[0]), int(known[-1]) + 1)
         t_s, status = t_s[part], status[part]
     kinds = (
-        ("filled", COLOURS[1], (status == Status.SMOOTHED) | (status == Status.PREDICTED)),
+        ("measured", "0.93", status == Status.MEASURED),
+        ("filled", COLOURS[1], (status == Status.SMOOTHED) | (status == Status.INTERPOLATED)),
+        ("extrapolated", COLOURS[4], status == Status.PREDICTED),
         ("rejected", COLOURS[3], status == Status.REJECTED),
         ("missing", "0.25", status == Status.MISSING),
     )
-    picture = np.ones((*status.shape, 3)) * 0.93
+    picture = np.ones((*status.shape, 3))
     for _, colour, where in kinds:
-        picture[where] = [int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)] if colour[0] == "#" else 0.25
+        picture[where] = to_rgb(colour)
     half = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.5
     span = (t_s[0] - half, t_s[-1] + half, len(names) - 0.5, -0.5)
     ax.imshow(np.swapaxes(picture, 0, 1), aspect="auto", interpolation="nearest", extent=span)
+    ax.hlines(np.arange(0.5, len(names) - 1), *span[:2], color="white", linewidth=0.5)  # markers apart
     ax.set_yticks(range(len(names)), [words(name) for name in names], fontsize=5.5)
+    ax.tick_params(axis="y", length=0)
     ax.set_xlabel("time (s)", fontsize=7)
     shares = [(what, colour, 100 * float(where.mean())) for what, colour, where in kinds if where.any()]
     keys = [Patch(color=colour, label=f"{what} {share:.1f} %") for what, colour, share in shares]
-    ax.legend(handles=keys, fontsize=6.5, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0))
+    ax.legend(handles=keys, fontsize=6.5, frameon=False, ncols=5, loc="lower left", bbox_to_anchor=(0, 1.0))
     return ax
 
 
@@ -337,7 +342,8 @@ def plot_residuals(
             ax.plot([low, high], [row, row], color=COLOURS[0], linewidth=3.5, solid_capstyle="butt")
             ax.plot([mid], [row], "o", color="white", markeredgecolor=COLOURS[0], markersize=3.5)
     ax.set_yticks(range(len(cameras)), cameras, fontsize=6)
-    ax.invert_yaxis()
+    ax.tick_params(axis="y", length=0)
+    ax.set_ylim(len(cameras) - 0.4, -0.6)
     ax.set_xlim(left=0)
-    ax.set_xlabel("px from tracked markers: median, 50, 90 %", fontsize=7)
+    ax.set_xlabel("px from the tracked markers: median, 50 and 90 %", fontsize=7)
     return ax

@@ -87,8 +87,10 @@ def _numbers(run: Run, rows: Sequence[Cycle]) -> list[tuple[str, str]]:
     report: Mapping[str, Any] = run.report
     status = run.tracked.markers.status
     status = status[(status != Status.MISSING).any(axis=1)]
-    filled = np.isin(status, (Status.SMOOTHED, Status.PREDICTED, Status.INTERPOLATED))
-    out = [(f"{(status == Status.MEASURED).mean():.1%}", "of the points measured"), (f"{filled.mean():.1%}", "filled")]
+    kinds = {"measured": (Status.MEASURED,), "filled": (Status.SMOOTHED, Status.INTERPOLATED)}
+    kinds["extrapolated beyond a marker's first or last observation"] = (Status.PREDICTED,)
+    shares = {word: float(np.isin(status, which).mean()) for word, which in kinds.items()}
+    out = [(f"{share:.1%}", f"of the points {word}") for word, share in shares.items() if share or word == "measured"]
     error = expected_error(report)
     if error is not None:
         out.append((f"{two_digits(error.rmse)} {error.unit}", "error to expect in gaps (RMS)"))

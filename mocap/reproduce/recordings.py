@@ -18,7 +18,8 @@ from mocap.datasets.pendulum_film import make_pendulum_film
 from mocap.datasets.recording import SyntheticRecording
 from mocap.filters.body_axes import body_frames
 from mocap.joints import joint_tracks
-from mocap.pipeline.prepare import Prepared, prepare_pixels
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.recording import Recording, of_pixels
 from mocap.records import marker_tracks
 from mocap.reproduce.fig_joints import WIDTH, joint_potential
 from mocap.reproduce.joint_filter import JointSights, JointTrack, learned_noise, theorem_3, track_joint
@@ -190,19 +191,19 @@ def _start(seen: Seen) -> tuple[Array, Array]:
     return powers[0], powers[1]
 
 
-def _prepared(recording: SyntheticRecording) -> Prepared:
-    return prepare_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name)
+def _prepared(recording: SyntheticRecording) -> Recording:
+    return clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
 
 
 def _sights(
-    prepared: Prepared, child: str, centre_m: Array, centre_cov_m2: Array, axes: Array, chart: Callable[[Array], Array]
+    prepared: Recording, child: str, centre_m: Array, centre_cov_m2: Array, axes: Array, chart: Callable[[Array], Array]
 ) -> JointSights:
-    if prepared.filmed is None:
+    if not prepared.cameras:
         raise ValueError(f"{prepared.name}: has no cameras: give pixels")
     m = prepared.names.index(child)
     return JointSights(
         t_s=prepared.t_s,
-        matrices=prepared.filmed.matrices,
+        matrices=prepared.matrices,
         uv_px=prepared.uv_px[:, :, [m]],
         sd_px=prepared.ray_scale_px[:, :, [m]],
         dof=np.full(len(prepared.uv_px), USUAL_DOF) if prepared.noise is None else prepared.noise.dof,

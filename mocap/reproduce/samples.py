@@ -8,7 +8,7 @@ import numpy as np
 from eal.arrays import Array
 from mocap.datasets.bats import bat_motion, make_bat
 from mocap.datasets.lizards import lizard_motion, make_lizard
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 
 
@@ -63,7 +63,7 @@ def elbow_flights(real: Path | None = None) -> Mapping[str, list[Array]]:
             arm = (scene.xyz_m[:, names.index(f"{joint}_l")] for joint in ("shoulder", "elbow", "wrist"))
             found[animal].append(_angle_deg(wrist_about_elbow(*arm)))
     for file in sorted((real / REAL_BAT.parts[0]).glob("*/*/*dvProject.mat")) if real is not None else ():
-        prepared = prepare(read(file, fps=700.0))
+        prepared = clean(read(file, fps=700.0))
         samples = wrist_about_elbow(*(np.asarray(prepared.xyz_m)[:, prepared.names.index(n)] for n in REAL_ARM))
         found["bat"].append(_angle_deg(samples[np.isfinite(samples).all(axis=1)]))
     return found
@@ -88,7 +88,7 @@ def real_bat_samples(folder: Path) -> Array | None:
     files = [folder / REAL_BAT / f"{REAL_BAT.name}_{kind}.csv" for kind in ("xypts", "dltCoefs")]
     if not all(file.exists() for file in files):
         return None
-    prepared = prepare(read(files[0], calibration=files[1], fps=700.0))
+    prepared = clean(read(files[0], calibration=files[1], fps=700.0))
     xyz_m = np.asarray(prepared.xyz_m, dtype=np.float64)
     shoulder, elbow, wrist = (xyz_m[:, prepared.names.index(name)] for name in REAL_ARM)
     samples = wrist_about_elbow(shoulder, elbow, wrist)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,9 @@ def with_footage(run: Run, movies: Sequence[Movie], *, offsets: tuple[Array, str
             f"offsets of movies {source}: {rows} rows of {columns} for {n_frames} frames of {len(cameras)} cameras: "
             "give `video_offset` once for all cameras, or once for each"
         )
+    late: Any = run.report.get("late_frames")  # of the cameras' own clocks; the tracks were put in step
+    if late is not None:
+        offset_frames, source = offset_frames - np.array(late), f"{source}, less the lag that was corrected"
     whole = np.round(np.nan_to_num(offset_frames)).astype(np.int64)
     shifts = np.broadcast_to(whole, (n_frames, len(cameras)))
     footage = tuple(

@@ -56,7 +56,7 @@ def class_codes(markers: MarkerTracks) -> NDArray[np.int8]:
 
 def gap_map_view() -> rrb.View:
     """Who was seen when, at a glance."""
-    return row_map_view(paths.GAP_MAP, "Gaps over frames: measured blue, filled yellow, rejected red")
+    return row_map_view(paths.GAP_MAP, "Gaps over frames: measured blue, filled or extrapolated yellow, rejected red")
 
 
 def gap_lanes_view() -> rrb.View:

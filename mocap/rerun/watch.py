@@ -12,7 +12,7 @@ import rerun as rr
 
 from mocap.filters.live import live, looks
 from mocap.filters.motion.base import MotionModel
-from mocap.pipeline.prepare import Prepared
+from mocap.pipeline.recording import Recording
 from mocap.pipeline.tracking import Part
 from mocap.rerun.live import LiveView, live_blueprint
 from mocap.rerun.record import APPLICATION
@@ -36,7 +36,7 @@ class Session:
     sink: str
     tell: Callable[[str], None]
 
-    def watch(self, prepared: Prepared, part: Part, model: MotionModel) -> None:
+    def watch(self, prepared: Recording, part: Part, model: MotionModel) -> None:
         """Filter a recording for the viewer."""
         scene = scene_of(prepared)
         rec = rr.RecordingStream(LIVE, recording_id=f"{prepared.name}, live", send_properties=False)
@@ -76,9 +76,8 @@ def session(tell: Callable[[str], None]) -> Iterator[tuple[Session, Viewer]]:
         viewer.close()
 
 
-def scene_of(prepared: Prepared) -> Scene:
+def scene_of(prepared: Recording) -> Scene:
     """The scene of a recording that is not tracked yet."""
-    filmed = prepared.filmed
-    y_up = filmed is not None and filmed.pixel_origin.coefficients == "lower-left"
-    cameras = () if filmed is None else filmed.cameras
-    return make_scene(cameras, xyz_m=prepared.xyz_m, uv_px=None if filmed is None else filmed.ideal_px, y_up=y_up)
+    y_up = prepared.rows is not None and prepared.rows.coefficients == "lower-left"
+    uv = prepared.ideal_px if prepared.cameras else None
+    return make_scene(prepared.cameras, xyz_m=prepared.xyz_m, uv_px=uv, y_up=y_up)

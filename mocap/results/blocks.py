@@ -3,24 +3,27 @@
 import csv
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as parquet
 
+from eal.over_time import at_frames
 from mocap.errors import MocapError
 from mocap.io.parquet_range import COVARIANCES, ParquetPoints
 from mocap.io.tables import REPAIRED, WORDS
-from mocap.kinematics.cycles import Cycle, cycles_table
+from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
 from mocap.records import MarkerTracks, Status
+from mocap.results.tables import cycle_tables, write_table
 
-MARKERS, KINEMATICS, CYCLES, BLOCKS = "markers.parquet", "kinematics.parquet", "cycles.csv", "blocks.csv"
+MARKERS, KINEMATICS, BLOCKS = "markers.parquet", "kinematics.parquet", "blocks.csv"
 
 
 class BlockWriter:
@@ -28,8 +31,8 @@ class BlockWriter:
 
     ``markers.parquet`` is mocap's long table (a row a frame and marker: ``frame, t_s, marker, x_m, y_m, z_m, sd_m,
     origin``) with ``cov_xx_m2``, ... in single precision; ``kinematics.parquet`` has a row a frame and for each
-    quantity its value, ``_sd`` and ``_status``; ``cycles.csv`` a row a cycle; ``blocks.csv`` a row a block. Positions
-    are float64, standard deviations and covariances float32.
+    quantity its value, ``_sd`` and ``_status``; ``cycles.csv`` and ``angles.csv`` a row a cycle; ``blocks.csv`` a row a
+    block. Positions are float64, standard deviations and covariances float32.
     """
 
     def __init__(self, folder: Path, *, fps: float) -> None:
@@ -38,7 +41,7 @@ class BlockWriter:
         self._meta = {b"eal-mocap": json.dumps({"fps": fps, "read_as": "parquet"}).encode()}
         self._open: dict[str, parquet.ParquetWriter] = {}
         self._quantities: list[str] = []
-        self._cycles = (folder / CYCLES).open("w", encoding="utf-8", newline="")
+        self._cycles: dict[str, list[pd.DataFrame]] = {}
         self._blocks = (folder / BLOCKS).open("w", encoding="utf-8", newline="")
         self._numbers: dict[tuple[str, str], int] = {}
         self._begun = False
@@ -50,20 +53,42 @@ class BlockWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close all files."""
-        for file in (*self._open.values(), self._cycles, self._blocks):
+        """Close all files; write the tables of cycles, of which a block may have columns that the first had not."""
+        for file in (*self._open.values(), self._blocks):
             file.close()
+        if kind is None:
+            order = [f.name for f in fields(Cycle)]
+            for name, tables in self._cycles.items():
+                whole = pd.concat([table for table in tables if len(table)] or tables[:1], ignore_index=True)
+                titles = sorted(whole.columns, key=lambda title: order.index(title) if title in order else len(order))
+                write_table(whole.reindex(columns=titles), self._folder / name)
 
     def add(
-        self, core: range, markers: MarkerTracks, repaired: np.ndarray, found: Kinematics, cycles: Sequence[Cycle]
+        self,
+        core: range,
+        markers: MarkerTracks,
+        repaired: np.ndarray,
+        whole: Kinematics,
+        own: slice,
+        cycles: Sequence[Cycle],
     ) -> None:
-        """One block's own frames: its markers, what follows of them, and the cycles that begin in it."""
+        """One block's own frames: its markers, what follows of them, and the cycles that begin in it.
+
+        Args:
+            core: The frames.
+            markers: Of these frames.
+            repaired: Of these frames.
+            whole: What follows of them, also in the frames on either side.
+            own: The frames in that.
+            cycles: Those that begin in them, and may end after them.
+        """
+        found = at_frames(whole, own)
         frames = np.arange(core.start + 1, core.stop + 1)
         self._write(MARKERS, _marker_table(frames, markers, repaired))
         self._write(KINEMATICS, self._kinematics_table(frames, found))
         rows = [self._numbered(cycle) for cycle in cycles]
-        table = cycles_table(rows)
-        table.to_csv(self._cycles, index=False, float_format="%.6g", lineterminator="\n", header=not self._begun)
+        for name, table in cycle_tables(whole, rows).items():
+            self._cycles.setdefault(name, []).append(table)
         shares = {o.name.lower(): float(np.mean(markers.status == o)) for o in Status}
         sd = markers.sd_m[markers.status == Status.MEASURED]
         row = {

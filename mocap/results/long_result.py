@@ -3,7 +3,7 @@
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
 from os import PathLike
@@ -27,6 +27,7 @@ from mocap.pipeline.job import JOINT_HZ
 from mocap.pipeline.long import LongRecording
 from mocap.pipeline.potentials import FRAME, SPACE, joint_potentials
 from mocap.pipeline.run import Run
+from mocap.progress import Tell, silent
 from mocap.records import MarkerTracks, Status, tracks_alone
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_run, write_arrays
@@ -35,7 +36,6 @@ from mocap.stages import Stages
 
 OVERVIEW, DETAIL = 4000, 1500
 """Frames of the overview that the viewer shows and potentials are learned from, and of the stretch in the figures."""
-Tell = Callable[[str, float], None]
 
 
 def track_in_blocks(
@@ -47,7 +47,7 @@ def track_in_blocks(
     size: int = BLOCK,
     seed: int = 0,
     overwrite: bool = False,
-    progress: Tell = lambda _stage, _share: None,
+    progress: Tell = silent,
 ) -> dict[str, object]:
     """Track a recording block by block and write its result into a folder; see ``write_in_blocks``.
 
@@ -77,14 +77,14 @@ def write_in_blocks(
     size: int = BLOCK,
     seed: int = 0,
     footer: str = "",
-    progress: Tell = lambda _stage, _share: None,
+    progress: Tell = silent,
 ) -> dict[str, object]:
     """Write the files of ``track_in_blocks`` into an empty folder.
 
-    ``markers.parquet``, ``kinematics.parquet``, ``cycles.csv`` and ``blocks.csv`` (``mocap.results.blocks``) are
-    written as blocks are done. The overview, at most ``OVERVIEW`` frames evenly over the recording, is what potentials
-    are learned from, ``recording.rrd`` shows, and ``mocap.load`` gives; figures show the ``DETAIL`` frames of which
-    most was measured. Memory does not grow with the number of frames.
+    ``markers.parquet``, ``kinematics.parquet``, ``cycles.csv``, ``angles.csv`` and ``blocks.csv``
+    (``mocap.results.blocks``) are written as blocks are done. The overview, at most ``OVERVIEW`` frames evenly over the
+    recording, is what potentials are learned from, ``recording.rrd`` shows, and ``mocap.load`` gives; figures show the
+    ``DETAIL`` frames of which most was measured. Memory hardly grows with the number of frames (rows of cycles).
     """
     from mocap.rerun.record import write_recording
 
@@ -102,7 +102,7 @@ def write_in_blocks(
                     found = kinematics(run.motion, run.skeleton, recording=run.name)
                     rows = _begun(cycles(found, run.motion, run.skeleton), run, own)
                     part = at_frames(run, own)
-                    writer.add(core, part.tracked.markers, part.repaired, at_frames(found, own), rows)
+                    writer.add(core, part.tracked.markers, part.repaired, found, own, rows)
                 found_out.append(findings)
                 samples.update(part.tracked.markers.status.ravel().tolist())
                 thin += _thinned(part, (-core.start) % every, every)
@@ -112,7 +112,9 @@ def write_in_blocks(
         with stages.stage("overview, potentials, figures"):
             overview = _with_potentials(in_succession(thin or nothing))
             report = _report(recording, known, samples, overview, every, size)
-            report["findings"] = [str(one) for one in (*recording.findings, *over_blocks(found_out))]
+            told = (*recording.findings, *over_blocks(found_out))
+            report["findings"] = [str(one) for one in told]
+            report["wrong"] = [one.text for one in told if one.alarm]
             report["seconds"] = {k: round(v, 3) for k, v in stages.seconds.items()}
             report["seconds_total"] = round(time.perf_counter() - began, 3)
             text = _readable(report) + footer
@@ -223,8 +225,8 @@ def _readable(report: Mapping) -> str:
         "| samples | share |",
         "|---|---|",
         f"| seen in 3D and accepted | {samples['measured']:.1%} |",
-        f"| filled inside gaps (smoothed) | {samples['smoothed']:.1%} |",
-        f"| before the first or after the last sighting (predicted) | {samples['predicted']:.1%} |",
+        f"| filled, inside gaps | {samples['smoothed']:.1%} |",
+        f"| extrapolated, before the first or after the last observation | {samples['predicted']:.1%} |",
         f"| rejected | {samples['rejected']:.1%} |",
         f"| left empty | {samples['missing']:.1%} |",
         "",

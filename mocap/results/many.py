@@ -8,20 +8,19 @@ from eal.arrays import Array
 from mocap.errors import MocapError
 from mocap.pipeline.many import ManyTrials
 from mocap.pipeline.many import learn_joints as learn
-from mocap.pipeline.potentials import FRAME, LAMBDA, joint_samples
+from mocap.pipeline.potentials import FRAME, joint_samples
 from mocap.results.stored import read_run
 
 
-def learn_joints(folders: Sequence[str | PathLike[str]], *, lam: float = LAMBDA) -> dict[str, ManyTrials]:
+def learn_joints(folders: Sequence[str | PathLike[str]]) -> dict[str, ManyTrials]:
     """Learn the potential V_z of each joint from all results that ``mocap track`` wrote into these folders.
 
     One result at a time is in memory, and read three times (``mocap.pipeline.many``). Of what is returned
     ``potential()`` is that of all trials, ``potential(without=[...])`` that of some, and ``left_out()`` tells how well
-    the others know each trial, or each animal.
+    the others know each trial, or each animal; kernel and lambda are those under which trials left out are likeliest.
 
     Args:
         folders: Of the results; their names are those of the trials.
-        lam: Spectral filtering parameter.
 
     Raises:
         MocapError: two folders have one name, or no joint was measured often enough.
@@ -35,4 +34,4 @@ def learn_joints(folders: Sequence[str | PathLike[str]], *, lam: float = LAMBDA)
         run = read_run(paths[name])
         return joint_samples(run.joints[FRAME], run.tracked.markers, run.skeleton)
 
-    return learn(list(paths), trial, lam=lam)
+    return learn(list(paths), trial)

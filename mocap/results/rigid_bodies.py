@@ -1,5 +1,6 @@
-"""Rigid bodies as XMALab writes them: a row per frame, for each body the 16 numbers of its transform."""
+"""Rigid bodies as XMALab writes them, 16 numbers of a transform per body and frame; a skeleton with their axes."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,22 @@ import numpy as np
 from mocap.errors import MocapError
 from mocap.filters.velocities import Motion
 from mocap.io.xmalab import BODY_ENTRIES
-from mocap.kinematics.bodies import pose_of
-from mocap.skeleton import Skeleton
+from mocap.kinematics.bodies import with_places
+from mocap.kinematics.pose import pose_of
+from mocap.skeleton import Skeleton, write_skeleton
 
-FILE = "rigid_bodies.csv"
+FILE, AXES_FILE = "rigid_bodies.csv", "axes.toml"
+
+
+def write_axes(motion: Motion, skeleton: Skeleton, folder: Path) -> None:
+    """Write the skeleton with the axes of joints between bodies as places of markers, if it has such joints.
+
+    It serves other recordings of the same markers: axes of a functional trial, of a mean pose. Where a functional
+    joint does not show its axes there is none; ``Kinematics.notes`` says so.
+    """
+    if skeleton.body_joints:
+        with suppress(MocapError):
+            write_skeleton(folder / AXES_FILE, with_places(motion, skeleton))
 
 
 def write_rigid_bodies(motion: Motion, skeleton: Skeleton, path: Path) -> None:

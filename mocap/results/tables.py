@@ -4,6 +4,7 @@ import csv
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from mocap.kinematics.records import Kinematics
 from mocap.pipeline.run import Run
 from mocap.records import MarkerTracks, Status
 from mocap.results.stored import write_arrays
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def write_run(run: Run, folder: Path, *, write_recording: Callable[[Run, Path], None] | None) -> None:
@@ -89,11 +93,20 @@ def write_kinematics(found: Kinematics, folder: Path, *, stem: str = "kinematics
     (folder / f"{stem}.nc").write_bytes(as_netcdf(found.to_dataset(), packed=True))
 
 
-def write_cycles(found: Kinematics, rows: Sequence[Cycle], folder: Path) -> None:
+def cycle_tables(found: Kinematics, rows: Sequence[Cycle]) -> "dict[str, pd.DataFrame]":
     """``cycles.csv`` and ``angles.csv``: a row a cycle, as mixed models are fed (``mocap.kinematics.cycles``)."""
-    for name, table in (("cycles.csv", cycles_table(rows)), ("angles.csv", mean_angles(found, rows))):
-        text = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-        (folder / name).write_text(text, encoding="utf-8")
+    return {"cycles.csv": cycles_table(rows), "angles.csv": mean_angles(found, rows)}
+
+
+def write_cycles(found: Kinematics, rows: Sequence[Cycle], folder: Path) -> None:
+    """Write these tables."""
+    for name, table in cycle_tables(found, rows).items():
+        write_table(table, folder / name)
+
+
+def write_table(table: "pd.DataFrame", path: Path) -> None:
+    """Six digits, UTF-8."""
+    path.write_text(table.to_csv(index=False, float_format="%.6g", lineterminator="\n"), encoding="utf-8", newline="")
 
 
 def _with_sd(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """Track a recording; its markers, joints and potentials as objects for a notebook."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from os import PathLike
@@ -21,14 +22,16 @@ from mocap.kinematics.cycles import Cycle, Footfalls, cycles, cycles_table, foot
 from mocap.kinematics.moments import moments
 from mocap.kinematics.points import asked_for
 from mocap.kinematics.records import Kinematics
+from mocap.measures import JointAxes
 from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.body_potential import BodyPotential, body_potential
 from mocap.pipeline.job import MODELS, Watch, existing_model, run_job
-from mocap.pipeline.job import Model as ModelName
 from mocap.pipeline.learning import Model, load_model
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.run import JointPotential, Run
 from mocap.plots.joint import plot_coordinates
 from mocap.plots.page import tracked_html
+from mocap.progress import Tell, bars, silent
 from mocap.records import Status
 from mocap.results.blocks import is_long
 from mocap.results.dataset import markers_dataset
@@ -39,7 +42,7 @@ from mocap.results.osim import FILE as OSIM_FILE
 from mocap.results.osim import write_osim
 from mocap.results.plane import plane_dataset, write_plane
 from mocap.results.rigid_bodies import FILE as BODIES_FILE
-from mocap.results.rigid_bodies import write_rigid_bodies
+from mocap.results.rigid_bodies import write_axes, write_rigid_bodies
 from mocap.results.stored import read_run
 from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
@@ -53,13 +56,8 @@ if TYPE_CHECKING:
     from mocap.rerun.viewer import Viewer
     from mocap.results.scaled_osim import Factor
 
-Tell = Callable[[str, float], None]
 LIMB = "limb"
 """Frame of reference of a plot: the plane of the limb, its joint at the origin."""
-
-
-def silent(_stage: str, _share: float) -> None:
-    """Tell nobody."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +187,19 @@ class Tracked:
             filled=there & (markers.status[:, three] != Status.MEASURED).any(axis=1),
         )
 
-    def potential(self, joint: str) -> JointPotential:
-        """The empirical potential of a joint, with ``value``, ``gradient``, ``hessian`` and ``plot``.
+    def potential(self, joint: str, *, translations: bool = False) -> JointPotential | BodyPotential:
+        """The empirical potential of a joint, with ``value``, ``gradient`` and ``plot``.
+
+        Args:
+            joint: Its name; of a joint between bodies V_z is on its rotation.
+            translations: Of a joint between bodies: on all its six coordinates.
 
         Raises:
             MocapError: there is none of that name, or too few samples were measured.
         """
+        if joint in {one.name for one in self.run.skeleton.body_joints}:
+            axes = self.run.skeleton.measures.axes.get(joint, JointAxes())
+            return body_potential(self.kinematics, joint, axes.sequence, translations=translations)
         found = self.run.potentials.get(joint)
         if found is None:
             known = ", ".join(self.run.potentials) or "none: give a skeleton with joints"
@@ -273,6 +278,7 @@ class Tracked:
         with Stages(tell=progress).stage("kinematics and figures"):
             write_kinematics(self.kinematics, folder)
             write_cycles(self.kinematics, self._cycles, folder)
+            write_axes(self.run.motion, self.run.skeleton, folder)
             refused = []
             for kind in exports:
                 try:
@@ -444,10 +450,10 @@ class Tracked:
 def track(
     recording: Recording,
     *,
-    model: ModelName | Model | str | PathLike[str] = "auto",
+    model: Model | str | PathLike[str] = "auto",
     validate: bool = True,
     seed: int = 0,
-    progress: Tell = silent,
+    progress: Tell | None = None,
     watch: Watch | None = None,
 ) -> Tracked:
     """Clean a recording, fill its gaps and smooth it by an unscented Kalman filter, with intervals; learn potentials.
@@ -459,21 +465,25 @@ def track(
             ``auto``: the mixture, unless constant velocity fills hidden samples of the recording better.
         validate: Whether to hide samples and measure how they are filled.
         seed: Which samples are hidden.
-        progress: Called with the name of a stage and the share of it that is done.
+        progress: Called with the name of a stage and the share of it that is done; None: bars, where errors go to a
+            terminal.
         watch: Called before all is smoothed, to filter for somebody who watches; not with a learned model.
 
     Raises:
         MocapError: what makes it impossible, with what to do.
     """
     recording = as_recording(recording, "track")
-    name: ModelName = "auto"
+    name = "auto"
     if isinstance(model, str) and model in MODELS:
         name, model = model, None  # type: ignore[assignment]
     elif not isinstance(model, Model):
         model = load_model(existing_model(model))
     learned = model.learned if isinstance(model, Model) else None
-    stages = Stages(tell=progress)
-    run, _ = run_job(recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch)
+    with bars() if progress is None else nullcontext(progress) as tell:
+        stages = Stages(tell=tell)
+        run, _ = run_job(
+            recording, model=name, learned=learned, stages=stages, validated=validate, seed=seed, watch=watch
+        )
     return Tracked(run)
 
 

@@ -21,8 +21,9 @@ from scipy.spatial.transform import Rotation
 from docs.tools.columns import undocumented
 from mocap.errors import MocapError
 from mocap.joint_angles import PARTS
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
-from mocap.pipeline.prepare import prepare_tracks
+from mocap.pipeline.recording import of_points
 from mocap.records import MarkerTracks, Status
 from mocap.results.stored import read_run
 from mocap.results.tables import write_run
@@ -182,7 +183,7 @@ def test_angles_are_written_and_read(tmp_path, model):
     cov = np.tile(NOISE_M**2 * np.eye(3), (*trial.xyz_m.shape[:2], 1, 1))
     status = np.full(trial.xyz_m.shape[:2], Status.MEASURED)
     tracks = MarkerTracks(names=NAMES, t_s=trial.t_s, xyz_m=trial.xyz_m, cov_m2=cov, status=status)
-    run, _ = run_job(prepare_tracks(tracks, SKELETON, name="arm"), model=model, validated=False)
+    run, _ = run_job(clean(of_points(tracks, SKELETON, name="arm")), model=model, validated=False)
     assert run.report["model"]["name"] == model
     assert run.angles is not None
     assert run.angles.segments == ("shoulder to elbow", "elbow to wrist", "wrist to tip")

@@ -6,7 +6,8 @@ from mocap.filters.limb_potential import HeldKeeper
 from mocap.filters.models.pose import PoseSettings
 
 from mocap.kinematics.points import asked_for
-from mocap.pipeline.prepare import prepare_pixels
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.tracking import learn_motion, part_names, seen_part, track
 
 
@@ -17,7 +18,7 @@ def test_limbs_of_a_tracked_bat_lie_on_their_own_potential():
     pull is minus the gradient by markers: a step along it, of all other markers none, lowers the potential.
     """
     recording = make_bat(seed=5, n_frames=60, n_cameras=4)
-    prepared = prepare_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name)
+    prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
     part = seen_part(prepared)
     model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0))
     asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
@@ -48,7 +49,7 @@ def barrier(limb, q):
 
 def test_nothing_is_kept_where_nothing_is_asked():
     recording = make_bat(seed=5, n_frames=60, n_cameras=4)
-    prepared = prepare_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name)
+    prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
     part = seen_part(prepared)
     model = learn_motion(prepared, part, "eal", settings=PoseSettings(ranks=(4,), regression=0, potential="none"))
     assert HeldKeeper.of(model.motion) is None
@@ -57,7 +58,7 @@ def test_nothing_is_kept_where_nothing_is_asked():
 def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential():
     """A map for each limb, V_z low where it was; the pull is how markers move with minus the gradient by the angles."""
     recording = make_bat(seed=5, n_frames=60, n_cameras=4)
-    prepared = prepare_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name)
+    prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
     part = seen_part(prepared)
     motion = learn_motion(prepared, part, "articulated", settings=PoseSettings())
     asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)

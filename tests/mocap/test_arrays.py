@@ -13,7 +13,7 @@ from mocap.io.contents import point_recording
 from mocap.io.movement import write_movement
 from mocap.io.netcdf import read_netcdf
 from mocap.io.registry import read as read_file
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.skeleton import Bone, Joint, read_skeleton, write_skeleton
 
 FPS = 200.0
@@ -42,7 +42,7 @@ def bat(tmp_path_factory):
 
 def same(one, other, rtol=1e-9):
     """Whether two recordings are cleaned to the same numbers."""
-    a, b = prepare(one), prepare(other)
+    a, b = clean(one), clean(other)
     assert a.names == b.names
     for part in ("t_s", "xyz_m", "cov_m2", "uv_px", "ray_sd_px"):
         np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=rtol, atol=1e-12)
@@ -61,18 +61,18 @@ def test_an_array_is_tracked_in_two_lines(xyz):
 def test_tables_and_datasets_are_the_arrays_they_hold(xyz, tmp_path):
     """A table with plain titles, one with two levels, and what movement saves and loads."""
     want = mocap.from_arrays(xyz, names=NAMES, fps=FPS, unit="mm")
-    assert want.contents.fps == FPS
+    assert want.fps == FPS
     columns = [(name, axis) for name in NAMES for axis in "xyz"]
     flat = pd.DataFrame(xyz.reshape(len(xyz), -1), columns=[f"{n}_{a}" for n, a in columns])
     same(mocap.from_arrays(flat, fps=FPS, unit="mm"), want)
     timed = flat.assign(t_s=np.arange(len(xyz)) / FPS, comment="seen")
     found = mocap.from_arrays(timed, unit="mm")
     same(found, want)
-    assert "columns that are not used: comment" in found.contents.findings
+    assert "columns that are not used: comment" in found.unusual
     leveled = pd.DataFrame(xyz.reshape(len(xyz), -1), columns=pd.MultiIndex.from_tuples(columns))
     same(mocap.from_arrays(leveled, fps=FPS, unit="mm"), want)
     other = mocap.from_arrays(flat[reversed(flat.columns)], names=NAMES[::-1], fps=FPS, unit="mm")
-    np.testing.assert_array_equal(other.contents.points.xyz_m, want.contents.points.xyz_m[:, ::-1])
+    np.testing.assert_array_equal(other.points.xyz_m, want.points.xyz_m[:, ::-1])
     file = tmp_path / "leg.nc"
     write_movement(file, point_recording(file, "array", names=NAMES, xyz=xyz, unit="mm", fps=FPS))
     same(mocap.from_arrays(read_netcdf(file, again="")), want)
@@ -212,7 +212,7 @@ def test_pixels_say_what_they_expect(uv, cameras, said):
             lambda _: mocap.from_pixels(np.zeros((2, 5, 3, 2)), RIG, fps=FPS, origin="upper"),
             "`origin` is 'upper', expected upper-left or lower-left",
         ),
-        (lambda rec: mocap.from_arrays(rec.contents.points.xyz_m), "the frame rate is not stated: give `fps`"),
+        (lambda rec: mocap.from_arrays(rec.points.xyz_m), "the frame rate is not stated: give `fps`"),
         (lambda rec: mocap.propose_skeleton(rec, names=["a"]), "1 names for 3 points"),
     ],
 )

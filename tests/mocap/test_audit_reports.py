@@ -9,7 +9,7 @@ import pytest
 from mocap.audit.inspect import inspect, readable
 from mocap.io.dltdv import write_coefficients, write_pixels
 from mocap.io.format import Hints
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean as cleaned
 from mocap.pipeline.reading import read
 from mocap.records import PixelTracks
 from tests.mocap.test_audit import clean
@@ -59,7 +59,7 @@ def test_a_fault_is_told_by_info_and_by_tracking(files, spoil, kind, says):
     assert says in readable(told)
     assert [f for f in json.loads(json.dumps(told["audit"])) if f["kind"] == kind and f["alarm"]]
     tracks, coefficients = files(spoil)
-    prepared = prepare(read(tracks, calibration=coefficients, fps=200.0))
+    prepared = cleaned(read(tracks, calibration=coefficients, fps=200.0))
     assert any(says in finding.text for finding in prepared.findings)
     assert any(f.kind == kind and f.alarm for f in prepared.audited)
     untouched = inspect(files(), Hints())[0]
@@ -70,11 +70,9 @@ def test_cameras_are_brought_in_step_only_when_asked(files):
     """Asked, the late camera alone is read between its frames, and the report says so; unasked, pixels stay."""
     tracks, coefficients = files(late_rows)
     source = read(tracks, calibration=coefficients, fps=200.0)
-    as_is, asked = prepare(source), prepare(replace(source, correct_lag=True))
-    assert as_is.filmed is not None
-    assert as_is.filmed.late_frames is None
-    assert asked.filmed is not None
-    late = asked.filmed.late_frames
+    as_is, asked = cleaned(source), cleaned(replace(source, correct_lag=True))
+    assert as_is.late_frames is None
+    late = asked.late_frames
     assert late is not None
     np.testing.assert_allclose(late, [0, 0, 2, 0], atol=0.1)
     assert any("camera 'cam3': pixels were interpolated" in finding.text for finding in asked.findings)

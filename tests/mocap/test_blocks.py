@@ -13,7 +13,8 @@ from mocap.cli.view import detail
 from mocap.errors import MocapError
 from mocap.findings import Finding, over_blocks
 from mocap.pipeline.blocks import LEAST, MOST, blocks_of, learn_once, margin, track_block
-from mocap.pipeline.long import LongRecording, long_points
+from mocap.pipeline.long import LongRecording, long_recording
+from mocap.pipeline.recording import of_points
 from mocap.records import MarkerTracks, Status, marker_tracks
 from mocap.results.long_result import load_range, track_in_blocks
 from mocap.skeleton import Joint, Skeleton
@@ -39,7 +40,7 @@ def bat() -> LongRecording:
     tracks = MarkerTracks(names=names, t_s=film.truth.t_s, xyz_m=xyz, cov_m2=cov, status=status)
     joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
     skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8], joints=(joint,))
-    return long_points(tracks, skeleton, name="bat")
+    return long_recording(of_points(tracks, skeleton, name="bat"))
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,7 @@ def folder(bat, tmp_path_factory):
 
 def test_tables_hold_every_frame(whole, folder):
     """The long table is one that mocap reads, the kinematics have a row a frame, and both are the track."""
-    points = mocap.read(folder / "markers.parquet").contents.points
+    points = mocap.read(folder / "markers.parquet").points
     np.testing.assert_allclose(points.xyz_m, whole.tracked.markers.xyz_m, atol=1e-9)
     np.testing.assert_array_equal(points.status, whole.tracked.markers.status)
     table = pd.read_parquet(folder / "kinematics.parquet")
@@ -187,7 +188,7 @@ def test_findings_of_stretches_tell_the_frames_of_the_recording():
     xyz[350:, 8] += 0.5
     tracks = marker_tracks(names, film.truth.t_s, xyz)
     skeleton = Skeleton(name="part of a bat", markers=names, trunk=names[4:8])
-    found = long_points(tracks, skeleton, name="bat").prepared(slice(200, 450)).findings
+    found = long_recording(of_points(tracks, skeleton, name="bat")).cleaned(slice(200, 450)).findings
     said = " ".join(map(str, found))
     assert "from frame 261 to 280" in said
     assert "between frames 350 and 351" in said
@@ -207,3 +208,37 @@ def test_findings_of_blocks():
         "a from frame 1 (and in 1 other blocks, with their own numbers)",
         "b from frame 2",
     ]
+
+
+def test_cycles_of_all_blocks_are_those_of_the_whole(tmp_path):
+    """Angles of every cycle have their means, in the columns of all blocks; the first block has no cycle at all."""
+    t_s = np.arange(600) / 100
+    beat = 0.8 * np.sin(2 * np.pi * 4 * t_s)
+    zero = np.zeros_like(t_s)
+    points = {
+        "keel": np.stack([zero, zero, zero - 0.02], 1),
+        "neck": np.stack([zero + 0.05, zero, zero], 1),
+        "rump": np.stack([zero - 0.05, zero, zero], 1),
+        "root": np.stack([zero, zero + 0.01, zero], 1),
+        "tip": np.stack([zero, 0.01 + 0.1 * np.cos(beat), 0.1 * np.sin(beat)], 1),
+    }
+    xyz = np.stack(list(points.values()), 1) + np.random.default_rng(0).normal(0, 1e-4, (600, 5, 3))
+    xyz[:250, 4] = np.nan
+    skeleton = Skeleton(
+        markers=list(points),
+        trunk=("keel", "neck", "rump"),
+        joints={"wing": ("rump", "root", "tip")},
+        measures={"forward": ["rump", "neck"], "left": ["keel", "root"], "strokes": {"wing": ["root", "tip"]}},
+    )
+    recording = long_recording(of_points(marker_tracks(list(points), t_s, xyz), skeleton, name="flight"))
+    track_in_blocks(recording, tmp_path / "blocks", model="constant_velocity", size=200)
+    track_in_blocks(recording, tmp_path / "whole", model="constant_velocity", size=600)
+    for name in ("cycles.csv", "angles.csv"):
+        found, whole = pd.read_csv(tmp_path / "blocks" / name), pd.read_csv(tmp_path / "whole" / name)
+        assert list(found.columns) == list(whole.columns)
+        assert len(found) == len(whole) > 8
+        assert found["number"].tolist() == whole["number"].tolist()
+        for title in ("start_s", "end_s", "frequency_hz", "wing_flexion_deg"):  # others are in axes of a block's own
+            if title in found:  # its noise of 0.1 mm is 0.1 degrees of the limb
+                np.testing.assert_allclose(found[title], whole[title], atol=0.2)
+    assert "wing_flexion_deg" in found

@@ -11,7 +11,7 @@ from mocap.cameras.linearised import fit, linearise
 from mocap.cameras.triangulate import linear, refine
 from mocap.cleaning.camera_health import camera_health
 from mocap.io.dvproject import read_project
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.sentences import camera_findings
 from tests.real_data import real
@@ -120,7 +120,7 @@ def test_a_bad_camera_is_no_worse_than_none(tmp_path, n_cameras):
             profile=files["profile"],
             skeleton=files["skeleton"],
         )
-        return prepare(source)
+        return clean(source)
 
     bumped, without = np.array(recording.pixels.uv_px), np.array(recording.pixels.uv_px)
     bumped[2, 100:] += [8.0, -6.0]

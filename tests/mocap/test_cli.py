@@ -76,7 +76,7 @@ def test_track_writes_all_that_scripts_rely_on(files, out):
     assert {"frames", "markers", "samples", "rejected", "residual_px", "innovation", "seconds", "findings"} <= set(
         report
     )
-    assert report["filled"] == np.isin(origin, ["smoothed", "predicted"]).sum()
+    assert (report["filled"], report["extrapolated"]) == ((origin == "smoothed").sum(), (origin == "predicted").sum())
     joints = pd.read_csv(out / "joints.csv")
     assert {"elbow_l_world_z", "elbow_l_body_x", "elbow_l_plane_y", "elbow_l_limb_x", "elbow_l_sd"} <= set(
         joints.columns

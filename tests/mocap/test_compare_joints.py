@@ -41,6 +41,9 @@ def test_a_shift_in_degrees_is_found_whatever_the_size(mocap, rng, tmp_path):
     assert found["shift_interval"][0][0] < 20.0 < found["shift_interval"][0][1]
     assert found["p_value"] == found["least_p"] == pytest.approx(2 / 252)
     assert found == json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    _, told, _ = mocap("compare-joints", a, b, "--joint", "elbow")
+    starts = [line.split(":")[0] for line in told.strip().splitlines()]
+    assert starts == ["a", "different", "elbow angle"]  # each on a line of its own, none broken
     table = pd.read_csv(tmp_path / "out" / "difference.csv")
     assert set(table["differs"]) == {True, False}
     assert (np.sign(table.time_a - table.time_b)[table.differs & (table.angle_deg > 125)] == -1).all()

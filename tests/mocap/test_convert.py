@@ -12,7 +12,7 @@ from mocap.cli.main import main
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.manifest import MANIFEST
 from mocap.io.registry import read, write
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read as read_recording
 from mocap.records import Status
 from mocap.results.tracked import Tracked
@@ -95,23 +95,23 @@ def test_any_format_can_be_tracked(tmp_path, name):
     write(swing(), tmp_path / name)
     write(swing(), tmp_path / "a_xyzpts.csv")
     ours, dltdv = (
-        prepare(read_recording(tmp_path / name)),
-        prepare(read_recording(tmp_path / "a_xyzpts.csv", fps=250)),
+        clean(read_recording(tmp_path / name)),
+        clean(read_recording(tmp_path / "a_xyzpts.csv", fps=250)),
     )
     assert ours.dt_s == pytest.approx(1 / 250)
     np.testing.assert_allclose(ours.xyz_m, dltdv.xyz_m, atol=1e-6)
     with pytest.raises(MocapError, match="give `fps`"):
-        prepare(read_recording(tmp_path / "a_xyzpts.csv"))
+        clean(read_recording(tmp_path / "a_xyzpts.csv"))
 
 
 def test_a_unit_that_is_stated_scales(tmp_path):
     """Points of a file without a unit are taken in the unit that its user states, else in metres."""
     write(swing(), tmp_path / "a_xyzpts.csv")
-    plain, scaled = (prepare(read_recording(tmp_path / "a_xyzpts.csv", fps=250, unit=unit)) for unit in (None, "cm"))
+    plain, scaled = (clean(read_recording(tmp_path / "a_xyzpts.csv", fps=250, unit=unit)) for unit in (None, "cm"))
     np.testing.assert_allclose(scaled.xyz_m, plain.xyz_m / 100, atol=1e-12)
     write(swing(), tmp_path / "a.trc")
     with pytest.raises(MocapError, match="states lengths in m, not in mm"):
-        prepare(read_recording(tmp_path / "a.trc", unit="mm"))
+        clean(read_recording(tmp_path / "a.trc", unit="mm"))
 
 
 def test_files_without_tracks_or_cameras_are_named(tmp_path):
@@ -124,11 +124,11 @@ def test_files_without_tracks_or_cameras_are_named(tmp_path):
         ("px.csv", CalibrationError, "without a calibration: calibrate, or give `calibration`"),
     ):
         with pytest.raises(error, match=message):
-            prepare(read_recording(tmp_path / file, fps=100))
+            clean(read_recording(tmp_path / file, fps=100))
     with pytest.raises(MocapError, match=r"a\.trc: contains positions"):
-        prepare(read_recording(tmp_path / "a.trc", calibration=tmp_path / "px.csv"))
+        clean(read_recording(tmp_path / "a.trc", calibration=tmp_path / "px.csv"))
     with pytest.raises(MocapError, match=r"a\.trc: contains no cameras"):
-        prepare(read_recording(tmp_path / "px.csv", calibration=tmp_path / "a.trc", fps=100))
+        clean(read_recording(tmp_path / "px.csv", calibration=tmp_path / "a.trc", fps=100))
 
 
 def test_netcdf_keeps_standard_deviations_and_status(tmp_path):

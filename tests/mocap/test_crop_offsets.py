@@ -14,7 +14,7 @@ from mocap.cli.main import app
 from mocap.errors import FormatError
 from mocap.io.crop import crops_of, matched, read_crops
 from mocap.io.dltdv import read_points, write_coefficients
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from tests.mocap.rigs import cloud, ring
 from tests.real_data import real
 
@@ -67,7 +67,7 @@ def test_points_of_cropped_films_are_those_of_the_whole_ones(flight, tmp_path):
     xyz, windows, views, calibration, _ = flight
     save_windows(tmp_path / "crops", windows)
     recording = mocap.read(views, calibration=calibration, fps=100, crop=tmp_path / "crops")
-    prepared = prepare(recording)
+    prepared = clean(recording)
     np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
     assert any("crop offsets" in said.text and "129" not in said.text for said in prepared.findings)
 
@@ -96,7 +96,7 @@ def test_convert_adds_offsets(flight, tmp_path):
     done = CliRunner().invoke(app, ["convert", *map(str, views), str(calibration), str(out), *crop])
     assert done.exit_code == 0, done.output
     recording = mocap.read(out, calibration=tmp_path / "all_dltCoefs.csv", fps=100)
-    np.testing.assert_allclose(prepare(recording).xyz_m, xyz, atol=1e-5)
+    np.testing.assert_allclose(clean(recording).xyz_m, xyz, atol=1e-5)
     bare = CliRunner().invoke(app, ["convert", *map(str, views), str(tmp_path / "b_xypts.csv"), *crop])
     assert "crop offsets are added to pixels of calibrated cameras" in str(bare.exception)
 
@@ -107,7 +107,7 @@ def test_cropped_films_without_offsets_are_recognised(flight, tmp_path):
     views = write_views(tmp_path, cropped)
     recording = mocap.read(views, calibration=calibration, fps=100)
     with pytest.raises(mocap.MocapError, match=r"pixels span \d+ x \d+, the calibration 1280 x 1024: cropped\? give"):
-        prepare(recording)
+        clean(recording)
 
 
 def test_offsets_beside_that_do_not_help_are_left(flight, tmp_path):
@@ -115,7 +115,7 @@ def test_offsets_beside_that_do_not_help_are_left(flight, tmp_path):
     xyz, windows, _, calibration, cropped = flight
     views = write_views(tmp_path, cropped + windows[:, :, None])
     save_windows(tmp_path, windows)
-    prepared = prepare(mocap.read(views, calibration=calibration, fps=100))
+    prepared = clean(mocap.read(views, calibration=calibration, fps=100))
     np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
     assert any("were not added" in said.text for said in prepared.findings)
 
@@ -161,7 +161,7 @@ def test_offsets_of_too_few_frames_are_refused(flight, tmp_path):
     _, windows, views, calibration, _ = flight
     save_windows(tmp_path / "crops", windows[:, :10])
     with pytest.raises(FormatError, match=r"have 10 rows, but it is seen in its frame 30"):
-        prepare(mocap.read(views, calibration=calibration, fps=100, crop=tmp_path / "crops"))
+        clean(mocap.read(views, calibration=calibration, fps=100, crop=tmp_path / "crops"))
 
 
 def test_two_digitisers_of_a_real_flight():
@@ -174,10 +174,10 @@ def test_two_digitisers_of_a_real_flight():
     crop = folder / "crop_files" / "103_103_100"
     lens = next(folder.glob("*Tforms.mat"))
     stated = {"calibration": next(folder.glob("*easyWandData.mat")), "fps": 800.0, "profile": lens}
-    prepared = prepare(mocap.read(project_file, crop=crop, **stated))
+    prepared = clean(mocap.read(project_file, crop=crop, **stated))
     assert 0.4 < np.nanmedian(prepared.residual_px) < 1.0
     with pytest.raises(mocap.MocapError, match=r"pixels span 4\d\d x \d+, the calibration 1280 x 1024: cropped\?"):
-        prepare(mocap.read(project_file, **stated))
+        clean(mocap.read(project_file, **stated))
 
 
 def test_deeplabcut_counts_pixels_from_0_and_matlab_from_1(flight, tmp_path):
@@ -189,6 +189,6 @@ def test_deeplabcut_counts_pixels_from_0_and_matlab_from_1(flight, tmp_path):
     views = write_views(tmp_path, cropped + windows[:, :, None] - 1.0)
     lens = tmp_path / "cam1Tforms.mat"
     savemat(lens, {"camud": {"tdata": np.array([1200.0, 1212.0, 640.0, 512.0, 0.0, 0, 0, 0, 0, 3])}})
-    prepared = prepare(mocap.read(views, calibration=calibration, fps=100, profile=lens))
+    prepared = clean(mocap.read(views, calibration=calibration, fps=100, profile=lens))
     np.testing.assert_allclose(prepared.xyz_m, xyz, atol=1e-6)
     assert any("counts pixels from 0" in said.text for said in prepared.findings)

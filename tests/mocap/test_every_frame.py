@@ -11,7 +11,7 @@ from eal.arrays import frozen
 from mocap.errors import FormatError
 from mocap.io.every_frame import MOST, every_frame, frame_steps
 from mocap.io.registry import write
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.records import Status
 from tests.mocap.recordings import pixel_recordings, point_recordings, points
@@ -106,7 +106,7 @@ def test_a_csv_without_some_frames_is_prepared_with_them(tmp_path):
     whole, path = walk(200), tmp_path / "walk.csv"
     keep = ~np.isin(np.arange(200), np.arange(90, 100))
     write(some_frames(whole, keep), path, "csv-long")
-    prepared = prepare(read(path))
+    prepared = clean(read(path))
     np.testing.assert_allclose(np.diff(prepared.t_s), 1 / 250, rtol=1e-6)
     assert len(prepared.t_s) == 200
     assert np.isnan(prepared.xyz_m[90:100]).all()
@@ -120,5 +120,5 @@ def test_a_stated_deviation_of_nothing_is_not_believed(tmp_path):
     whole, path = walk(200), tmp_path / "walk.csv"
     told = replace(whole, points=replace(whole.points, cov_m2=np.zeros((200, 4, 3, 3))))
     write(told, path, "csv-long")
-    sd = np.sqrt(np.diagonal(prepare(read(path)).cov_m2, axis1=-2, axis2=-1))
+    sd = np.sqrt(np.diagonal(clean(read(path)).cov_m2, axis1=-2, axis2=-1))
     assert sd.min() > 1e-4

@@ -8,8 +8,8 @@ from mocap.calibration.lens_of_tracks import lens_of_tracks
 from mocap.cameras.camera import Camera, project, stacked
 from mocap.cameras.lens import BrownLens
 from mocap.errors import CalibrationError
-from mocap.pipeline.prepare import Prepared, prepare_filmed
-from mocap.pipeline.recording import film_of
+from mocap.pipeline.cleaning import clean as cleaned
+from mocap.pipeline.recording import Recording, of_pixels, with_ideal_pixels
 from mocap.pipeline.tracking import lasting_cov
 from mocap.records import PixelTracks
 from mocap.skeleton import Skeleton
@@ -25,19 +25,20 @@ def bat():
     pixels = PixelTracks(names=names, cameras=flight.pixels.cameras, t_s=flight.pixels.t_s[:75], uv_px=some)
     found = []
     for fit_lens in (False, True):
-        film = film_of(
+        film = of_pixels(
             pixels,
             case.cameras,
+            Skeleton(name="bat", markers=names),
             name="bat",
             fit_lens=fit_lens,
             pixel_origin="upper-left",
             calibration_origin="upper-left",
         )
-        found.append(prepare_filmed(film, Skeleton(name="bat", markers=names), name="bat"))
+        found.append(cleaned(film))
     return *found, flight.truth.xyz_m[:75, ::3]
 
 
-def inside(found: Prepared, truth: np.ndarray) -> tuple[float, float]:
+def inside(found: Recording, truth: np.ndarray) -> tuple[float, float]:
     """Share of coordinates of points inside their 95 % intervals, and the median error in mm."""
     error = found.xyz_m - truth
     sd = np.sqrt(np.diagonal(found.cov_m2 + lasting_cov(found), axis1=-2, axis2=-1))
@@ -50,8 +51,7 @@ def inside(found: Prepared, truth: np.ndarray) -> tuple[float, float]:
 def test_an_estimated_lens_brings_positions_back(bat):
     """The coefficient within 3 of its deviations of -0.14; errors a third of before at most; intervals hold."""
     without, with_lens, truth = bat
-    assert with_lens.filmed is not None
-    found = with_lens.filmed.lens
+    found = with_lens.lens
     assert found is not None
     assert (np.abs(found.k1 + 0.14) < 3 * found.sd).all()
     assert found.after_px < found.before_px
@@ -111,4 +111,4 @@ def test_cameras_that_have_lenses_keep_them():
     pixels = PixelTracks(names=names, cameras=("cam1", "cam2", "cam3"), t_s=np.arange(8) / 100, uv_px=uv)
     stated = {"pixel_origin": "upper-left", "calibration_origin": "upper-left"}
     with pytest.raises(CalibrationError, match="`fit_lens`: the cameras have lenses already"):
-        film_of(pixels, ring(3, lens=True), name="a", fit_lens=True, **stated)
+        with_ideal_pixels(of_pixels(pixels, ring(3, lens=True), name="a", fit_lens=True, **stated))

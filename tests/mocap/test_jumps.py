@@ -11,8 +11,9 @@ from mocap.audit import alarms, audit_filmed, audit_recording, jump_findings
 from mocap.cameras.camera import record, undistorted
 from mocap.cameras.origin import StatedOrigin, decide_origin
 from mocap.io.contents import FileContents
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.jumped import jump_cov
-from mocap.pipeline.prepare import prepare_tracks
+from mocap.pipeline.recording import of_points
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
 
@@ -88,7 +89,7 @@ def test_a_gap_across_a_jump_is_not_filled_with_confidence():
     marker = names.index("elbow_l")
     xyz[100:, marker, 0] += 0.203
     xyz[99:100, marker] = np.nan
-    prepared = prepare_tracks(marker_tracks(names, bat.truth.t_s, xyz), Skeleton(name="bat", markers=names), name="a")
+    prepared = clean(of_points(marker_tracks(names, bat.truth.t_s, xyz), Skeleton(name="bat", markers=names), name="a"))
     origin = np.where(np.isfinite(xyz[..., 0]), Status.MEASURED, Status.SMOOTHED).astype(np.int8)
     line = np.array([np.interp(np.arange(200), np.r_[:99, 100:200], np.delete(x, 99)) for x in xyz[:, marker].T])
     filled = xyz.copy()

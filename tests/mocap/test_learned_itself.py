@@ -9,10 +9,11 @@ import pytest
 
 from mocap.cli.main import main
 from mocap.io.dltdv import write_points
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.model_file import save_model
-from mocap.pipeline.prepare import prepare, prepare_tracks
 from mocap.pipeline.reading import read
+from mocap.pipeline.recording import of_points
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Skeleton
@@ -26,7 +27,7 @@ def test_the_report_says_that_it_was_left_out(tmp_path, monkeypatch, capsys):
     origin = np.full((40, 5), Status.MEASURED)
     names = small_model().names
     write_points(path, MarkerTracks(names=names, t_s=walk.t_s, xyz_m=walk.xyz_m, cov_m2=cov, status=origin))
-    prepared = prepare(read(path, fps=100.0))
+    prepared = clean(read(path, fps=100.0))
     other = replace(walk, name="other", xyz_m=walk.xyz_m[::-1] + 0.1)
     save_model(replace(small_model(), trials=(marker_trial(prepared, seen_part(prepared)), other)), model)
     monkeypatch.setattr(sys, "argv", ["mocap", "track", str(path), "--fps", "100", "--model", str(model), "--out"])
@@ -46,7 +47,7 @@ def test_the_report_says_how_trials_were_scaled():
     tracks = MarkerTracks(
         names=names, t_s=walk.t_s, xyz_m=walk.xyz_m, cov_m2=cov, status=np.full((40, 5), Status.MEASURED)
     )
-    prepared = prepare_tracks(tracks, Skeleton(name="walk", markers=names), name="mine")
+    prepared = clean(of_points(tracks, Skeleton(name="walk", markers=names), name="mine"))
     large = replace(walk, name="large", xyz_m=1.4 * walk.xyz_m[::-1] + 0.1)
     learned = replace(small_model(), trials=(large,))
     run, _ = run_job(prepared, learned=learned, validated=False)

@@ -22,10 +22,11 @@ from mocap.cli.main import main
 from mocap.io.dltdv import write_points
 from mocap.io.manifest import MANIFEST
 from mocap.pipeline import learning
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.learning import readable_scores
 from mocap.pipeline.model_file import load_model, save_model
-from mocap.pipeline.prepare import prepare, prepare_tracks
 from mocap.pipeline.reading import read
+from mocap.pipeline.recording import of_points
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.records import MarkerTracks, Status
 from mocap.skeleton import Bone, Skeleton, write_skeleton
@@ -241,7 +242,7 @@ def test_of_very_many_recordings_some_are_kept(monkeypatch):
         nonlocal most
         for seed in range(9):
             flight = make_bat(seed=seed, n_frames=40, n_cameras=2)
-            one = prepare_tracks(flight.truth, flight.skeleton, name=f"f{seed}")
+            one = clean(of_points(flight.truth, flight.skeleton, name=f"f{seed}"))
             alive.add(one)
             most = max(most, len(alive))
             yield one
@@ -348,7 +349,7 @@ def test_real_flights_teach_a_third():
     """
     flights = {}
     for name, file in PROJECTS.items():
-        prepared = prepare(read(real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
+        prepared = clean(read(real("bat_windtunnel_dltdv8", "078A3", name, file), fps=700))
         flights[name] = prepared.names, marker_trial(prepared, seen_part(prepared))
     names, own = flights["F5"]
     trials = [excerpt(flights["F2"][1], 80), excerpt(flights["F3"][1], 60)]

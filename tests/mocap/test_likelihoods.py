@@ -10,7 +10,7 @@ import mocap
 from mocap.cameras.camera import project, stacked
 from mocap.cleaning.likelihoods import likelihood_noise
 from mocap.io.anipose import write_calibration
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 
 SD_PX = 1.0
 WORTHLESS = 0.3
@@ -104,7 +104,7 @@ def test_a_recording_is_better_for_its_likelihoods(clicked, tmp_path):
     told = {}
     for name, sure in (("a", likelihood), ("b", np.ones_like(likelihood))):
         views = write_network(tmp_path / name, bat, uv, sure)
-        told[name] = prepare(mocap.read(views, calibration=tmp_path / name / "calibration.toml", fps=240))
+        told[name] = clean(mocap.read(views, calibration=tmp_path / name / "calibration.toml", fps=240))
     order = [bat.truth.names.index(n) for n in told["a"].names]
     truth = bat.truth.xyz_m[:, order]
     off = {name: np.linalg.norm(p.xyz_m - truth, axis=-1) for name, p in told.items()}

@@ -13,9 +13,10 @@ from rerun.chunk import RrdReader
 from docs.tools import columns
 from mocap import Tracked
 from mocap.cli.main import main
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.demo import run_demo
 from mocap.pipeline.job import run_job
-from mocap.pipeline.prepare import prepare_pixels
+from mocap.pipeline.recording import of_pixels
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
 from tests.mocap.test_library import documented_names
@@ -144,7 +145,7 @@ def test_pixels_without_any_noise_are_tracked():
     uv = np.array(bat.pixels.uv_px)
     uv[:, hidden, wrist] = np.nan
     pixels = replace(bat.pixels, uv_px=uv)
-    prepared = prepare_pixels(pixels, bat.cameras, Skeleton(name="bat", markers=pixels.names), name="bat")
+    prepared = clean(of_pixels(pixels, bat.cameras, Skeleton(name="bat", markers=pixels.names), name="bat"))
     run, _ = run_job(prepared, validated=False)
     assert run.tracked.model == "mixture"
     markers = run.tracked.markers

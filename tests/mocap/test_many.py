@@ -9,8 +9,9 @@ from eal import fit_potential
 from eal.sums import total
 from mocap.errors import MocapError
 from mocap.pipeline.blocks import learn_once, track_block
-from mocap.pipeline.long import long_points
+from mocap.pipeline.long import long_recording
 from mocap.pipeline.many import learn_joints
+from mocap.pipeline.recording import of_points
 from mocap.records import marker_tracks
 from mocap.results.stored import write_arrays
 from mocap.skeleton import Joint, Skeleton
@@ -40,7 +41,7 @@ def test_all_samples_of_all_trials(found):
     joint = found["elbow"]
     every = np.concatenate([samples(name)["elbow"] for name in NAMES]) / joint.scale_m
     kernel = joint.potential().potential.kernel
-    whole = fit_potential(every, kernel=kernel, lam=1e-3, method="exact")
+    whole = fit_potential(every, kernel=kernel, lam=joint.choice.lam, method="exact")
     q = np.random.default_rng(5).normal(size=(100, 2))
     np.testing.assert_allclose(joint.potential().potential.value(q), whole.value(q), atol=1e-5)
     assert total(joint.sums.values()).total == 320
@@ -67,7 +68,7 @@ def test_an_animal_that_is_left_out_is_known_less(found):
 def test_one_trial_more(found):
     """Added without the others: the potential of all five, within what it states that its landmarks lack."""
     more = found["elbow"].with_trial("a9", samples("a9")["elbow"])
-    kernel, lam = more.potential().potential.kernel, 1e-3
+    kernel, lam = more.potential().potential.kernel, more.choice.lam
     every = np.concatenate([samples(name)["elbow"] for name in (*NAMES, "a9")]) / more.scale_m
     again = fit_potential(every, kernel=kernel, lam=lam, method="exact")
     bound = more.potential().potential.error_bound
@@ -95,7 +96,7 @@ def test_results_on_disk(tmp_path):
         joint = Joint(name="neck", parent=names[0], centre=names[4], child=names[8])
         skeleton = Skeleton(name="bat", markers=names, joints=(joint,))
         tracks = marker_tracks(names, film.truth.t_s, film.truth.xyz_m[:, :9])
-        recording = long_points(tracks, skeleton, name=f"{seed}")
+        recording = long_recording(of_points(tracks, skeleton, name=f"{seed}"))
         run, _, _ = track_block(recording, learn_once(recording, model="constant_velocity"), range(80))
         (tmp_path / f"{seed}").mkdir()
         write_arrays(run, tmp_path / f"{seed}")

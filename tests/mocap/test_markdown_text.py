@@ -11,7 +11,7 @@ from mocap.datasets import make_bat, write_recording
 from mocap.findings import readings
 from mocap.markdown import plain
 from mocap.pipeline.calibration_files import table
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.report import make_report, readable
 from mocap.pipeline.tracking import learn_motion, seen_part, track, tracked_motion
@@ -72,14 +72,16 @@ def test_a_report_of_hostile_names(tmp_path):
     """Each marker, joint and finding of a run is there as text, and tables keep their columns."""
     files = write_recording(make_bat(seed=3, n_frames=40, n_cameras=3), tmp_path)
     source = read(files["pixels"], fps=240.0, calibration=files["coefficients"], profile=files["profile"])
-    prepared = prepare(source)
+    prepared = clean(source)
     names = tuple(f"{HOSTILE[m % len(HOSTILE)]} {m}" for m in range(len(prepared.names)))
-    prepared = replace(prepared, names=names, findings=(*readings(HOSTILE), *prepared.findings))
+    data = prepared.data.assign_coords(keypoint=list(names))
+    prepared = replace(prepared, data=data, findings=(*readings(HOSTILE), *prepared.findings))
     part = seen_part(prepared)
     model = learn_motion(prepared, part, "constant_velocity")
     tracked = tracked_motion(prepared, part, "constant_velocity", track(prepared, part, model))
     report = make_report(prepared, part, tracked, {}, why_model="a|b", validation={}, hidden=0, seconds={})
-    report["joints"] = {name: {"samples": 1, "effective_rank": 1.0, "v_at_samples_median": 1.0} for name in HOSTILE}
+    numbers = ("samples", "effective_rank", "v_at_samples_median", "width", "lambda", "weight")
+    report["joints"] = {name: dict.fromkeys(numbers, 1.0) | {"metric": "whitened"} for name in HOSTILE}
     markdown = readable(report, title="<b>*x*|y")
     tokens = PARSER.parse(markdown)
     shown = ["".join(c.content for c in t.children or ()) for t in tokens if t.type == "inline"]
@@ -90,5 +92,5 @@ def test_a_report_of_hostile_names(tmp_path):
     cells = [t for t in tokens if t.type in ("td_open", "th_open")]
     by_marker = 2 + len(names)  # a title, all of them, each
     assert len(rows) == 6 + 1 + len(HOSTILE) + by_marker
-    assert len(cells) == 2 * 6 + 4 * (1 + len(HOSTILE)) + 4 * by_marker
+    assert len(cells) == 2 * 6 + 8 * (1 + len(HOSTILE)) + 4 * by_marker
     assert set(names) <= set(shown)

@@ -1,7 +1,5 @@
 """A sample that the track leaves is not called measured, and how far samples were moved is told."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from mocap.datasets import PERFECT, make_bat
@@ -9,8 +7,9 @@ from mocap.filters.observations import WHOLE
 from mocap.filters.observe import Observed
 from mocap.filters.records import Estimate
 
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.moved import moved_report
-from mocap.pipeline.prepare import prepare_tracks
+from mocap.pipeline.recording import of_points
 from mocap.pipeline.tracking import seen_part, tracked_motion
 from mocap.records import Status, marker_tracks
 from mocap.skeleton import Skeleton
@@ -26,7 +25,7 @@ def prepared():
     names = bat.truth.names
     cov = np.broadcast_to(SD_M**2 * np.eye(3), (*noisy.shape, 3))
     tracks = marker_tracks(names, bat.truth.t_s, noisy, cov_m2=cov)
-    return prepare_tracks(tracks, Skeleton(name="markers only", markers=names), name="bat")
+    return clean(of_points(tracks, Skeleton(name="markers only", markers=names), name="bat"))
 
 
 def tracked(prepared, xyz_m):
@@ -75,6 +74,6 @@ def test_how_far_samples_were_moved_is_told(prepared):
 
 def test_nothing_measured_was_moved(prepared):
     """Without a measured sample there is nothing to tell."""
-    none = replace(prepared, xyz_m=np.full_like(prepared.xyz_m, np.nan))
+    none = prepared.having(position=np.full_like(prepared.xyz_m, np.nan))
     markers = tracked(prepared, prepared.xyz_m).markers
     assert moved_report(none, markers)["largest"] is None

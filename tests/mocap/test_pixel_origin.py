@@ -12,10 +12,10 @@ from mocap.cameras.origin import OriginError, decide_origin, flipped, ideal_pixe
 from mocap.cameras.triangulate import linear
 from mocap.errors import CalibrationError
 from mocap.io.profile import write_profile
-from mocap.pipeline.learning import _prepared
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
+from mocap.pipeline.learning import _cleaned
 from mocap.pipeline.reading import read
-from mocap.pipeline.recording import load_filmed
+from mocap.pipeline.recording import with_ideal_pixels
 from mocap.records import MarkerTracks, Status
 from tests.mocap.rigs import cloud, ring
 from tests.mocap.test_audit import moving
@@ -148,11 +148,11 @@ def test_files_of_one_session_decide_together(tmp_path):
             )
         )
     with pytest.raises(OriginError, match=r"^doubtful_xypts\.csv: the pixel origin cannot be determined"):
-        prepare(made[1])
+        clean(made[1])
     for order, numbers in ((made, [0, 1]), (made[::-1], [1, 0])):
         told = []
-        both = list(_prepared(order, told.append))
-        assert [p.filmed.pixel_origin.pixels for _, p in both if p.filmed] == ["upper-left"] * 2
+        both = list(_cleaned(order, told.append))
+        assert [p.rows.pixels for _, p in both] == ["upper-left"] * 2
         assert [number for number, _ in both] == numbers
         assert "doubtful: pixel origin upper-left, as in the other recordings of this session" in told
 
@@ -161,7 +161,7 @@ def test_our_own_recordings_carry_their_corner(tmp_path):
     """A bat whose pixels fit both ways up: refused without its card, read from the upper left with it."""
     files = write_recording(make_bat(seed=0, n_frames=60, manoeuvre="turn"), tmp_path)
     stated = {"fps": 240, "calibration": files["coefficients"], "profile": files["profile"]}
-    assert load_filmed(read(files["pixels"], **stated), iterations=3).pixel_origin.pixels == "upper-left"
+    assert with_ideal_pixels(read(files["pixels"], **stated)).rows.pixels == "upper-left"
     files["card"].unlink()
     with pytest.raises(OriginError, match="the pixel origin cannot be determined"):
-        load_filmed(read(files["pixels"], **stated), iterations=3)
+        with_ideal_pixels(read(files["pixels"], **stated))

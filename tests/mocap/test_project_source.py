@@ -10,7 +10,7 @@ from mocap.datasets import PERFECT, make_bat, write_recording
 from mocap.errors import CalibrationError, MocapError
 from mocap.io.dltdv import read_coefficients, read_pixels, read_points
 from mocap.io.profile import with_profile
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from tests.real_data import real
 
@@ -72,8 +72,8 @@ def test_a_project_is_what_its_tables_are(files):
 
     Pixels are the same numbers; matrices are scaled once more: 1e-16 times the squared condition of a triangulation.
     """
-    tables = prepare(read(files["pixels"], fps=FPS, calibration=files["coefficients"], profile=files["profile"]))
-    project = prepare(read(files["project"], fps=FPS))
+    tables = clean(read(files["pixels"], fps=FPS, calibration=files["coefficients"], profile=files["profile"]))
+    project = clean(read(files["project"], fps=FPS))
     assert project.names == tables.names
     np.testing.assert_allclose(project.t_s, tables.t_s, rtol=1e-12)
     np.testing.assert_allclose(project.xyz_m, tables.xyz_m, rtol=0, atol=1e-8)
@@ -85,7 +85,7 @@ def test_coefficients_that_are_given_go_first(mocap, files, tmp_path):
     with pytest.raises(
         CalibrationError, match=r"raw_dvProject\.mat: a project without DLT coefficients: .*give `calibration`"
     ):
-        prepare(read(files["raw"], fps=FPS))
+        clean(read(files["raw"], fps=FPS))
     cameras = ["--dlt", files["coefficients"], "--profile", files["profile"]]
     points = []
     for tracks, options in ((files["pixels"], cameras), (files["raw"], cameras), (files["project"], [])):
@@ -125,8 +125,8 @@ def test_real_projects_are_their_tables():
     """
     folder = real("bat_windtunnel_dltdv8", "derived_csv", "078A3_F5")
     tracks = real("bat_windtunnel_dltdv8", "078A3", "F5", "carollia_2April2021_078A3m_trial5_dvProject.mat")
-    project = prepare(read(tracks, fps=700))
-    tables = prepare(read(folder / "078A3_F5_xypts.csv", fps=700, calibration=folder / "078A3_F5_dltCoefs.csv"))
+    project = clean(read(tracks, fps=700))
+    tables = clean(read(folder / "078A3_F5_xypts.csv", fps=700, calibration=folder / "078A3_F5_dltCoefs.csv"))
     np.testing.assert_array_equal(np.isfinite(project.xyz_m), np.isfinite(tables.xyz_m))
     np.testing.assert_allclose(project.xyz_m, tables.xyz_m, rtol=0, atol=2e-7)
     assert any("9 of 3285 stored points differ" in finding.text for finding in project.findings)

@@ -8,7 +8,7 @@ from mocap.datasets import make_bat, write_recording
 
 from mocap.io.dltdv import read_points
 from mocap.io.unstated_unit import UNIT
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.reading import read
 from mocap.pipeline.tracking import marker_trial, seen_part
 from mocap.pipeline.triangulate_file import triangulate_file
@@ -31,13 +31,13 @@ def source(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plain(source):
-    return prepare(source)
+    return clean(source)
 
 
 @pytest.mark.parametrize("stated", [0.01, 0.3, 0.9])
 def test_intervals_follow_what_is_stated_and_nothing_else_does(source, plain, stated):
     """Below what the rays show: the same points, samples and names; every deviation times stated over shown."""
-    found = prepare(replace(source, pixel_sd=stated))
+    found = clean(replace(source, pixel_sd=stated))
     ratio = stated / plain.jitter_px
     np.testing.assert_array_equal(found.xyz_m, plain.xyz_m)
     np.testing.assert_array_equal(found.rays_rejected, plain.rays_rejected)
@@ -52,7 +52,7 @@ def test_intervals_follow_what_is_stated_and_nothing_else_does(source, plain, st
 
 def test_more_noise_than_rays_show(source, plain):
     """Intervals grow with it, points hardly move, fewer rays are refused; motion is learned with the noise shown."""
-    found = {stated: prepare(replace(source, pixel_sd=stated)) for stated in (5.0, 50.0)}
+    found = {stated: clean(replace(source, pixel_sd=stated)) for stated in (5.0, 50.0)}
     for stated, one in found.items():
         both = np.isfinite(one.xyz_m[..., 0]) & np.isfinite(plain.xyz_m[..., 0])
         grown = np.sqrt(np.trace(one.cov_m2, axis1=-2, axis2=-1) / np.trace(plain.cov_m2, axis1=-2, axis2=-1))[both]
@@ -69,7 +69,7 @@ def test_what_contradicts_the_pixels_is_said_first(source, plain, tmp_path, stat
     """By how much, and what is done; nothing is said of a number that agrees."""
     given = replace(source, pixel_sd=stated)
     summary = triangulate_file(given, tmp_path / "xyzpts.csv", refine=True)
-    for findings in (prepare(given).findings, summary.findings):
+    for findings in (clean(given).findings, summary.findings):
         contradicted = [f for f in findings if f.kind == "pixel noise"]
         told = [f"`pixel_sd` {stated:g}" in f.text and said in f.text for f in contradicted]
         assert told == [True] * (said is not None)

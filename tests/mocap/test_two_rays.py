@@ -10,11 +10,11 @@ from mocap.filters.models.pose import PoseSettings
 
 from mocap.cameras.camera import record
 from mocap.pipeline.blocks import learn_once, track_block
+from mocap.pipeline.cleaning import clean
 from mocap.pipeline.job import run_job
 from mocap.pipeline.learning import learn_from
-from mocap.pipeline.long import long_pixels
-from mocap.pipeline.prepare import prepare_pixels
-from mocap.pipeline.recording import film_of
+from mocap.pipeline.long import long_recording
+from mocap.pipeline.recording import of_pixels
 from mocap.pipeline.tracking import seen_part, why_no_pose
 from mocap.pipeline.two_rays import continuing, disagreements, unconfirmed, without_contradicted, worth_checking
 from mocap.records import Status
@@ -48,7 +48,7 @@ def clicked(bat):
 
 
 def prepared(bat, pixels):
-    return prepare_pixels(pixels, bat.cameras, Skeleton(name="bat", markers=pixels.names), name="bat")
+    return clean(of_pixels(pixels, bat.cameras, Skeleton(name="bat", markers=pixels.names), name="bat"))
 
 
 def along_first_ray(pixels, cameras, marker, truth, metres):
@@ -124,7 +124,7 @@ def test_two_cameras_have_no_third(scene):
     """Where there are two cameras in all every point is of two rays, and none is doubted for that."""
     bat, pixels, _ = scene
     two = replace(pixels, uv_px=pixels.uv_px[:2], cameras=pixels.cameras[:2])
-    one = prepare_pixels(two, bat.cameras[:2], Skeleton(name="bat", markers=two.names), name="bat")
+    one = clean(of_pixels(two, bat.cameras[:2], Skeleton(name="bat", markers=two.names), name="bat"))
     assert not unconfirmed(one).any()
 
 
@@ -153,7 +153,7 @@ def test_a_wrong_point_amid_a_run_that_joins_is_not_believed(scene):
     xyz[frame, wrong] += 0.03 / np.sqrt(3)
     away_m = np.full(asked.shape, np.nan)
     away_m[frame, wrong] = 0.03
-    assert not continuing(replace(one, xyz_m=xyz), seen_part(one), asked, away_m).any()
+    assert not continuing(one.having(position=xyz), seen_part(one), asked, away_m).any()
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ def test_long_recordings_are_checked_block_by_block(scene, learned):
     uv[2:, 30:70, :5] = np.nan  # enough of two rays to be worth the pass
     film = replace(film, uv_px=uv)
     skeleton = Skeleton(name="bat", markers=pixels.names)
-    long = long_pixels(film_of(film, bat.cameras, name="bat"), skeleton, name="bat")
+    long = long_recording(of_pixels(film, bat.cameras, skeleton, name="bat"))
     run, _, findings = track_block(long, learn_once(long, learned=learned), range(100))
     asked = unconfirmed(prepared(bat, film))[:, wrong]
     assert asked.sum() > 15

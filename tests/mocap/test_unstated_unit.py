@@ -16,7 +16,7 @@ from mocap.errors import FormatError
 from mocap.io.dltdv import write_coefficients
 from mocap.io.registry import read
 from mocap.io.unstated_unit import UNIT, XRAYED_M, guessed, in_metres, length, of_cameras
-from mocap.pipeline.prepare import prepare
+from mocap.pipeline.cleaning import clean
 from tests.real_data import real
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -75,10 +75,10 @@ def test_what_cannot_be_metres_is_millimetres(tmp_path, size_m):
     said = str(source.findings[0])
     assert said.startswith("NO UNIT IS STATED: lengths are assumed to be in mm, so that the animal is ")
     assert re.search(r"state the unit: m if it is [\d.e+]+ k?m long, cm if it is [\d.e+]+ m*m long", said)
-    np.testing.assert_allclose(source.contents.points.xyz_m, xyz, rtol=1e-12)
+    np.testing.assert_allclose(source.points.xyz_m, xyz, rtol=1e-12)
     stated = mocap.read(path, fps=100, unit="cm")
     assert not any("unit" in finding.text.lower() for finding in stated.findings)
-    np.testing.assert_allclose(stated.contents.points.xyz_m, 10 * xyz, rtol=1e-12)
+    np.testing.assert_allclose(stated.points.xyz_m, 10 * xyz, rtol=1e-12)
 
 
 @pytest.mark.parametrize("factor", [1e6, 1e-6])
@@ -86,8 +86,8 @@ def test_no_unit_makes_it_an_animal(tmp_path, factor):
     """A bat of 340 km, or of 340 nm, is refused, with its length in every unit; a stated one is believed."""
     path = table(tmp_path / "x.csv", factor * make_bat(seed=3, n_frames=30, n_cameras=3).truth.xyz_m)
     with pytest.raises(FormatError, match=r"no unit is stated, and none makes the animal one: .* state `unit`"):
-        _ = mocap.read(path, fps=100).contents
-    assert mocap.read(path, fps=100, unit="um").contents.unit == "um"
+        mocap.read(path, fps=100)
+    assert mocap.read(path, fps=100, unit="um").data.attrs["space_unit"] == "um"
 
 
 def test_noise_that_no_cameras_have(tmp_path, rng):
@@ -152,7 +152,7 @@ def test_a_calibration_in_millimetres(tmp_path):
 
     def prepared(unit, name="coefficients"):
         source = mocap.read(files["pixels"], fps=100, calibration=files[name], profile=files["profile"], unit=unit)
-        return prepare(source)
+        return clean(source)
 
     assumed, stated = prepared(None), prepared("mm")
     assert assumed.findings[0].text.startswith(
@@ -169,7 +169,7 @@ def test_a_calibration_whose_unit_nobody_states(tmp_path):
     files = write_recording(bat, tmp_path)
     source = mocap.read(files["pixels"], fps=100, calibration=files["coefficients"], profile=files["profile"])
     assert re.match(
-        r"no unit is stated: lengths are assumed to be in metres, .* is \d+ mm long$", str(prepare(source).findings[0])
+        r"no unit is stated: lengths are assumed to be in metres, .* is \d+ mm long$", str(clean(source).findings[0])
     )
     matrices = stacked(bat.cameras)
     k = np.array([np.linalg.inv(decompose(c).intrinsic) for c in bat.cameras])

@@ -69,7 +69,7 @@ def test_files_of_a_camera_and_a_side_become_one_recording(rat):
     """Six files and easyWand's calibration, in any order: three calibrated cameras, four paws by side, likelihoods."""
     files, rig, uv, likely = rat
     found = library.read([*files[::-1], rig], fps=200)
-    contents = found.contents
+    contents = found
     assert contents.pixels is not None
     assert contents.score is not None
     assert contents.camera_names == ("cam1", "cam2", "cam3")
@@ -104,7 +104,7 @@ def test_a_project_and_a_calibration_are_compared():
 
 def test_the_report_tells_residuals_by_camera_and_marker(tmp_path):
     """One marker is clicked six times as carelessly (3 px) in one camera of four: the table names both."""
-    from mocap.pipeline.prepare import prepare
+    from mocap.pipeline.cleaning import clean
     from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 
     rig = ring(4)
@@ -118,7 +118,7 @@ def test_the_report_tells_residuals_by_camera_and_marker(tmp_path):
     )
     np.savetxt(tmp_path / "rig.csv", np.stack([dlt_coefficients(c) for c in rig], axis=1), "%.12g", ",")
     found = residuals_by_camera(
-        prepare(library.read(tmp_path / "a_xypts.csv", calibration=tmp_path / "rig.csv", fps=200))
+        clean(library.read(tmp_path / "a_xypts.csv", calibration=tmp_path / "rig.csv", fps=200))
     )
     worst = max(((c, m) for c in found for m in found[c]), key=lambda cm: found[cm[0]][cm[1]] or 0.0)
     assert worst == ("cam3", "pt2")

@@ -48,10 +48,10 @@ class Rays:
 def rays_of(trial: Trial) -> Rays:
     """The pixels of a trial that the product believes."""
     found = recording(trial)
-    if found.filmed is None:
+    if not found.cameras:
         raise ValueError(f"{trial.name} has no pixels")
     return Rays(
-        matrices=found.filmed.matrices,
+        matrices=found.matrices,
         uv_px=found.uv_px,
         sd_px=found.ray_sd_px,
         xyz_m=found.xyz_m,

@@ -1,15 +1,17 @@
 """Which tabs there are, in their order. A new one is a file beside this one and a line here."""
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import rerun as rr
 import rerun.blueprint as rrb
 
+from eal.plugins import offered
 from mocap.pipeline.run import Run
 from mocap.rerun.layout import Layout
 from mocap.rerun.tabs import angles, cameras, health, joints, lagrangian, overview, report
 
 
+@runtime_checkable
 class Tab(Protocol):
     """What the file of a tab holds."""
 
@@ -22,4 +24,5 @@ class Tab(Protocol):
         ...
 
 
-TABS: tuple[Tab, ...] = (angles, overview, cameras, joints, lagrangian, health, report)
+ELSEWHERE = offered("mocap.views", Tab).values()
+TABS: tuple[Tab, ...] = (angles, overview, cameras, joints, lagrangian, health, report, *ELSEWHERE)

@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import json
 import subprocess
 import sys
 import time
@@ -14,7 +15,11 @@ from distributed import Client, LocalCluster, Scheduler, Status
 
 import mocap as library
 from mocap.batches import engine
+from mocap.batches.find import find_trials
+from mocap.batches.known import Options, known
+from mocap.batches.one import track_trial
 from mocap.batches.run import shard_of
+from mocap.batches.summary import write_summary
 from mocap.cli.view import with_recording
 from mocap.errors import FormatError, MocapError, OutputError
 from mocap.io import output
@@ -386,3 +391,21 @@ def test_wrong_usage(lab, tmp_path, mocap, monkeypatch):
 def _in_its_own_place(folder):
     write_trial(folder / "data" / "t" / "t_xyzpts.csv", 0)
     return folder / "data" / "t" / "t_xyzpts.csv"
+
+
+def test_long_trials_are_tracked_in_blocks(tmp_path, monkeypatch):
+    """As by mocap track; the batch has their frames, and their cycles beside those of the others."""
+    monkeypatch.setattr("mocap.batches.one.LONG", 20)
+    monkeypatch.setattr("mocap.pipeline.blocks.BLOCK", 10)
+    write_trial(tmp_path / "lab" / "bat07" / "t_xyzpts.csv", 1)
+    trial = find_trials([tmp_path / "lab"], stated={"fps": FPS})[0]
+    record = track_trial(trial, Options(model="constant_velocity"), tmp_path / "out")
+    folder = tmp_path / "out" / trial.name
+    assert record.status == "done"
+    assert (record.row["frames"], record.row["markers"]) == (24, 5)
+    assert record.row["measured_percent"] == pytest.approx(100 * (1 - 4 / 120), abs=0.01)
+    assert "seconds_total" not in json.loads((folder / "report.json").read_text())
+    assert {"markers.parquet", "cycles.csv", "angles.csv", "blocks.csv"} <= {path.name for path in folder.iterdir()}
+    write_summary([record], tmp_path / "out")
+    assert (tmp_path / "out" / "cycles.csv").read_text().startswith("trial,animal")
+    assert known(trial, Options(model="constant_velocity"), tmp_path / "out") == record

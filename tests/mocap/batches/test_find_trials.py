@@ -234,7 +234,7 @@ def test_plain_tables_are_trials(mocap, tmp_path):
     (tmp_path / "lab" / "what.csv").write_text("what,why\n1,2\n")
     found = {trial.name: trial for trial in find_trials([tmp_path / "lab"])}
     assert not found["walk"].skip
-    assert found["walk"].recording().contents.fps == pytest.approx(100)
+    assert found["walk"].recording().fps == pytest.approx(100)
     assert "without a calibration" in found["run"].skip
     assert "a plain table of 2 columns (what, why)" in found["what"].skip
     write_table(tmp_path / "lab" / "walk_xyzpts.csv", ["a_X", "a_Y", "a_Z"], np.arange(9.0).reshape(3, 3))

@@ -1,48 +1,27 @@
 """Six coordinates of a joint between bodies: against true poses, XMALab's transforms, and a hinge."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mocap.filters.body_axes import nearest_rotation
-from mocap.filters.velocities import Motion
 from scipy.spatial.transform import Rotation
 
-from mocap.errors import MocapError
+from mocap.errors import MocapError, SkeletonError
 from mocap.io.registry import read
 from mocap.kinematics import angles
-from mocap.kinematics.bodies import joint_quantities, pose_of
-from mocap.measures import JointAxes, Measures
+from mocap.kinematics.bodies import joint_quantities, with_places
+from mocap.kinematics.pose import pose_of
+from mocap.measures import SEQUENCES, JointAxes, Measures
 from mocap.results.rigid_bodies import write_rigid_bodies
-from mocap.skeleton import Skeleton
+from mocap.skeleton import Skeleton, read_skeleton, write_skeleton
 from tests.filters.bodies_trials import two_bodies
+from tests.mocap.kinematics.body_motions import NAMES, moving, screw, skeleton
 from tests.real_data import real
-
-NAMES = [*(f"p{k}" for k in range(5)), *(f"c{k}" for k in range(5))]
-
-
-def moving(xyz, t_s, names, sd_m):
-    """Positions of independent errors; velocities are differences."""
-    own = np.zeros((*xyz.shape[:2], 6, 6), dtype=np.float32)
-    own[..., :3, :3] = np.eye(3) * sd_m**2
-    return Motion(
-        names=tuple(names),
-        t_s=t_s,
-        xyz_m=xyz,
-        velocity_m_s=np.gradient(xyz, t_s, axis=0),
-        own=own,
-        pairs=np.empty((0, 2), dtype=np.int64),
-        cross=np.empty((len(xyz), 0, 6, 6), dtype=np.float32),
-        kept=np.ones(xyz.shape),
-        measured=np.ones(xyz.shape[:2], dtype=bool),
-    )
-
-
-def skeleton(names, parent, child, name="jaw", **more):
-    bodies = {"skull": names[:parent], "jaw": names[parent : parent + child]}
-    return Skeleton(markers=names, bodies=bodies, joints={name: ("skull", "jaw")}, **more)
 
 
 def six(motion, stated):
-    return {one.name: one for one in joint_quantities(motion, stated, stated.body_joints[0])}
+    return {one.name: one for one in joint_quantities(motion, stated, stated.body_joints[0])[0]}
 
 
 def true_angles(poses, rotations):
@@ -51,7 +30,7 @@ def true_angles(poses, rotations):
     for pose, rotation in zip(poses, rotations, strict=True):
         between = nearest_rotation(np.einsum("tji,tjk->ik", pose.rotation, rotation)[None])[0]
         turned.append(rotation @ between.T)
-    return np.degrees(np.array(angles.cardan(np.einsum("tji,tjk->tik", *turned))))
+    return np.degrees(np.array(angles.euler(np.einsum("tji,tjk->tik", *turned))))
 
 
 @pytest.mark.parametrize(("noise_m", "slip_m"), [(2e-4, 0.0), (5e-5, 3e-4)])
@@ -142,3 +121,109 @@ def test_transforms_in_the_format_of_xmalab(tmp_path):
     np.testing.assert_allclose(transforms[:, 1, :3, 3], pose.position_m, atol=1e-11)
     with pytest.raises(MocapError, match="states no rigid bodies: name their markers"):
         write_rigid_bodies(motion, Skeleton(markers=NAMES), tmp_path / "none.csv")
+
+
+PLACES_M = np.random.default_rng(0).normal(size=(10, 3)) * 0.02 + np.repeat([[-0.03, 0, 0], [0.03, 0, 0]], 5, axis=0)
+AXES = JointAxes(
+    **{
+        part: dict(zip(NAMES[5 * n : 5 * n + 5], map(tuple, PLACES_M[5 * n : 5 * n + 5]), strict=True))
+        for n, part in enumerate(("parent", "child"))
+    }
+)
+"""Both bodies have the parent's axes while the joint's angle is 0."""
+
+
+def test_angular_velocities():
+    """Of a screw they are the rate of its angle about z, exactly; with noise their errors are what is stated."""
+    t_s = np.arange(200) / 100
+    stated = skeleton(NAMES, 5, 5, measures=Measures(axes={"jaw": AXES}))
+    xyz, _, angle = screw(t_s, places_m=PLACES_M)
+    step = 1e-6
+    speed = (screw(t_s + step, places_m=PLACES_M)[0] - screw(t_s - step, places_m=PLACES_M)[0]) / (2 * step)
+    truth = np.degrees(np.stack([0 * angle, 0 * angle, 0.5 * 0.8 * 7 * np.cos(7 * t_s)]))
+    exact = six(moving(xyz, t_s, NAMES, 1e-6, velocity_m_s=speed), stated)
+    for axis, true in zip("xyz", truth, strict=True):
+        np.testing.assert_allclose(exact[f"jaw_angular_velocity_{axis}_deg_s"].value, true, atol=1e-5)
+    rng, scaled = np.random.default_rng(1), []
+    for sd_m, sd_m_s in ((1e-6, 0.02), (3e-4, 1e-4), (2e-4, 0.01)):
+        seen = xyz + sd_m * rng.normal(size=xyz.shape)
+        fast = speed + sd_m_s * rng.normal(size=xyz.shape)
+        found = six(moving(seen, t_s, NAMES, sd_m, velocity_m_s=fast, sd_m_s=sd_m_s), stated)
+        columns = [found[f"jaw_angular_velocity_{axis}_deg_s"] for axis in "xyz"]
+        error = np.array([one.value for one in columns]) - truth
+        scaled.append(np.sqrt(np.mean((error / np.array([one.sd for one in columns])) ** 2)))
+    assert min(scaled) > 0.83
+    assert max(scaled) < 1.2
+
+
+def test_helical_axes():
+    """Those of a screw are its own: angle, pitch, direction and a point; with noise errors are what is stated."""
+    t_s = np.arange(200) / 100
+    stated = skeleton(NAMES, 5, 5, measures=Measures(axes={"jaw": replace(AXES, helical=True)}))
+    xyz, _, angle = screw(t_s, places_m=PLACES_M)
+    truth = {"angle_deg": np.degrees(angle), "shift_m": 0.01 * angle, "direction_x_1": 0, "direction_y_1": 0}
+    truth |= {"direction_z_1": 1, "point_x_m": 0.01, "point_y_m": 0.02, "point_z_m": 0}
+    exact = six(moving(xyz, t_s, NAMES, 1e-6), stated)
+    for name, true in truth.items():
+        np.testing.assert_allclose(exact[f"jaw_helical_{name}"].value, true, atol=1e-7)
+    noisy = xyz + 1e-5 * np.random.default_rng(2).normal(size=xyz.shape)
+    found = six(moving(noisy, t_s, NAMES, 1e-5), stated)
+    scaled = [
+        ((found[f"jaw_helical_{name}"].value - true) / found[f"jaw_helical_{name}"].sd) ** 2
+        for name, true in truth.items()
+        if name not in ("direction_z_1", "point_z_m")
+    ]  # of second order
+    assert 0.83 < np.sqrt(np.mean(scaled)) < 1.2
+
+
+@pytest.mark.parametrize("sequence", SEQUENCES)
+def test_sequences(sequence):
+    """All twelve are those of SciPy, and each column is called by its axis."""
+    turned = Rotation.random(50, rng=np.random.default_rng(3))
+    expected = turned.as_euler(sequence.upper())
+    np.testing.assert_allclose(np.stack(angles.euler(turned.as_matrix(), sequence), axis=1), expected, atol=1e-12)
+    made = two_bodies(seed=2, n_frames=40)
+    stated = skeleton(NAMES, 5, 5, measures=Measures(axes={"jaw": JointAxes(sequence=sequence)}))
+    found = six(moving(made.trial.xyz_m, made.trial.t_s, NAMES, 1e-4), stated)
+    first, second, third = sequence
+    called = (first, second, third if first != third else f"{third}2")
+    assert [f"jaw_rotation_{one}_deg" in found for one in called] == [True] * 3
+
+
+def test_axes_as_places_of_markers(tmp_path):
+    """They are those that state them, also where other markers of the body move the mean pose, and are read back."""
+    made = two_bodies(seed=3)
+    motion = moving(made.trial.xyz_m, made.trial.t_s, NAMES, 1e-4)
+    lines = JointAxes(parent=(("p0", "p1"), ("p0", "p2")), child=(("c0", "c1"), ("c0", "c2")), sequence="xyz")
+    stated = skeleton(NAMES, 5, 5, measures=Measures(axes={"jaw": lines}))
+    write_skeleton(tmp_path / "placed.toml", with_places(motion, stated))
+    placed = read_skeleton(tmp_path / "placed.toml")
+    assert set(placed.measures.axes["jaw"].parent) == set(NAMES[:5])
+    before, after = six(motion, stated), six(motion, placed)
+    assert list(before) == list(after)
+    for name, one in before.items():
+        np.testing.assert_allclose(after[name].value, one.value, rtol=1e-5, atol=1e-6)
+
+
+def test_axes_that_contradict_the_skeleton():
+    """Errors say what is expected: a marker of another body, too few places, a joint of markers, an odd sequence."""
+    places = dict.fromkeys(NAMES[:3], (0.0, 0.0, 0.0))
+    for axes, message in (
+        (JointAxes(parent=(("p0", "c1"), ("p0", "p2")), child=(("c0", "c1"), ("c0", "c2"))), "'c1' for 'skull'"),
+        (JointAxes(parent={"p0": (0.0, 0.0, 0.0)}, child=places), "axes need 3 at least"),
+    ):
+        with pytest.raises(SkeletonError, match=message):
+            skeleton(NAMES, 5, 5, measures=Measures(axes={"jaw": axes}))
+    with pytest.raises(SkeletonError, match="of a joint of three markers are directions"):
+        Skeleton(markers=NAMES, joints={"k": NAMES[:3]}, measures={"axes": {"k": {"functional": "ball"}}})
+    for entry, message in (
+        ({"sequence": "zzy"}, "sequence must be one of xyx"),
+        ({"functional": "saddle"}, "functional must be ball or hinge"),
+        ({"parent": {"p0": [1.0, 2.0]}, "child": {}}, "has shape"),
+        (
+            {"functional": "ball", "parent": [["p0", "p1"], ["p0", "p2"]], "child": [["c0", "c1"], ["c0", "c2"]]},
+            "none where",
+        ),
+    ):
+        with pytest.raises(SkeletonError, match=message):
+            skeleton(NAMES, 5, 5, measures={"axes": {"jaw": entry}})

@@ -92,8 +92,9 @@ def test_a_legend_names_what_is_there(written):
     markers = result.run.tracked.markers
     measured = np.full_like(markers.status, Status.MEASURED)
     measured[3, 0] = Status.REJECTED
+    measured[:2, 1] = Status.PREDICTED
     texts = [t.get_text() for t in plot_gaps(markers.names, markers.t_s, measured).get_legend().get_texts()]
-    assert [text.split()[0] for text in texts] == ["rejected"]
+    assert [text.split()[0] for text in texts] == ["measured", "extrapolated", "rejected"]
     ax = result.plot.over_time("body_speed_m_s")
     assert len(ax.figure.axes) == 2
     half = ax.figure.axes[1].lines[0].get_ydata()

@@ -211,3 +211,25 @@ def test_analytic_signals_are_scipys(n):
     series = np.random.default_rng(n).normal(size=(n, 3))
     np.testing.assert_allclose(analytic(series), hilbert(series, axis=0), atol=1e-13)
     np.testing.assert_allclose(analytic(series[:, 0]), hilbert(series[:, 0]), atol=1e-13)
+
+
+def test_covariances_are_symmetric_however_a_smoother_rounded():
+    """A matrix that is symmetric to 1e-5 of its correlations alone becomes symmetric; others stay as they are."""
+    from mocap.schema import not_covariances
+
+    rng = np.random.default_rng(0)
+    half = rng.normal(size=(4, 2, 6, 6))
+    good = (half @ np.swapaxes(half, -1, -2)).astype(np.float32)
+    skew = good.copy()
+    skew[..., 0, 1] *= 1 + 1e-5
+
+    def motion(own):
+        zero = np.zeros((4, 2, 3))
+        return Motion(
+            names=("a", "b"), t_s=np.arange(4.0), xyz_m=zero, velocity_m_s=zero, own=own,
+            pairs=np.zeros((0, 2)), cross=np.zeros((4, 0, 6, 6)), kept=zero, measured=np.ones((4, 2), dtype=bool),
+        )  # fmt: skip
+
+    assert not_covariances(skew).any()
+    assert not not_covariances(motion(skew).own).any()
+    np.testing.assert_array_equal(motion(good).own, good)

@@ -203,3 +203,18 @@ def test_recordings_of_films_are_written_without_lens_too(tmp_path):
     assert [c.size_px for c in shown.cameras] == [SIZE_PX] * 2
     write_recording(shown, tmp_path / "r.rrd")
     assert len(column(tmp_path / "r.rrd", f"{paths.image('cam1')}/video", "VideoStream:sample")[0]) == 4
+
+
+def test_films_that_started_apart_are_shown_in_step(tmp_path):
+    """A lag that was taken out of the tracks is taken out of the films: frame t of the tracks is t - late of a film."""
+    run = bent_run()
+    for name in ("a", "b"):
+        film(tmp_path / name, [np.full((SIZE_PX[1], SIZE_PX[0], 3), 40, dtype=np.uint8)] * N_FRAMES, "png")
+    movies = open_movies([tmp_path / "a", tmp_path / "b"])
+    shown = with_footage(
+        replace(run, report={**run.report, "late_frames": [0.2, -7.4]}), movies, offsets=offsets_of(None, [3])
+    )
+    first = [int(footage.frames[0]) for footage in shown.footage]
+    assert first == [3, 10]  # 3 - 0.2 and 3 + 7.4, to the frame
+    assert "lag that was corrected" in shown.report["video"][1]
+    assert shown.footage[1].there.sum() == N_FRAMES - 10

@@ -1,0 +1,31 @@
+"""Reference of the variables of a recording, from the table that the code declares."""
+
+from mocap.pipeline.variables import VARIABLES
+
+HEAD = """# The record
+
+A recording is one `xarray.Dataset`, `Recording.data`, from `mocap.read` on; `mocap.clean` adds to it. Dimensions have
+the names of movement: `view` is a camera, `keypoint` a marker. Arrays are read-only; a step returns a new recording.
+
+```python
+rec = mocap.clean(mocap.read("bat_xypts.csv", calibration="dltCoefs.csv", fps=700))
+rec.data["position"].sel(keypoint="wrist_l")  # NaN where nothing is believed
+rec.data["rejected"].sum(["time", "keypoint"])  # how many samples were rejected, for each reason
+```
+
+| variable | dimensions | unit | since | meaning |
+|---|---|---|---|---|
+"""
+FOOT = """
+Coordinates: `time` (s), `frame` (as the file counts), `keypoint`, `view`, `reason`. Attributes: `fps`, `space_unit`,
+`format`. `Tracked.markers` is a Dataset as well ([files](files.md)).
+"""
+
+
+def page() -> str:
+    """All variables, in Markdown."""
+    rows = (
+        f"| `{name}` | {', '.join(told.dims)} | {told.unit} | `{told.since}` | {told.meaning} |"
+        for name, told in VARIABLES.items()
+    )
+    return HEAD + "\n".join(rows) + "\n" + FOOT

@@ -1,0 +1,300 @@
+"""Clean a recording: what a tracker is given, with every sample that is not believed marked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eal.arrays import Array
+from mocap import audit
+from mocap.cameras import triangulate
+from mocap.cleaning.bias import lasting_bias, ray_bias
+from mocap.cleaning.camera_health import camera_health, shifted_back
+from mocap.cleaning.clean import clean as cleaned_positions
+from mocap.cleaning.click_noise import click_noise
+from mocap.cleaning.likelihoods import LikelihoodNoise, likelihood_noise
+from mocap.cleaning.persistence import persistent_px
+from mocap.cleaning.position_noise import position_sd
+from mocap.cleaning.robust_rays import LEAST_PX, student_t
+from mocap.cleaning.swap_states import CAMERAS, mixed, settle_all
+from mocap.cleaning.swapped_rays import exchange_rays, exchanged_rays, extent_px
+from mocap.cleaning.swaps import DOUBTFUL, Swap, exchange, exchanged_markers
+from mocap.errors import CalibrationError, FormatError
+from mocap.filters.anatomy import ends_among
+from mocap.pipeline import sentences
+from mocap.pipeline.arrays import as_recording
+from mocap.pipeline.lens_effect import lens_uncertainty
+from mocap.pipeline.plane import in_plane
+from mocap.pipeline.recording import Recording, audit_points, by_pixels, with_ideal_pixels
+from mocap.records import MarkerTracks, Status
+from mocap.skeleton import Measures, Skeleton
+
+LEAST_SD_M = 1e-6
+"""Positions are not known better than that, whatever a file says."""
+
+
+def clean(recording: Recording, *, first: int = 0) -> Recording:
+    """The same recording, cleaned: positions with their noise, and a reason for every sample that is not believed.
+
+    Pixels are undistorted and triangulated, exchanged names put right, jumps and rays that miss rejected, slowly
+    varying errors taken out, the noise of each camera, marker and click estimated. ``data`` then has the variables
+    that ``mocap.pipeline.variables`` declares since ``clean``, ``status`` says which samples were rejected,
+    ``findings`` what was found. ``mocap.track`` does this itself with what is not cleaned.
+
+    Args:
+        recording: As ``mocap.read`` or ``mocap.from_arrays`` gives it.
+        first: Frames of a longer recording before these.
+
+    Raises:
+        MocapError: whatever makes that impossible, with what to do.
+    """
+    recording = as_recording(recording, "clean")
+    if recording.cleaned:
+        return recording
+    if recording.planar:
+        return _plane(recording)
+    if not recording.filmed:
+        return _positions(recording, _seen_points(recording), first)
+    return _film(with_ideal_pixels(recording), first)
+
+
+def _seen_points(recording: Recording) -> MarkerTracks:
+    points = recording.points
+    if points is None:
+        raise FormatError(
+            f"{recording.where}: contains no tracks ({recording.format}): give a file of pixels or positions"
+        )
+    if not points.seen.any():
+        raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
+    return points
+
+
+def _plane(recording: Recording) -> Recording:
+    """One film without a calibration: positions in the plane of its picture."""
+    tracks, plane, found = in_plane(recording)
+    if not tracks.seen.any():
+        raise FormatError(f"{recording.where}: no marker is ever seen: there is nothing to track")
+    skeleton = replace(recording.skeleton, bones=(), joints=(), measures=Measures())
+    flat = replace(recording, skeleton=skeleton, plane=plane, findings=(*recording.findings, *found))
+    return _positions(flat, tracks, 0)
+
+
+def _status(xyz_m: Array, rejected: Sequence[NDArray[np.bool_]]) -> NDArray[np.int8]:
+    """(T, M) measured, rejected or missing."""
+    gone = np.where(np.any(list(rejected), axis=0), Status.REJECTED, Status.MISSING)
+    return np.where(np.isfinite(xyz_m[..., 0]), Status.MEASURED, gone).astype(np.int8)
+
+
+def _film(recording: Recording, first: int) -> Recording:
+    """Pixels of calibrated cameras: triangulated, names, rays and jumps judged, slow errors out, noise estimated.
+
+    Raises:
+        CalibrationError: no sample is believed.
+    """
+    film, skeleton, names, t_s, pixels = recording, recording.skeleton, recording.names, recording.t_s, recording.pixels
+    assert pixels is not None  # they were undistorted
+    rows = film.rows
+    assert rows is not None  # so that this was decided
+    stale, told = audit_points(film)
+    likely, unlikely, relative = _by_likelihood(film)
+    film = film.having(ideal=np.where(unlikely[..., None], np.nan, film.ideal_px))
+    health = camera_health(film.matrices, film.ideal_px)
+    worse = health.factor[..., None] * relative
+    film = film.having(ideal=shifted_back(film.ideal_px, health))
+    shown, gate = by_pixels(film, worse)
+    found = triangulate.robust(film.matrices, film.ideal_px, sd_px=gate, relative=worse)
+    named = _names_put_right(film, found, skeleton, names, worse)
+    film, found, swaps, doubtful, worse = named.film, named.found, named.swaps, named.doubtful, named.relative
+    matrices, ideal = film.matrices, film.ideal_px
+    sd = np.sqrt(np.trace(found.cov_m2, axis1=-2, axis2=-1) / 3)
+    cleaning = cleaned_positions(np.where(doubtful[..., None], np.nan, found.xyz_m), sd, t_s, skeleton, names)
+    uv = np.where((found.rejected | cleaning.any | doubtful)[..., None], np.nan, ideal)
+    if not (np.isfinite(uv[..., 0]).sum(axis=0) >= 2).any():
+        raise CalibrationError(
+            f"{recording.where}: every sample was rejected because the rays of the cameras do not intersect: "
+            "check that coefficients, profile and pixels belong together"
+        )
+    lasting = persistent_px(matrices, uv, found.xyz_m, relative=worse)
+    audited = audit.audit_filmed(film.cameras, pixels, ideal, rows, first=first)
+    lens_cov, lens = lens_uncertainty(film, audited, uv)
+    bias = ray_bias(matrices, uv, dt_s=film.dt_s, relative=worse)
+    bias = replace(bias, jitter_px=max(bias.jitter_px, LEAST_PX))
+    uv = uv - bias.bias_px
+    start = triangulate.linear(matrices, uv, relative=worse)
+    noise = click_noise(matrices, uv, start, relative=worse)
+    xyz, cov, ray_sd, ray_scale = student_t(matrices, uv, start, sd_px=bias.jitter_px, relative=worse, noise=noise)
+    pixel_sd = film.pixel_sd
+    ratio = 1.0 if pixel_sd is None else pixel_sd / bias.jitter_px
+    pointless = np.isnan(found.xyz_m[..., 0])
+    lost = found.rejected.any(axis=0) & pointless
+    apart = found.rejected & lost & ~doubtful
+    uv = np.where(apart[..., None], ideal - lasting_bias(bias.bias_px, uv), uv)
+    unsure = unlikely.any(axis=0) & pointless & ~lost
+    cameras, clicks = [c.name for c in film.cameras], int(named.ambiguous.sum())
+    rejected = {"rays_miss": lost, "likelihood": unsure, **dict.fromkeys(DOUBTFUL, doubtful), **cleaning.rejected}
+    with_lens = {} if lens_cov is None else {"lens_covariance": lens_cov}
+    done = film.having(
+        rejected=rejected,
+        position=xyz,
+        covariance=cov * ratio**2,
+        status=_status(xyz, list(rejected.values())),
+        believed=uv,
+        ray_sd=ray_sd * ratio,
+        ray_scale=ray_scale * ratio,
+        ray_rejected=found.rejected | unlikely | named.ambiguous,
+        residual=found.residual_px,
+        most_speed=cleaning.max_speed_m_s,
+        persistent=lasting,
+        camera_factor=health.factor,
+        **with_lens,
+    )
+    return replace(
+        done,
+        cleaned=True,
+        jitter_px=pixel_sd or bias.jitter_px,
+        bias_px=bias.sd_px,
+        stated_over_shown=ratio,
+        noise=noise,
+        likelihoods=likely,
+        bad_cameras=health.bad,
+        swaps=swaps,
+        stale=stale,
+        audited=tuple(audited),
+        told=(),
+        findings=(
+            *film.told,
+            *film.findings,
+            *sentences.contradiction(pixel_sd, low_px=bias.jitter_px, high_px=shown),
+            sentences.pixel_origin(rows),
+            *(f for f in audited if f.alarm or f.kind == "mirrored world"),
+            *lens,
+            *sentences.late_cameras(cameras, film.late_frames),
+            *told,
+            *sentences.slow_errors(bias, lens_stays=bool(lens)),
+            *sentences.likelihood_findings(likely, film.score is not None, int(unlikely.sum()), int(unsure.sum())),
+            *sentences.camera_findings(health, cameras, first=first),
+            *sentences.never_seen(xyz, names),
+            *sentences.never_together(xyz, names),
+            *sentences.exchange_findings(swaps, doubtful, names, cameras, clicks=clicks, first=first),
+            *sentences.rejected("rays_miss", lost),
+            *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
+        ),
+    )
+
+
+def _by_likelihood(film: Recording) -> tuple[LikelihoodNoise | None, NDArray[np.bool_], Array]:
+    """What likelihoods are worth; (C, T, M) clicks that are not believed, and deviations relative to a usual click."""
+    shape, likelihood = film.ideal_px.shape[:3], film.score
+    found = None if likelihood is None else likelihood_noise(film.matrices, film.ideal_px, likelihood)
+    if found is None or likelihood is None:
+        return None, np.zeros(shape, dtype=bool), np.ones(shape)
+    unlikely = np.isfinite(film.ideal_px[..., 0]) & ~found.believed(likelihood)
+    return found, unlikely, found.factors(likelihood)
+
+
+def _positions(recording: Recording, tracks: MarkerTracks, first: int) -> Recording:
+    """Positions, of which the noise is estimated where no covariance states it."""
+    names, plane, skeleton = tracks.names, recording.plane, recording.skeleton
+    sd = np.maximum(np.where(tracks.sd_m > 0, tracks.sd_m, position_sd(tracks)), LEAST_SD_M)
+    named = exchanged_markers(tracks.xyz_m, _rigid(skeleton, names))
+    xyz, sd = exchange(tracks.xyz_m, named.swaps), exchange(sd, named.swaps)
+    xyz = np.where(named.unsure[..., None], np.nan, xyz)
+    length = "mm" if plane is None else plane.length
+    jumps = tuple(audit.jump_findings(xyz, tracks.t_s, names, first=first, length=length))
+    cleaning = cleaned_positions(xyz, sd, tracks.t_s, skeleton, names)
+    xyz = np.where(cleaning.any[..., None], np.nan, xyz)
+    nowhere = np.zeros(xyz.shape[:2], dtype=bool)
+    rejected = {"rays_miss": nowhere, **dict.fromkeys(DOUBTFUL, named.unsure), **cleaning.rejected}
+    done = recording.having(
+        rejected=rejected,
+        position=xyz,
+        covariance=np.where(np.isfinite(xyz[..., 0]), sd, np.nan)[..., None, None] ** 2 * np.eye(3),
+        status=_status(xyz, list(rejected.values())),
+        most_speed=cleaning.max_speed_m_s,
+    )
+    return replace(
+        done,
+        cleaned=True,
+        cameras=(),
+        swaps=named.swaps,
+        audited=jumps,
+        findings=(
+            *recording.findings,
+            sentences.position_noise(sd[tracks.seen], plane),
+            *jumps,
+            *sentences.exchange_findings(named.swaps, named.unsure, names, (), first=first),
+            *(f for reason, mask in cleaning.rejected.items() for f in sentences.rejected(reason, mask, names)),
+            *sentences.never_seen(xyz, names, plane),
+            *sentences.never_together(xyz, names),
+        ),
+    )
+
+
+def _rigid(skeleton: Skeleton, names: Sequence[str]) -> NDArray[np.int64]:
+    """(B, 2) markers of the rigid bones."""
+    return np.array(ends_among(names, skeleton.rigid), dtype=np.int64).reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Named:
+    """Pixels and points with exchanged names undone.
+
+    Attributes:
+        film: The pixels; without ambiguous ones.
+        found: The points.
+        swaps: Runs of frames that were undone.
+        doubtful: (T, M) samples that may be of either of two markers.
+        ambiguous: (C, T, M) clicks that may be of either of two markers.
+        relative: (C, T, M) deviations of rays, exchanged as the rays are.
+    """
+
+    film: Recording
+    found: triangulate.Triangulation
+    swaps: tuple[Swap, ...]
+    doubtful: NDArray[np.bool_]
+    ambiguous: NDArray[np.bool_]
+    relative: Array
+
+
+def _names_put_right(
+    film: Recording, found: triangulate.Triangulation, skeleton: Skeleton, names: Sequence[str], relative: Array
+) -> _Named:
+    """Undo exchanges of names in single cameras, then in all.
+
+    Up to ``CAMERAS`` cameras a single ray says little: there exchanges are proposals, of which a model of all cameras'
+    states decides.
+    """
+    matrices, uv = film.matrices, film.ideal_px
+    rays = exchanged_rays(matrices, uv, found, relative=relative)
+    ambiguous = np.zeros(uv.shape[:3], dtype=bool)
+    few = len(uv) <= CAMERAS
+    if rays and few:
+        settled = settle_all(matrices, uv, rays, sd_px=found.sd_px, relative=relative, extent_px=extent_px(uv))
+        uv, relative, rays, ambiguous = settled
+        ambiguous &= np.isfinite(uv[..., 0])
+        uv = np.where(ambiguous[..., None], np.nan, uv)
+    elif rays:
+        uv, relative = exchange_rays(uv, rays), exchange_rays(relative, rays)
+    if rays or ambiguous.any():
+        found = triangulate.robust(matrices, uv, sd_px=found.sd_px, relative=relative)
+    doubtful = ambiguous.any(axis=0) & np.isnan(found.xyz_m[..., 0])
+    points = exchanged_markers(found.xyz_m, _rigid(skeleton, names))
+    swaps = [swap for swap in points.swaps if not (few and mixed(swap, rays, ambiguous))]
+    if swaps:
+        uv, relative = exchange_rays(uv, swaps), exchange_rays(relative, swaps)
+        found = replace(
+            found,
+            xyz_m=exchange(found.xyz_m, swaps),
+            cov_m2=exchange(found.cov_m2, swaps),
+            residual_px=exchange(found.residual_px, swaps),
+            rejected=exchange_rays(found.rejected, swaps),
+        )
+    return _Named(
+        film=film.having(ideal=uv),
+        found=found,
+        swaps=(*rays, *swaps),
+        doubtful=points.unsure | (exchange(doubtful.astype(float), swaps) > 0),
+        ambiguous=ambiguous,
+        relative=relative,
+    )

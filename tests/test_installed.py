@@ -56,7 +56,7 @@ def test_the_wheel_alone_runs_the_demo(installed, tmp_path):
     where = run_there(installed, tmp_path, "-c", "import mocap.filters, mocap.datasets, eal; print(mocap.__file__)")
     assert where.stdout.startswith(str(installed)), where.stderr
     shorter = "from functools import partial; from mocap.pipeline import demo; "
-    shorter += "demo.run_demo = partial(demo.run_demo, n_frames=240); "
+    shorter += "demo.run_demo = partial(demo.run_demo, n_frames=130); "
     command = shorter + "from mocap.cli.main import main; main()"
     done = run_there(installed, tmp_path, "-c", command, "demo", "lizard", "--out", "out")
     assert done.returncode == 0, done.stderr

@@ -1,6 +1,7 @@
 """Who may import whom."""
 
 import ast
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -104,6 +105,7 @@ OUTSIDE = ("tests", "benchmarks")
 """Folders of scripts; no package imports them."""
 
 
+@cache
 def imports(source: str, path: str) -> set[str]:
     """Full names of all modules that a source file imports, also inside functions, relative ones resolved."""
     package = path.removesuffix(".py").removesuffix("/__init__").split("/")

@@ -16,6 +16,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -212,8 +213,7 @@ def tampered(kind: Kind, folder: Path) -> Iterator[tuple[str, str, Callable[[Pat
             arrays = dict(file)
         if kind.inside:
             for entry, name, found in _plain(json.loads(str(arrays[kind.inside]))):
-                text = np.array(json.dumps(found))
-                yield entry, name, lambda p, text=text: _save(p, arrays | {kind.inside: text})
+                yield entry, name, lambda p, f=found: _save(p, arrays | {kind.inside: np.array(json.dumps(f()))})
             return
         for entry, array in arrays.items():
             rest = {k: v for k, v in arrays.items() if k != entry}
@@ -228,7 +228,7 @@ def tampered(kind: Kind, folder: Path) -> Iterator[tuple[str, str, Callable[[Pat
             values = {n: _values(file[n]) for n in names}
         if kind.inside:
             for entry, name, found in _plain(json.loads(str(header))):
-                yield entry, name, lambda p, found=found: _put_header(p, json.dumps(found))
+                yield entry, name, lambda p, f=found: _put_header(p, json.dumps(f()))
             return
         for entry, array in values.items():
             yield entry, "missing", lambda p, e=entry: _remove(p, e)
@@ -237,10 +237,10 @@ def tampered(kind: Kind, folder: Path) -> Iterator[tuple[str, str, Callable[[Pat
                     yield entry, name, lambda p, e=entry, c=change, a=array: _put(p, e, c(a))
     elif kind.made in ("json", "toml"):
         text = path.read_text(encoding="utf-8")
+        as_written = json.dumps if kind.made == "json" else _toml
         for entry, name, found in _plain(json.loads(text) if kind.made == "json" else tomllib.loads(text)):
-            out = json.dumps(found) if kind.made == "json" else _toml(found)
-            if out is not None:
-                yield entry, name, lambda p, out=out: p.write_text(out, encoding="utf-8")
+            if kind.made == "json" or name != "null":  # TOML has none
+                yield entry, name, lambda p, f=found: p.write_text(as_written(f()), encoding="utf-8")
 
 
 def _changes(entry: str, array: np.ndarray) -> Iterator[tuple[str, Tampering]]:
@@ -253,49 +253,47 @@ def _changes(entry: str, array: np.ndarray) -> Iterator[tuple[str, Tampering]]:
             yield "reversed or negative", change
 
 
-def _plain(found: Any) -> Iterator[tuple[str, str, Any]]:
-    """Each entry of tables in tables (of a list its first table), replaced by each of ``PLAIN``."""
+def _plain(found: Any) -> Iterator[tuple[str, str, Callable[[], Any]]]:
+    """Each entry of tables in tables (of a list its first table), replaced by each of ``PLAIN``; made when called."""
 
-    def walk(part: Any, at: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
+    def walk(part: Any, at: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, ...], Any]]:
         keys = list(part) if isinstance(part, dict) else [0] if isinstance(part, list) and part else []
         for key in keys[:60]:
-            yield (*at, key)
+            yield (*at, key), part[key]
             if isinstance(part[key], dict | list) and len(at) < 3:
                 yield from walk(part[key], (*at, key))
 
-    for place in walk(found, ()):
+    def changed(place: tuple[Any, ...], value: Any) -> Any:
+        whole = copy.deepcopy(found)
+        part = whole
+        for key in place[:-1]:
+            part = part[key]
+        if value is ...:
+            del part[place[-1]]
+        else:
+            part[place[-1]] = value
+        return whole
+
+    for place, sound_value in walk(found, ()):
         for name, value in PLAIN.items():
-            whole = copy.deepcopy(found)
-            part = whole
-            for key in place[:-1]:
-                part = part[key]
-            if value is ...:
-                del part[place[-1]]
-            else:
-                part[place[-1]] = value
-            if whole != found:
-                yield ".".join(map(str, place)), name, whole
+            if value != sound_value:
+                yield ".".join(map(str, place)), name, partial(changed, place, value)
 
 
-def _toml(found: Any) -> str | None:
-    """TOML of plain values; None where it has none (null)."""
+def _toml(found: Any) -> str:
+    """TOML of plain values."""
 
     def inline(value: Any) -> str:
         if isinstance(value, dict):
             return "{" + ", ".join(f"{quoted(str(k))} = {inline(v)}" for k, v in value.items()) + "}"
         if isinstance(value, list):
             return "[" + ", ".join(map(inline, value)) + "]"
-        if value is None:
-            raise TypeError
         return quoted(value) if isinstance(value, str) else json.dumps(value)
 
-    try:
-        tables = [k for k, v in found.items() if isinstance(v, dict)]
-        lines = [f"{quoted(k)} = {inline(v)}" for k, v in found.items() if k not in tables]
-        for key in tables:
-            lines += [f"[{quoted(key)}]", *(f"{quoted(k)} = {inline(v)}" for k, v in found[key].items())]
-    except TypeError:
-        return None
+    tables = [k for k, v in found.items() if isinstance(v, dict)]
+    lines = [f"{quoted(k)} = {inline(v)}" for k, v in found.items() if k not in tables]
+    for key in tables:
+        lines += [f"[{quoted(key)}]", *(f"{quoted(k)} = {inline(v)}" for k, v in found[key].items())]
     return "\n".join(lines) + "\n"
 
 

@@ -2,6 +2,7 @@
 
 import re
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -10,6 +11,7 @@ import typer
 from mocap.cli.main import app
 
 
+@cache
 def commands() -> dict[str, Any]:
     """Every command by what is typed, ``mocap calibrate wand``, in the order of ``mocap --help``."""
     found: dict[str, Any] = {}

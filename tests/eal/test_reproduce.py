@@ -50,14 +50,14 @@ def test_figures_are_written_with_verdicts(arcs, tmp_path):
 
 def test_figure_13_has_the_reference_numbers(tmp_path):
     """Sup |r-1| = 1.84e-5 m, energy drift 9e-8 J (one digit), theta off by 2.4, 0.04, 1.8e-4 rad."""
-    verdicts = reproduce(["13", "16"], tmp_path, True)
+    verdicts = reproduce(["13"], tmp_path, True)
     assert all(v.refused for v in verdicts)
     table = np.genfromtxt(tmp_path / "fig13.csv", delimiter=",", names=True)
     for lam, expected in ((1e-6, 2.4), (1e-8, 0.04), (1e-10, 1.8e-4)):
         rows = np.isclose(table["lambda"], lam, atol=0)
         assert table["state_error"][rows].max() == pytest.approx(expected, rel=0.05)
         assert table["constraint_error"][rows].max() == pytest.approx(1.84e-5, rel=0.05)
-    assert [v.holds for v in verdicts] == [True, True, False, True, True, False]
+    assert [v.holds for v in verdicts] == [True, True, False, True]
 
 
 def test_figure_20_confines_a_free_joint(arcs):
@@ -107,7 +107,7 @@ def test_figure_8_compares_trials(arcs):
     assert [v.holds for v in same.verdicts[-2:]] == [True, False]
 
 
-OTHERS = ("3", "6", "12", "14b", "15a", "15b", "17", "18", "19a", "19b", "8")
+OTHERS = ("3", "6", "12", "14b", "15a", "15b", "17", "18", "19b", "8")
 
 
 def test_every_verdict_refuses_its_negative_control(tmp_path):
@@ -119,12 +119,13 @@ def test_every_verdict_refuses_its_negative_control(tmp_path):
     assert all(v["refused"] and v["control"] for v in stored)
 
 
-@pytest.mark.parametrize("figure", [figure_11, figure_19c])
-def test_the_v_does_not_change_with_quick(figure):
-    """Its minima are found on one grid, of as many seeds: nothing that a verdict rests on is left out."""
-    quick, whole = (figure(quick=quick).verdicts for quick in (True, False))
-    assert [v.as_dict() for v in quick] == [v.as_dict() for v in whole]
-    assert all(v.refused for v in quick)
+@pytest.mark.parametrize(("figure", "whole"), [(figure_11, [17, 4, 5]), (figure_19c, [9, 3, 3])])
+def test_the_v_does_not_change_with_quick(figure, whole):
+    """Its minima are found on the whole grid, of all seeds: nothing that a verdict rests on is left out."""
+    quick = figure(quick=True)
+    axes = [len(np.unique(quick.table[name])) for name in ("lambda", "penalty", "seed")]
+    assert axes == whole
+    assert all(v.refused for v in quick.verdicts)
 
 
 def test_unknown_figures_are_refused(tmp_path):
@@ -149,6 +150,7 @@ def test_figure_19a_is_over_the_spans_asked_for():
     found = dict(zip(figure.table["span_s"][at], figure.table["constraint_error"][at], strict=True))
     assert found[1.0] == pytest.approx(1.08e-3, rel=0.02)
     assert 3.7e-4 < found[10.0] < 4.6e-4
+    assert all(v.refused for v in figure.verdicts)
     assert [v.claim.split(":")[0] for v in figure.verdicts] == ["samples over 1 s"] * 2 + ["samples over 10 s"] * 2
 
 

@@ -13,7 +13,7 @@ from mocap.filters.poses import MarkerTrial
 from mocap.filters.track import smooth, smooth_together
 from mocap.filters.velocities import Asked
 
-T = 90
+T = 60
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,12 @@
 """Recordings for tests: random ones with awkward names, and hypothesis strategies of them."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from hypothesis import strategies as st
+from mocap.datasets.recording import SyntheticRecording
 
 from mocap.io.contents import FileContents, pixel_recording, point_recording
 from mocap.records import Status
@@ -59,4 +62,22 @@ def pixel_recordings(draw: st.DrawFn) -> FileContents:
         uv_px=uv,
         fps=250.0,
         score=score,
+    )
+
+
+def with_markers(made: SyntheticRecording, names: Sequence[str]) -> SyntheticRecording:
+    """A made recording of which some markers are digitised: pixels and truth of these alone."""
+    some = [made.truth.names.index(name) for name in names]
+    truth = made.truth
+    return replace(
+        made,
+        **{name: getattr(made, name)[..., some] for name in ("occluded", "lost", "outlier", "contact")},
+        pixels=replace(made.pixels, names=tuple(names), uv_px=made.pixels.uv_px[:, :, some]),
+        truth=replace(
+            truth,
+            names=tuple(names),
+            xyz_m=truth.xyz_m[:, some],
+            cov_m2=truth.cov_m2[:, some],
+            status=truth.status[:, some],
+        ),
     )

@@ -43,16 +43,20 @@ def bat() -> LongRecording:
     return long_recording(of_points(tracks, skeleton, name="bat"))
 
 
-@pytest.mark.parametrize("size", [200, 341])
-def test_blocks_give_the_track_of_the_whole(bat, size):
+@pytest.fixture(scope="module")
+def whole(bat):
+    """The track of all frames at once."""
+    return track_block(bat, learn_once(bat, model="constant_velocity"), range(T))[0]
+
+
+def test_blocks_give_the_track_of_the_whole(bat, whole):
     """A filter that has seen each marker in 30 frames has forgotten where it began.
 
     The slowest mode of constant velocity with these noises falls by e in 3 frames; margins of 120 frames leave e^-40.
     """
     known = learn_once(bat, model="constant_velocity")
-    whole, _, _ = track_block(bat, known, range(T))
     parts = []
-    for core in blocks_of(T, size):
+    for core in blocks_of(T, 200):
         run, own, _ = track_block(bat, known, core)
         assert own.stop - own.start == len(core)
         parts.append(at_frames(run, own))
@@ -97,10 +101,8 @@ def folder(bat, tmp_path_factory):
     return out
 
 
-def test_tables_hold_every_frame(bat, folder):
+def test_tables_hold_every_frame(whole, folder):
     """The long table is one that mocap reads, the kinematics have a row a frame, and both are the track."""
-    known = learn_once(bat, model="constant_velocity")
-    whole, _, _ = track_block(bat, known, range(T))
     points = mocap.read(folder / "markers.parquet").points
     np.testing.assert_allclose(points.xyz_m, whole.tracked.markers.xyz_m, atol=1e-9)
     np.testing.assert_array_equal(points.status, whole.tracked.markers.status)

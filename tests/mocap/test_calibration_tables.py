@@ -1,5 +1,6 @@
 """Calibration tables as spreadsheets leave them are read as the plain CSV: points, wands, profiles, coefficients."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from mocap.errors import CalibrationError, FormatError
 from mocap.io.dltdv import read_pixels, write_coefficients
 from mocap.io.profile import read_profile
 from mocap.io.registry import as_table, identify, read
+from mocap.pipeline import calibrate
 from mocap.pipeline.calibrate import from_points, from_wand
 from mocap.pipeline.recording import with_ideal_pixels
 from tests.mocap.rigs import cloud, ring
@@ -28,6 +30,27 @@ SPREADSHEETS = {
     "empty columns": {},
     "workbook": {},
 }
+
+
+@pytest.fixture(autouse=True, scope="module")
+def solved_once():
+    """Cameras of the very same numbers are solved for once; any other number is solved for, and told by the cameras."""
+
+    def once(solve):
+        known = {}
+
+        def solved(*args, **options):
+            key = pickle.dumps((args, options))
+            if key not in known:
+                known[key] = solve(*args, **options)
+            return known[key]
+
+        return solved
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("fit_dlt", "calibrate_wand"):
+            patch.setattr(calibrate, name, once(getattr(calibrate, name)))
+        yield
 
 
 def spreadsheet(path: Path, how: str, table: pd.DataFrame, *, titles: bool = True) -> Path:

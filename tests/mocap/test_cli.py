@@ -39,7 +39,7 @@ def out(files, tmp_path_factory):
     """The folder that the command writes."""
     folder = tmp_path_factory.mktemp("tracked") / "run"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["mocap", *map(str, track_arguments(files, folder))])
+        patch.setattr(sys, "argv", ["mocap", *map(str, track_arguments(files, folder)), "--no-validate"])
         with pytest.raises(SystemExit) as stopped:
             main()
     assert not stopped.value.code
@@ -114,7 +114,7 @@ def test_positions_alone_can_be_tracked(mocap, files, tmp_path):
     base = ["triangulate", files["pixels"], "--dlt", files["coefficients"], "--profile", files["profile"]]
     assert mocap(*base, "--out", xyz)[0] == 0
     out = tmp_path / "run"
-    code, _, err = mocap("track", xyz, "--fps", FPS, "--skeleton", files["skeleton"], "--out", out, "--no-validate")
+    code, _, err = mocap("track", xyz, "--fps", FPS, "--skeleton", files["skeleton"], "--out", out, *QUICK)
     assert code == 0, err
     report = json.loads((out / "report.json").read_text())
     assert report["cameras"] == []

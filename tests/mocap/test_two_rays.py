@@ -19,7 +19,10 @@ from mocap.pipeline.tracking import seen_part, why_no_pose
 from mocap.pipeline.two_rays import continuing, disagreements, unconfirmed, without_contradicted, worth_checking
 from mocap.records import Status
 from mocap.skeleton import Skeleton
+from tests.mocap.recordings import with_markers
 
+LIMBS = ("shoulder", "elbow", "wrist", "d3_tip", "d5_tip", "ankle")
+MARKERS = ("snout", "sternum", "back", "pelvis", "tail", *(f"{name}_{side}" for side in "lr" for name in LIMBS))
 WRONG, RIGHT, FRAMES = "wrist_l", "wrist_r", slice(40, 60)
 SETTINGS = PoseSettings(ranks=(6,))
 
@@ -27,12 +30,16 @@ SETTINGS = PoseSettings(ranks=(6,))
 @pytest.fixture(scope="module")
 def scene():
     """A bat in four cameras that see all of it, but for 20 frames in which both wrists are seen by two alone."""
-    bat = make_bat(seed=4, n_frames=100, n_cameras=4, digitiser=PERFECT)
+    bat = flight(4)
     uv = clicked(bat)
     wrong, right = (bat.truth.names.index(name) for name in (WRONG, RIGHT))
     for marker in (wrong, right):
         uv[2:, FRAMES, marker] = np.nan
     return bat, replace(bat.pixels, uv_px=uv), (wrong, right)
+
+
+def flight(seed):
+    return with_markers(make_bat(seed=seed, n_frames=100, n_cameras=4, digitiser=PERFECT), MARKERS)
 
 
 def clicked(bat):
@@ -152,7 +159,7 @@ def test_a_wrong_point_amid_a_run_that_joins_is_not_believed(scene):
 @pytest.fixture(scope="module")
 def learned():
     """A model of two other flights."""
-    others = [make_bat(seed=seed, n_frames=100, n_cameras=4, digitiser=PERFECT) for seed in (5, 6)]
+    others = [flight(seed) for seed in (5, 6)]
     return learn_from(
         [prepared(other, replace(other.pixels, uv_px=clicked(other))) for other in others],
         models=(EACH_MARKER, SETTINGS),

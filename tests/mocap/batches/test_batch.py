@@ -214,7 +214,7 @@ def has_ended(process):
 
 
 @pytest.mark.parametrize("how", ["all at once", "one after the other"])
-def test_when_no_worker_is_left_others_are_started(lab, undisturbed, tmp_path, monkeypatch, how):
+def test_when_no_worker_is_left_others_are_started(lab, undisturbed, scheduler, tmp_path, monkeypatch, how):
     """Dask gives up those that were killed; the batch, which would wait for ever, starts anew: the same bytes."""
     monkeypatch.setitem(engine.CONFIG, "distributed.deploy.lost-worker-timeout", "1ms")  # as on a busy machine
     monkeypatch.setattr(engine, "WORKER_S", 1.0)
@@ -238,7 +238,7 @@ def test_when_no_worker_is_left_others_are_started(lab, undisturbed, tmp_path, m
     assert len(killed) >= 2
     died = found.table["error"].str.contains("died twice")
     assert (found.table["status"] == "done").sum() == 5 - died.sum()
-    library.batch(lab, tmp_path / "out", **QUICK)
+    library.batch(lab, tmp_path / "out", scheduler=scheduler, **QUICK)
     assert contents(tmp_path / "out") == contents(undisturbed[1])
 
 

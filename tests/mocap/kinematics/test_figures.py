@@ -16,6 +16,9 @@ from mocap.records import Status
 from mocap.results.tracked import Tracked
 from tests.mocap.rerun.flapping import make_run
 
+INK = True
+"""These tests look at what is drawn (tests/mocap/conftest.py)."""
+
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):

@@ -120,7 +120,8 @@ class RateKeeper:
         shared = np.einsum("...ij,...ji->...i", gains, from_later).reshape(-1, 3)
         weights = self._weights**2 if gains.ndim == 3 else np.eye(len(variance))
         own = weights @ (variance + after)
-        return np.clip(1 - 2 * (weights @ shared) / np.maximum(own, 1e-300), 0.0, 2.0)
+        share = np.divide(weights @ shared, own, out=np.zeros_like(own), where=own > 0)  # rounding: no variance is left
+        return np.clip(1 - 2 * share, 0.0, 2.0)
 
     def rates(self, n_frames: int) -> Rates | None:
         """All frames, from the first on; None where the model has no velocities."""

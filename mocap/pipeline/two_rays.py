@@ -315,5 +315,5 @@ def _distance(miss: Array, cov: Array, *, where: Mask) -> Array:
     known = where & np.isfinite(miss[..., 0])
     out = np.zeros(where.shape)
     solved = np.linalg.solve(cov[known], miss[known][..., None])[..., 0]
-    out[known] = np.sqrt(np.einsum("ki,ki->k", miss[known], solved))
+    out[known] = np.sqrt(np.maximum(np.einsum("ki,ki->k", miss[known], solved), 0.0))
     return out

@@ -119,10 +119,14 @@ def error_lines(report: Mapping) -> list[str]:
 
 
 def better(report: Mapping) -> str | None:
-    """A sentence where another model of this program fills the hidden points better than the one that was used."""
+    """A sentence where another model of this program clearly fills hidden points better than the one that was used.
+
+    The mean square of n errors is known to sqrt(2 / n) of itself, their root to half of that: two root mean squares
+    differ where they are two standard deviations of their difference apart, 2 / sqrt(n).
+    """
     found = expected_error(report)
     models = () if found is None else [name for name in found.others if name in NAMED and NAMED[name].posed]
-    if found is None or not models or found.others[models[0]] >= found.rmse:
+    if found is None or not models or found.others[models[0]] >= found.rmse * (1 - 2 / max(found.samples, 4) ** 0.5):
         return None
     best = models[0]
     return (

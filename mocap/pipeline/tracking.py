@@ -25,7 +25,7 @@ from mocap.filters.model import (
     track_with,
     trials_for,
 )
-from mocap.filters.models.base import FittedMotion, TrialSet, shares
+from mocap.filters.models.base import FittedMotion, TrajectoryModel, TrialSet, shares
 from mocap.filters.models.pose import PoseSettings
 from mocap.filters.models.registry import NAMED
 from mocap.filters.moving import asked_of
@@ -101,12 +101,17 @@ def learn_motion(
     part: Part,
     name: str,
     *,
-    settings: PoseSettings | None = None,
+    settings: TrajectoryModel | None = None,
     hidden: Mask | None = None,
 ) -> FittedMotion:
-    """A motion model of a recording alone: of its poses or joints, held by V_z, or constant velocity of each marker.
+    """A motion model learned from a recording alone.
 
-    Settings are those of the pose model; None: the usual ones.
+    Args:
+        recording: The recording.
+        part: Its seen part.
+        name: Of ``mocap.filters.models.registry.NAMED``.
+        settings: In place of those that the name has; None: these.
+        hidden: (T, M) samples that it does not learn from.
     """
     names = part_names(recording, part)
     skeleton = recording.skeleton

@@ -60,7 +60,7 @@ def test_joint_angles_of_a_tracked_bat_lie_on_their_own_potential():
     recording = make_bat(seed=5, n_frames=60, n_cameras=4)
     prepared = clean(of_pixels(recording.pixels, recording.cameras, recording.skeleton, name=recording.name))
     part = seen_part(prepared)
-    motion = learn_motion(prepared, part, "articulated", settings=PoseSettings())
+    motion = learn_motion(prepared, part, "articulated")
     asked = asked_for(part_names(prepared, part), prepared.skeleton, n_frames=60)
     found = track(prepared, part, motion, asked=asked)
     assert [h.name for h in found.held] == ["pelvis to tail", "shoulder_l to elbow_l", "shoulder_r to elbow_r"]

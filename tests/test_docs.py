@@ -164,6 +164,13 @@ def test_the_readme_is_short_and_its_pictures_are_there():
     assert all((ROOT / name).is_file() for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", "\n".join(lines)))
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_blocks_of_toml_are_toml(name):
+    """As a person pastes them."""
+    for block in re.findall(r"```toml\n(.*?)```", (ROOT / name).read_text(encoding="utf-8"), re.DOTALL):
+        tomllib.loads(block)
+
+
 def test_the_pages_can_be_read():
     """All of them together have at most so many words, a picture's or a table's included."""
     pages = [ROOT / "README.md", *(p for p in (ROOT / "docs").rglob("*.md") if "experiments" not in p.parts)]

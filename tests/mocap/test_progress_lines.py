@@ -83,6 +83,7 @@ def test_a_result_is_told_in_25_lines(tmp_path):
 
 def test_a_better_model_than_the_one_used_is_told(tmp_path):
     """Not only that another had the smaller error: what to type for it. Without one nothing is wrong."""
+
     def told(rmse):
         gaps = {**REPORT["gaps"], "articulated": {**REPORT["gaps"]["articulated"], "rmse_mm": rmse}}
         return " ".join(" ".join(console.closing({**REPORT, "wrong": [], "gaps": gaps}, tmp_path)).split())

@@ -286,11 +286,11 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
                 xyz = np.where(mask[..., None], np.nan, points.xyz_m)
                 points = replace(points, xyz_m=xyz, status=np.where(mask, Status.MISSING, points.status))
                 losses.append(f"{mask.sum()} filled samples are left as gaps; `filled` writes them")
-        zero = (points.xyz_m == 0).all(axis=-1)
+        zero = (np.abs(points.xyz_m) < 0.5 * NANOMETRE).all(axis=-1)  # they would be rounded to it
         if format.zero_is_missing and zero.any():
             points = replace(points, xyz_m=np.where(zero[..., None], NANOMETRE, points.xyz_m))
             losses.append(
-                f"{zero.sum()} samples at exactly (0, 0, 0) are written 1 nm away, because 0 means "
+                f"{zero.sum()} samples at (0, 0, 0), to the digits written, are set 1 nm away, because 0 means "
                 "missing in this format"
             )
         recording = replace(recording, points=points)

@@ -53,6 +53,17 @@ def test_a_word_that_means_missing_can_be_a_name(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("least", [0.0, 1e-87, 4e-10, -4e-10])
+def test_a_place_that_is_rounded_to_zero_is_no_gap(tmp_path, name, least):
+    """Zero means missing in some formats, and less than half of what they can say is zero there."""
+    xyz = np.array([[[0.0, 0.0, least], [1.0, 2.0, 3.0]], [[np.nan] * 3, [1.0, 2.0, 3.0]]])
+    path = tmp_path / FILES[name][0]
+    write(points(["a", "b"], xyz), path, name)
+    found = read(path).points.xyz_m
+    np.testing.assert_allclose(found, xyz, rtol=0, atol=FILES[name][1] + NANOMETRE)
+
+
+@pytest.mark.parametrize("name", FILES)
 @given(data=st.data())
 @settings(max_examples=15)
 def test_points_come_back(scratch, name, data):

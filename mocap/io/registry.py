@@ -286,7 +286,7 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
                 xyz = np.where(mask[..., None], np.nan, points.xyz_m)
                 points = replace(points, xyz_m=xyz, status=np.where(mask, Status.MISSING, points.status))
                 losses.append(f"{mask.sum()} filled samples are left as gaps; `filled` writes them")
-        zero = (np.abs(points.xyz_m) < 0.5 * NANOMETRE).all(axis=-1)  # they would be rounded to it
+        zero = np.all(np.abs(points.xyz_m) < 0.5 * NANOMETRE, axis=-1)  # they would be rounded to it
         if format.zero_is_missing and zero.any():
             points = replace(points, xyz_m=np.where(zero[..., None], NANOMETRE, points.xyz_m))
             losses.append(

@@ -18,7 +18,7 @@ from mocap.cleaning.clean import REASONS
 from mocap.cleaning.likelihoods import FAR, LikelihoodNoise
 from mocap.cleaning.swaps import DOUBTFUL, Swap
 from mocap.findings import Finding
-from mocap.pipeline.run import Plane
+from mocap.pipeline.parts import Plane
 from mocap.skeleton import Skeleton
 
 TOGETHER = 0.6

@@ -38,25 +38,8 @@ def earlier_record(folder: Path, *, again: str) -> tuple[xr.Dataset, dict[str, A
 
 
 def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, points: xr.Dataset) -> xr.Dataset:
-    one = markers.squeeze("individual", drop=True)
-    renamed = {old: new for table in (_RAYS, _ANGLES) for old, new in table.items() if old in {*rest, *rest.dims}}
-    renamed |= {f"joint_{frame}_m": f"joint_{frame}" for frame in header["frames"]}
-    names = {"keypoint": one["keypoint"], "view": [camera["name"] for camera in header["cameras"]]}
-    if header.get("angles"):
-        names |= {"angle": header["angles"]["names"], "segment": header["angles"]["segments"]}
-    if header["joints"]:
-        names["joint"] = header["joints"]
-        rest["joint_sd"] = rest["joint_world_sd_m"]
-        for frame, axis in {"world": "space", "body": "space", "plane": "axis", "limb": "axis"}.items():
-            rest[f"joint_{frame}_m"] = (("time", "joint", axis), rest[f"joint_{frame}_m"].values)
-    data = rest.rename(renamed).assign_coords(time=one["time"], frame=one["frame"])
-    data = data.assign_coords({dim: np.array(of, dtype=object) for dim, of in names.items() if len(of)})
-    data = data.assign({name: one[name].drop_vars("space", errors="ignore") for name in ("position", "covariance")})
-    data = data.assign(status=one["status"], repaired=one["repaired"] == 1)
-    data = data.merge(points.rename(_POINTS).drop_vars("time"), compat="override")
-    data["measured"], data["used"] = data["measured"] == 1, data["used"] == 1
-    for camera, matrix in zip(header["cameras"], rest.get("projection", ()), strict=True):
-        camera["matrix"] = np.asarray(matrix).tolist()
+    for camera, matrix in zip(header["cameras"], rest["projection"].values if header["cameras"] else (), strict=True):
+        camera["matrix"] = matrix.tolist()
     limbs = [
         HeldLimb(
             name=limb["name"],
@@ -65,5 +48,26 @@ def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, point
         )
         for i, limb in enumerate(header.get("limbs", []))
     ]
-    gone = [name for name in data if str(name).startswith("limb_") or str(name) == "projection"]
-    return with_limbs(data.drop_vars(gone), limbs)
+    one = markers.squeeze("individual", drop=True)
+    names = {"keypoint": one["keypoint"].values, "view": [camera["name"] for camera in header["cameras"]]}
+    if header.get("angles"):
+        names |= {"angle": header["angles"]["names"], "segment": header["angles"]["segments"]}
+    data = rest.drop_vars([name for name in rest if str(name).startswith(("limb_", "projection"))])
+    joints = {frame: data[f"joint_{frame}_m"].values for frame in header["frames"] if header["joints"]}
+    sd = data["joint_world_sd_m"].values if joints else None
+    data = data.drop_dims("joint", errors="ignore")
+    data = data.rename({old: new for old, new in {**_RAYS, **_ANGLES}.items() if old in {*data, *data.dims}})
+    if joints:
+        names["joint"] = header["joints"]
+        data["joint_sd"] = (("time", "joint"), sd)
+        for frame, values in joints.items():
+            data[f"joint_{frame}"] = (("time", "joint", "space" if values.shape[2] == 3 else "axis"), values)
+    data = data.assign({dim: (dim, np.array(of, dtype=object)) for dim, of in names.items() if len(of)})
+    for name in ("position", "covariance", "status", "repaired"):
+        data[name] = one[name].variable
+    data = data.assign_coords(time=one["time"].variable, frame=one["frame"].variable)
+    for name, variable in points.rename(_POINTS).variables.items():
+        if name not in ("time", "space"):
+            data[name] = variable
+    data = data.assign({name: data[name] == 1 for name in ("measured", "used", "repaired")})
+    return with_limbs(data.set_coords([name for name in (*names, "point") if name in data.variables]), limbs)

@@ -158,8 +158,9 @@ def _still(markers: MarkerTracks) -> Motion:
 
 def _joined(parts: Sequence[Recording]) -> Recording:
     """Parts of a recording, one after the other."""
-    how = {"data_vars": "minimal", "coords": "minimal", "compat": "override", "join": "override"}
-    return replace(parts[0], data=xr.concat([part.data for part in parts], dim="time", **how))
+    data = [part.data for part in parts]
+    joined = xr.concat(data, dim="time", data_vars="minimal", coords="minimal", compat="override", join="override")
+    return replace(parts[0], data=joined)
 
 
 def _better(known: tuple[int, Recording] | None, run: Recording) -> tuple[int, Recording] | None:

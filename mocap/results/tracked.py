@@ -396,7 +396,7 @@ class Tracked(Recording):
         offsets = offsets_of(self.file, offset_frames)
         opened = [movie for movie in movies if isinstance(movie, Movie)]
         opened += open_movies([Path(movie) for movie in movies if not isinstance(movie, Movie)])
-        return with_footage(self, opened, offsets=offsets, straight=undistorted)
+        return Tracked.of(with_footage(self, opened, offsets=offsets, straight=undistorted))
 
     def view(self, *, web: bool = False) -> "Viewer":
         """Open it in rerun, on this computer only; the viewer ends with this Python, or by its ``close()``.

@@ -190,8 +190,8 @@ def many(n_frames: int) -> None:
 def commands() -> None:
     """``mocap`` in one process, in loops."""
     files = [str(FLIGHT / f"{FLIGHT.name}_xypts.csv"), "--calibration", str(FLIGHT / f"{FLIGHT.name}_dltCoefs.csv")]
-    asked = {"demo": ["demo"], "info": ["info", files[0]]}
-    asked |= {"track (078A3 F5)": ["track", *files, "--fps", "700"]} if FLIGHT.exists() else {}
+    asked = {"demo": ["demo"]}
+    asked |= {"info": ["info", files[0]], "track": ["track", *files, "--fps", "700"]} if FLIGHT.exists() else {}
     for name, command in asked.items():
         with tempfile.TemporaryDirectory() as folder:
             out = [] if name == "info" else ["--out", str(Path(folder) / "run")]
@@ -225,7 +225,7 @@ def mouse() -> None:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", nargs="*", choices=PARTS, default=PARTS, help="all of them if none is given")
+    parser.add_argument("part", nargs="*", choices=[*PARTS, []], help="all of them if none is given")
     parser.add_argument("--quick", action="store_true", help="a third of the frames, one round")
     parser.add_argument("--memory", help=argparse.SUPPRESS)
     parser.add_argument("--frames", type=int, help=argparse.SUPPRESS)
@@ -233,20 +233,21 @@ def main() -> None:
     if options.memory:
         print(memory(options.memory, options.frames))
         return
+    parts = options.part or PARTS
     n_frames, rounds = (100, 1) if options.quick else (300, ROUNDS)
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
-    if "frames" in options.part:
+    if "frames" in parts:
         frames(n_frames, rounds)
-    if "memory" in options.part:
+    if "memory" in parts:
         print(f"\n{'memory, MB: constant velocity':34}{'500 frames':>12}{'2000 frames':>12}")
         for what in ("filter", "live, lag 10", "smooth"):
             few, more = (100, 400) if options.quick else (500, 2000)
             print(f"{what:34}{apart(what, few):12.0f}{apart(what, more):12.0f}")
-    if "many" in options.part:
+    if "many" in parts:
         many(n_frames // 2)
-    if "commands" in options.part:
+    if "commands" in parts:
         commands()
-    if "mouse" in options.part and MOUSE.exists():
+    if "mouse" in parts and MOUSE.exists():
         mouse()
 
 

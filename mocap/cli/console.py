@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderHook, RenderResult
-from rich.markdown import Markdown
 from rich.segment import Segment
 
 from mocap.cli.words import option_names, with_options
@@ -72,6 +71,8 @@ def say_error(text: str) -> None:
 
 def show(markdown: str) -> None:
     """Markdown on stdout."""
+    from rich.markdown import Markdown  # a fifth of what a command imports, for few of them
+
     output.print(Markdown(visible(_with_options(markdown)), hyperlinks=False))
 
 

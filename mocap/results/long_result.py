@@ -33,6 +33,7 @@ from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_run, write_arrays
 from mocap.skeleton import read_skeleton
 from mocap.stages import Stages
+from mocap.text import number_of
 
 OVERVIEW, DETAIL = 4000, 1500
 """Frames of the overview that the viewer shows and potentials are learned from, and of the stretch in the figures."""
@@ -217,8 +218,8 @@ def _readable(report: Mapping) -> str:
     lines = [
         f"# {plain(report['name'])}",
         "",
-        f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
-        f"{len(report['cameras'])} cameras; tracked in {report['blocks']['number']} blocks of at most "
+        f"{report['frames']} frames at {report['fps']:g} per second, {number_of(len(report['markers']), 'marker')}, "
+        f"{number_of(len(report['cameras']), 'camera')}; tracked in {report['blocks']['number']} blocks of at most "
         f"{report['blocks']['frames']} frames.",
         f"Motion model: **{model['name']}** ({plain(model['why'])}).",
         "",

@@ -48,6 +48,7 @@ from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
+from mocap.text import number_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -440,8 +441,9 @@ class Tracked:
     def __repr__(self) -> str:
         """One line."""
         n_frames, n_markers = self.run.tracked.markers.status.shape
-        joints = len(self.run.skeleton.joints)
-        return f"<Tracked {self.name!r}: {n_frames} frames, {n_markers} markers, {joints} joints>"
+        n_joints = len(self.run.skeleton.joints) + len(self.run.skeleton.body_joints)
+        parts = number_of(n_frames, "frame"), number_of(n_markers, "marker"), number_of(n_joints, "joint")
+        return f"<Tracked {self.name!r}: {', '.join(parts)}>"
 
     def _repr_html_(self) -> str:
         return tracked_html(self.run)

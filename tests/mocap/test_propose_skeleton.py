@@ -189,7 +189,7 @@ def test_what_no_skeleton_comes_from(tmp_path):
         titles = ",".join(f"m{m}_{axis}" for m in range(count) for axis in "xyz")
         rows = "\n".join(",".join(map(repr, row.ravel().tolist())) for row in way[:, :count])
         (tmp_path / f"{count}.csv").write_text(f"{titles}\n{rows}\n")
-    with pytest.raises(MocapError, match="shows 1 markers"):
+    with pytest.raises(MocapError, match="shows 1 marker;"):
         propose_skeleton(read(tmp_path / "1.csv", fps=100))
     found = propose_skeleton(read(tmp_path / "4.csv", fps=100))
     assert (found.skeleton.bones, found.skeleton.trunk, found.skeleton.joints) == ((), (), ())

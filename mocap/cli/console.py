@@ -16,7 +16,7 @@ from rich.segment import Segment
 
 from mocap.cli.words import option_names, with_options
 from mocap.progress import bars
-from mocap.text import visible
+from mocap.text import number_of, visible
 
 
 class _Visible:
@@ -148,7 +148,8 @@ def closing(report: Mapping, out: Path, *, also: Sequence[str] = ()) -> list[str
     from mocap.pipeline.summary import better, error_lines, length_line, notes
 
     page = "report.md" if report.get("plane") else "report.html"
-    size = f"{report['frames']} frames, {len(report['markers'])} markers, {len(report['cameras'])} cameras"
+    counts = report["frames"], len(report["markers"]), len(report["cameras"])
+    size = ", ".join(number_of(n, thing) for n, thing in zip(counts, ("frame", "marker", "camera"), strict=True) if n)
     lines = _indented(f"{report['name']}: {size}", "")
     lines += _indented(f"Result: {out}/ (begin with {page}; tables: markers.csv, kinematics.csv)")
     if not report.get("plane"):

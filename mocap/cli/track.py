@@ -62,9 +62,7 @@ def track(
         ),
     ] = "auto",
     live: Annotated[bool, typer.Option("--live", help="Show frames in the viewer while they are tracked.")] = False,
-    validate: Annotated[
-        bool, typer.Option(help="Do (not) hide some points to measure how well they are filled.", show_default=False)
-    ] = True,
+    validate: Annotated[bool, typer.Option(help="Do not hide some points to measure how well they are filled.")] = True,
     fit_lens: FitLens = False,
     blocks: Annotated[
         int | None,

@@ -23,6 +23,7 @@ from mocap.pipeline.residual_table import residual_lines, residuals_by_camera
 from mocap.pipeline.summary import METHODS, method, notes, unit_of
 from mocap.pipeline.tracking import Part, lasting_cov
 from mocap.records import Status
+from mocap.text import number_of
 
 QUANTILES = (0.5, 0.9, 0.99, 1.0)
 
@@ -292,11 +293,12 @@ def readable(report: Mapping, *, title: str) -> str:
     inside = (last - first + 1) / report["frames"]  # all samples of the other frames are missing
     within = {name: report["samples"][name] / inside for name in ("measured", "smoothed", "predicted", "rejected")}
     unit, film = unit_of(report), "plane" in report
-    cameras = "one film" if film else f"{len(report['cameras'])} cameras"
+    cameras = "one film" if film else number_of(len(report["cameras"]), "camera")
     lines = [
         f"# {plain(title)}",
         "",
-        f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
+        f"{number_of(report['frames'], 'frame')} at {report['fps']:g} per second, "
+        f"{number_of(len(report['markers']), 'marker')}, "
         f"{cameras}; tracked from frame {first} to {last}.",
         f"Motion model: **{report['model']['name']}** ({plain(report['model']['why'])}).",
         *(["", f"**{plain(report['assumed_unit'])}**"] if report.get("assumed_unit") else []),

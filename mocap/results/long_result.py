@@ -34,6 +34,7 @@ from mocap.records import MarkerTracks, Status
 from mocap.results.blocks import BlockWriter, read_markers
 from mocap.results.stored import read_recording, write_arrays
 from mocap.stages import Stages
+from mocap.text import number_of
 
 _SHOWN = ("position", "covariance", "status", "ideal")
 """Variables that an overview has beside those of tracking."""
@@ -229,8 +230,8 @@ def _readable(report: Mapping) -> str:
     lines = [
         f"# {plain(report['name'])}",
         "",
-        f"{report['frames']} frames at {report['fps']:g} per second, {len(report['markers'])} markers, "
-        f"{len(report['cameras'])} cameras; tracked in {report['blocks']['number']} blocks of at most "
+        f"{report['frames']} frames at {report['fps']:g} per second, {number_of(len(report['markers']), 'marker')}, "
+        f"{number_of(len(report['cameras']), 'camera')}; tracked in {report['blocks']['number']} blocks of at most "
         f"{report['blocks']['frames']} frames.",
         f"Motion model: **{model['name']}** ({plain(model['why'])}).",
         "",

@@ -49,6 +49,7 @@ from mocap.results.tables import write_cycles, write_kinematics, write_run
 from mocap.side_by_side import call_all
 from mocap.skeleton import Skeleton
 from mocap.stages import Stages
+from mocap.text import number_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -420,8 +421,9 @@ class Tracked(Recording):
 
     def __repr__(self) -> str:
         """One line."""
-        size = f"{len(self.t_s)} frames, {len(self.names)} markers, {len(self.skeleton.joints)} joints"
-        return f"<Tracked {self.name!r}: {size}>"
+        n_joints = len(self.skeleton.joints) + len(self.skeleton.body_joints)
+        counts = (len(self.t_s), "frame"), (len(self.names), "marker"), (n_joints, "joint")
+        return f"<Tracked {self.name!r}: {', '.join(number_of(*one) for one in counts)}>"
 
     def _repr_html_(self) -> str:
         return tracked_html(self)

@@ -14,13 +14,12 @@ import pandas as pd
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.cells import as_cells, from_cell
-from mocap.io.lines import LARGEST, one_kind
+from mocap.io.lines import LARGEST, MISSING_WORDS, one_kind
 
 TO_THE_LAST_BIT: dict[str, Any] = (
     {"float_precision": "round_trip"} if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1) else {}
 )
 """Option of pandas' reader, which takes the nearest number by itself from version 3.1 on, and warns of the option."""
-MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
 _TRUTH = re.compile(rb"true|false", re.IGNORECASE)
@@ -126,7 +125,7 @@ def _numbers(path: Path, body: bytes, names: list[str], width: int | None, line:
             io.BytesIO(body),
             header=None,
             dtype=np.float64,
-            na_values=MISSING_WORDS,
+            na_values=list(MISSING_WORDS),
             keep_default_na=False,
             skip_blank_lines=False,
             **TO_THE_LAST_BIT,

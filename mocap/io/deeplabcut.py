@@ -253,7 +253,7 @@ def _write_hdf5(path: Path, recording: FileContents) -> None:
             file.write_bytes((Path(folder) / "a.h5").read_bytes())
 
 
-_WRITTEN = frozenset({"pixels", "points", "score", "animals", "frame_numbers"})
+_WRITTEN = frozenset({"pixels", "pixel_origin", "points", "score", "animals", "frame_numbers"})
 FORMATS = (
     Format(
         name="deeplabcut-csv",

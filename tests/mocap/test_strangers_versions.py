@@ -7,8 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from mocap.errors import FormatError
 from mocap.io.lines import MISSING_WORDS
-from mocap.io.registry import read
+from mocap.io.registry import read, write
+from mocap.io.together import joined
 
 XYZ = np.array([[[1.5, 2, 3], [4, 5, 6]], [[np.nan] * 3, [7, 8, 9]], [[10, 11, 12], [13, 14, 15]]])
 """(3, 2, 3) positions of two markers, of which the first is not seen in the second frame."""
@@ -189,3 +191,21 @@ def test_matlab_files_of_version_7_3(tmp_path):
         np.testing.assert_array_equal(found.frames, [4, 5, 6])
         if name == "qualisys-mat":
             assert (found.names, found.fps) == (("a", "long name"), 200.0)
+
+
+@pytest.mark.parametrize("name", ["a.dlc.csv", "a.analysis.h5"])
+def test_rows_from_the_lower_left_are_turned_or_refused(tmp_path, name):
+    """DeepLabCut and SLEAP count from the upper left: rows of Argus are turned where heights are known."""
+    argus = _read(tmp_path, "a-xypts.csv", "a_cam_1_x,a_cam_1_y,b_cam_1_x,b_cam_1_y\n" + _rows(UV))
+    with pytest.raises(FormatError, match=r"from the upper left, a-xypts\.csv from the lower left: convert it with"):
+        write(argus, tmp_path / name)
+    profile = _read(tmp_path, "profile.txt", "1 900 640 480 320 240 1 0 0 0 0 0\n")
+    told = write(joined([argus, profile]), tmp_path / name)
+    assert "counted from the lower left, are written as counted from the upper left" in " ".join(told)
+    np.testing.assert_allclose(read(tmp_path / name).pixels.uv_px[0], UV * [1, -1] + [0, 480])
+
+
+def test_rows_from_an_unknown_corner_are_told(tmp_path):
+    """A file that counts from the upper left says nothing of rows that may count from below."""
+    told = write(_read(tmp_path, "a_xypts.csv", "pt1_cam1_X,pt1_cam1_Y\n1,2\n"), tmp_path / "a.dlc.csv")
+    assert told == ["pixel rows are written as they are, and will be read as counted from the upper left"]

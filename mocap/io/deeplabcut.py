@@ -28,8 +28,6 @@ _KEY = "df_with_missing"
 _KEYS = (_KEY, "keypoints")
 """Of DeepLabCut's tables in HDF5, and of labels that napari-deeplabcut saves."""
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
-
-
 Index = Array | list[str]
 """Of the rows: their frame numbers, or the images that they label."""
 

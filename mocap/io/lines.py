@@ -21,9 +21,9 @@ FRAMES = (
     r"[ _.#-]*(no|nr|num|number|numbers|index|idx|id|count|counter)?[.#]?"
 )
 """Titles of a column of frame numbers, for ``re.IGNORECASE``."""
-MISSING_WORDS = (
-    *("", "NA", "NaN", "nan", "NAN", "N/A", "n/a", "#N/A", "NULL", "Null", "null", "None", "none"),
-    *("-NaN", "-nan", "-nan(ind)", "nan(ind)", "1.#QNAN", "-1.#QNAN", "-1.#IND"),  # as C's printf writes NaN
+_PRINTF = ("-NaN", "-nan", "-nan(ind)", "nan(ind)", "1.#QNAN", "-1.#QNAN", "-1.#IND")
+MISSING_WORDS = frozenset(
+    ("", "NA", "NaN", "nan", "NAN", "N/A", "n/a", "#N/A", "NULL", "Null", "null", "None", "none", *_PRINTF)
 )
 """Cells of tables, of any program, that say that a number is missing."""
 _NO_NUMBER = re.compile(r"[^0-9eE+.\-]")

@@ -27,7 +27,7 @@ def _read(tmp_path, name, text):
     return read(tmp_path / name)
 
 
-@pytest.mark.parametrize("word", MISSING_WORDS)
+@pytest.mark.parametrize("word", sorted(MISSING_WORDS))
 @pytest.mark.parametrize("separator", [",", ";"])
 def test_words_for_a_missing_number(tmp_path, word, separator):
     """R, pandas, Java, spreadsheets and C's printf each write a missing number in their own way."""

@@ -142,7 +142,7 @@ FORMATS = (
     Format(
         name="argus-xyzpts",
         title="points of Argus clicker (CSV)",
-        knows=lambda head: bool(names_of(head, POINT)),
+        knows=lambda head: bool(names_of(head, POINT)) and any(cell.endswith("_z") for cell in head.cells()),
         read=_points,
     ),
 )

@@ -9,7 +9,7 @@ import numpy as np
 
 from eal.arrays import Array
 from mocap.errors import FormatError
-from mocap.io.csv_table import MISSING_WORDS
+from mocap.io.lines import MISSING_WORDS
 
 _NAMES = frozenset({"name", "point", "marker", "label", "id"})
 _CAMERAS = frozenset({"camera", "cam", "view"})

@@ -13,7 +13,7 @@ from mocap.io.bounds import check_bytes
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.lines import one_line
+from mocap.io.lines import image_numbers, one_line
 
 
 def _is_coco(head: Head) -> bool:
@@ -75,14 +75,12 @@ def _frames(images: dict[Any, PurePosixPath]) -> dict[Any, int]:
     by_folder: dict[PurePosixPath, list[Any]] = defaultdict(list)
     for image, name in images.items():
         by_folder[name.parent].append(image)
-    ends = {image: re.search(r"(\d{1,8})$", name.stem) for image, name in images.items()}
     found: dict[Any, int] = {}
     for own in by_folder.values():
-        numbers = [int(end[1]) for image in own if (end := ends[image])]
-        if len(set(numbers)) == len(own) and max(numbers) - min(numbers) < 100 * len(own):
-            found |= dict(zip(own, numbers, strict=True))
-        else:
-            found |= {image: place for place, image in enumerate(own)}
+        numbers = image_numbers([images[image].name for image in own])
+        if numbers is None or max(numbers) - min(numbers) >= 100 * len(own):
+            numbers = range(len(own))
+        found |= dict(zip(own, numbers, strict=True))
     return found
 
 

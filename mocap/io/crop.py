@@ -45,8 +45,6 @@ def read_crops(path: Path) -> dict[str, Array]:
     beginning = head(path)
     if VARIABLE in beginning.mat:
         return {path.stem: _offsets(path, _of_matlab(path, variables(path)[VARIABLE]))}
-    if beginning.is_hdf5 and VARIABLE in beginning.hdf5:
-        return {path.stem: _offsets(path, _of_matlab(path, _hdf5(path)))}
     if beginning.start[:1] == b"\x80":
         return {path.name.removesuffix(META): _offsets(path, _corner(path, _cropping(path)))}
     found = _config(path, beginning) or _table(path, beginning)
@@ -60,7 +58,7 @@ def has_crops(path: Path) -> bool:
     if path.name.endswith(META):
         return True
     try:
-        return path.suffix.lower() == ".mat" and VARIABLE in head(path).mat | head(path).hdf5
+        return path.suffix.lower() == ".mat" and VARIABLE in head(path).mat
     except FormatError:
         return False
 
@@ -163,17 +161,6 @@ def _of_matlab(path: Path, values: Any) -> Array:
     except (TypeError, ValueError):
         raise FormatError(f"{path.name}: {VARIABLE} contains no numbers; expected {KNOWN}") from None
     return table.T if table.shape[0] == 2 and table.shape[1] != 2 else table
-
-
-def _hdf5(path: Path) -> Array:
-    """MATLAB 7.3 stores matrices transposed."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return np.asarray(file[VARIABLE][()], dtype=np.float64).T  # type: ignore[index]
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
-        raise FormatError(f"{path.name}: {VARIABLE} cannot be read ({one_line(error)}): save it again") from None
 
 
 class _Inert(dict):

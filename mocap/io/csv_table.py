@@ -13,9 +13,8 @@ import numpy as np
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.cells import as_cells, from_cell
-from mocap.io.lines import LARGEST, one_kind
+from mocap.io.lines import LARGEST, MISSING_WORDS, one_kind
 
-MISSING_WORDS = ["", "NaN", "nan", "NAN", "NA"]
 BLOCK = 1 << 24
 """Bytes that are read at once: a table takes little more memory than its numbers."""
 SMALL = 1 << 18
@@ -168,7 +167,7 @@ def _many(body: bytes) -> Array:
         io.BytesIO(body),
         header=None,
         dtype=np.float64,
-        na_values=MISSING_WORDS,
+        na_values=list(MISSING_WORDS),
         keep_default_na=False,
         skip_blank_lines=False,
         **to_the_last_bit(),

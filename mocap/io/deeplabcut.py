@@ -8,29 +8,34 @@ import csv
 import importlib
 import io
 import pickle
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError
 from mocap.io.contents import FileContents, camera_files, pixel_recording, point_recording
 from mocap.io.format import Format
 from mocap.io.head import Head
-from mocap.io.lines import frame_numbers, number, numbers, one_line, read_lines
+from mocap.io.lines import frame_numbers, image_numbers, number, numbers, one_line, read_lines
 from mocap.io.optical import metres
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _KEY = "df_with_missing"
+_KEYS = (_KEY, "keypoints")
+"""Of DeepLabCut's tables in HDF5, and of labels that napari-deeplabcut saves."""
 _LEVELS = (("scorer", "bodyparts", "coords"), ("scorer", "individuals", "bodyparts", "coords"))
+Index = Array | list[str]
+"""Of the rows: their frame numbers, or the images that they label."""
 
 
-def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
-    """Columns as (individual, body part, coordinate), (T, columns) values and (T,) frame numbers."""
+def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
+    """Columns as (individual, body part, coordinate), (T, columns) values and the index of the T rows."""
     lines = read_lines(path)
     lines = [line for line in lines if line.strip()]
     rows = [next(csv.reader([line]), []) for line in lines[:4]]
@@ -48,11 +53,10 @@ def _read_csv(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
     body = lines[depth:]
     if not body:
         raise FormatError(f"{path.name}: no frames after the header: export it again")
-    frames = np.arange(len(body), dtype=np.float64)
     cells = [next(csv.reader(io.StringIO(line))) if '"' in line else line.split(",") for line in body]
-    first = [row[0] for row in cells]
-    if index == 1 and any(np.isfinite(number(cell)) for cell in first):
-        frames = frame_numbers(path, [number(cell) for cell in first], first_line=depth + 1).astype(np.float64)
+    frames: Index = ["/".join(row[:index]) for row in cells]
+    if index == 1 and any(np.isfinite(number(cell)) for cell in frames):
+        frames = frame_numbers(path, [number(cell) for cell in frames], first_line=depth + 1).astype(np.float64)
     table = [",".join(row[index:]) for row in cells]
     values = numbers(path, table, separator=",", columns=width - index, first_line=depth + 1)
     parts = [row[index:] for row in rows[1:depth]]
@@ -64,8 +68,23 @@ def _is_csv(head: Head) -> bool:
     return head.first.startswith("scorer,") and any(line.startswith("coords,") for line in head.lines[2:4])
 
 
-def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: Array, frames: Array) -> FileContents:
+def _in_order(values: Array, index: Index) -> tuple[Array, NDArray[np.int64], list[str]]:
+    """Rows in the order of their frames, the frames' numbers, and a finding where the index does not tell them."""
+    if not isinstance(index, list):
+        return values, index.astype(np.int64), []
+    images = [PurePosixPath(image.replace("\\", "/")) for image in index]
+    films = {image.parent for image in images}
+    numbers = image_numbers([image.name for image in images]) if len(films) == 1 else None
+    if numbers is None:
+        told = f"the rows are images of {len(films)} films" if len(films) > 1 else "the rows have no frame numbers"
+        return values, np.arange(len(values)), [f"{told}: they are counted in their order"]
+    order = np.argsort(numbers)
+    return values[order], np.array(numbers)[order], []
+
+
+def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: Array, index: Index) -> FileContents:
     """Pixels of one camera, or positions, from columns (individual, body part, x | y | z | likelihood)."""
+    values, numbered, findings = _in_order(values, index)
     where: dict[tuple[str, ...], int] = {}
     for column, key in enumerate(columns):
         if key in where or key[2] not in ("x", "y", "z", "likelihood"):
@@ -85,10 +104,9 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
     single = len({individual for individual, _ in animals}) == 1
     names = [part if single else f"{individual}_{part}" for individual, part in animals]
     low = np.isfinite(score) & (score < 0.6)
-    findings = [f"{low.sum()} samples have a likelihood below 0.6"] if low.any() else []
+    findings += [f"{low.sum()} samples have a likelihood below 0.6"] if low.any() else []
     scored = not np.isnan(score).all()
     whose = tuple(animals) if animals[0][0] else ()
-    numbered = frame_numbers(path, frames)
     try:
         if axes == "xyz":
             return point_recording(
@@ -103,13 +121,13 @@ def _recording(path: Path, format: str, columns: list[tuple[str, ...]], values: 
         raise FormatError(f"{path.name}: {one_line(error)}; export it again") from None
 
 
-def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
+def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Index]:
     """The same from the table that pandas writes with PyTables (fixed or table layout)."""
     import h5py
 
     try:
         with h5py.File(path, "r") as file:
-            group: Any = file[_KEY]
+            group: Any = file[next(key for key in _KEYS if key in file)]
             if "table" in group:
                 return _table_layout(path, group)
             return _fixed_layout(path, group)
@@ -120,7 +138,7 @@ def _read_hdf5(path: Path) -> tuple[list[tuple[str, ...]], Array, Array]:
         ) from None
 
 
-def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Array]:
+def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Index]:
     levels, order = int(group.attrs["axis0_nlevels"]), []
     for level in range(levels):
         words = [_word(w) for w in group[f"axis0_level{level}"][()]]
@@ -135,11 +153,15 @@ def _fixed_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array,
     )
     at = {key: i for i, key in enumerate(stored)}
     values = values[:, [at[key] for key in columns]]
-    index = group["axis1"][()] if "axis1" in group else np.arange(len(values))
-    return _levels(path, columns), values, _frame_numbers(index, len(values))
+    if "axis1" in group:
+        return _levels(path, columns), values, _index(path, group["axis1"][()])
+    depth = int(group.attrs["axis1_nlevels"])
+    words = [[_word(w) for w in group[f"axis1_level{i}"][()]] for i in range(depth)]
+    parts = [[words[i][int(j)] for j in group[f"axis1_label{i}"][()]] for i in range(depth)]
+    return _levels(path, columns), values, ["/".join(row) for row in zip(*parts, strict=True)]
 
 
-def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Array]:
+def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array, Index]:
     table = group["table"]
     blocks = [name for name in table.dtype.names if name.startswith("values_block_")]
     if len(blocks) != 1:
@@ -149,7 +171,7 @@ def _table_layout(path: Path, group: Any) -> tuple[list[tuple[str, ...]], Array,
     values = np.asarray(rows[blocks[0]], dtype=np.float64).reshape(len(rows), -1)
     if len(columns) != values.shape[1]:
         raise FormatError(f"{path.name}: {len(columns)} column names for {values.shape[1]} columns: export it again")
-    return _levels(path, columns), values, _frame_numbers(rows["index"], len(rows))
+    return _levels(path, columns), values, _index(path, rows["index"])
 
 
 class _NamesOnly(pickle.Unpickler):
@@ -184,10 +206,11 @@ def _word(value: Any) -> str:
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
 
 
-def _frame_numbers(index: Any, count: int) -> Array:
-    """(T,) frame numbers: the index of the table where that is of numbers (labels have names of pictures)."""
-    index = np.asarray(index)
-    return index.astype(np.float64) if index.dtype.kind in "iu" and index.shape == (count,) else np.arange(float(count))
+def _index(path: Path, index: Any) -> Index:
+    """The index of a table: numbers, or names of images."""
+    if index.dtype.kind in "iuf":
+        return frame_numbers(path, index).astype(np.float64)
+    return [_word(image) for image in index]
 
 
 def _tables(path: Path, recording: FileContents) -> list[tuple[Path, "pd.DataFrame"]]:
@@ -232,7 +255,7 @@ def _write_hdf5(path: Path, recording: FileContents) -> None:
             file.write_bytes((Path(folder) / "a.h5").read_bytes())
 
 
-_WRITTEN = frozenset({"pixels", "points", "score", "animals", "frame_numbers"})
+_WRITTEN = frozenset({"pixels", "pixel_origin", "points", "score", "animals", "frame_numbers"})
 FORMATS = (
     Format(
         name="deeplabcut-csv",
@@ -247,7 +270,7 @@ FORMATS = (
     Format(
         name="deeplabcut-h5",
         title="pixel tracks or 3D points of DeepLabCut (HDF5)",
-        knows=lambda head: _KEY in head.hdf5,
+        knows=lambda head: _KEY in head.hdf5 or head.hdf5 == {"keypoints"},  # which old files of movement have, too
         read=lambda path, _: _recording(path, "deeplabcut-h5", *_read_hdf5(path)),
         write=_write_hdf5,
         holds=_WRITTEN,

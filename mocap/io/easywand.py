@@ -1,6 +1,6 @@
 """easyWand's results (``*easyWandData.mat``) and the undistortion of one camera that it writes (``*Tforms.mat``).
 
-Both are MATLAB 5 to 7.2 (Theriault et al. 2014, "A protocol and calibration method for accurate multi-camera field
+Both are MATLAB files (Theriault et al. 2014, "A protocol and calibration method for accurate multi-camera field
 videography").
 """
 

@@ -36,8 +36,8 @@ class Format:
         read: Reader.
         write: Writer, which returns remarks for its user; None: only read.
         holds: What a file that ``write`` writes can hold: ``pixels``, ``points``, ``cameras``, ``fps``, ``unit``,
-            ``origin`` (of samples), ``sd``, ``score``, ``animals``, ``first_frame``, ``frame_numbers``, and names of
-            tables.
+            ``origin`` (of samples), ``sd``, ``score``, ``animals``, ``first_frame``, ``frame_numbers``, names of
+            tables, and ``pixel_origin`` where its pixel rows count from the upper left.
         both: Whether pixels and points go together; else only points are written where there are both.
         needs: Of what it holds, what a recording must have to be written: ``fps``, ``unit``.
         zero_is_missing: Whether readers of this format take (0, 0, 0) as not seen.

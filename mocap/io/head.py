@@ -75,7 +75,9 @@ class Head:
 
     @cached_property
     def mat(self) -> frozenset[str]:
-        """Names of the variables of a MATLAB file of version 5 to 7.2; empty of others."""
+        """Names of the variables of a MATLAB file of version 5 or later; empty of others."""
+        if self.start.startswith(b"MATLAB 7.3"):
+            return frozenset(name for name in self.hdf5 if not name.startswith("#"))
         if not self.start.startswith(b"MATLAB 5.0"):
             return frozenset()
         return frozenset(name for name in variables(self.path) if name != "None" and not name.startswith("__"))

@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, AnyStr
 
 import numpy as np
@@ -21,7 +21,11 @@ FRAMES = (
     r"[ _.#-]*(no|nr|num|number|numbers|index|idx|id|count|counter)?[.#]?"
 )
 """Titles of a column of frame numbers, for ``re.IGNORECASE``."""
-_MISSING = ("", "NA", "NaN", "nan")
+_PRINTF = ("-NaN", "-nan", "-nan(ind)", "nan(ind)", "1.#QNAN", "-1.#QNAN", "-1.#IND")
+MISSING_WORDS = frozenset(
+    ("", "NA", "NaN", "nan", "NAN", "N/A", "n/a", "#N/A", "NULL", "Null", "null", "None", "none", *_PRINTF)
+)
+"""Cells of tables, of any program, that say that a number is missing."""
 _NO_NUMBER = re.compile(r"[^0-9eE+.\-]")
 """Letters that Python's float takes, but no program writes: underscores, digits of other scripts, infinity."""
 
@@ -84,7 +88,7 @@ def numbers(path: Path, lines: Sequence[str], *, separator: str, columns: int, f
                 f"{path.name}: line {place} has {len(cells) - surplus} cells, expected {columns} as the header "
                 "states: correct it, or export it again"
             )
-    rows = [["nan" if cell.strip() in _MISSING else cell for cell in row[:columns]] for row in rows]
+    rows = [["nan" if cell.strip() in MISSING_WORDS else cell for cell in row[:columns]] for row in rows]
     values, bad = _array(rows, columns, plain=all(line.isascii() and "_" not in line for line in lines))
     bad = np.argwhere(bad | (np.abs(values) > LARGEST))
     if len(bad):
@@ -143,6 +147,13 @@ def frame_numbers(path: Path, values: Any, *, first_line: int | None = None) -> 
             trouble = f"{values[row]:.12g} follows frame {values[row - 1]:.12g}"
         raise FormatError(f"{path.name}: {where}: {trouble}; expected whole numbers that increase: correct them")
     return values.astype(np.int64)
+
+
+def image_numbers(names: Sequence[str]) -> list[int] | None:
+    """The numbers that end the names of images (before ``.png``); None where one has none, or two have the same."""
+    ends = [re.search(r"(\d{1,8})$", PurePath(name).stem) for name in names]
+    numbers = [int(end[1]) for end in ends if end]
+    return numbers if len(set(numbers)) == len(names) else None
 
 
 def one_line(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""MATLAB files of versions 5 to 7.2, through SciPy."""
+"""MATLAB files of version 5 and later: through SciPy, those of 7.3 through h5py."""
 
 import pickle
 from functools import lru_cache
@@ -15,7 +15,7 @@ def variables(path: Path) -> dict[str, Any]:
     """All variables; structs as dictionaries. Not to be changed: the same file is read once.
 
     Raises:
-        FormatError: the file is absent, or SciPy cannot read it.
+        FormatError: the file is absent, or cannot be read.
     """
     if not path.is_file():
         raise FormatError(f"{path}: cannot be read: no such file")
@@ -26,4 +26,4 @@ def variables(path: Path) -> dict[str, Any]:
 @lru_cache(maxsize=1)
 def _variables(path: Path, _changed_ns: int, _size: int) -> dict[str, Any]:
     """The variables of a file in one state; the sniffers and the reader ask for them in turn."""
-    return pickle.loads(read_apart(path, "matlab_process", kind="MATLAB (5 to 7.2)", seconds=SECONDS))
+    return pickle.loads(read_apart(path, "matlab_process", kind="MATLAB", seconds=SECONDS))

@@ -1,7 +1,7 @@
 """The part of reading a MATLAB file that runs in a process of its own: ``matlab_process FILE MOST``.
 
-Damaged files send SciPy (1.17) into endless loops and forbidden memory. Exit 0 and a pickle of plain values, or exit 3
-and a message on stdout.
+Damaged files send SciPy (1.17) and the HDF5 library (2.0) into endless loops and forbidden memory. Exit 0 and a pickle
+of plain values, or exit 3 and a message on stdout.
 """
 
 import pickle
@@ -10,10 +10,12 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from scipy.io import loadmat
 
 from mocap.io.apart import answer
+from mocap.io.hdf5_process import announced as of_dataset
 
 _HEAD = 128
 _COMPRESSED = 15
@@ -58,12 +60,48 @@ def announced(path: Path) -> int:
     return total
 
 
-def values(path: str, most: int) -> bytes:
-    """The variables, read with SciPy, structs as dictionaries; what is plain, pickled.
+def of_hdf5(path: str, most: int) -> dict[str, Any]:
+    """The variables of a file of version 7.3, which is HDF5, as SciPy gives those of earlier ones.
 
     Raises:
         MemoryError: they announce more than ``most`` bytes.
     """
+    total = 0
+
+    def value(item: Any) -> Any:
+        nonlocal total
+        kind = item.attrs.get("MATLAB_class", b"")
+        if isinstance(item, h5py.Group):
+            fields = {} if "MATLAB_sparse" in item.attrs else {name: value(field) for name, field in item.items()}
+            columns = [field for field in item.values() if field.attrs.get("MATLAB_class") is None]
+            if not columns or len(columns) < len(item) or not all(isinstance(own, list) for own in fields.values()):
+                return fields
+            return [dict(zip(fields, row, strict=True)) for row in zip(*fields.values(), strict=True)]  # struct array
+        total += of_dataset(item)
+        if total > most:
+            raise MemoryError
+        if item.attrs.get("MATLAB_empty", 0):
+            return "" if kind == b"char" else np.zeros(0)
+        table = np.transpose(item[()])  # MATLAB's columns are rows there
+        if item.dtype == h5py.ref_dtype:
+            return [value(item.file[reference]) for reference in table.ravel(order="F")]
+        if kind == b"char":
+            rows = ["".join(map(chr, row)) for row in np.atleast_2d(table)]
+            return rows[0] if len(rows) == 1 else rows
+        return np.squeeze(table)[()]
+
+    with h5py.File(path, "r") as file:
+        return {name: value(item) for name, item in file.items() if not name.startswith("#")}
+
+
+def values(path: str, most: int) -> bytes:
+    """The variables, structs as dictionaries; what is plain, pickled.
+
+    Raises:
+        MemoryError: they announce more than ``most`` bytes.
+    """
+    if h5py.is_hdf5(path):
+        return pickle.dumps(plain(of_hdf5(path, most)))
     if announced(Path(path)) > most:
         raise MemoryError
     return pickle.dumps(plain(loadmat(path, simplify_cells=True)))

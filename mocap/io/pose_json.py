@@ -2,7 +2,8 @@
 
 A folder holds the frames of one camera, or a folder for each camera. OpenPose's layout (CMU Perceptual Computing Lab,
 ``doc/02_output.md``) has ``people[i].pose_keypoints_2d = x1, y1, c1, x2, ...``, 0 where nothing was found; MMPose's own
-has ``instances[i].keypoints`` and ``keypoint_scores`` (also under ``instance_info``, a list of frames).
+has ``instances[i].keypoints`` and ``keypoint_scores`` (also under ``instance_info``, a list of frames). AlphaPose
+writes, as COCO's results, a list of people with ``image_id`` and ``keypoints = x1, y1, c1, x2, ...``.
 """
 
 import re
@@ -18,7 +19,7 @@ from mocap.errors import FormatError
 from mocap.io.contents import FileContents, pixel_recording
 from mocap.io.format import Format, Hints
 from mocap.io.head import Head
-from mocap.io.lines import MOST_FRAMES
+from mocap.io.lines import MOST_FRAMES, image_numbers
 from mocap.schema import Entry, Schema, checked
 
 _COCO = (
@@ -59,7 +60,11 @@ def _people(path: Path, frame: Any) -> list[Array]:
         else:
             instances = frame.get("instances", []) if isinstance(frame, dict) else frame
             for one in instances:
-                uv = np.array(one["keypoints"], dtype=float).reshape(-1, 2)
+                flat = np.array(one["keypoints"], dtype=float)
+                if flat.ndim == 1 and "keypoint_scores" not in one:  # x1, y1, c1, x2, ..., as COCO has them
+                    found.append(flat.reshape(-1, 3))
+                    continue
+                uv = flat.reshape(-1, 2)
                 score = np.array(one.get("keypoint_scores", np.ones(len(uv))), dtype=float).reshape(-1, 1)
                 found.append(np.concatenate([uv, score], axis=1))
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -89,6 +94,13 @@ def _frames(files: Sequence[Path]) -> dict[int, list[Array]]:
     out: dict[int, list[Array]] = {}
     for position, file in enumerate(files):
         table = _load(file)
+        if isinstance(table, list) and table and all(isinstance(one, dict) and "image_id" in one for one in table):
+            people: dict[str, list[Any]] = {}
+            for one in table:
+                people.setdefault(str(one["image_id"]), []).append(one)
+            told_by = image_numbers(list(people)) or range(position, position + len(people))
+            out |= {number: _people(file, own) for number, own in zip(told_by, people.values(), strict=True)}
+            continue
         inside = table.get("instance_info") if isinstance(table, dict) else None
         inside = inside or (table if isinstance(table, list) and table and "instances" in str(table[0])[:400] else None)
         if inside is not None:
@@ -154,13 +166,15 @@ def read_folder(path: Path) -> FileContents:
         views = {path.stem: [path]}
     if not any(views.values()):
         raise FormatError(f"{path.resolve().name}: is a folder{_content(path)}: give a file")
-    tracks, most = {}, 0
+    tracks, most, frames = {}, 0, set[int]()
     for name, files in views.items():
-        tracks[name], people = _followed(_frames(files))
-        most = max(most, people)
-    numbers = np.array(sorted({n for found in tracks.values() for n in found}), dtype=np.int64)
+        people = _frames(files)
+        frames |= people.keys()  # also those without a person
+        tracks[name], crowd = _followed(people)
+        most = max(most, crowd)
+    numbers = np.array(sorted(frames), dtype=np.int64)
     counts = {len(p) for found in tracks.values() for p in found.values()}
-    if not len(numbers):
+    if not counts:
         raise FormatError(
             f"{path.resolve().name}: a folder is read as JSON files with poses, and no person is found in them: "
             "give the file of one recording, or a folder with the poses of each frame"
@@ -172,8 +186,8 @@ def read_folder(path: Path) -> FileContents:
     for c, found in enumerate(tracks.values()):
         for number, person in found.items():
             uv[c, np.searchsorted(numbers, number)] = person
-    crowd = f"up to {most} people in a frame: one is followed, from the one seen best in the first frame"
-    told = [crowd] if most > 1 else []
+    chosen = f"up to {most} people in a frame: one is followed, from the one seen best in the first frame"
+    told = [chosen] if most > 1 else []
     return pixel_recording(
         path,
         "pose-json",

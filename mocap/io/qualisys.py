@@ -32,11 +32,10 @@ def read_tsv(path: Path) -> FileContents:
         FormatError: the file is not that, is cut, or has a cell that is no number; the message names the line.
     """
     lines = read_lines(path)
-    head = _head(lines)
+    head, start = _head(lines)
     for key in ("NO_OF_FRAMES", "NO_OF_MARKERS", "FREQUENCY", "MARKER_NAMES"):
         if not head.get(key):
             raise FormatError(f"{path.name}: no line {key}; expected a 3D text export of Qualisys Track Manager (.tsv)")
-    start = len(head)
     titles = lines[start].removesuffix("\t").split("\t") if start < len(lines) else []
     start += titles[:1] == ["Frame"]
     names, fps = head["MARKER_NAMES"], rate(path, head["FREQUENCY"][0])
@@ -78,15 +77,18 @@ def read_tsv(path: Path) -> FileContents:
     )
 
 
-def _head(lines: Sequence[str]) -> dict[str, list[str]]:
-    """Entries of the head by their keys, a line each; titles that do not begin with Frame count as one."""
+def _head(lines: Sequence[str]) -> tuple[dict[str, list[str]], int]:
+    """Entries of the head by their keys, a line each (several of EVENT), and the number of its lines.
+
+    Titles that do not begin with Frame count as one.
+    """
     head: dict[str, list[str]] = {}
-    for line in lines:
+    for place, line in enumerate(lines):
         key, *values = line.rstrip("\t").split("\t")
         if key == "Frame" or not key[:1].isalpha():
-            break
+            return head, place
         head[key.strip()] = values
-    return head
+    return head, len(lines)
 
 
 def read_6d(path: Path) -> FileContents:
@@ -99,7 +101,7 @@ def read_6d(path: Path) -> FileContents:
     """
     lines = read_lines(path)
     start = next((i for i, line in enumerate(lines[:40]) if "Rot[0]" in line), len(lines))
-    head = _head(lines[:start])
+    head, _ = _head(lines[:start])
     names = [name for name in head.get("BODY_NAMES", []) if name]
     titles = [title.strip() for title in lines[start].split("\t")] if start < len(lines) else []
     first = [i for i, title in enumerate(titles) if title.split(" ")[-1] == "X"]

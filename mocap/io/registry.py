@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from eal.plugins import offered
+from mocap.cameras.origin import flipped
 from mocap.errors import FormatError
 from mocap.io import (
     anipose,
@@ -244,6 +245,22 @@ def parts(recording: FileContents) -> dict[str, str]:
     return found
 
 
+def _from_the_top(path: Path, format: Format, recording: FileContents) -> FileContents:
+    """The recording with pixel rows counted from the upper left.
+
+    Raises:
+        FormatError: an image's height is not known, or the calibration that is written belongs to the rows as they are.
+    """
+    sizes = [camera.size_px for camera in recording.cameras] or [size for _, size in recording.lenses]
+    if recording.pixels is None or None in sizes or not sizes or (recording.cameras and "cameras" in format.holds):
+        raise FormatError(
+            f"{path.name}: {format.title} counts pixel rows from the upper left, {recording.paths[0].name} from the "
+            "lower left: convert it with the camera profile alone, which states the heights of the images"
+        )
+    uv = [flipped(own, float(size[1])) for own, size in zip(recording.pixels.uv_px, sizes, strict=True) if size]
+    return replace(recording, pixels=replace(recording.pixels, uv_px=np.stack(uv)), pixel_origin="upper-left")
+
+
 def write(recording: FileContents, path: Path, name: str | None = None, *, filled: bool = False) -> list[str]:
     """Write a recording.
 
@@ -276,6 +293,12 @@ def write(recording: FileContents, path: Path, name: str | None = None, *, fille
         )
     kept = format.holds - {"pixels"} if {"points", "pixels"} <= held.keys() and not format.both else format.holds
     losses = [f"not written: {text}" for part, text in held.items() if part not in kept]
+    if "pixels" in held.keys() & kept and "pixel_origin" in format.holds:
+        if recording.pixel_origin == "lower-left":
+            recording = _from_the_top(path, format, recording)
+            losses.append("pixel rows, counted from the lower left, are written as counted from the upper left")
+        elif recording.pixel_origin is None:
+            losses.append("pixel rows are written as they are, and will be read as counted from the upper left")
     points = recording.points
     if points is not None and "points" in format.holds:
         if "origin" in held and "origin" not in format.holds:

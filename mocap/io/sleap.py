@@ -239,7 +239,7 @@ FORMATS = (
         knows=lambda head: {"tracks", "node_names"} <= head.hdf5,
         read=_analysis,
         write=_write_analysis,
-        holds=frozenset({"pixels", "score", "animals"}),
+        holds=frozenset({"pixels", "pixel_origin", "score", "animals"}),
         suffixes=("analysis.h5",),
         files=camera_files,
     ),

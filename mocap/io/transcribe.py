@@ -18,18 +18,21 @@ from mocap.documents import check_regular
 from mocap.encoding import decoded, is_utf8, is_utf16
 from mocap.errors import FormatError
 from mocap.io.head import LENGTH, Head
-from mocap.io.lines import FRAMES, one_kind
+from mocap.io.lines import FRAMES, MISSING_WORDS, one_kind
 from mocap.io.workbook import is_workbook, sheet_text
 
 _BLOCK = 1 << 24
 _EXPONENT = r"(?:[eE][+-]?\d+)?"
 _WITH_COMMA = rf"([+-]?\d*),(\d+{_EXPONENT})"
 _WITH_POINT = rf"[+-]?(?=[\d.,]*\d)[\d,]*\.[\d.,]*{_EXPONENT}"
-_NUMBER = re.compile(r'\s*"?\s*([+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|nan|NaN|NAN|NA|)\s*"?\s*', re.ASCII)
+_MISSING = "|".join(map(re.escape, MISSING_WORDS))
+_NUMBER = re.compile(rf'\s*"?\s*([+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|{_MISSING})\s*"?\s*', re.ASCII)
 _COUNTED = re.compile(rf"{FRAMES}|t|t_s|time|time_s|seconds|(camera|cam|view)[ _.#-]*\d*", re.IGNORECASE)
 """Titles of a first column that has a number in every row: frames, times, numbers of cameras, coefficients of one."""
 
 _QUOTED = re.compile(r'(?m)(^|,)"([^",\n]*)"(?=,|$)')
+_SEP = re.compile(r'"?sep=."?[;,\t ]*\n', re.IGNORECASE)
+"""What a spreadsheet takes for its separator, before the titles."""
 _ROW = re.compile(r'("[^"]*"|[^",]*)(,("[^"]*"|[^",]*))+')
 _OF_NUMBERS = b"0123456789+-,eENaA \n"
 _TOP = 8
@@ -81,6 +84,11 @@ def _one_form(path: Path, known: Knows) -> tuple[str | None, tuple[str, ...]]:
         return None, ()  # the reader says it
     text, told = decoded(path, data)
     text = one_kind(text)
+    if hint := _SEP.match(text):
+        text, told = (
+            text[hint.end() :],
+            (*told, f"the first line, {hint[0].strip()!r}, was left out, and is not counted"),
+        )
     head = Head(path, text[:LENGTH].encode())
     separator = _separator(head.lines)
     if separator == ";":
@@ -142,7 +150,7 @@ def _is_plain(stream: io.BufferedReader, head: Head, known: Knows) -> bool:
         return False
     stream.seek(max(0, stream.seek(0, 2) - LENGTH))
     ending = stream.read()
-    if ending[-1:] not in (b"\n", b"\r") or _all_quoted(head.lines):
+    if ending[-1:] not in (b"\n", b"\r") or _all_quoted(head.lines) or _SEP.match(f"{head.first}\n"):
         return False
     ending = ending.rstrip(b"\r\n")
     last = ending[max(ending.rfind(b"\n"), ending.rfind(b"\r")) + 1 :]

@@ -76,7 +76,7 @@ def _cut_off(names: list[str]) -> tuple[list[str], str | None]:
 def _is_points(head: Head) -> bool:
     cells = head.cells()
     cells = cells[1:] if cells[:1] == ("Frame",) else cells
-    return bool(cells) and all(re.fullmatch(r".+_[XYZ]", cell) for cell in cells)
+    return any(cell.endswith("_Z") for cell in cells) and all(re.fullmatch(r".+_[XYZ]", cell) for cell in cells)
 
 
 def _points(path: Path, _hints: Hints) -> FileContents:

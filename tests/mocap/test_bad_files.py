@@ -34,7 +34,7 @@ PIXELS = {
     "a word": (HEAD + "1,2\n3,left\n", "line 3, p_cam1_Y: 'left' is not a number; correct it or write NaN"),
     "a decimal comma": (HEAD + "1,5,2\n", "line 2 has 3 cells, expected 2"),
     "semicolons": ("p_cam1_X;p_cam1_Y\n1;2\n", "semicolons; export it with commas"),
-    "another missing word": (HEAD + "None,2\n", "line 2, p_cam1_X: 'None' is not a number"),
+    "another missing word": (HEAD + "lost,2\n", "line 2, p_cam1_X: 'lost' is not a number"),
     "a truth value": (HEAD + "1,2\n1,True\n", "line 3, p_cam1_Y: 'True' is not a number"),
     "thousands": (HEAD + "1_000,2\n", "line 2, p_cam1_X: '1_000' is not a number"),
     "infinite": (HEAD + "1,2\n-inf,2\n", "line 3, p_cam1_X: infinite"),

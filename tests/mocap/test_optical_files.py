@@ -192,7 +192,7 @@ DAMAGED_CSV = {
     "no unit": (CSV.replace("mm", ""), r"units are \[\]"),
     "two units": (CSV.replace("mm\r", "m\r"), r"units are \['m', 'mm'\]"),
     "another unit": (CSV.replace("mm", "furlong"), "lengths are in 'furlong'"),
-    "velocities": (CSV.replace("X,Y,Z,X,Y,Z", "X,Y,Z,X',Y',Z'"), "has 6 columns for 2 marker names"),
+    "no positions": (CSV.replace("X,Y,Z,X,Y,Z", "X,Y,Z,X',Y',Z'"), "6 columns, 1 of X, for 2 marker names"),
     "no rate": (CSV.replace("\r\n100\r\n", "\r\n-1\r\n"), "the frame rate is -1"),
     "no frame number": (CSV.replace("12,0", ",0"), "line 7: no frame number"),
 }

@@ -246,7 +246,7 @@ def _nothing(recording: LongRecording, window: slice, known: Known, asked: Asked
         tracked=tracks_alone(markers, known.name),
         motion=motion_of(markers, slice(0, 0), None, asked),
         joints=joint_tracks(markers, recording.skeleton, still),
-        repaired=np.zeros(markers.status.shape, dtype=bool),
+        repaired=np.zeros(markers.status.shape, dtype=np.int8),
     )
 
 

@@ -286,9 +286,10 @@ class Recording:
 
     @property
     def repaired(self) -> dict[str, NDArray[np.bool_]]:
-        """(T, M) samples whose name was corrected, by the keys of ``mocap.cleaning.swaps.REPAIRS``."""
+        """(T, M) samples whose name was corrected, by the keys of ``mocap.cleaning.swaps.REPAIRS``, and ``edited``."""
         n_frames, n_markers = self.xyz_m.shape[:2]
-        return exchanged_samples((n_frames, n_markers), self.swaps)
+        by_hand = {"edited": self.data["edited"].values} if "edited" in self.data else {}
+        return exchanged_samples((n_frames, n_markers), self.swaps) | by_hand
 
     @property
     def camera_sd_px(self) -> Array:

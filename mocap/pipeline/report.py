@@ -98,7 +98,7 @@ def make_report(
         "bad_cameras": _bad_cameras(recording),
         "repaired": {
             "counts": {reason: int(mask.sum()) for reason, mask in recording.repaired.items()},
-            "reasons": REPAIRS,
+            "reasons": REPAIRS | {"edited": "corrected by hand"},
             "runs": _exchanged(recording),
         },
         "audit": [finding.as_json() for finding in recording.audited],

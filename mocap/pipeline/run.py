@@ -154,7 +154,7 @@ class Run:
         joints: Joint tracks by frame of reference.
         potentials: One empirical potential a joint, by joint name, in the planes of its limb.
         spatial_potentials: The same in three coordinates in the body.
-        repaired: (T, M) True where a sample bore another marker's name in the file.
+        repaired: (T, M) 1 where a sample bore another marker's name in the file, 2 where a person corrected it; else 0.
         report: The report as ``report.json`` holds it.
         report_text: The same as markdown.
         footage: The movie of each camera; empty where none were given.
@@ -174,7 +174,7 @@ class Run:
     joints: Mapping[str, JointTracks]
     potentials: Mapping[str, JointPotential] = field(default_factory=dict)
     spatial_potentials: Mapping[str, JointPotential] = field(default_factory=dict)
-    repaired: OverTime[NDArray[np.bool_]]
+    repaired: OverTime[NDArray[np.int8]]
     report: Mapping[str, object] = field(default_factory=dict)
     report_text: str = ""
     footage: tuple[Footage, ...] = ()

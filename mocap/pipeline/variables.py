@@ -39,6 +39,7 @@ VARIABLES: Mapping[str, Variable] = {
     "position": Variable((*SAMPLE, "space"), "m", "read", "of each marker: of a file, or (of pixels) since `clean`"),
     "covariance": Variable((*SAMPLE, "space", "space_to"), "m2", "read", "of each position; NaN: not known"),
     "status": Variable(SAMPLE, "", "read", "codes of `mocap.records.Status`: missing, measured, rejected, ..."),
+    "edited": Variable(SAMPLE, "", "read", "samples that a person corrected (`mocap.pipeline.edits`)"),
     "ideal": Variable((*RAY, "pixel"), "px", "clean", "pixels without lens, in step, in the coefficients' convention"),
     "late": Variable(("view",), "frames", "clean", "by which a camera starts or runs late; taken out of `ideal`"),
     "believed": Variable((*RAY, "pixel"), "px", "clean", "`ideal` that is believed, without slowly varying errors"),

@@ -21,11 +21,12 @@ def markers_dataset(tracked: TrackedMotion, repaired: np.ndarray) -> xr.Dataset:
     - ``confidence`` (time, keypoint, individual), which movement asks for: NaN, since the covariance says more;
     - ``status`` (time, keypoint, individual): whether measured, predicted, smoothed (a filled gap), rejected, missing;
       its attributes ``flag_values`` and ``flag_meanings`` name the codes (CF conventions);
-    - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file.
+    - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file, 2 where a
+      person corrected it (``edited`` in tables).
 
     Args:
         tracked: What the tracker returned.
-        repaired: (T, M) samples whose name was put right.
+        repaired: (T, M) codes of how samples were put right (``mocap.pipeline.run.Run``).
     """
     markers, t_s = tracked.markers, tracked.markers.t_s
     fps = (len(t_s) - 1) / float(t_s[-1] - t_s[0]) if len(t_s) > 1 else 1.0

@@ -94,7 +94,7 @@ _MARKERS: Schema = {
         shape=("time", "individual", "keypoint", "space", "space_to"), missing=2, covariance=True, there="position"
     ),
     "status": Entry(kind="i", shape=("time", "individual", "keypoint"), least=0, most=int(max(Status))),
-    "repaired": Entry(kind="i", shape=("time", "individual", "keypoint"), least=0, most=1),
+    "repaired": Entry(kind="i", shape=("time", "individual", "keypoint"), least=0, most=2),
 }
 _SEEN = ("view", "time", "keypoint")
 _TRACKED: Schema = {
@@ -314,7 +314,7 @@ def read_run(folder: Path) -> Run:
         },
         potentials=potentials[PLANAR],
         spatial_potentials=potentials[SPATIAL],
-        repaired=one["repaired"][:, 0].astype(bool),
+        repaired=one["repaired"][:, 0].astype(np.int8),
         limbs=tuple(
             HeldLimb(
                 name=limb["name"][()],

@@ -255,9 +255,7 @@ def run_of(recording: Recording, tracked: TrackedMotion, motion: Motion, joints:
 
 
 def _repaired(recording: Recording) -> NDArray[np.int8]:
-    by_reason = dict(recording.repaired)
-    edited = by_reason.pop("edited", False)
-    return np.where(edited, 2, np.any(list(by_reason.values()), axis=0)).astype(np.int8)
+    return np.where(recording.edited, 2, np.any(list(recording.repaired.values()), axis=0)).astype(np.int8)
 
 
 def _ideal(recording: Recording) -> PixelTracks | None:

@@ -288,8 +288,14 @@ class Recording:
     def repaired(self) -> dict[str, NDArray[np.bool_]]:
         """(T, M) samples whose name was corrected, by the keys of ``mocap.cleaning.swaps.REPAIRS``, and ``edited``."""
         n_frames, n_markers = self.xyz_m.shape[:2]
-        by_hand = {"edited": self.data["edited"].values} if "edited" in self.data else {}
+        by_hand = {"edited": self.edited} if "edited" in self.data else {}
         return exchanged_samples((n_frames, n_markers), self.swaps) | by_hand
+
+    @property
+    def edited(self) -> NDArray[np.bool_]:
+        """(T, M) samples that a person corrected (``mocap.pipeline.edits``)."""
+        shape = self.data.sizes["time"], self.data.sizes["keypoint"]
+        return self.data["edited"].values if "edited" in self.data else np.zeros(shape, dtype=bool)
 
     @property
     def camera_sd_px(self) -> Array:

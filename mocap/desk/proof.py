@@ -305,7 +305,7 @@ class Proof:
         self.tracks = replace(tracks, xyz_m=xyz, cov_m2=cov, status=status)
         sd = self.tracks.sd_m[first, which[0]]
         known = "is not known" if np.isnan(sd) else f"is known to {1e3 * sd:.2g} mm"
-        return f"{edit.marker} in frame {first + 1} {known}{said}{self._missed(edit, first, which[0])}"
+        return f"{edit.marker} in frame {first + 1} {known}{said}{'' if back else self._missed(edit, first, which[0])}"
 
     def _missed(self, edit: Edit, frame: int, marker: int) -> str:
         """That a place is not where the track is: the other cameras or the motion contradict it."""
@@ -314,9 +314,8 @@ class Proof:
         at = project(stacked(self.raw.cameras), self.tracks.xyz_m[frame, marker])
         c = self.raw.camera_names.index(edit.camera)
         off = float(np.linalg.norm(self._shown(c, at[c][None])[0] - self._upright(np.array(edit.uv_px))))
-        return f"; it misses the place in {edit.camera} by {off:.0f} px: place it in another camera, too" * (
-            off > 5 * self._sd_px
-        )
+        believed = not off > 5 * self._sd_px  # as rays are (``mocap.cameras.triangulate.robust``)
+        return "" if believed else f"; it misses the place in {edit.camera} by {off:.0f} px: place it elsewhere, too"
 
     @property
     def _sd_px(self) -> float:

@@ -16,7 +16,7 @@ def desk(
     stated: RecordingOptions,
     sources: Annotated[
         list[str] | None,
-        typer.Argument(help="Folder with trials, as of mocap batch. Default: this folder."),
+        typer.Argument(metavar="FOLDER", help="Folder with trials, as of mocap batch. Default: this folder."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of results and corrections.")] = Path("out/desk"),
     model: Annotated[str, typer.Option(help="As of mocap batch.")] = "auto",

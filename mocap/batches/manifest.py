@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from mocap.batches.trial import STATED, Trial, relative
+from mocap.batches.trial import STATED, Trial, relative, yes
 from mocap.encoding import decoded
 from mocap.errors import FormatError, MocapError
 
@@ -89,7 +89,8 @@ def _trial(path: Path, number: int, cells: dict[str, str]) -> Trial:
             else:
                 stated[title] = kind(cell)
         except ValueError:
-            raise FormatError(f"{where}: {title} {cell!r} is not a number") from None
+            kinds = "yes or no" if kind is yes else "a number"
+            raise FormatError(f"{where}: {title} {cell!r} is not {kinds}") from None
     name = cells.get("trial") or files[0].stem
     try:
         check_name(name)

@@ -201,7 +201,9 @@ def batch(
     trials = find_trials(_several(sources), stated=stated, out=folder)
     _refuse_inputs(folder, trials)
     own = trials[part - 1 :: parts]
-    options = Options(model=folder / MODEL if learn else _model(model), validate=validate, seed=seed, pictures=pictures)
+    options = Options(
+        model=folder / MODEL if learn else checked_model(model), validate=validate, seed=seed, pictures=pictures
+    )
     state = _State(
         out=folder,
         trials=trials,
@@ -407,7 +409,7 @@ def _several(sources: PathText | Sequence[PathText]) -> list[str | Path]:
     return [source if isinstance(source, str) else Path(source) for source in sources]
 
 
-def _model(model: str | PathLike[str]) -> str | Path:
+def checked_model(model: str | PathLike[str]) -> str | Path:
     """The name of a model, or the file of a learned one.
 
     Raises:

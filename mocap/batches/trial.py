@@ -1,7 +1,7 @@
 """A trial of a batch: its files, and what is stated about them."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,19 @@ from typing import Any
 from mocap.pipeline.reading import read
 from mocap.pipeline.recording import Recording
 
-STATED = {
+
+def yes(cell: str) -> bool:
+    """A cell that says yes or no.
+
+    Raises:
+        ValueError: it says neither.
+    """
+    if cell.casefold() not in ("true", "yes", "false", "no"):
+        raise ValueError(cell)
+    return cell.casefold() in ("true", "yes")
+
+
+STATED: dict[str, Callable[[str], Any]] = {
     "fps": float,
     "unit": str,
     "calibration": Path,
@@ -20,6 +32,9 @@ STATED = {
     "image_height_px": float,
     "pixel_sd": float,
     "crop": Path,
+    "edits": Path,
+    "correct_lag": yes,
+    "fit_lens": yes,
 }
 """What a manifest can state of a trial: arguments of ``mocap.read``, and the type of each."""
 MOST_NAMED = 4

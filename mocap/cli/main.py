@@ -18,6 +18,7 @@ from mocap.cli.convert import convert
 from mocap.cli.data import data
 from mocap.cli.demo import demo
 from mocap.cli.design_joint import design_joint
+from mocap.cli.desk import desk
 from mocap.cli.digitise import digitise
 from mocap.cli.help import help_
 from mocap.cli.info import info
@@ -46,6 +47,7 @@ PAGES = {
     "label": "digitising",
     "track": "your_files",
     "batch": "batch",
+    "desk": "desk",
     "kinematics": "kinematics",
     "learn": "several_recordings",
     "skeleton": "skeleton",
@@ -121,6 +123,7 @@ COMMANDS = (
     label,
     track,
     batch,
+    desk,
     kinematics,
     learn,
     skeleton,

@@ -67,6 +67,9 @@ Sheet = Annotated[str | None, typer.Option(help="Sheet of an Excel file, by name
 SkeletonFile = Annotated[
     Path | None, typer.Option("--skeleton", help="Markers, bones and joints; mocap skeleton proposes one.")
 ]
+Edits = Annotated[
+    Path | None, typer.Option(help="Corrections made by hand (edits.jsonl of mocap desk), replayed on the files.")
+]
 PixelSd = Annotated[float | None, typer.Option(help="SD of a digitised coordinate. Default: estimated.")]
 FitLens = Annotated[
     bool,
@@ -98,6 +101,7 @@ PANELS = {
         "image_height": "PIXELS",
         "crop": "FILE",
         "pixel_sd": "PIXELS",
+        "edits": "FILE",
         "stored": "FILE",
         "correct_lag": "",
         "mm_per_px": "MM",
@@ -217,10 +221,12 @@ class RecordingOptions(CameraOptions):
     unit: Unit = None
     skeleton: SkeletonFile = None
     pixel_sd: PixelSd = None
+    edits: Edits = None
 
     def stated(self) -> dict[str, Any]:
         """As ``mocap.read`` takes it."""
         own = {"fps": self.fps, "unit": self.unit, "skeleton": self.skeleton, "pixel_sd": self.pixel_sd}
+        own |= {"edits": self.edits}
         return super().stated() | own
 
     def read(self, tracks: Path | list[Path], **more: Any) -> "Recording":

@@ -1,17 +1,13 @@
 """The page to click in: films side by side, on 127.0.0.1 only; every click is saved before it is answered."""
 
-from base64 import b64encode
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from hashlib import sha256
 from http import HTTPStatus
-from importlib.resources import files
 from math import prod
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-import cv2
 import numpy as np
 from pydantic import ValidationInfo, model_validator
 from starlette.applications import Starlette
@@ -23,23 +19,17 @@ from mocap.cameras.camera import Camera, stacked, undistorted
 from mocap.digitising.clicks import Click, read_clicks, read_unseen, write_clicks, write_unseen
 from mocap.digitising.digitised import Digitised, cameras_of, check_clicks, digitise, open_with_crops
 from mocap.digitising.films import Films
-from mocap.digitising.naming import seen_from
+from mocap.digitising.overlays import ellipses, epipolar_lines, listed, png, scene_routes, shell
 from mocap.errors import MocapError
 from mocap.io.output import result_folder
 from mocap.skeleton import Skeleton, read_skeleton
-from mocap.web import Query, below, limits_of, page, task
+from mocap.web import Nothing, Query, below, limits_of, page, task
 
 SAVED = "saved_clicks_xypts.csv"
 """The clicks, after each of them; DLTdv reads it, and ``start`` takes it."""
 UNSEEN = "saved_not_seen.csv"
 """Where markers are not to be seen, beside it."""
-_POLICY = (
-    "default-src 'none'; connect-src 'self'; frame-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; "
-    "base-uri 'none'; form-action 'none'; script-src 'sha256-{}'"
-)
-_VIEWER_POLICY = "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; frame-ancestors 'self'"
 Q = TypeVar("Q", bound=Query)
-_REACH = 2.4477  # root of the chi-square of two degrees of freedom that 95 % stay below
 
 
 @dataclass(eq=False)
@@ -150,23 +140,24 @@ class Session:
         for click in self.clicks:
             if click.frame == frame:
                 clicked[click.camera, click.marker] = np.nan if click.uv_px is None else click.uv_px
-        dots, ellipses = np.full_like(clicked, np.nan), np.full((n_cameras, n_markers, 5), np.nan)
+        dots, shapes = np.full_like(clicked, np.nan), np.full((n_cameras, n_markers, 5), np.nan)
         if self.found is not None:
             tracks = self.found.engine.tracks
             chosen, all_dots = tracks.dot[:, frame], tracks.dots[frame]
             if all_dots.shape[1]:
                 picked = all_dots[np.arange(n_cameras)[:, None], np.maximum(chosen, 0), :2]
                 dots = np.where((chosen >= 0)[..., None], picked, np.nan)
-            ellipses = self._ellipses(tracks.xyz_m[frame], tracks.cov_m2[frame])
+            around = tracks.xyz_m[frame], tracks.cov_m2[frame]
+            shapes = ellipses(stacked(self.cameras), *around, self._as_filmed)
         lines = self._lines(clicked[:, marker])
         return {
             "cameras": [
                 {
                     "markers": [
                         {
-                            "click": _listed(clicked[c, m]),
-                            "dot": _listed(dots[c, m]),
-                            "ellipse": _listed(ellipses[c, m]),
+                            "click": listed(clicked[c, m]),
+                            "dot": listed(dots[c, m]),
+                            "ellipse": listed(shapes[c, m]),
                         }
                         for m in range(n_markers)
                     ],
@@ -176,41 +167,15 @@ class Session:
             ]
         }
 
-    def _ellipses(self, xyz_m: Array, cov_m2: Array) -> Array:
-        """(C, M, 5) centre, half axes and angle of the predicted places' 95 % ellipses."""
-        uv, jacobian = seen_from(stacked(self.cameras), xyz_m)
-        s = jacobian @ cov_m2 @ np.swapaxes(jacobian, -1, -2)
-        out = np.full((*uv.shape[:2], 5), np.nan)
-        for c, m in np.argwhere(np.isfinite(s).all(axis=(-1, -2))):
-            values, vectors = np.linalg.eigh(s[c, m])
-            axes = _REACH * np.sqrt(np.maximum(values[::-1], 0))
-            out[c, m, 2:] = *axes, np.arctan2(vectors[1, 1], vectors[0, 1])
-        for c, camera in enumerate(self.cameras):
-            out[c, :, :2] = uv[c] if camera.lens is None else camera.lens.distort(uv[c])
-        return out
+    def _as_filmed(self, camera: int, uv_px: Array) -> Array:
+        lens = self.cameras[camera].lens
+        return uv_px if lens is None else lens.distort(uv_px)
 
     def _lines(self, clicked: Array) -> list[list[list[list[float]]]]:
-        """For each camera the epipolar lines of a marker's clicks in the others, bent as its lens bends them."""
-        out: list[list[list[list[float]]]] = [[] for _ in self.cameras]
+        """For each camera the epipolar lines of a marker's clicks in the others."""
         ideal = undistorted(self.cameras, clicked[:, None])[:, 0]
-        matrices = stacked(self.cameras)
-        for a in np.flatnonzero(np.isfinite(ideal[:, 0])).tolist():
-            inverse = np.linalg.inv(matrices[a, :, :3])
-            eye, along = -inverse @ matrices[a, :, 3], inverse @ np.append(ideal[a], 1.0)
-            # depths of one camera's ray from near to far
-            reach = max(float(np.linalg.norm(eye)), 1e-3)
-            points = eye + np.geomspace(0.05, 20, 200)[:, None] * reach * along / np.linalg.norm(along)
-            uv, _ = seen_from(matrices, points)
-            for b, camera in enumerate(self.cameras):
-                if b == a:
-                    continue
-                width, height = self.films.movies[b].size_px
-                near = (np.abs(uv[b] - (width / 2, height / 2)) < (width, height)).all(axis=1)
-                line = uv[b][near]
-                line = line if camera.lens is None else camera.lens.distort(line)
-                if len(line) > 1:
-                    out[b].append(np.round(line, 2).tolist())
-        return out
+        sizes = [movie.size_px for movie in self.films.movies]
+        return epipolar_lines(stacked(self.cameras), ideal, sizes, self._as_filmed)
 
     def question(self, after: int) -> dict[str, Any]:
         """The next click that is asked for."""
@@ -223,11 +188,7 @@ class Session:
     def picture(self, camera: int, frame: int) -> bytes | None:
         """A picture as PNG of 8 bits."""
         found = self.films.picture(camera, frame)
-        if found is None:
-            return None
-        if found.dtype == np.uint16:
-            found = np.asarray(cv2.normalize(found, np.empty(0), 0, 255, cv2.NORM_MINMAX, cv2.CV_8U), dtype=np.uint8)
-        return cv2.imencode(".png", found, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+        return None if found is None else png(found)
 
 
 def open_session(
@@ -288,14 +249,6 @@ def open_session(
     )
 
 
-def _listed(values: Array) -> list[float] | None:
-    return np.round(values, 3).tolist() if np.isfinite(values).all() else None
-
-
-class _Nothing(Query):
-    """Of what is asked for without anything else."""
-
-
 class _Seen(Query):
     camera: Annotated[int, below("cameras")]
     frame: Annotated[int, below("frames")]
@@ -333,15 +286,8 @@ class _Click(_Seen):
         return self
 
 
-class _File(Query):
-    renderer: Literal["webgl", "webgpu"] = "webgpu"
-
-
 def digitise_page(session: Session) -> Starlette:
     """The page of a session, for ``mocap.web.served``."""
-    html = files("mocap.digitising").joinpath("page.html").read_bytes()
-    script = html.partition(b"<script>")[2].partition(b"</script>")[0]
-    policy = _POLICY.format(b64encode(sha256(script).digest()).decode())
     shape = (len(session.cameras), session.films.n_frames, len(session.skeleton.markers))
     limits = {
         **dict(zip(("cameras", "frames", "markers"), shape, strict=True)),
@@ -359,32 +305,18 @@ def digitise_page(session: Session) -> Starlette:
         png = session.picture(seen.camera, seen.frame)
         return Response(png, HTTPStatus.NOT_FOUND if png is None else HTTPStatus.OK, media_type="image/png")
 
-    def viewer(name: str, kind: str) -> Route:
-        """A file of rerun's web viewer, which our page frames and whose page may ask this server alone."""
-
-        def work(_: _File) -> Response:
-            from mocap.rerun.points import viewer_files
-
-            headers = {"Content-Security-Policy": _VIEWER_POLICY, "X-Frame-Options": "SAMEORIGIN"}
-            return Response(viewer_files("points.rrd")[name], media_type=kind, headers=headers)
-
-        return task(f"/scene/{name}", _File, work, limits={})
-
     return page(
         [
-            Route("/", lambda _: Response(html, media_type="text/html", headers={"Content-Security-Policy": policy})),
-            reads("/info", _Nothing, lambda _: session.info()),
+            shell("mocap.digitising", "page.html"),
+            reads("/info", Nothing, lambda _: session.info()),
             reads("/frame", _Shown, lambda at: session.frame(at.frame, at.marker)),
             reads("/question", _After, lambda given: session.question(given.after)),
             task("/picture", _Seen, picture, limits=limits),
-            task("/scene/points.rrd", _Nothing, lambda _: Response(session.scene()), limits={}),
-            viewer("", "text/html"),
-            viewer("re_viewer.js", "text/javascript"),
-            viewer("re_viewer_bg.wasm", "application/wasm"),
+            *scene_routes(session.scene),
             changes("/click", _Click, lambda given: session.click(Click(**dict(given)))),
             changes("/swap", _Swap, lambda at: session.swap(at.marker, at.other, at.first, at.last)),
             changes("/delete", _Range, lambda at: session.delete(at.marker, at.first, at.last)),
-            changes("/undo", _Nothing, lambda _: session.undo()),
-            changes("/track", _Nothing, lambda _: session.run()),
+            changes("/undo", Nothing, lambda _: session.undo()),
+            changes("/track", Nothing, lambda _: session.run()),
         ]
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from eal.arrays import Array
 from mocap.errors import FormatError, MocapError
-from mocap.io.tables import REPAIRED, WORDS
+from mocap.io.tables import EDITED, REPAIRED, WORDS
 from mocap.records import MarkerTracks, Status
 
 if TYPE_CHECKING:
@@ -122,13 +122,14 @@ class ParquetPoints:
         elif "sd_m" in self._columns:
             cov = column("sd_m")[..., None, None] ** 2 * np.eye(3)
         origin = table.column("origin").cast(pa.string()).combine_chunks().dictionary_encode()
-        codes = {str(word): code for code, word in enumerate(WORDS)} | {REPAIRED: int(Status.MEASURED)}
+        codes = {str(word): code for code, word in enumerate(WORDS)}
+        codes |= dict.fromkeys((REPAIRED, EDITED), int(Status.MEASURED))
         words = origin.dictionary.to_pylist()
         odd = [word for word in words if word not in codes]
         if odd:
             raise FormatError(f"{self.path.name}: the origin {odd[0]!r} is none of {', '.join(codes)}")
         index = origin.indices.to_numpy().reshape(shape)
         status = np.array([codes[word] for word in words], dtype=np.int8)[index]
-        repaired = np.array([word == REPAIRED for word in words], dtype=bool)[index]
+        repaired = np.array([{REPAIRED: 1, EDITED: 2}.get(word, 0) for word in words], dtype=np.int8)[index]
         t_s = column("t_s")[:, 0]
         return MarkerTracks(names=self.names, t_s=t_s, xyz_m=xyz, cov_m2=cov, status=status), repaired

@@ -23,7 +23,15 @@ if TYPE_CHECKING:
 WORDS = np.array([origin.name.lower() for origin in Status])
 REPAIRED = "repaired"
 """What a run calls a measured sample that bore another marker's name in its file."""
-_CODES = {str(word): code for code, word in enumerate(WORDS)} | {REPAIRED: Status.MEASURED}
+EDITED = "edited"
+"""What it calls a measured sample that a person corrected."""
+_CODES = {str(word): code for code, word in enumerate(WORDS)} | dict.fromkeys((REPAIRED, EDITED), Status.MEASURED)
+
+
+def origin_words(status: NDArray[np.int8], repaired: NDArray[np.int8]) -> NDArray[np.str_]:
+    """(T, M) origins as tables name them: ``Status``, and of measured samples 1: ``repaired``, 2: ``edited``."""
+    measured = status == Status.MEASURED
+    return np.array([*WORDS, REPAIRED, EDITED])[np.where(measured & (repaired > 0), len(WORDS) + repaired - 1, status)]
 
 
 def codes(path: Path, words: Any) -> NDArray[np.int8]:

@@ -23,6 +23,7 @@ from mocap.io.registry import read as read_file
 from mocap.io.rigid import with_bodies
 from mocap.io.together import joined
 from mocap.io.unstated_unit import in_metres
+from mocap.pipeline.edits import edited, read_edits
 from mocap.pipeline.recording import Recording
 from mocap.pipeline.variables import dataset_of
 from mocap.pipeline.whole_picture import counted_from_one, in_whole_picture
@@ -51,6 +52,7 @@ def read(
     hints: Hints | None = None,
     mm_per_px: float | None = None,
     fit_lens: bool = False,
+    edits: PathText | None = None,
 ) -> Recording:
     """Read pixels or positions of any known format, with the calibration and skeleton that belong to them.
 
@@ -79,9 +81,10 @@ def read(
         mm_per_px: Millimetres a pixel of one film without a calibration; None: its positions stay pixels.
         fit_lens: Estimate radial distortion from the recording itself, and correct it; refused where it is not
             determined.
+        edits: A log of corrections made by hand (``edits.jsonl`` of mocap desk), replayed on what was read.
 
     Raises:
-        FormatError: a file cannot be read.
+        FormatError: a file cannot be read, or an edit names what is not in it.
         CalibrationError: pixels and calibration do not belong together.
         SkeletonError: the skeleton cannot be read, or names markers that the recording lacks.
         MocapError: the frame rate is in no file and not stated, or a number is out of all bounds.
@@ -92,8 +95,8 @@ def read(
     files, crops = _paths("tracks", tracks), _paths("crop", crop)
     if not files:
         raise MocapError(f"`tracks` is {tracks!r}, expected a file, or several")
-    beside = {"calibration": calibration, "profile": profile, "stored_points": stored_points}
-    rig, lenses, points = (None if path is None else _path(what, path) for what, path in beside.items())
+    beside = {"calibration": calibration, "profile": profile, "stored_points": stored_points, "edits": edits}
+    rig, lenses, points, log = (None if path is None else _path(what, path) for what, path in beside.items())
     cameras_of = {"profile": profile, "origin": origin, "calibration_origin": calibration_origin}
     for name, value in cameras_of.items():
         if value is not None and rig is None and files[0].suffix.lower() in (".csv", ".tsv"):
@@ -102,8 +105,8 @@ def read(
     known, names = animal(skeleton, contents.names, bodies=contents.bodies)
     contents, cameras, told = _with_cameras(contents.renamed(names), files[0], rig, lenses, unit)
     contents, further = _in_whole_picture(contents, cameras, files, (rig, lenses), crops, origin)
-    named = (*files, rig, lenses, points, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
-    return Recording(
+    named = (*files, rig, lenses, points, log, None if isinstance(skeleton, Skeleton | None) else Path(skeleton))
+    found = Recording(
         name=recording_name(files[0]),
         data=dataset_of(contents),
         skeleton=known,
@@ -126,6 +129,7 @@ def read(
         fit_lens=fit_lens,
         mm_per_px=mm_per_px,
     )
+    return found if log is None else edited(found, read_edits(log), where=log.name)
 
 
 def uncropped(files: Sequence[Path], crops: Sequence[Path], *, fps: float | None, hints: Hints) -> FileContents:

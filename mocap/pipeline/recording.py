@@ -364,8 +364,8 @@ class Recording:
         return self.values("log_likelihood")
 
     @property
-    def repaired(self) -> NDArray[np.bool_]:
-        """(T, M) samples that bore another marker's name in the file."""
+    def repaired(self) -> NDArray[np.int8]:
+        """(T, M) 1 where a sample bore another marker's name in the file, 2 where a person corrected it; else 0."""
         return self.values("repaired")
 
     @cached_property
@@ -387,6 +387,12 @@ class Recording:
     def limbs(self) -> tuple[HeldLimb, ...]:
         """Potentials of limbs that held the pose."""
         return limbs_of_data(self.data)
+
+    @property
+    def edited(self) -> NDArray[np.bool_]:
+        """(T, M) samples that a person corrected (``mocap.pipeline.edits``)."""
+        shape = self.data.sizes["time"], self.data.sizes["keypoint"]
+        return self.data["edited"].values if "edited" in self.data else np.zeros(shape, dtype=bool)
 
     @property
     def camera_sd_px(self) -> Array:

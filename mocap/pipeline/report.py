@@ -101,8 +101,9 @@ def make_report(
             "counts": {
                 reason: int(mask.sum())
                 for reason, mask in exchanged_samples(recording.xyz_m.shape[:2], recording.swaps).items()
-            },
-            "reasons": REPAIRS,
+            }
+            | ({"edited": int(recording.edited.sum())} if "edited" in recording.data else {}),
+            "reasons": REPAIRS | {"edited": "corrected by hand"},
             "runs": _exchanged(recording),
         },
         "audit": [finding.as_json() for finding in recording.audited],

@@ -241,7 +241,7 @@ def with_track(
     rays = {}
     if recording.cameras:
         rays = {"innovation": innovation, "used": used, "reprojected": project(recording.matrices, xyz)}
-    repaired = np.any(list(exchanged_samples((n_frames, n_markers), recording.swaps).values()), axis=0)
+    exchanged = np.any(list(exchanged_samples((n_frames, n_markers), recording.swaps).values()), axis=0)
     found = recording.having(
         position=xyz,
         covariance=cov,
@@ -249,7 +249,7 @@ def with_track(
         nis=nis,
         n_rows=rows_used,
         log_likelihood=likelihood,
-        repaired=repaired,
+        repaired=np.where(recording.edited, 2, exchanged).astype(np.int8),
         **rays,
     )
     asked = asked or asked_for(recording.names, recording.skeleton, n_frames=n_frames)
@@ -265,7 +265,7 @@ def tracks_alone(recording: Recording, model: str, motion: Motion) -> Recording:
         nis=np.full(n_frames, np.nan),
         n_rows=np.zeros(n_frames, dtype=np.int64),
         log_likelihood=np.zeros(n_frames),
-        repaired=np.zeros((n_frames, n_markers), dtype=bool),
+        repaired=np.zeros((n_frames, n_markers), dtype=np.int8),
     )
     return replace(found, data=with_motion(found.data, motion).assign_attrs(model=model))
 

@@ -61,6 +61,7 @@ VARIABLES: Mapping[str, Variable] = {
     "status": Variable(
         SAMPLE, "", "read", "codes of `mocap.records.Status`: missing, measured, rejected, ...", codes(max(Status))
     ),
+    "edited": Variable(SAMPLE, "", "read", "samples that a person corrected (`mocap.pipeline.edits`)", TRUTH),
     "ideal": Variable((*RAY, "pixel"), "px", "clean", "pixels without lens, in step, in the coefficients' convention"),
     "late": Variable(("view",), "frames", "clean", "by which a camera starts or runs late; taken out of `ideal`"),
     "believed": Variable((*RAY, "pixel"), "px", "clean", "`ideal` that is believed, without slowly varying errors"),
@@ -81,7 +82,9 @@ VARIABLES: Mapping[str, Variable] = {
     "nis": Variable(("time",), "", "track", "normalised innovation squared of each frame", {"least": 0.0}),
     "n_rows": Variable(("time",), "", "track", "scalar observations used in each frame", codes(2**31)),
     "log_likelihood": Variable(("time",), "", "track", "log density of a frame's observations given those before"),
-    "repaired": Variable(SAMPLE, "", "track", "samples that bore another marker's name in the file", TRUTH),
+    "repaired": Variable(
+        SAMPLE, "", "track", "1: bore another marker's name in the file, 2: corrected by a person", codes(2)
+    ),
     "point_position": Variable((*POINT, "space"), "m", "track", "of markers, of the body and the centre of mass"),
     "velocity": Variable((*POINT, "space"), "m/s", "track", "of the same points"),
     "point_covariance": Variable(

@@ -16,7 +16,7 @@ import pyarrow.parquet as parquet
 from eal.over_time import at_frames
 from mocap.errors import MocapError
 from mocap.io.parquet_range import COVARIANCES, ParquetPoints
-from mocap.io.tables import REPAIRED, WORDS
+from mocap.io.tables import EDITED, REPAIRED, WORDS
 from mocap.kinematics.cycles import Cycle
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
@@ -132,8 +132,9 @@ class BlockWriter:
 def _marker_table(frames: np.ndarray, markers: MarkerTracks, repaired: np.ndarray) -> pa.Table:
     n_frames, n_markers = markers.status.shape
     names = np.tile(np.arange(n_markers, dtype=np.int32), n_frames)
-    words = [*(str(word) for word in WORDS), REPAIRED]
-    codes = np.where(repaired & (markers.status == Status.MEASURED), len(WORDS), markers.status).astype(np.int8)
+    words = [*(str(word) for word in WORDS), REPAIRED, EDITED]
+    mended = (repaired > 0) & (markers.status == Status.MEASURED)
+    codes = np.where(mended, len(WORDS) + repaired - 1, markers.status).astype(np.int8)
     columns: dict[str, Any] = {
         "frame": np.repeat(frames, n_markers),
         "t_s": np.repeat(markers.t_s, n_markers),

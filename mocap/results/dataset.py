@@ -22,7 +22,8 @@ def markers_dataset(run: Recording) -> xr.Dataset:
     - ``confidence`` (time, keypoint, individual), which movement asks for: NaN, since the covariance says more;
     - ``status`` (time, keypoint, individual): whether measured, predicted, smoothed (a filled gap), rejected, missing;
       its attributes ``flag_values`` and ``flag_meanings`` name the codes (CF conventions);
-    - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file.
+    - ``repaired`` (time, keypoint, individual): 1 where a sample bore another marker's name in the file, 2 where a
+      person corrected it (``edited`` in tables).
 
     Args:
         run: A recording that was tracked.

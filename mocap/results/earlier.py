@@ -69,5 +69,5 @@ def _record(header: dict[str, Any], markers: xr.Dataset, rest: xr.Dataset, point
     for name, variable in points.rename(_POINTS).variables.items():
         if name not in ("time", "space"):
             data[name] = variable
-    data = data.assign({name: data[name] == 1 for name in ("measured", "used", "repaired")})
+    data = data.assign({name: data[name] == 1 for name in ("measured", "used")})
     return with_limbs(data.set_coords([name for name in (*names, "point") if name in data.variables]), limbs)

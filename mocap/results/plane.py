@@ -7,10 +7,9 @@ import numpy as np
 import xarray as xr
 
 from mocap.io.netcdf import as_netcdf
-from mocap.io.tables import REPAIRED, WORDS
+from mocap.io.tables import origin_words
 from mocap.pipeline.plane import in_units
 from mocap.pipeline.recording import Recording
-from mocap.records import Status
 from mocap.results.dataset import markers_dataset
 from mocap.results.tables import column_text, write_columns
 
@@ -35,8 +34,7 @@ def write_plane(run: Recording, folder: Path) -> None:
     markers, (xy, cov) = run.tracks, in_units(run, run.plane)
     sd = np.sqrt(np.trace(cov, axis1=-2, axis2=-1) / 2)
     tail = "_px" if run.plane.unit == "px" else ""
-    words = WORDS[markers.status].astype("U12")
-    words[run.repaired & (markers.status == Status.MEASURED)] = REPAIRED
+    words = origin_words(markers.status, run.repaired)
     header = ["frame", "t_s"]
     columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
     for i, name in enumerate(markers.names):

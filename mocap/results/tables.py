@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from mocap.io.cells import as_cells
 from mocap.io.digits import decimals_of
 from mocap.io.netcdf import as_netcdf
+from mocap.io.tables import origin_words
 from mocap.kinematics.cycles import Cycle, cycles_table, mean_angles
 from mocap.kinematics.records import WORDS as REST_WORDS
 from mocap.kinematics.records import Kinematics
 from mocap.pipeline.recording import Recording
-from mocap.records import MarkerTracks, Status
+from mocap.records import MarkerTracks
 from mocap.results.stored import write_arrays
 
 if TYPE_CHECKING:
@@ -43,15 +44,15 @@ def write_run(run: Recording, folder: Path, *, write_recording: Callable[[Record
         write_recording(run, folder / "recording.rrd")
 
 
-def write_markers(markers: MarkerTracks, repaired: NDArray[np.bool_], path: Path) -> None:
+def write_markers(markers: MarkerTracks, repaired: NDArray[np.int8], path: Path) -> None:
     """A row a frame: ``frame`` (from 1), ``t_s``, then ``<name>_x, _y, _z, _sd`` in metres and ``_origin`` a marker.
 
-    Measured samples that bore another marker's name in the file, (T, M) ``repaired``, have the origin ``repaired``.
+    Measured samples that bore another marker's name in the file (``repaired`` is 1) have the origin ``repaired``, those
+    that a person corrected (2) ``edited``.
     """
     header = ["frame", "t_s"]
     columns = [np.arange(1, len(markers.t_s) + 1).astype(str), np.char.mod("%.9g", markers.t_s)]
-    words = np.array([o.name.lower() for o in Status], dtype="U12")[markers.status]
-    words[repaired & (markers.status == Status.MEASURED)] = "repaired"
+    words = origin_words(markers.status, repaired)
     sd = markers.sd_m
     for i, name in enumerate(markers.names):
         header += [f"{name}_{field}" for field in ("x", "y", "z", "sd", "origin")]

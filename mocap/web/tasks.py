@@ -27,6 +27,10 @@ class Query(BaseModel):
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class Nothing(Query):
+    """Of what is asked for without anything else."""
+
+
 def limits_of(info: ValidationInfo) -> Mapping[str, Any]:
     """What the task was given as ``limits``."""
     return info.context or {}

@@ -1,0 +1,47 @@
+"""``mocap desk``."""
+
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap.cli.console import say
+from mocap.cli.options import RecordingOptions
+from mocap.cli.records import with_records
+
+
+@with_records
+def desk(
+    stated: RecordingOptions,
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="FOLDER", help="Folder with trials, as of mocap batch. Default: this folder."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of results and corrections.")] = Path("out/desk"),
+    model: Annotated[str, typer.Option(help="As of mocap batch.")] = "auto",
+    validate: Annotated[bool, typer.Option(help="As of mocap batch.")] = True,
+    jobs: Annotated[int, typer.Option(min=1, help="Trials that are tracked at a time.")] = 2,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")] = 0,
+) -> None:
+    """Open trials, track them, proof-read what is uncertain and pass it on, in the browser on this computer only.
+
+    Example: mocap desk data/ --calibration data/dltCoefs.csv --fps 500 --skeleton bat.toml
+    """
+    from mocap import web as pages  # before all that needs the extra, which it names
+    from mocap.batches.known import Options
+    from mocap.batches.run import checked_model
+    from mocap.desk.desk import opened_desk
+    from mocap.desk.page import desk_page
+
+    options = Options(model=checked_model(model), validate=validate)
+    with (
+        opened_desk(sources or ["."], out, options=options, jobs=jobs, stated=stated.stated()) as opened,
+        pages.served(desk_page(opened), port=port) as page,
+    ):
+        say(
+            f"The desk is at {page.address} (Ctrl-C here ends it; each correction is kept in {out} at once)",
+            "Who has this address can see the recordings and change the corrections: keep it to yourself.",
+        )
+        webbrowser.open(page.address)
+        page.wait()

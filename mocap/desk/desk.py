@@ -1,0 +1,336 @@
+"""The desk's state: trials of a folder, how each is read, what is tracked, and the one that is proof-read."""
+
+import os
+import shlex
+import signal
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from mocap import audit
+from mocap.batches.find import find_trials
+from mocap.batches.known import Options, known, read_record
+from mocap.batches.manifest import read_manifest, write_manifest
+from mocap.batches.plan import PLAN
+from mocap.batches.run import batch
+from mocap.batches.trial import Trial
+from mocap.desk.proof import Proof, open_proof
+from mocap.errors import MocapError
+from mocap.findings import Finding
+from mocap.io.lock import locked
+from mocap.io.output import result_file, result_folder
+from mocap.pipeline.edits import read_edits, standing
+from mocap.pipeline.recording import audit_points, with_ideal_pixels
+from mocap.results.tracked import load
+
+EDITS = "edits.jsonl"
+MEND: Mapping[str, tuple[tuple[str, str, Any], ...]] = {
+    "distortion": (("Estimate the lens", "fit_lens", True),),
+    "camera offsets": (("Put cameras in step", "correct_lag", True),),
+    "pixel origin": (
+        ("Rows count from above", "origin", "upper-left"),
+        ("Rows count from below", "origin", "lower-left"),
+    ),
+    "assumed unit": tuple((f"Lengths are in {unit}", "unit", unit) for unit in ("m", "mm", "cm")),
+}
+"""What the program can do about a finding, by its kind: what a person reads, and an argument of ``mocap.read``."""
+PASSED = {
+    "report": "report.html, figures and tables",
+    "xlsx": "tables for Excel",
+    "nwb": "NWB",
+    "osim": "OpenSim model",
+    "mot": "OpenSim motion",
+    "deeplabcut": "DeepLabCut",
+    "bvh": "BVH",
+}
+"""What a result is passed on as: ``report``, or an export of ``mocap kinematics``."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Desk:
+    """A desk.
+
+    Attributes:
+        out: The folder of results, in which ``manifest.csv`` and the edits lie, too.
+        trials: By name.
+        options: How they are tracked.
+        jobs: How many at a time.
+        proof: The trial that is proof-read; None: none yet.
+    """
+
+    out: Path
+    trials: dict[str, Trial]
+    options: Options
+    jobs: int = 2
+    proof: Proof | None = None
+    _running: BaseProcess | None = None
+    _ear: Connection | None = None
+    _heard: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def manifest(self) -> Path:
+        """The trials with what is stated of each, for ``mocap batch``."""
+        return self.out / PLAN
+
+    def save(self) -> None:
+        """Write the manifest."""
+        with result_file(self.manifest, replace=True) as file:
+            write_manifest(file, list(self.trials.values()), folder=self.out)
+
+    def log(self, name: str) -> Path:
+        """The edits of a trial."""
+        return self.out / "edits" / name / EDITS
+
+    def trial(self, name: str) -> Trial:
+        """One of the trials.
+
+        Raises:
+            MocapError: there is none of that name.
+        """
+        if name not in self.trials:
+            raise MocapError(f"there is no trial {name!r}: there are {', '.join(self.trials)}")
+        return self.trials[name]
+
+    def overview(self) -> dict[str, Any]:
+        """All trials, and how far each is."""
+        rows = []
+        for trial in self.trials.values():
+            record, log = read_record(self.out / trial.name), self.log(trial.name)
+            current = None if trial.skip else known(self._as_edited(trial), self.options, self.out)
+            status = "skipped" if trial.skip else "new" if record is None else record.status
+            if status == "done" and current is None:
+                status = "changed"
+            row = {} if record is None else record.row
+            rows.append(
+                {
+                    "name": trial.name,
+                    "files": [path.name for path in trial.paths],
+                    "status": status,
+                    "error": trial.skip or ("" if record is None else record.error),
+                    "edits": len(standing(read_edits(log))) if log.is_file() else 0,
+                    "warning": str(row.get("warning", "")),
+                    "measured_percent": row.get("measured_percent"),
+                    "stated": {key: str(value) for key, value in trial.stated.items() if key != "hints"},
+                    "command": self.command(trial),
+                }
+            )
+        return {"trials": rows, "out": str(self.out), "passed": PASSED, "command": self.batch_command()}
+
+    def command(self, trial: Trial) -> str:
+        """The command that tracks a trial as the desk does."""
+        words = ["mocap", "track", *map(_plain, trial.paths)]
+        for key, value in trial.stated.items():
+            if key == "hints" or value is False or value is None:
+                continue
+            option = "--" + key.removesuffix("_px").replace("_", "-")
+            for one in value if isinstance(value, list) else [value]:
+                words += [option] if one is True else [option, _plain(one)]
+        words += [] if self.options.validate else ["--no-validate"]
+        return shlex.join([*words, "--model", str(self.options.model), "--out", str(self.out / trial.name), "--force"])
+
+    def batch_command(self) -> str:
+        """The command that tracks all of them."""
+        words = ["mocap", "batch", self.manifest, "--out", self.out, "--jobs", self.jobs, "--model", self.options.model]
+        return shlex.join([*map(str, words), *([] if self.options.validate else ["--no-validate"])])
+
+    def audit(self, name: str) -> list[dict[str, Any]]:
+        """What is found in a trial's files, worst first, each with what the program can do about it."""
+        trial = self.trial(name)
+        found: list[Finding] = []
+        try:
+            recording = trial.recording()
+            found += [*recording.findings, *recording.told]
+            if recording.pixels is not None and len(recording.cameras) > 1:
+                film = with_ideal_pixels(recording)
+                assert film.rows is not None
+                assert film.pixels is not None
+                found += [*film.told, *audit_points(film)[1]]
+                found += audit.audit_filmed(film.cameras, film.pixels, film.ideal_px, film.rows)
+            elif recording.pixels is not None:
+                found += audit.pixel_findings(recording.pixels)
+            elif recording.points is not None:
+                found += audit.point_findings(recording.points)
+        except MocapError as error:
+            found.append(
+                Finding(kind="pixel origin" if "`origin`" in str(error) else "refused", alarm=True, text=str(error))
+            )
+        once = {one.text: one for one in sorted(found, key=lambda one: not one.alarm)}
+        return [
+            {
+                "kind": one.kind,
+                "text": one.text,
+                "alarm": one.alarm,
+                "mend": [
+                    {"said": said, "name": key, "value": value}
+                    for said, key, value in MEND.get(one.kind, ())
+                    if (one.alarm or one.kind == "assumed unit") and trial.stated.get(key) != value
+                ],
+            }
+            for one in once.values()
+        ]
+
+    def state(self, name: str, key: str, value: Any) -> str:
+        """State something of a trial, as an argument of ``mocap.read``; it is kept in the manifest.
+
+        Args:
+            name: The trial.
+            key: An argument of ``MEND``, or ``skip``: why it is not tracked (empty: it is).
+            value: Its value.
+        """
+        trial = self.trial(name)
+        if key == "skip":
+            self.trials[name] = replace(trial, skip=str(value))
+        else:
+            self.trials[name] = replace(trial, stated={**trial.stated, key: value})
+        self.save()
+        return f"{name}: {key.replace('_', ' ')} {value}"
+
+    def track(self) -> str:
+        """Begin to track what has not been tracked as it is now; ``progress`` tells how far it is."""
+        if self._running is not None and self._running.is_alive():
+            return "it is being tracked"
+        for name in self.trials:  # a log that came since
+            if self.log(name).is_file() and "edits" not in self.trials[name].stated:
+                self.state(name, "edits", self.log(name))
+        self.save()
+        context = get_context("spawn")
+        self._ear, mouth = context.Pipe(duplex=False)
+        how = {"jobs": self.jobs, "model": self.options.model, "validate": self.options.validate}
+        self._running = context.Process(target=_track, args=(mouth, self.manifest, self.out, how))
+        self._heard = {"said": "starting"}
+        self._running.start()
+        mouth.close()
+        return "tracking; it can be stopped, and goes on where it was"
+
+    def progress(self) -> dict[str, Any]:
+        """How far tracking is."""
+        ear = self._ear
+        with suppress(EOFError, OSError):
+            while ear is not None and ear.poll():
+                self._heard |= ear.recv()
+        running = self._running is not None and self._running.is_alive()
+        return self._heard | {"running": running}
+
+    def stop(self) -> str:
+        """Stop tracking; trials that have ended are kept, and ``track`` goes on."""
+        process = self._running
+        if process is None or process.pid is None or not process.is_alive():
+            return "nothing is being tracked"
+        if os.name == "posix":
+            os.kill(process.pid, signal.SIGINT)  # as Ctrl-C does: it ends its workers, and sums up
+            process.join(10)
+        if process.is_alive():
+            process.terminate()
+            process.join()
+        return "stopped; trials that have ended are kept"
+
+    def open(self, name: str) -> dict[str, Any]:
+        """Open a trial that was tracked for proof-reading."""
+        trial = self.trial(name)
+        if read_record(self.out / name) is None:
+            raise MocapError(f"{name} has not been tracked: track it first")
+        plain = replace(trial, stated={key: value for key, value in trial.stated.items() if key != "edits"})
+        self.proof = None
+        self.proof = open_proof(name, plain.recording(), load(self.out / name), self.log(name))
+        return self.proof.info()
+
+    def opened(self) -> Proof:
+        """The trial that is proof-read.
+
+        Raises:
+            MocapError: none is open.
+        """
+        if self.proof is None:
+            raise MocapError("open a trial first")
+        return self.proof
+
+    def pass_on(self, name: str, kind: str) -> str:
+        """Write a result for others: its report, or an export of ``mocap kinematics``.
+
+        Raises:
+            MocapError: it has been changed since it was tracked, or cannot be written so.
+        """
+        trial = self.trial(name)
+        if known(self._as_edited(trial), self.options, self.out) is None:
+            raise MocapError(f"{name} was changed or corrected since it was tracked: track it first")
+        exports = [] if kind == "report" else [kind]
+        place = self.out / name / "kinematics"
+        with result_folder(place, "kinematics", replace=True) as folder:
+            refused = load(self.out / name).write_kinematics(folder, exports=exports)
+        if refused:
+            raise MocapError("; ".join(refused))
+        words = ["mocap", "kinematics", str(self.out / name), *(["--export", kind] if exports else []), "--force"]
+        return f"wrote {place}; the same: {shlex.join(words)}"
+
+    def _as_edited(self, trial: Trial) -> Trial:
+        log = self.log(trial.name)
+        return replace(trial, stated={**trial.stated, "edits": log}) if log.is_file() else trial
+
+    def scene(self) -> bytes:
+        """The result that is proof-read, as a recording of rerun."""
+        with TemporaryDirectory() as place:
+            self.opened().result.write_recording(Path(place))
+            return (Path(place) / "recording.rrd").read_bytes()
+
+
+def _plain(value: Any) -> str:
+    """As it is typed: numbers without needless digits, paths without needless steps."""
+    return (
+        f"{value:g}" if isinstance(value, float) else os.path.normpath(value) if isinstance(value, Path) else str(value)
+    )
+
+
+def _track(mouth: Connection, manifest: Path, out: Path, how: dict[str, Any]) -> None:
+    """In a process of its own: track, and tell how far it is."""
+
+    def tell(progress: Any) -> None:
+        doing = "; ".join(does for _, does in sorted(progress.workers.items()))
+        left = "" if progress.left_s is None else f", about {progress.left_s:.0f} s left"
+        said = f"{progress.done} of {progress.total} done{left}" + (f": {doing}" if doing else "")
+        with suppress(OSError):  # nobody hears it any more
+            mouth.send({"said": said, "done": progress.done, "total": progress.total})
+
+    try:
+        found = batch(manifest, out, progress=tell, **how)
+    except (MocapError, KeyboardInterrupt) as stop:
+        with suppress(OSError):
+            mouth.send({"said": str(getattr(stop, "kept", None) or stop or "stopped")})
+        sys.exit(1)
+    with suppress(OSError):
+        mouth.send({"said": found.report_text})
+
+
+@contextmanager
+def opened_desk(
+    sources: list[str], out: Path, *, options: Options, jobs: int = 2, stated: Mapping[str, Any] | None = None
+) -> Iterator[Desk]:
+    """A desk of a folder's trials, which goes on where an earlier one on the same results ended.
+
+    Args:
+        sources: As of ``mocap.batch``.
+        out: The folder of results.
+        options: How trials are tracked.
+        jobs: How many at a time.
+        stated: Arguments of ``mocap.read`` for all trials; what the manifest of an earlier desk states goes before.
+
+    Raises:
+        MocapError: there is no trial, or another desk works in ``out``.
+    """
+    out = out.absolute()
+    before = {trial.name: trial for trial in read_manifest(out / PLAN)} if (out / PLAN).is_file() else {}
+    found = {trial.name: trial for trial in find_trials(list(sources), stated=stated, out=out)}
+    (out / "edits").mkdir(parents=True, exist_ok=True)
+    with locked(out / "edits"):
+        desk = Desk(out=out, trials=found | before, options=options, jobs=jobs)
+        desk.save()
+        try:
+            yield desk
+        finally:
+            desk.stop()

@@ -1,0 +1,386 @@
+"""Proof-reading of one tracked trial: where a correction would settle most, and what each one settles at once."""
+
+import getpass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eal.arrays import Array, true_runs
+from mocap.cameras.camera import stacked
+from mocap.cameras.origin import flipped
+from mocap.cameras.triangulate import linear, project
+from mocap.digitising.films import Films, open_films
+from mocap.digitising.overlays import ellipses, epipolar_lines, listed, png
+from mocap.errors import MocapError
+from mocap.io.movies import FILMS
+from mocap.pipeline.edits import AROUND, Edit, append_edit, edited, read_edits, resolved, standing, straightened
+from mocap.pipeline.recording import Recording, with_ideal_pixels
+from mocap.records import MarkerTracks, Status
+from mocap.results.tracked import Tracked
+
+MOST = 300
+"""Places that are listed; a person works from the top, and the list is made anew after each correction."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where a correction would settle something.
+
+    Attributes:
+        frame: Row, from 0.
+        marker: Its number.
+        first: First row of the run that a correction settles.
+        last: Its last.
+        worth_m2: Squared error that is expected in the run, summed over its frames.
+        why: In a person's words.
+    """
+
+    frame: int
+    marker: int
+    first: int
+    last: int
+    worth_m2: float
+    why: str
+
+
+def unsettled(tracks: MarkerTracks, measured_m: Array) -> Array:
+    """(T, M) squared error that is expected of each sample, in square metres; NaN where there is no position.
+
+    The trace of its covariance; where a measurement was not believed also the variance of two hypotheses that are a
+    distance d apart and equally likely, d^2 / 4.
+
+    Args:
+        tracks: What was tracked.
+        measured_m: (T, M, 3) what was measured, believed or not; NaN where it was not seen.
+    """
+    apart = np.sum((tracks.xyz_m - measured_m) ** 2, axis=-1)
+    doubted = (tracks.status == Status.REJECTED) & np.isfinite(apart)
+    return np.trace(tracks.cov_m2, axis1=-2, axis2=-1) + np.where(doubted, np.nan_to_num(apart) / 4, 0.0)
+
+
+def places(tracks: MarkerTracks, measured_m: Array, done: NDArray[np.bool_]) -> list[Place]:
+    """Where corrections would settle most, the most first.
+
+    A correction settles the run of frames of its marker that were not measured, or, in a run that was, its frame: of
+    each run the frame with the largest expected error is asked for.
+
+    Args:
+        tracks: What was tracked.
+        measured_m: As of ``unsettled``.
+        done: (T, M) True where a person has been.
+    """
+    worth = unsettled(tracks, measured_m)
+    left = np.isfinite(worth) & ~done
+    measured = tracks.status == Status.MEASURED
+    found = []
+    for m in range(len(tracks.names)):
+        for whole in (False, True):
+            for first, stop in true_runs((measured[:, m] == whole) & left[:, m]):
+                part = worth[first:stop, m]
+                at = int(first + np.argmax(part))
+                n = stop - first
+                total = float(part.max() if whole else part.sum())
+                status = Status(int(tracks.status[at, m]))
+                why = {
+                    Status.MEASURED: "digitised, but uncertain",
+                    Status.REJECTED: "digitised, and not believed: two places are possible",
+                    Status.PREDICTED: f"not seen at an end, {n} frames",
+                }.get(status, f"not seen for {n} frames")
+                bounds = (at, at) if whole else (int(first), int(stop) - 1)
+                found.append(Place(frame=at, marker=m, first=bounds[0], last=bounds[1], worth_m2=total, why=why))
+    return sorted(found, key=lambda place: -place.worth_m2)[:MOST]
+
+
+@dataclass(eq=False, kw_only=True)
+class Proof:
+    """A trial that is proof-read.
+
+    Attributes:
+        name: Of the trial.
+        raw: Its files as they were read, without edits, and with what was decided of the pixels.
+        result: What was tracked.
+        log: The file of the edits.
+        films: Its films, if there are any.
+        edits: All lines of the log.
+        pending: Edits that nothing was solved with yet, and whether they were taken back.
+        recording: ``raw`` with the edits.
+        tracks: The result, with what the corrections since have settled.
+    """
+
+    name: str
+    raw: Recording
+    result: Tracked
+    log: Path
+    films: Films | None = None
+    edits: list[Edit] = field(default_factory=list)
+    pending: list[tuple[Edit, bool]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Replay the log."""
+        self.recording = edited(self.raw, self.edits, where=self.log.name)
+        self.tracks = self.result.tracks
+        self.pending += [(edit, False) for edit in standing(self.edits) if not self._tracked_with(edit)]
+
+    def _tracked_with(self, edit: Edit) -> bool:
+        """Whether the result was made with an edit; it says of each sample whether a person corrected it."""
+        frames = slice((edit.frame or 1) - 1, edit.last or edit.frame)
+        return bool((self.result.repaired[frames, self.raw.names.index(edit.marker or "")] == 2).all())
+
+    @cached_property
+    def sizes_px(self) -> list[tuple[float, float]]:
+        """Width and height of each camera's picture: of its film, of the calibration, or of what it shows."""
+        if self.films is not None:
+            return [(float(width), float(height)) for width, height in (m.size_px for m in self.films.movies)]
+        pixels = self.raw.pixels
+        if pixels is None:
+            return []
+        most = np.nanmax(pixels.uv_px, axis=(1, 2), initial=1.0)
+        cameras = self.raw.cameras or (None,) * len(most)
+        sizes = [None if camera is None else camera.size_px for camera in cameras]
+        whole = [np.ceil(1.05 * own) if size is None else size for size, own in zip(sizes, most, strict=True)]
+        return [(float(width), float(height)) for width, height in whole]
+
+    @cached_property
+    def height_px(self) -> float | None:
+        """By which rows counted from below are shown from above; None: they are counted from above."""
+        rows = self.raw.rows
+        if rows is None or "lower-left" not in (rows.pixels, rows.coefficients):
+            return None
+        return rows.height_px or float(self.sizes_px[0][1])
+
+    def _shown(self, camera: int, uv_px: Array) -> Array:
+        """Ideal pixels as the picture shows them."""
+        rows, cam = self.raw.rows, self.raw.cameras[camera]
+        if self.raw.lens is not None:
+            bent = np.broadcast_to(uv_px, (len(self.raw.cameras), *uv_px.shape)).copy()
+            for _ in range(4):  # the inverse of ``straight``, whose steps shrink by the lens' slope, 0.1 or less
+                bent += uv_px - self.raw.lens.straight(bent)
+            uv_px = bent[camera]
+        uv = flipped(uv_px, self.height_px) if rows is not None and rows.coefficients == "lower-left" else uv_px
+        return uv if cam.lens is None else cam.lens.distort(uv)
+
+    def _upright(self, uv_px: Array) -> Array:
+        """Pixels of the file as pictures show them, or the reverse."""
+        rows = self.raw.rows
+        return flipped(uv_px, self.height_px) if rows is not None and rows.pixels == "lower-left" else uv_px
+
+    def info(self) -> dict[str, Any]:
+        """What does not change while it is open."""
+        return {
+            "trial": self.name,
+            "names": list(self.raw.names),
+            "cameras": list(self.raw.camera_names),
+            "sizes": self.sizes_px,
+            "films": self.films is not None,
+            "n_frames": len(self.raw.t_s),
+            "fps": self.raw.fps,
+            "quantities": [] if self.result.plane is not None else list(self.result.kinematics),
+        }
+
+    def frame(self, frame: int, marker: int) -> dict[str, Any]:
+        """What is drawn over the pictures of a frame, and what is known of the marker there."""
+        recording, markers, names = self.recording, self.tracks, self.raw.names
+        status = Status(int(markers.status[frame, marker])).name.lower()
+        changed = recording.edited[frame]
+        told = {
+            "status": "edited" if changed[marker] and status == "measured" else status,
+            "sd_mm": listed(1e3 * markers.sd_m[frame, [marker]]),
+        }
+        if recording.pixels is None:
+            return told | {"cameras": []}
+        clicked = self._upright(recording.pixels.uv_px[:, frame])
+        shapes, lines = np.full((*clicked.shape[:2], 5), np.nan), [[] for _ in clicked]
+        if recording.cameras:
+            matrices = stacked(recording.cameras)
+            up = recording.rows is not None and recording.rows.coefficients == "lower-left"
+            shapes = ellipses(matrices, markers.xyz_m[frame], markers.cov_m2[frame], self._shown, y_up=up)
+            first = max(0, frame - AROUND)  # cameras that run late are read between their frames
+            near = recording.at(slice(first, frame + AROUND))
+            ideal = straightened(near, recording.pixels.uv_px[:, first : frame + AROUND, [marker]])[:, frame - first, 0]
+            lines = epipolar_lines(matrices, ideal, self.sizes_px, self._shown)
+        return told | {
+            "cameras": [
+                {
+                    "markers": [
+                        {"click": listed(clicked[c, m]), "ellipse": listed(shapes[c, m]), "edited": bool(changed[m])}
+                        for m in range(len(names))
+                    ],
+                    "lines": lines[c],
+                }
+                for c in range(len(clicked))
+            ]
+        }
+
+    def picture(self, camera: int, frame: int) -> bytes | None:
+        """A picture of a film."""
+        found = None if self.films is None else self.films.picture(camera, frame)
+        return None if found is None else png(found)
+
+    @cached_property
+    def _measured(self) -> Array:
+        """(T, M, 3) what the files say, believed or not."""
+        if self.raw.rows is None:
+            return np.full_like(self.tracks.xyz_m, np.nan) if self.raw.points is None else self.raw.xyz_m
+        return linear(stacked(self.raw.cameras), self.raw.ideal_px)
+
+    def places(self) -> list[Place]:
+        """What is to be looked at next, by how much a correction would settle."""
+        return places(self.tracks, self._measured, self.recording.edited)
+
+    def edit(self, **what: Any) -> str:
+        """Add a correction to the log; it is on the disk when this returns. ``settle`` solves what it touches.
+
+        Args:
+            **what: Fields of ``mocap.pipeline.edits.Edit``, ``uv_px`` as the picture counts.
+
+        Raises:
+            MocapError: it names what is not there; nothing was kept then.
+        """
+        if what.get("uv_px") is not None:
+            what["uv_px"] = tuple(self._upright(np.array(what["uv_px"], dtype=float)).tolist())
+        edit = Edit(who=_user(), when=datetime.now(UTC).isoformat(timespec="seconds"), **what)
+        kept = standing(self.edits)
+        if edit.what == "undo" and not kept:
+            return "there is no correction to take back"
+        recording = edited(self.raw, [*self.edits, edit], where="the correction")
+        append_edit(self.log, edit)
+        self.edits.append(edit)
+        self.recording = recording
+        self.pending.append((kept[-1], True) if edit.what == "undo" else (edit, False))
+        n = len(standing(self.edits))
+        return f"{n} correction{'s' * (n != 1)} kept"
+
+    def settle(self) -> str:
+        """Solve again what the corrections touch that were made since this was called last."""
+        said = "nothing to solve"
+        while self.pending:
+            said = self._settle(*self.pending.pop(0))
+        return said
+
+    def _settle(self, edit: Edit, back: bool) -> str:
+        """Solve again what an edit touches: around it, or around both ends of a range, whose middle is as it says."""
+        first, last = (edit.frame or 1) - 1, (edit.last or edit.frame or 1) - 1
+        which = np.array([self.raw.names.index(name) for name in (edit.marker, edit.other) if name is not None])
+        spans = [(first, last)] if last - first <= 2 * AROUND else [(first, first), (last, last)]
+        tracks, whole = self.tracks, self.result.tracks
+        xyz, cov, status = (np.array(a) for a in (tracks.xyz_m, tracks.cov_m2, tracks.status))
+        run = slice(first, last + 1)
+        if edit.what == "exchange" and (not back or self._tracked_with(edit)):
+            for array in (xyz, cov, status):
+                array[run, which] = array[run, which[::-1]]
+        elif back:
+            for array, old in zip((xyz, cov, status), (whole.xyz_m, whole.cov_m2, whole.status), strict=True):
+                array[run, which] = old[run][:, which]
+        elif len(spans) > 1:
+            xyz[run, which], cov[run, which], status[run, which] = np.nan, np.nan, Status.MISSING
+        changed = self.recording.edited
+        # names that the program put right stand otherwise in the files: there the result stays as it is
+        named = (self.result.repaired == 1) & ~changed
+        recording = self.recording
+        if recording.pixels is not None and named.any():
+            recording = recording.having(pixels=np.where(named[..., None], np.nan, recording.pixels.uv_px))
+        said = ""
+        for span in spans:
+            try:
+                window, found = resolved(
+                    recording, tracks, sd_px=self._sd_px, markers=which.tolist(), first=span[0], last=span[1]
+                )
+            except MocapError as error:  # one ray alone: it is kept, and settles something with the next
+                said = f"; {error}"
+                continue
+            frames = np.arange(len(status))[window]
+            near = (frames[:, None] >= span[0]) & (frames[:, None] <= span[1])
+            # measured samples beside it stay as all markers together have them
+            new = near | changed[window][:, which] | (status[window][:, which] != Status.MEASURED)
+            new &= (np.isfinite(found.xyz_m[..., 0]) | near) & ~named[window][:, which]
+            for array, value in zip((xyz, cov, status), (found.xyz_m, found.cov_m2, found.status), strict=True):
+                old = array[np.ix_(frames, which)]
+                array[np.ix_(frames, which)] = np.where(new.reshape(*new.shape, *(1,) * (old.ndim - 2)), value, old)
+        self.tracks = replace(tracks, xyz_m=xyz, cov_m2=cov, status=status)
+        sd = self.tracks.sd_m[first, which[0]]
+        known = "is not known" if np.isnan(sd) else f"is known to {1e3 * sd:.2g} mm"
+        return f"{edit.marker} in frame {first + 1} {known}{said}{'' if back else self._missed(edit, first, which[0])}"
+
+    def _missed(self, edit: Edit, frame: int, marker: int) -> str:
+        """That a place is not where the track is: the other cameras or the motion contradict it."""
+        if edit.what != "place" or not self.raw.cameras or edit.camera is None or edit.uv_px is None:
+            return ""
+        at = project(stacked(self.raw.cameras), self.tracks.xyz_m[frame, marker])
+        c = self.raw.camera_names.index(edit.camera)
+        off = float(np.linalg.norm(self._shown(c, at[c][None])[0] - self._upright(np.array(edit.uv_px))))
+        believed = not off > 5 * self._sd_px  # as rays are (``mocap.cameras.triangulate.robust``)
+        return "" if believed else f"; it misses the place in {edit.camera} by {off:.0f} px: place it elsewhere, too"
+
+    @property
+    def _sd_px(self) -> float:
+        noise = self.result.report.get("pixel_noise_px")
+        jitter = noise.get("jitter") if isinstance(noise, Mapping) else None
+        return float(jitter or 1.0)
+
+    def curve(self, name: str, points: int = 2000) -> dict[str, Any]:
+        """A quantity over time with its 95 % interval, of a long recording at so many frames.
+
+        Raises:
+            MocapError: there is none of that name.
+        """
+        found = self.result.kinematics[name]
+        frames = np.unique(np.linspace(0, len(found.value) - 1, min(points, len(found.value))).astype(int))
+
+        def numbers(values: Array) -> list[float | None]:
+            return [None if np.isnan(x) else round(float(x), 5) for x in values[frames]]
+
+        return {
+            "name": name,
+            "unit": found.unit,
+            "frames": frames.tolist(),
+            "value": numbers(found.value),
+            "low": numbers(found.low),
+            "high": numbers(found.high),
+        }
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # of a computer that has no name for it
+        return "unknown"
+
+
+def open_proof(name: str, recording: Recording, result: Tracked, log: Path) -> Proof:
+    """Open a trial for proof-reading, with its films where they lie beside its tracks.
+
+    Args:
+        name: Of the trial.
+        recording: As read, without edits.
+        result: What was tracked.
+        log: The file of the edits; it need not be there.
+    """
+    filmed = recording.pixels is not None and len(recording.cameras) > 1
+    raw = with_ideal_pixels(recording) if filmed else recording
+    edits = read_edits(log) if log.is_file() else []
+    films = films_beside(raw) if filmed else None
+    return Proof(name=name, raw=raw, result=result, log=log, films=films, edits=edits)
+
+
+def films_beside(recording: Recording) -> Films | None:
+    """Films of a recording: those in its folder, else in a folder there of which each film or folder is a camera's."""
+    if recording.file is None:
+        return None
+    place = recording.file.parent
+    inside = sorted(path for path in place.iterdir() if not path.name.startswith("."))
+    own = [path for path in inside if path.suffix.lower() in FILMS]
+    mine = [path for path in own if path.stem.startswith(recording.name)]
+    tries: list[Sequence[Path]] = [mine, own, *([path] for path in inside if path.is_dir())]
+    for given in tries:
+        try:
+            if given:
+                return open_films(given, recording.cameras)
+        except (MocapError, OSError):  # others' pictures, or results
+            continue
+    return None

@@ -1,0 +1,89 @@
+
+"use strict";
+// what the pages of ours share: asking the server, and pictures of cameras in which markers are seen, zoomed and clicked
+const $ = id => document.getElementById(id);
+const views = [];  // of each camera: { canvas, size, image, zoom, at }; `at` is the place in the middle
+let busy = Promise.resolve();
+
+// addresses are relative: they carry the token on
+async function get(path, how) {
+  const r = await fetch(path, how), answer = await r.json();
+  if (!r.ok) throw answer.said;
+  return answer;
+}
+async function post(path, data) {
+  const how = { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(data) };
+  const answer = await get(path, how);
+  $("said").textContent = answer.said;
+  return answer;
+}
+// one after the other; what goes wrong is said
+function queued(work) { busy = busy.then(work).catch(e => { $("said").textContent = String(e); }); return busy; }
+function make(kind, text, more) { return Object.assign(document.createElement(kind), { textContent: text }, more); }
+
+// a camera's picture; `on` is told of presses, clicks and where the mouse is
+function addView(box, name, size, on) {
+  const film = make("div", "", { className: "film" }), canvas = document.createElement("canvas");
+  canvas.id = "film" + views.length;
+  film.append(canvas, make("span", name)); box.append(film);
+  const v = { canvas, size, image: null, zoom: 1, at: [size[0] / 2, size[1] / 2], c: views.length };
+  views.push(v);
+  canvas.onmousedown = e => on.press(v, e);
+  canvas.onclick = e => on.click(v, e);
+  canvas.onmouseenter = () => on.enter(v);
+  canvas.onwheel = e => { e.preventDefault(); zoomTo(v, v.zoom * (e.deltaY < 0 ? 1.25 : 0.8), place(v, e)); on.draw(); };
+  return v;
+}
+function scale(v) { return v.zoom * Math.min(v.canvas.width / v.size[0], v.canvas.height / v.size[1]); }
+function place(v, e) {  // column and row of the picture, its corner at (0, 0)
+  const r = v.canvas.getBoundingClientRect(), s = scale(v);
+  return [v.at[0] + (e.clientX - r.left - r.width / 2) / s, v.at[1] + (e.clientY - r.top - r.height / 2) / s];
+}
+function zoomTo(v, zoom, p) {  // the place p stays where it is
+  const z = Math.min(40, Math.max(1, zoom));
+  v.at = [p[0] + (v.at[0] - p[0]) * v.zoom / z, p[1] + (v.at[1] - p[1]) * v.zoom / z]; v.zoom = z;
+}
+// the marker whose mark is at a place of the screen (else another one), and that place
+function near(v, e, marks, other) {
+  const p = place(v, e);
+  let best = { m: other, d: 8 / scale(v) };
+  marks.forEach((x, m) => {
+    const at = x.click || x.dot;
+    if (at) { const d = Math.hypot(at[0] - 0.5 - p[0], at[1] - 0.5 - p[1]); if (d < best.d) best = { m, d }; }
+  });
+  return { m: best.m, x: e.clientX, y: e.clientY };
+}
+// whether a press was let go elsewhere
+function dragged(held, e) { return held && Math.hypot(e.clientX - held.x, e.clientY - held.y) > 3; }
+async function loadPictures(frame) {
+  await Promise.all(views.map(async v => {
+    const image = new Image(); image.src = `picture?camera=${v.c}&frame=${frame}`;
+    try { await image.decode(); v.image = image; } catch { v.image = null; }
+  }));
+}
+// a picture with the marks of all markers: { click, dot, ellipse, edited }, and the lines of one of them
+function drawView(v, marks, lines, marker) {
+  const k = v.canvas, g = k.getContext("2d");
+  k.width = k.clientWidth; k.height = k.clientHeight;
+  const s = scale(v);
+  g.setTransform(s, 0, 0, s, k.width / 2 - v.at[0] * s, k.height / 2 - v.at[1] * s);
+  g.imageSmoothingEnabled = false;
+  if (v.image) g.drawImage(v.image, 0, 0);
+  g.translate(-0.5, -0.5);  // the centre of the first pixel is at (1, 1), its corner at (0.5, 0.5)
+  g.lineWidth = 1 / s;
+  marks.forEach((m, i) => {
+    const mine = i === marker, r = 6 / s;
+    g.strokeStyle = mine ? "#fc6" : m.edited ? "#6f9" : "#6cf";
+    if (m.click) { g.beginPath(); g.arc(m.click[0], m.click[1], r, 0, 7); g.stroke(); }
+    if (m.dot) { g.strokeRect(m.dot[0] - r * 0.8, m.dot[1] - r * 0.8, r * 1.6, r * 1.6); }
+    if (m.ellipse && (mine || !m.dot)) {
+      const [u, w, a, b, turn] = m.ellipse;
+      g.globalAlpha = mine ? 1 : 0.4; g.beginPath(); g.ellipse(u, w, Math.max(a, r), Math.max(b, r), turn, 0, 7); g.stroke();
+      g.globalAlpha = 1;
+    }
+  });
+  g.strokeStyle = "#f6c";
+  lines.forEach(line => {
+    g.beginPath(); line.forEach((p, i) => i ? g.lineTo(p[0], p[1]) : g.moveTo(p[0], p[1])); g.stroke();
+  });
+}

@@ -1,0 +1,293 @@
+"""The desk as a person uses it: a folder is opened, tracked, corrected and passed on, in a real browser."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from contextlib import contextmanager
+from urllib.parse import urlsplit
+
+import httpx2
+import numpy as np
+import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
+
+import mocap
+from mocap.batches.known import Options
+from mocap.batches.manifest import read_manifest
+from mocap.desk.desk import opened_desk
+from mocap.desk.page import desk_page
+from mocap.errors import MocapError
+from mocap.io.manifest import current
+from mocap.pipeline.edits import read_edits
+from mocap.records import Status
+from mocap.web import served
+from tests.mocap.desk.filmed_trial import FPS, GAP, SWAPPED, trial
+from tests.mocap.digitising.filmed import NAMES, SIZE
+from tests.mocap.rerun.browser import chromium
+
+HAND, TAIL = NAMES.index("hand"), NAMES.index("tail")
+OPTIONS = Options(model="constant_velocity", validate=False)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return trial(tmp_path_factory.mktemp("desk"))
+
+
+@contextmanager
+def desk_of(scene, out):
+    where = scene.folder
+    stated = {"calibration": where / "calibration.toml", "skeleton": where / "skeleton.toml", "fps": FPS}
+    sources = [str(where / "flight_xypts.csv")]
+    with opened_desk(sources, out, options=OPTIONS, jobs=1, stated=stated) as desk:
+        yield desk
+
+
+def client(address):
+    origin = "http://" + urlsplit(address).netloc
+    return httpx2.Client(base_url=address, headers={"Origin": origin}, timeout=60)
+
+
+def tracked(desk):
+    desk.track()
+    while desk.progress()["running"]:
+        time.sleep(0.1)
+    return desk.progress()
+
+
+@pytest.fixture(scope="module")
+def worked(scene, tmp_path_factory):
+    """A desk whose trial was tracked, and a browser's client at its page."""
+    with desk_of(scene, tmp_path_factory.mktemp("worked") / "out") as desk:
+        told = tracked(desk)
+        assert told["done"] == told["total"] == 1, told
+        with served(desk_page(desk)) as site, client(site.address) as browser:
+            yield desk, browser
+
+
+def until(driver, script):
+    while not driver.execute_script(f"return {script}"):
+        time.sleep(0.05)
+
+
+def test_a_person_opens_tracks_corrects_and_exports(scene, tmp_path):
+    """A folder is opened in a browser, tracked, three points are placed with the mouse, tracked again, passed on.
+
+    What is passed on says `edited`, the log holds the three places, and its replay by the library gives the same bytes.
+    """
+    out = tmp_path / "out"
+    with desk_of(scene, out) as desk, served(desk_page(desk)) as site, chromium() as driver:
+        driver.get(site.address)
+        until(driver, "document.body.dataset.ready === '1'")
+        driver.find_element("class name", "look").click()
+        until(driver, "document.body.dataset.audits === '1'")
+        driver.find_element("id", "track").click()
+        until(driver, "document.body.dataset.tracked === '1'")
+        driver.find_element("class name", "read").click()
+        until(driver, "document.body.dataset.opened === '1'")
+        first = driver.find_elements("class name", "place")[0].text
+        assert first.startswith("hand, frame ")  # the gap, which a click settles most
+        for n, frame in enumerate((GAP[6], GAP[2], GAP[9]), start=1):
+            driver.find_element("tag name", "body").send_keys("f")
+            driver.switch_to.active_element.send_keys(str(frame + 1), Keys.ENTER)
+            until(driver, f"document.body.dataset.frame === '{frame}'")
+            driver.execute_script("views.forEach(v => { v.zoom = 1; v.at = [v.size[0] / 2, v.size[1] / 2]; }); draw();")
+            canvas = driver.find_element("id", "film0")
+            size = canvas.size
+            scale = min(size["width"] / SIZE[0], size["height"] / SIZE[1])
+            u, v = ((scene.uv_px[0, frame, HAND] - 0.5 - np.array(SIZE) / 2) * scale).round().astype(int).tolist()
+            ActionChains(driver).move_to_element_with_offset(canvas, u, v).click().perform()
+            until(driver, f"document.body.dataset.changed === '{n}'")
+            until(driver, f"Number(document.body.dataset.settled) >= {n + 1}")
+        driver.find_element("css selector", "[data-room=trials]").click()
+        until(driver, "document.querySelector('td.changed')")
+        driver.find_element("id", "track").click()
+        until(driver, "document.body.dataset.tracked === '2'")
+        driver.find_element("class name", "pass").click()
+        until(driver, "document.body.dataset.passed === '1'")
+        assert (out / "flight" / "kinematics" / "report.html").is_file()
+        asked = driver.execute_script("return performance.getEntriesByType('resource').map(r => r.name)")
+        assert all(url.startswith((site.address, "data:")) for url in asked)
+    edits = read_edits(out / "edits" / "flight" / "edits.jsonl")
+    assert [(edit.what, edit.frame, edit.marker, edit.camera) for edit in edits] == [
+        ("place", frame + 1, "hand", "cam1") for frame in (GAP[6], GAP[2], GAP[9])
+    ]
+    for edit in edits:
+        assert np.abs(np.subtract(edit.uv_px, scene.uv_px[0, edit.frame - 1, HAND])).max() < 3
+    result = mocap.load(out / "flight")
+    assert (result.markers["repaired"].values[[GAP[2], GAP[6], GAP[9]], HAND, 0] == 2).all()
+    again = mocap.read(
+        scene.folder / "flight_xypts.csv",
+        calibration=scene.folder / "calibration.toml",
+        skeleton=scene.folder / "skeleton.toml",
+        fps=FPS,
+        edits=out / "edits" / "flight" / "edits.jsonl",
+    )
+    mocap.track(again, model="constant_velocity", validate=False).save(tmp_path / "replay")
+    for name in ("markers.csv", "kinematics.csv"):
+        assert current(out / "flight", name).read_bytes() == current(tmp_path / "replay", name).read_bytes()
+    assert ",edited" in (out / "flight" / "markers.csv").read_text()
+
+
+def test_places_are_ranked_by_what_a_click_settles(worked):
+    """The gap first; the click that was not believed is asked for, with that reason."""
+    desk, browser = worked
+    assert browser.get("open?trial=flight").status_code == 200
+    found = browser.get("places").json()
+    worth = [place["worth_mm2"] for place in found]
+    assert worth == sorted(worth, reverse=True)
+    top = found[0]
+    assert NAMES[top["marker"]] == "hand"
+    assert (top["first"], top["last"]) == (GAP[0], GAP[-1])
+    doubted = [p for p in found if desk.proof.tracks.status[p["frame"], p["marker"]] == Status.REJECTED]
+    assert all("not believed" in place["why"] for place in doubted)
+
+
+def test_corrections_settle_at_once_and_are_taken_back(worked, scene):
+    """Places, an exchange and a deletion change the tracks around them; undone, tracks and recording are as before."""
+    desk, browser = worked
+    browser.get("open?trial=flight")
+    proof = desk.opened()
+    before, pixels = proof.tracks, proof.recording.pixels.uv_px
+    frame, at = GAP[5], {"frame": GAP[5], "marker": HAND}
+    for camera in (0, 1):
+        place = {**at, "camera": camera, "uv_px": scene.uv_px[camera, frame, HAND].tolist()}
+        assert browser.post("place", json=place).json()["said"] == f"{camera + 1} correction{'s' * camera} kept"
+    assert "known to" in browser.post("settle", json={}).json()["said"]
+    assert proof.tracks.status[frame, HAND] == Status.MEASURED
+    assert np.linalg.norm(proof.tracks.xyz_m[frame, HAND] - scene.xyz_m[frame, HAND]) < 1e-3
+    assert proof.tracks.sd_m[frame, HAND] < 0.5 * before.sd_m[frame, HAND]
+    left, right = NAMES.index("left"), NAMES.index("right")
+    span = {"first": SWAPPED[0], "last": SWAPPED[-1]}
+    browser.post("exchange", json={"marker": left, "other": right, **span})
+    browser.post("delete", json={"marker": TAIL, "first": 3, "last": 5})
+    browser.post("settle", json={})
+    assert (proof.tracks.status[3:6, TAIL] != Status.MEASURED).all()
+    shown = browser.get("frame", params=at).json()
+    assert shown["status"] == "edited"
+    assert shown["cameras"][0]["markers"][HAND]["edited"]
+    for _ in range(4):
+        browser.post("undo", json={})
+    browser.post("settle", json={})
+    assert browser.post("undo", json={}).json()["said"] == "there is no correction to take back"
+    np.testing.assert_array_equal(proof.recording.pixels.uv_px, pixels)
+    far = np.linalg.norm(proof.tracks.xyz_m - before.xyz_m, axis=-1)
+    sd = np.sqrt(before.sd_m**2 + proof.tracks.sd_m**2)
+    assert (far < 3 * sd)[~np.isnan(far)].all()
+    log = desk.log("flight").read_bytes()
+    assert log.count(b"\n") == 8
+
+
+def test_lines_and_ellipses_are_where_the_marker_is(worked, scene):
+    """The predicted ellipse of a marker contains its true pixel, and its lines pass through it."""
+    _, browser = worked
+    browser.get("open?trial=flight")
+    frame, marker = 10, NAMES.index("nose")
+    for c, camera in enumerate(browser.get("frame", params={"frame": frame, "marker": marker}).json()["cameras"]):
+        centre = camera["markers"][marker]["ellipse"][:2]
+        assert np.linalg.norm(np.subtract(centre, scene.uv_px[c, frame, marker])) < 1.5
+        assert len(camera["lines"]) == 2
+        for line in camera["lines"]:
+            fine = np.linspace(0, len(line) - 1, 20 * len(line))
+            fine = np.stack([np.interp(fine, range(len(line)), part) for part in np.transpose(line)], axis=-1)
+            assert np.linalg.norm(fine - scene.uv_px[c, frame, marker], axis=1).min() < 2  # clicks are off by 0.3
+
+
+PLACE = {"camera": 0, "frame": 0, "marker": 0, "uv_px": [5, 5]}
+
+
+@pytest.mark.parametrize(
+    ("path", "wrong"),
+    [
+        *(("place", PLACE | more) for more in ({"camera": 3}, {"frame": -1}, {"marker": 7}, {"uv_px": [-3, 5]})),
+        *(("place", PLACE | more) for more in ({"uv_px": [5, 1e9]}, {"frame": "0"}, {"who": "me"})),
+        ("delete", {"marker": 0, "first": 0, "last": 60}),
+        ("exchange", {"marker": 0, "other": 9, "first": 0, "last": 1}),
+        ("state", {"trial": "flight", "name": "calibration", "value": "/etc/passwd"}),
+        ("state", {"trial": "flight", "name": "fit_lens", "value": "rm"}),
+        ("pass", {"trial": "flight", "kind": "../x"}),
+        ("track", {"model": "x"}),
+    ],
+)
+def test_what_the_page_does_not_offer_is_refused(worked, path, wrong):
+    """Other numbers, names and values than those of the page: status 400, one line, and nothing is kept."""
+    desk, browser = worked
+    browser.get("open?trial=flight")
+    before = desk.log("flight").read_bytes() if desk.log("flight").is_file() else b""
+    answer = browser.post(path, json=wrong)
+    assert answer.status_code == 400
+    assert len(answer.json()["said"].splitlines()) == 1
+    assert before == (desk.log("flight").read_bytes() if desk.log("flight").is_file() else b"")
+
+
+def test_the_guard_stands_before_the_desk(worked):
+    """Without the token, of another origin, or another trial: refused; a second desk on the same results, too."""
+    desk, browser = worked
+    address = str(browser.base_url)
+    bare = address.split("/", 3)
+    with httpx2.Client(timeout=30) as other:
+        assert other.get(f"{bare[0]}//{bare[2]}/overview").status_code == 403
+        assert other.post(address + "undo", json={}, headers={"Origin": "http://evil.example"}).status_code == 403
+        assert other.post(address + "undo", json={}).status_code == 403
+    assert "no trial 'other'" in browser.get("open?trial=other").json()["said"]
+    files = [str(path) for path in desk.trials["flight"].paths]
+    with pytest.raises(MocapError, match=r"edits"), opened_desk(files, desk.out, options=OPTIONS):
+        pass
+
+
+def test_what_is_found_can_be_mended_and_is_kept(worked):
+    """Findings are in words, alarms first; a button states an argument of mocap.read, which the manifest keeps."""
+    desk, browser = worked
+    found = browser.get("audit?trial=flight").json()
+    assert [one["alarm"] for one in found] == sorted((one["alarm"] for one in found), reverse=True)
+    assert all(one["text"] for one in found)
+    browser.post("state", json={"trial": "flight", "name": "correct_lag", "value": True})
+    assert desk.overview()["trials"][0]["status"] == "changed"
+    assert "--correct-lag" in desk.overview()["trials"][0]["command"]
+    assert "track it first" in browser.post("pass", json={"trial": "flight", "kind": "xlsx"}).json()["said"]
+    trials = read_manifest(desk.manifest)
+    assert trials[0].stated["correct_lag"] is True
+    desk.trials["flight"].stated.pop("correct_lag")
+
+
+def test_a_kill_of_the_desk_loses_no_correction(scene, tmp_path, worked):
+    """The process that serves is killed in the middle of corrections: all that were acknowledged are in the log."""
+    desk, _ = worked
+    script = f"""
+        from pathlib import Path
+        from mocap.batches.known import Options
+        from mocap.desk.desk import opened_desk
+        from mocap.desk.page import desk_page
+        from mocap.web import served
+        options = Options(model="constant_velocity", validate=False)
+        stated = {{"calibration": Path({str(scene.folder / "calibration.toml")!r}), "fps": {FPS}}}
+        out = Path({str(tmp_path / "out")!r})
+        with opened_desk([{str(scene.folder / "flight_xypts.csv")!r}], out, options=options, stated=stated) as desk:
+            with served(desk_page(desk)) as site:
+                print(site.address, flush=True)
+                site.wait()
+    """
+    import shutil
+
+    shutil.copytree(desk.out / "flight", tmp_path / "out" / "flight")
+    with subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True) as run:
+        assert run.stdout is not None
+        address = run.stdout.readline().strip()
+        kept = 0
+        with client(address) as browser:
+            browser.get("open?trial=flight")
+            for frame in range(12):
+                answer = browser.post("place", json={**PLACE, "frame": frame, "uv_px": [50.5 + frame, 60.25]})
+                assert answer.status_code == 200, answer.text
+                kept += 1
+                if frame == 8:
+                    os.kill(run.pid, signal.SIGKILL)
+                    break
+    assert [edit.frame for edit in read_edits(tmp_path / "out" / "edits" / "flight" / "edits.jsonl")] == list(
+        range(1, kept + 1)
+    )
+    assert kept == 9

@@ -1,0 +1,106 @@
+"""What the desk draws over pictures and asks for, on recordings that were tracked in no time."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mocap.cameras.camera import record
+from mocap.desk.proof import Proof, places
+from mocap.pipeline.edits import AROUND, read_edits
+from mocap.pipeline.recording import of_pixels, with_ideal_pixels
+from mocap.records import PixelTracks, Status, marker_tracks
+from tests.mocap.rigs import ring
+
+HEIGHT_PX, NOISE_PX = 1024.0, 0.3
+
+
+def proof_of(folder, n_frames=60, *, lower_left=False, lens=True, hidden=slice(20, 30), sd_m=1e-4):
+    """A trial of two markers, tracked exactly; the second is not seen in ``hidden``."""
+    cameras, t_s, rng = ring(3, lens=lens), np.arange(n_frames) / 100, np.random.default_rng(0)
+    xyz = 0.1 * np.sin(2 * np.pi * t_s[:, None, None] + rng.uniform(0, 6, (2, 3)))
+    seen_px = record(cameras, xyz)
+    uv = seen_px + NOISE_PX * rng.normal(size=seen_px.shape)
+    uv[..., 1] = HEIGHT_PX - uv[..., 1] if lower_left else uv[..., 1]
+    uv[:, hidden, 1] = np.nan
+    names = ("a", "b")
+    pixels = PixelTracks(names=names, cameras=tuple(c.name for c in cameras), t_s=t_s, uv_px=uv)
+    corner = "lower-left" if lower_left else "upper-left"
+    recording = of_pixels(pixels, cameras, name="t", unit="m", pixel_origin=corner, calibration_origin="upper-left")
+    seen = np.isfinite(uv[0, ..., 0])
+    cov = np.where(seen, 1.0, 25.0)[..., None, None] * sd_m**2 * np.eye(3)
+    status = np.where(seen, Status.MEASURED, Status.SMOOTHED).astype(np.int8)
+    tracks = marker_tracks(names, t_s, xyz, cov_m2=cov, status=status)
+    report = {"pixel_noise_px": {"jitter": NOISE_PX}}
+    result = SimpleNamespace(
+        tracks=tracks, repaired=np.zeros(seen.shape, dtype=np.int8), plane=None, report=report, kinematics={}
+    )
+    raw = with_ideal_pixels(recording)
+    return Proof(name="t", raw=raw, result=result, log=folder / "edits.jsonl"), seen_px, xyz
+
+
+@pytest.mark.parametrize("lower_left", [False, True])
+@pytest.mark.parametrize("lens", [False, True])
+def test_marks_are_where_pictures_show_the_marker(tmp_path, lower_left, lens):
+    """Whichever corner the file counts from: clicks, ellipses and lines from above, as pictures have them.
+
+    What is clicked in the picture is kept as the file counts.
+    """
+    proof, seen_px, _ = proof_of(tmp_path, lower_left=lower_left, lens=lens)
+    for c, camera in enumerate(proof.frame(10, 0)["cameras"]):
+        mark = camera["markers"][0]
+        np.testing.assert_allclose(mark["click"], seen_px[c, 10, 0], atol=5 * NOISE_PX)
+        np.testing.assert_allclose(mark["ellipse"][:2], seen_px[c, 10, 0], atol=0.1)
+    proof.edit(what="place", frame=25, marker="b", camera="cam1", uv_px=tuple(seen_px[0, 24, 1]))
+    kept = read_edits(proof.log)[0].uv_px
+    u, v = seen_px[0, 24, 1]
+    np.testing.assert_allclose(kept, (u, HEIGHT_PX - v if lower_left else v), atol=1e-9)
+    proof.edit(what="place", frame=25, marker="b", camera="cam2", uv_px=tuple(seen_px[1, 24, 1]))
+    proof.settle()
+    assert proof.frame(24, 1)["status"] == "edited"
+    np.testing.assert_allclose(proof.frame(24, 1)["cameras"][0]["markers"][1]["ellipse"][:2], seen_px[0, 24, 1], atol=1)
+
+
+def test_a_wrong_place_is_told(tmp_path):
+    """A place that the other cameras contradict is kept, and the answer says by how much it is missed."""
+    proof, seen_px, _ = proof_of(tmp_path)
+    proof.edit(what="place", frame=10, marker="a", camera="cam1", uv_px=tuple(seen_px[0, 9, 0] + 30))
+    assert "misses the place in cam1 by 4" in proof.settle()  # 30 px in both coordinates: 42
+    assert len(read_edits(proof.log)) == 1
+
+
+def test_long_ranges_are_solved_at_their_ends(tmp_path):
+    """A long range that is deleted is gone in the middle; one that is exchanged is so in the tracks, and undone."""
+    n = 6 * AROUND
+    proof, _, xyz = proof_of(tmp_path, n_frames=n, hidden=slice(0, 0))
+    first, last = AROUND, 5 * AROUND
+    proof.edit(what="exchange", frame=first + 1, last=last + 1, marker="a", other="b")
+    proof.settle()
+    middle = n // 2
+    np.testing.assert_allclose(proof.tracks.xyz_m[middle], xyz[middle, ::-1])
+    proof.edit(what="undo")
+    proof.settle()
+    np.testing.assert_allclose(proof.tracks.xyz_m, xyz, atol=2e-3)
+    proof.edit(what="delete", frame=first + 1, last=last + 1, marker="a")
+    proof.settle()
+    assert proof.tracks.status[middle, 0] == Status.MISSING
+    np.testing.assert_allclose(proof.tracks.xyz_m[middle, 1], xyz[middle, 1])
+
+
+def test_two_hypotheses_are_worth_the_square_of_half_their_distance(tmp_path):
+    """A sample that was not believed, d from the track: d^2 / 4 and its covariance; a gap: the sum of its own."""
+    proof, _, xyz = proof_of(tmp_path)
+    status = np.array(proof.tracks.status)
+    status[40, 0] = Status.REJECTED
+    measured = xyz.copy()
+    measured[40, 0, 0] += 0.02
+    tracks = marker_tracks(("a", "b"), proof.tracks.t_s, xyz, cov_m2=proof.tracks.cov_m2, status=status)
+    none = np.zeros(status.shape, dtype=bool)
+    doubted, gap, *_ = places(tracks, measured, none)
+    assert (doubted.frame, doubted.marker) == (40, 0)
+    assert doubted.worth_m2 == pytest.approx(0.02**2 / 4 + 3e-8)
+    assert (gap.marker, gap.first, gap.last) == (1, 20, 29)
+    assert gap.worth_m2 == pytest.approx(10 * 3 * 25e-8)
+    done = none.copy()
+    done[40, 0] = True
+    assert places(tracks, measured, done)[0] == gap

@@ -234,7 +234,7 @@ def marker_sd(left: Sequence[Array]) -> Array:
         ratio, variance = ratios(share)
         return float(np.log(ratio.mean()) + np.log(variance).mean())
 
-    share = float(minimize_scalar(unlikely, bounds=(1e-3, 1.0), method="bounded").x)
+    share = float(minimize_scalar(unlikely, bounds=(1e-3, 1.0), method="bounded").x)  # pyright: ignore[reportAttributeAccessIssue]
     return np.sqrt(ratios(share)[0].mean() * expected(share, squares))
 
 
